@@ -1,0 +1,1 @@
+"""Devices, real and simulated. This package touches the world and decides nothing."""

@@ -1,0 +1,1 @@
+"""Byte links: in memory, serial, UDP, TCP."""

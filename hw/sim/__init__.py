@@ -1,0 +1,1 @@
+"""The simulated world: vehicle, wind, pad, gimbal, camera, autopilot stand-in, scorer."""

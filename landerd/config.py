@@ -1,0 +1,193 @@
+"""The whole configuration as typed models. `config_file` reads it from YAML.
+
+Lengths in m, times in s; angles end in `_deg` because people type them. Drivers and the simulator
+bring models of their own (hw.registry); they appear under the section they belong to.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """A block of the configuration: unknown keys are errors, values never change."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PadSection(Section):
+    """Which pad to land on."""
+
+    layout: Path = Path("pads/thesis.yaml")
+
+
+class VehicleSection(Section):
+    """Geometry of the airframe, body frame (FRD) from the autopilot's position."""
+
+    camera_offset_m: tuple[Finite, Finite, Finite] = (0.10, 0.0, 0.04)  # to the gimbal's pivot
+    gear_height_m: NotNegative = 0.20  # down to the plane of the feet
+    footprint_m: tuple[Positive, Positive] = (0.44, 0.26)  # between the feet: along x, along y
+
+
+class CameraSection(Section):
+    """Which camera, and its calibration."""
+
+    driver: str = "sim"
+    calibration: Path = Path("cameras/thesis.yaml")
+
+
+class GimbalSection(Section):
+    """Which gimbal, and how far it may turn (thesis 2.3.3)."""
+
+    driver: str = "sim"
+    yaw_limits_deg: tuple[Finite, Finite] = (-90.0, 90.0)
+    pitch_limits_deg: tuple[Finite, Finite] = (-180.0, 0.0)
+
+
+class AutopilotSection(Section):
+    """How the autopilot is reached."""
+
+    url: str = "memory:"
+    setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1
+
+
+class RcSection(Section):
+    """The pilot's gate."""
+
+    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11
+    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500
+
+
+class FreshnessSection(Section):
+    """How old data may be, by its own time, before it is not flown on."""
+
+    heartbeat_s: Annotated[float, Field(gt=0, le=3)] = 3.0
+    rc_s: Annotated[float, Field(gt=0, le=1)] = 0.5
+    attitude_s: Annotated[float, Field(gt=0, le=0.5)] = 0.2
+    position_s: Annotated[float, Field(gt=0, le=0.5)] = 0.3
+    gimbal_s: Annotated[float, Field(gt=0, le=0.5)] = 0.3
+
+
+class VisionSection(Section):
+    """How images are searched."""
+
+    min_ring_px: Positive = 8.0  # smallest outer diameter of a ring that is searched for
+    max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
+
+
+class EstimationSection(Section):
+    """Noise the pad filter assumes."""
+
+    pad_acceleration_mps2: Positive = 0.5  # process noise: how a pad may change its velocity
+    gimbal_sigma_deg: NotNegative = 0.7  # error of the lens's direction, slowly varying
+    position_sigma_m: Positive = 0.02  # of the autopilot's position from frame to frame
+    gate_sigma: Positive = 4.0  # innovations beyond this are not accepted
+
+
+class PidGains(Section):
+    """Gains of one controller; output = kp e + ki int(e) + kd de/dt, all positive here."""
+
+    kp: NotNegative
+    ki: NotNegative = 0.0
+    kd: NotNegative = 0.0
+
+
+class PidSection(Section):
+    """The thesis's four PID controllers (2.4.3; Tables 3.7, 3.8), north and east alike."""
+
+    approach: PidGains = PidGains(kp=0.7, kd=0.4)
+    close_approach: PidGains = PidGains(kp=0.3, kd=0.8)
+    final: PidGains = PidGains(kp=0.3, kd=0.9)  # YAW_CORRECTION and DESCENT
+    up: PidGains = PidGains(kp=0.9, kd=0.5)
+    yaw: PidGains = PidGains(kp=1.5, kd=0.1)
+    integral_limit_mps: NotNegative = 1.0  # of the integral's share of the output
+
+
+class DescentSection(Section):
+    """Where descent is allowed (thesis eq. 2.3) and when it is committed."""
+
+    k1_m: Positive = 0.12
+    k2_per_m: NotNegative = 0.36
+    close_factor: Annotated[float, Field(gt=1)] = 3.0  # CLOSE_APPROACH within this times delta
+    alignment_height_m: Positive = 2.0  # not below this while the heading is off
+    align_deg: Positive = 2.0  # the heading counts as aligned within this,
+    realign_deg: Positive = 4.0  # and as off again beyond this
+    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.12
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> "DescentSection":
+        if not self.align_deg < self.realign_deg <= 5.0:
+            raise ValueError("expected align_deg < realign_deg <= 5")
+        return self
+
+
+class LimitsSection(Section):
+    """What is ever asked of the vehicle."""
+
+    speed_mps: Positive = 5.0
+    climb_mps: Positive = 1.0
+    descent_mps: Positive = 1.0
+    acceleration_mps2: Positive = 2.5
+    vertical_acceleration_mps2: Positive = 1.0
+    jerk_mps3: Positive = 15.0
+    yaw_rate_deg_s: Positive = 30.0
+
+
+class LostSection(Section):
+    """What is done after the pad went out of sight."""
+
+    after_s: Annotated[float, Field(gt=0, le=0.5)] = 0.5  # thesis: abort time
+    hold_s: NotNegative = 3.0  # hover and look
+    climb_mps: NotNegative = 0.5
+    climb_m: NotNegative = 5.0  # at most this far up to see more; 0: do not climb
+    give_up_s: Positive = 30.0  # then hand back to the pilot
+
+
+class GuidanceSection(Section):
+    """How the vehicle is led onto the pad."""
+
+    method: Literal["pid"] = "pid"
+    pid: PidSection = PidSection()
+    descent: DescentSection = DescentSection()
+    limits: LimitsSection = LimitsSection()
+    lost: LostSection = LostSection()
+    release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
+    touchdown_descent_mps: Positive = 0.3  # ordered after commit until ON_GROUND
+    touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0
+
+
+class AimSection(Section):
+    """How the gimbal is pointed (thesis 2.3.4)."""
+
+    gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # k of eq. 2.1
+    idle_yaw_deg: Finite = 0.0
+    idle_pitch_deg: Finite = -23.0  # the thesis's 0.4 rad
+
+
+class ControlSection(Section):
+    """The control task."""
+
+    rate_hz: Annotated[float, Field(ge=20, le=100)] = 40.0
+
+
+class Config(Section):
+    """All sections that are not a driver's own."""
+
+    pad: PadSection = PadSection()
+    vehicle: VehicleSection = VehicleSection()
+    camera: CameraSection = CameraSection()
+    gimbal: GimbalSection = GimbalSection()
+    autopilot: AutopilotSection = AutopilotSection()
+    rc: RcSection = RcSection()
+    freshness: FreshnessSection = FreshnessSection()
+    vision: VisionSection = VisionSection()
+    estimation: EstimationSection = EstimationSection()
+    guidance: GuidanceSection = GuidanceSection()
+    aim: AimSection = AimSection()
+    control: ControlSection = ControlSection()

@@ -1,0 +1,158 @@
+"""Frames and rotations in plain floats.
+
+Frames are those of docs/frames.md: camera (x right, y down, z forward), gimbal (x along the lens,
+y right, z down), body (FRD), level (body without roll and pitch), local (NED), pad (x north,
+y east, z down). ``R_a_b`` rotates a vector from frame b to frame a.
+
+Only `math` and plain arithmetic: the core must give the same bits on every machine, and BLAS and
+SIMD libraries do not. Vectors are 3-tuples, matrices row-major 3-tuples of 3-tuples.
+"""
+
+import math
+
+Vec3 = tuple[float, float, float]
+Mat3 = tuple[Vec3, Vec3, Vec3]
+
+IDENTITY: Mat3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+# A camera looks along its z, a gimbal along its x.
+R_GIMBAL_CAMERA: Mat3 = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+def wrap(angle: float) -> float:
+    """Return the angle in (-pi, pi], rad."""
+    wrapped = math.remainder(angle, 2.0 * math.pi)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def clamp(value: float, low: float, high: float) -> float:
+    """Return the value limited to [low, high]."""
+    return low if value < low else high if value > high else value
+
+
+def add(a: Vec3, b: Vec3) -> Vec3:
+    """Return a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def sub(a: Vec3, b: Vec3) -> Vec3:
+    """Return a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scale(a: Vec3, k: float) -> Vec3:
+    """Return k a."""
+    return (k * a[0], k * a[1], k * a[2])
+
+
+def dot(a: Vec3, b: Vec3) -> float:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vec3, b: Vec3) -> Vec3:
+    """Return the vector product a x b."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def norm(a: Vec3) -> float:
+    """Return the length."""
+    return math.sqrt(dot(a, a))
+
+
+def unit(a: Vec3) -> Vec3:
+    """Return a scaled to length 1.
+
+    Raises:
+        ZeroDivisionError: a is the zero vector.
+    """
+    return scale(a, 1.0 / norm(a))
+
+
+def is_finite(a: Vec3) -> bool:
+    """Tell whether no component is NaN or infinite."""
+    return math.isfinite(a[0]) and math.isfinite(a[1]) and math.isfinite(a[2])
+
+
+def rotate(m: Mat3, v: Vec3) -> Vec3:
+    """Return m v."""
+    return (dot(m[0], v), dot(m[1], v), dot(m[2], v))
+
+
+def transpose(m: Mat3) -> Mat3:
+    """Return the transpose, for a rotation its inverse."""
+    return (
+        (m[0][0], m[1][0], m[2][0]),
+        (m[0][1], m[1][1], m[2][1]),
+        (m[0][2], m[1][2], m[2][2]),
+    )
+
+
+def matmul(a: Mat3, b: Mat3) -> Mat3:
+    """Return a b."""
+    t = transpose(b)
+    return (
+        (dot(a[0], t[0]), dot(a[0], t[1]), dot(a[0], t[2])),
+        (dot(a[1], t[0]), dot(a[1], t[1]), dot(a[1], t[2])),
+        (dot(a[2], t[0]), dot(a[2], t[1]), dot(a[2], t[2])),
+    )
+
+
+def matadd(a: Mat3, b: Mat3) -> Mat3:
+    """Return a + b."""
+    return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
+
+
+def rotate_covariance(R: Mat3, covariance: Mat3) -> Mat3:
+    """Return R covariance R^T: the covariance in the frame that R rotates to."""
+    return matmul(matmul(R, covariance), transpose(R))
+
+
+def inverse(m: Mat3) -> Mat3:
+    """Return the inverse of a 3x3 matrix by cofactors.
+
+    Raises:
+        ZeroDivisionError: m is singular.
+    """
+    c0 = cross(m[1], m[2])
+    c1 = cross(m[2], m[0])
+    c2 = cross(m[0], m[1])
+    k = 1.0 / dot(m[0], c0)
+    return transpose((scale(c0, k), scale(c1, k), scale(c2, k)))
+
+
+def rot_x(angle: float) -> Mat3:
+    """Return the rotation by angle (rad) about x."""
+    c, s = math.cos(angle), math.sin(angle)
+    return ((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c))
+
+
+def rot_y(angle: float) -> Mat3:
+    """Return the rotation by angle (rad) about y."""
+    c, s = math.cos(angle), math.sin(angle)
+    return ((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c))
+
+
+def rot_z(angle: float) -> Mat3:
+    """Return the rotation by angle (rad) about z."""
+    c, s = math.cos(angle), math.sin(angle)
+    return ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
+
+
+def rot_zyx(yaw: float, pitch: float, roll: float) -> Mat3:
+    """Return Rz(yaw) Ry(pitch) Rx(roll), angles in rad: body to local, or gimbal to body."""
+    return matmul(matmul(rot_z(yaw), rot_y(pitch)), rot_x(roll))
+
+
+def heading_of(v: Vec3) -> float:
+    """Return the angle of v's horizontal part from x (north) towards y (east), rad."""
+    return math.atan2(v[1], v[0])
+
+
+def horizontal(v: Vec3) -> float:
+    """Return the length of v's horizontal part (x, y)."""
+    return math.hypot(v[0], v[1])

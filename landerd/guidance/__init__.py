@@ -1,0 +1,1 @@
+"""What to order: gate, phases, controllers, limits, aim."""

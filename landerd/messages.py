@@ -1,0 +1,254 @@
+"""What flows between devices, vision and the core.
+
+SI units and radians. Every message carries the time of exposure or measurement on the event
+loop's clock, never that of arrival. All are immutable; vectors are plain tuples of floats so that
+the core below vision gives the same bits on every machine.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.geometry import Mat3, Vec3
+
+# ---- from the camera ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One grey image."""
+
+    t: float  # middle of the exposure, s
+    seq: int  # counts up by one a frame at the source; a gap is a lost frame
+    image: NDArray[np.uint8]  # (height, width)
+
+
+# ---- between the core and vision ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PadPrior:
+    """Where the estimate expects the pad at a frame's exposure, camera frame."""
+
+    position: Vec3  # landing point, m
+    sigma_m: float  # 1 sigma of the position, largest direction, m
+    north: Vec3 | None  # unit vector to the pad's north, None if the heading is not known
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known before a frame is searched. Every field may be missing."""
+
+    down: Vec3 | None = None  # unit vector of gravity, camera frame
+    pad: PadPrior | None = None
+
+
+# ---- from vision -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSolution:
+    """One pose of a marker or of the pad that explains the image, camera frame."""
+
+    position: Vec3  # the marker's centre or the pad's landing point, m
+    normal: Vec3  # unit vector into the pad (its z), away from the camera
+    north: Vec3 | None  # unit vector to the marker's or pad's north (its x); None: unknown
+    covariance: Mat3  # of position, m^2
+    sigma_yaw: float | None  # of the rotation about the normal, rad; None without north
+    sigma_tilt: float  # of the normal, rad
+    cost: float  # chi-square of the fit; of two solutions the lower is the likelier
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerSighting:
+    """One marker found in one frame."""
+
+    kind: str  # "whycon", "whycode", "apriltag" or "aruco"
+    id: int | None  # None for plain rings
+    solutions: tuple[PoseSolution, ...]  # of the marker, best first; one or two
+    outline_px: tuple[tuple[float, float], ...]  # polygon in image pixels, for drawing
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """All that one frame shows of the pad."""
+
+    t: float  # exposure time of the frame, s
+    seq: int
+    markers: tuple[MarkerSighting, ...]
+    pad: tuple[PoseSolution, ...]  # of the landing point from all markers, best first; 0 to 2
+
+
+# ---- from the autopilot ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """The autopilot lives, and says how it flies."""
+
+    t: float
+    armed: bool
+    guided: bool
+    mode: str  # ArduCopter's name of the mode, as "GUIDED"
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotRestarted:
+    """The autopilot's boot time went back."""
+
+    t: float
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Attitude of the body in local NED, rad and rad/s."""
+
+    t: float
+    roll: float
+    pitch: float
+    yaw: float
+    rates: Vec3  # body rates
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPosition:
+    """Position (m) and velocity (m/s) in local NED."""
+
+    t: float
+    position: Vec3
+    velocity: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class RcChannels:
+    """Pulse widths of the receiver's channels, us; index 0 is channel 1; 0 is no signal."""
+
+    t: float
+    channels_us: tuple[int, ...]
+
+
+class Landed(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    UNDEFINED = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+@dataclass(frozen=True, slots=True)
+class LandedState:
+    """What the autopilot's land detector says."""
+
+    t: float
+    state: Landed
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Battery as the autopilot measures it; None: not reported."""
+
+    t: float
+    voltage_v: float | None
+    energy_consumed_j: float | None
+
+
+# ---- from the gimbal ---------------------------------------------------------------------------
+
+
+class Reference(Enum):
+    """What a gimbal's angles are measured against."""
+
+    BODY = "body"  # servo gimbals: the airframe
+    HORIZON = "horizon"  # stabilised gimbals: gravity for pitch and roll, the airframe for yaw
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalState:
+    """Measured or modelled gimbal angles, rad: yaw right, pitch up (-pi/2 is down), roll right."""
+
+    t: float
+    yaw: float
+    pitch: float
+    roll: float
+    reference: Reference
+
+
+# ---- the clock's ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The control period has passed."""
+
+    t: float
+
+
+# ---- commands from the core --------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """Velocity and yaw rate to fly from now on."""
+
+    velocity: Vec3  # local NED, m/s
+    yaw_rate: float  # rad/s, positive right
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalCommand:
+    """Angles for the gimbal to take, rad, measured as its GimbalState is."""
+
+    yaw: float
+    pitch: float
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY, the part used."""
+
+    CRITICAL = 2
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """A line for the pilot, at most 50 characters."""
+
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Disarm:
+    """Stop the motors by the ordinary command, never forced."""
+
+
+class Phase(Enum):
+    """Landing phases, thesis Table 2.1."""
+
+    NOT_LANDING = "NOT_LANDING"
+    APPROACH = "APPROACH"
+    CLOSE_APPROACH = "CLOSE_APPROACH"
+    YAW_CORRECTION = "YAW_CORRECTION"
+    DESCENT = "DESCENT"
+    LANDED = "LANDED"
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseChange:
+    """The core entered a phase; reason says why in plain words."""
+
+    phase: Phase
+    reason: str
+
+
+AutopilotMessage = (
+    Heartbeat | AutopilotRestarted | Attitude | LocalPosition | RcChannels | LandedState | Battery
+)
+Input = AutopilotMessage | GimbalState | Sightings | Tick
+Command = Setpoint | GimbalCommand | StatusText | Disarm | PhaseChange

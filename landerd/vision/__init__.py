@@ -1,0 +1,1 @@
+"""Images in, marker and pad poses in the camera frame out."""
