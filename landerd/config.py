@@ -119,6 +119,7 @@ class DescentSection(Section):
     align_deg: Positive = 2.0  # the heading counts as aligned within this,
     realign_deg: Positive = 4.0  # and as off again beyond this
     commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.12
+    slowest_mps: Positive = 0.15  # where descent is allowed it is not slower than this
 
     @model_validator(mode="after")
     def _hysteresis(self) -> "DescentSection":
@@ -158,7 +159,7 @@ class GuidanceSection(Section):
     limits: LimitsSection = LimitsSection()
     lost: LostSection = LostSection()
     release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
-    touchdown_descent_mps: Positive = 0.3  # ordered after commit until ON_GROUND
+    touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # after commit
     touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0
 
 
@@ -168,6 +169,7 @@ class AimSection(Section):
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # k of eq. 2.1
     idle_yaw_deg: Finite = 0.0
     idle_pitch_deg: Finite = -23.0  # the thesis's 0.4 rad
+    search_after_s: NotNegative = 5.0  # without a sighting: sweep down and up
 
 
 class ControlSection(Section):

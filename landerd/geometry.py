@@ -107,6 +107,16 @@ def matadd(a: Mat3, b: Mat3) -> Mat3:
     return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
 
 
+def matscale(a: Mat3, k: float) -> Mat3:
+    """Return k a."""
+    return (scale(a[0], k), scale(a[1], k), scale(a[2], k))
+
+
+def outer(a: Vec3, b: Vec3) -> Mat3:
+    """Return a b^T."""
+    return (scale(b, a[0]), scale(b, a[1]), scale(b, a[2]))
+
+
 def rotate_covariance(R: Mat3, covariance: Mat3) -> Mat3:
     """Return R covariance R^T: the covariance in the frame that R rotates to."""
     return matmul(matmul(R, covariance), transpose(R))

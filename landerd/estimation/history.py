@@ -1,0 +1,76 @@
+"""Measurements by their own time, interpolated to the time of an exposure (thesis 2.3.6).
+
+A picture is some 100 ms old when its markers are found; the attitude and the gimbal angles that
+belong to it are those of its exposure, not today's.
+"""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+
+from landerd.geometry import wrap
+
+
+class History:
+    """The last second of one kind of measurement, each a fixed number of floats."""
+
+    def __init__(
+        self, *, angles: Sequence[bool], keep_s: float = 1.0, max_gap_s: float = 0.2
+    ) -> None:
+        """Make an empty history.
+
+        Args:
+            angles: for each value whether it is an angle that wraps, rad.
+            keep_s: how far back measurements are kept.
+            max_gap_s: two measurements farther apart than this are not interpolated between, and
+                none is used farther than this beyond the newest.
+        """
+        self._angles = tuple(angles)
+        self._keep_s = keep_s
+        self._max_gap_s = max_gap_s
+        self._times: list[float] = []
+        self._values: list[tuple[float, ...]] = []
+
+    @property
+    def newest(self) -> tuple[float, tuple[float, ...]] | None:
+        """Time and values of the newest measurement."""
+        return (self._times[-1], self._values[-1]) if self._times else None
+
+    def age(self, now: float) -> float:
+        """Return how old the newest measurement is, s; infinite when there is none."""
+        return now - self._times[-1] if self._times else float("inf")
+
+    def add(self, t: float, values: tuple[float, ...]) -> bool:
+        """Add a measurement; one that is not newer than the last is refused (False)."""
+        if self._times and t <= self._times[-1]:
+            return False
+        self._times.append(t)
+        self._values.append(values)
+        first = bisect_left(self._times, t - self._keep_s)
+        # Cut in blocks: removing one entry a message from the front would move the whole list.
+        if first > 32:
+            del self._times[:first]
+            del self._values[:first]
+        return True
+
+    def clear(self) -> None:
+        """Forget everything, as after a restart of the source."""
+        self._times.clear()
+        self._values.clear()
+
+    def at(self, t: float) -> tuple[float, ...] | None:
+        """Return the values at time t, or None where the measurements do not reach."""
+        if not self._times or t < self._times[0]:
+            return None
+        i = bisect_left(self._times, t)
+        if i == len(self._times):
+            return self._values[-1] if t - self._times[-1] <= self._max_gap_s else None
+        if self._times[i] == t:
+            return self._values[i]
+        t0, t1 = self._times[i - 1], self._times[i]
+        if t1 - t0 > self._max_gap_s:
+            return None
+        k = (t - t0) / (t1 - t0)
+        return tuple(
+            wrap(a + k * wrap(b - a)) if angle else a + k * (b - a)
+            for a, b, angle in zip(self._values[i - 1], self._values[i], self._angles, strict=True)
+        )

@@ -1,0 +1,143 @@
+"""From a pose in the camera frame to the pad in local NED, at the time of exposure (thesis 2.3.6).
+
+The thesis takes the camera's angles only; here the airframe's roll and pitch are part of the chain
+(its chapter 5 asks for that), and a gimbal may measure against the body or against the horizon.
+"""
+
+import math
+from dataclasses import dataclass
+
+from landerd.config import Config
+from landerd.estimation.history import History
+from landerd.geometry import (
+    IDENTITY,
+    R_GIMBAL_CAMERA,
+    Mat3,
+    Vec3,
+    add,
+    dot,
+    heading_of,
+    matadd,
+    matmul,
+    matscale,
+    norm,
+    outer,
+    rot_z,
+    rot_zyx,
+    rotate,
+    rotate_covariance,
+    transpose,
+)
+from landerd.messages import Attitude, GimbalState, LocalPosition, PoseSolution, Reference
+
+DOWN: Vec3 = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedPad:
+    """The pad in local NED as one frame shows it."""
+
+    t: float
+    position: Vec3  # landing point, m
+    covariance: Mat3  # m^2
+    heading: float | None  # rad
+    sigma_heading: float  # rad; infinite without heading
+    tilt: float  # angle between the pad's normal and gravity, rad
+    sigma_tilt: float
+    cost: float  # chi-square of the picture's fit
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPlace:
+    """Where the camera is and how it looks, local NED."""
+
+    position: Vec3
+    R_local_camera: Mat3
+
+
+class Placement:
+    """Histories of position, attitude and gimbal, and the chain of rotations through them."""
+
+    def __init__(self, config: Config) -> None:
+        self._offset = config.vehicle.camera_offset_m
+        self._sigma_direction = math.radians(config.estimation.gimbal_sigma_deg)
+        self._sigma_position = config.estimation.position_sigma_m
+        fresh = config.freshness
+        self.position = History(angles=[False] * 6, max_gap_s=fresh.position_s)
+        self.attitude = History(angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s)
+        self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
+        self._reference = Reference.BODY
+
+    def add(self, message: LocalPosition | Attitude | GimbalState) -> None:
+        """Take a measurement in; one older than its predecessor is dropped."""
+        if isinstance(message, LocalPosition):
+            self.position.add(message.t, (*message.position, *message.velocity))
+        elif isinstance(message, Attitude):
+            angles = (message.roll, message.pitch, message.yaw)
+            self.attitude.add(message.t, (*angles, *message.rates))
+        else:
+            self._reference = message.reference
+            self.gimbal.add(message.t, (message.yaw, message.pitch, message.roll))
+
+    def forget(self) -> None:
+        """Drop all that came from the autopilot: it restarted, its frame may be another."""
+        self.position.clear()
+        self.attitude.clear()
+
+    def camera(self, t: float) -> CameraPlace | None:
+        """Return the camera's place at time t, or None where a history does not reach."""
+        position, attitude = self.position.at(t), self.attitude.at(t)
+        R = self.look(t)
+        if position is None or attitude is None or R is None:
+            return None
+        roll, pitch, yaw = attitude[:3]
+        origin = (position[0], position[1], position[2])
+        pivot = add(origin, rotate(rot_zyx(yaw, pitch, roll), self._offset))
+        return CameraPlace(pivot, R)
+
+    def look(self, t: float) -> Mat3 | None:
+        """Return R_local_camera at time t, or None where attitude or gimbal does not reach."""
+        attitude, gimbal = self.attitude.at(t), self.gimbal.at(t)
+        if attitude is None or gimbal is None:
+            return None
+        roll, pitch, yaw = attitude[:3]
+        body = self._reference is Reference.BODY
+        R_local_base = rot_zyx(yaw, pitch, roll) if body else rot_z(yaw)
+        R_base_gimbal = rot_zyx(gimbal[0], gimbal[1], gimbal[2])
+        return matmul(matmul(R_local_base, R_base_gimbal), R_GIMBAL_CAMERA)
+
+    def place(self, t: float, solution: PoseSolution) -> PlacedPad | None:
+        """Return the pad in local NED, or None where position, attitude or gimbal is missing."""
+        camera = self.camera(t)
+        if camera is None:
+            return None
+        R = camera.R_local_camera
+        arm = rotate(R, solution.position)
+        heading, sigma_heading = None, math.inf
+        if solution.north is not None and solution.sigma_yaw is not None:
+            heading = heading_of(rotate(R, solution.north))
+            sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_direction)
+        level = max(-1.0, min(1.0, dot(rotate(R, solution.normal), DOWN)))
+        return PlacedPad(
+            t=t,
+            position=add(camera.position, arm),
+            covariance=matadd(rotate_covariance(R, solution.covariance), self._pointing(arm)),
+            heading=heading,
+            sigma_heading=sigma_heading,
+            tilt=math.acos(level),
+            sigma_tilt=math.hypot(solution.sigma_tilt, self._sigma_direction),
+            cost=solution.cost,
+        )
+
+    def down(self, t: float) -> Vec3 | None:
+        """Return gravity's direction in the camera frame at time t."""
+        R = self.look(t)
+        return None if R is None else rotate(transpose(R), DOWN)
+
+    def _pointing(self, arm: Vec3) -> Mat3:
+        """Covariance from errors of the lens's direction (across the arm) and of the position."""
+        r = norm(arm)
+        across = (self._sigma_direction * r) ** 2
+        along = self._sigma_direction**2
+        isotropic = matscale(IDENTITY, across + self._sigma_position**2)
+        return matadd(isotropic, matscale(outer(arm, arm), -along))

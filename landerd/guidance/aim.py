@@ -1,0 +1,84 @@
+"""Where the gimbal is pointed (thesis 2.3.4, eq. 2.1).
+
+The thesis adds k x/z to the yaw set-point and k y/z to the pitch one with every sighting. Three
+things differ here. A picture is old when it is searched, so the error is added to the angles of its
+exposure and the set-point moves by k of the way there; with a gimbal at its set-point this is
+eq. 2.1. Yaw moves the picture by cos(pitch) only: straight down it lies along the lens and cannot
+move it at all, so its error is taken through the damped inverse of cos(pitch) (Wampler 1986,
+damped least squares), which fades out there instead of winding the gimbal round. And the limits
+hold for every marker.
+"""
+
+import math
+
+from landerd.config import AimSection, GimbalSection
+from landerd.geometry import clamp
+from landerd.messages import GimbalCommand, MarkerSighting, Sightings
+
+DAMPING = 0.3  # of the inverse of cos(pitch); 17 degrees from straight down it has full effect
+SEARCH_RATE = math.radians(20.0)  # rad/s of the sweep while no pad is in sight
+
+
+class Aim:
+    """Holds the gimbal's set-points."""
+
+    def __init__(self, aim: AimSection, gimbal: GimbalSection) -> None:
+        self._gain = aim.gain
+        self._search_after_s = aim.search_after_s
+        self._yaw_limits = tuple(math.radians(a) for a in gimbal.yaw_limits_deg)
+        self._pitch_limits = tuple(math.radians(a) for a in gimbal.pitch_limits_deg)
+        self._idle_pitch = math.radians(aim.idle_pitch_deg)
+        self._sweep = -1.0  # direction of the search in pitch
+        self._seen_t: float | None = None
+        self._t: float | None = None
+        self.command = self._limited(math.radians(aim.idle_yaw_deg), self._idle_pitch)
+
+    def on_sightings(self, sightings: Sightings, angles: tuple[float, ...] | None) -> None:
+        """Move the set-points towards the marker to look at.
+
+        Args:
+            sightings: what a frame shows.
+            angles: gimbal yaw and pitch (and roll) at its exposure, rad; None when not known.
+        """
+        marker = _preferred(sightings.markers)
+        if marker is None or angles is None:
+            return
+        self._seen_t = sightings.t
+        x, y, z = marker.solutions[0].position
+        if z <= 0.0:
+            return
+        cos_pitch = math.cos(angles[1])
+        yaw = angles[0] + (x / z) * cos_pitch / (cos_pitch * cos_pitch + DAMPING * DAMPING)
+        pitch = angles[1] - y / z
+        k, last = self._gain, self.command
+        self.command = self._limited(
+            last.yaw + k * (yaw - last.yaw), last.pitch + k * (pitch - last.pitch)
+        )
+
+    def on_tick(self, now: float) -> None:
+        """Search in pitch between idle and straight down while the pad is not in sight."""
+        dt = now - self._t if self._t is not None else 0.0
+        self._t = now
+        if self._seen_t is None:
+            self._seen_t = now
+        if now - self._seen_t < self._search_after_s:
+            return
+        low = max(-math.pi / 2.0, self._pitch_limits[0])
+        pitch = self.command.pitch + self._sweep * SEARCH_RATE * dt
+        if pitch <= low:
+            self._sweep = 1.0
+        elif pitch >= self._idle_pitch:
+            self._sweep = -1.0
+        self.command = self._limited(self.command.yaw, pitch)
+
+    def _limited(self, yaw: float, pitch: float) -> GimbalCommand:
+        return GimbalCommand(clamp(yaw, *self._yaw_limits), clamp(pitch, *self._pitch_limits))
+
+
+def _preferred(markers: tuple[MarkerSighting, ...]) -> MarkerSighting | None:
+    """Return the marker to look at: a square one if seen, else a ring (thesis 2.3.5)."""
+    for kinds in (("apriltag", "aruco"), ("whycode", "whycon")):
+        for marker in markers:
+            if marker.kind in kinds:
+                return marker
+    return None

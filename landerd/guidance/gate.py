@@ -1,0 +1,85 @@
+"""Who flies: arming, GUIDED, the pilot's switch, and the latch (design rule 1; thesis 2.4.5)."""
+
+import math
+from enum import Enum
+
+from landerd.config import FreshnessSection, RcSection
+from landerd.messages import Heartbeat, RcChannels
+
+
+class Authority(Enum):
+    """What landerd may do now."""
+
+    SILENT = "silent"  # not armed, not GUIDED or no heartbeat: nothing may be sent
+    RELEASED = "released"  # in GUIDED, but the pilot's gate is closed or the latch is set
+    GRANTED = "granted"  # landerd may fly
+
+
+class Gate:
+    """Decides from heartbeat and RC whether landerd may fly, and says why not.
+
+    Losing GUIDED, disarming and a restart (ours or the autopilot's) latch: the pilot must have
+    the switch low once before landerd flies again. Data that are merely stale do not latch.
+    """
+
+    def __init__(self, rc: RcSection, freshness: FreshnessSection) -> None:
+        self._channel = rc.gate_channel
+        self._threshold_us = rc.gate_threshold_us
+        self._freshness = freshness
+        self._heartbeat: Heartbeat | None = None
+        self._rc_t = -math.inf
+        self._pulse_us = 0
+        self._latched = True  # we have just started
+
+    @property
+    def armed(self) -> bool:
+        """Whether the last heartbeat said armed."""
+        return self._heartbeat is not None and self._heartbeat.armed
+
+    def on_heartbeat(self, heartbeat: Heartbeat) -> None:
+        """Take the autopilot's heartbeat."""
+        last = self._heartbeat
+        if last is not None and (
+            (last.guided and not heartbeat.guided) or (last.armed and not heartbeat.armed)
+        ):
+            self._latched = True
+        self._heartbeat = heartbeat
+
+    def on_rc(self, rc: RcChannels) -> None:
+        """Take the receiver's channels; a pulse of 0 is no signal and neither low nor high."""
+        if rc.t < self._rc_t:
+            return
+        i = self._channel - 1
+        self._rc_t = rc.t
+        self._pulse_us = rc.channels_us[i] if i < len(rc.channels_us) else 0
+        if 0 < self._pulse_us <= self._threshold_us:
+            self._latched = False
+
+    def on_restart(self) -> None:
+        """The autopilot restarted: what it said before counts no more."""
+        self._heartbeat = None
+        self._rc_t = -math.inf
+        self._latched = True
+
+    def latch(self) -> None:
+        """Ask for the switch to be low once before landerd flies again."""
+        self._latched = True
+
+    def authority(self, now: float) -> tuple[Authority, str]:
+        """Return what landerd may do at time now, and why not more, in plain words."""
+        beat = self._heartbeat
+        if beat is None or now - beat.t > self._freshness.heartbeat_s:
+            return Authority.SILENT, "no heartbeat from the autopilot"
+        if not beat.armed:
+            return Authority.SILENT, "not armed"
+        if not beat.guided:
+            return Authority.SILENT, f"mode is {beat.mode}, not GUIDED"
+        if now - self._rc_t > self._freshness.rc_s:
+            return Authority.RELEASED, "RC channels are stale"
+        if self._pulse_us == 0:
+            return Authority.RELEASED, f"RC {self._channel} has no signal"
+        if self._pulse_us <= self._threshold_us:
+            return Authority.RELEASED, f"RC {self._channel} is low"
+        if self._latched:
+            return Authority.RELEASED, f"move RC {self._channel} low, then high"
+        return Authority.GRANTED, "granted"

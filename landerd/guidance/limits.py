@@ -1,0 +1,100 @@
+"""Speed, acceleration, jerk and yaw-rate limits on what is sent.
+
+ArduPilot shapes guided velocities in acceleration and jerk but does not cap them, so the caps are
+ours. The shaper is the square-root controller that ArduPilot itself uses.
+"""
+
+import math
+
+from landerd.config import LimitsSection
+from landerd.geometry import Vec3, clamp
+from landerd.messages import Setpoint
+
+STOPPED = Setpoint((0.0, 0.0, 0.0), 0.0)
+YAW_ACCELERATION = math.radians(120.0)  # rad/s^2: gentle for every multicopter
+
+
+class Limiter:
+    """Turns wanted velocities into a sequence of set-points within the limits."""
+
+    def __init__(self, limits: LimitsSection) -> None:
+        self._limits = limits
+        self._yaw_rate_limit = math.radians(limits.yaw_rate_deg_s)
+        self.reset((0.0, 0.0, 0.0))
+
+    def reset(self, velocity: Vec3) -> None:
+        """Begin from a velocity already flown, cut to the speed limits, without acceleration."""
+        n, e, d = self._capped(velocity)
+        self._v = [n, e, d]
+        self._a = [0.0, 0.0, 0.0]
+        self._yaw_rate = 0.0
+
+    @property
+    def velocity(self) -> Vec3:
+        """Velocity of the last set-point, local NED, m/s."""
+        return (self._v[0], self._v[1], self._v[2])
+
+    def stop(self) -> Setpoint:
+        """Return an order to stop at once; exempt from the acceleration limits."""
+        self.reset((0.0, 0.0, 0.0))
+        return STOPPED
+
+    def step(self, wanted: Vec3, yaw_rate: float, dt: float, *, may_descend: bool) -> Setpoint:
+        """Return the next set-point on the way to the wanted one.
+
+        Args:
+            wanted: velocity, local NED, m/s.
+            yaw_rate: rad/s.
+            dt: time since the last set-point, s.
+            may_descend: when False a downward order ends at once, as a stop order.
+        """
+        limits = self._limits
+        n, e, d = self._capped(wanted)
+        self._slew_horizontal(n, e, dt)
+        if not may_descend:
+            d = min(d, 0.0)
+            if self._v[2] > 0.0:
+                self._v[2] = self._a[2] = 0.0
+        error = d - self._v[2]
+        a = _square_root_control(abs(error), limits.vertical_acceleration_mps2, limits.jerk_mps3)
+        step = limits.jerk_mps3 * dt
+        self._a[2] += clamp(math.copysign(a, error) - self._a[2], -step, step)
+        self._v[2] += self._a[2] * dt
+        if not may_descend and self._v[2] > 0.0:
+            self._v[2] = self._a[2] = 0.0
+        rate = clamp(yaw_rate, -self._yaw_rate_limit, self._yaw_rate_limit)
+        most = YAW_ACCELERATION * dt
+        self._yaw_rate += clamp(rate - self._yaw_rate, -most, most)
+        return Setpoint(self.velocity, self._yaw_rate)
+
+    def _capped(self, v: Vec3) -> Vec3:
+        limits = self._limits
+        speed = math.hypot(v[0], v[1])
+        k = limits.speed_mps / speed if speed > limits.speed_mps else 1.0
+        return (k * v[0], k * v[1], clamp(v[2], -limits.climb_mps, limits.descent_mps))
+
+    def _slew_horizontal(self, n: float, e: float, dt: float) -> None:
+        limits = self._limits
+        error = (n - self._v[0], e - self._v[1])
+        size = math.hypot(*error)
+        a = _square_root_control(size, limits.acceleration_mps2, limits.jerk_mps3)
+        k = a / size if size > 0.0 else 0.0
+        change = (k * error[0] - self._a[0], k * error[1] - self._a[1])
+        size = math.hypot(*change)
+        most = limits.jerk_mps3 * dt
+        k = most / size if size > most else 1.0
+        for i in range(2):
+            self._a[i] += k * change[i]
+            self._v[i] += self._a[i] * dt
+
+
+def _square_root_control(error: float, acceleration: float, jerk: float) -> float:
+    """Return the acceleration (m/s^2) to take a velocity error (m/s, not negative) with.
+
+    Linear near zero, then such that the jerk limit can still bring it to zero in time; ArduPilot's
+    sqrt_controller with its gain at jerk / acceleration.
+    """
+    gain = jerk / acceleration
+    knee = acceleration / gain
+    wanted = gain * error if error < knee else math.sqrt(2.0 * jerk * (error - knee / 2.0))
+    return min(wanted, acceleration)

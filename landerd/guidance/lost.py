@@ -1,0 +1,29 @@
+"""What is done after the pad went out of sight: hover and look, climb, hand back."""
+
+from landerd.config import LostSection
+from landerd.geometry import Vec3
+
+
+class LostPlan:
+    """Hold, then climb to see more, then hand back; every step has its time."""
+
+    def __init__(self, options: LostSection) -> None:
+        self._options = options
+        self._since = 0.0
+        self._start_down = 0.0
+
+    def begin(self, now: float, down_m: float) -> None:
+        """Start at time now with the vehicle at local z down_m."""
+        self._since = now
+        self._start_down = down_m
+
+    def step(self, now: float, down_m: float) -> tuple[Vec3, str] | None:
+        """Return the velocity to fly (local NED) and the step's name; None: hand back."""
+        o = self._options
+        waited = now - self._since
+        if waited > o.give_up_s:
+            return None
+        climbed = self._start_down - down_m
+        if waited < o.hold_s or climbed >= o.climb_m:
+            return (0.0, 0.0, 0.0), "holding"
+        return (0.0, 0.0, -o.climb_mps), "climbing to see more"

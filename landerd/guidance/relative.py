@@ -1,0 +1,67 @@
+"""The pad as seen from the vehicle now: what every controller works on."""
+
+import math
+from dataclasses import dataclass
+
+from landerd.config import VehicleSection
+from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.placement import Placement
+from landerd.geometry import Vec3, add, horizontal, rot_zyx, rotate, scale, sub, wrap
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleNow:
+    """The vehicle at the time of a control step, local NED."""
+
+    feet: Vec3  # centre of the footprint in the plane of the feet, m
+    velocity: Vec3  # m/s
+    yaw: float  # rad
+    yaw_rate: float  # rad/s
+
+
+@dataclass(frozen=True, slots=True)
+class Relative:
+    """Errors between pad and vehicle; error = pad minus vehicle."""
+
+    error: Vec3  # landing point minus centre of the feet, local NED, m
+    error_rate: Vec3  # pad's velocity minus vehicle's, m/s
+    pad_velocity: Vec3  # local NED, m/s
+    sigma_m: float  # of the error, m
+    heading_error: float | None  # pad's heading minus vehicle's, rad; None: not known
+    yaw_rate: float  # vehicle's, rad/s
+
+    @property
+    def distance(self) -> float:
+        """Planar distance d_p (thesis 2.4.5), m."""
+        return horizontal(self.error)
+
+    @property
+    def height(self) -> float:
+        """Height of the feet over the pad, m."""
+        return self.error[2]
+
+
+def vehicle_now(placement: Placement, vehicle: VehicleSection, now: float) -> VehicleNow | None:
+    """Return the vehicle at time now from its newest position and attitude, None without them."""
+    position, attitude = placement.position.newest, placement.attitude.newest
+    if position is None or attitude is None:
+        return None
+    t, p = position
+    roll, pitch, yaw, _, _, yaw_rate = attitude[1]
+    velocity = (p[3], p[4], p[5])
+    origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
+    feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
+    return VehicleNow(feet, velocity, yaw, yaw_rate)
+
+
+def relative(vehicle: VehicleNow, pad: PadEstimate) -> Relative:
+    """Return pad relative to vehicle, both at the same time."""
+    c = pad.covariance
+    return Relative(
+        error=sub(pad.position, vehicle.feet),
+        error_rate=sub(pad.velocity, vehicle.velocity),
+        pad_velocity=pad.velocity,
+        sigma_m=math.sqrt(max(c[0][0], c[1][1])),
+        heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
+        yaw_rate=vehicle.yaw_rate,
+    )

@@ -1,0 +1,70 @@
+"""From commit to disarmed motors (design rule 4)."""
+
+import math
+from enum import Enum
+
+from landerd.messages import Landed
+
+BELOW_ORDER = 0.4  # contact: sinking slower than this part of the order, as measured on ArduCopter
+CONTACT_S = 0.2  # for so long
+BLIND_S = 0.9  # longest descent after commit without a sighting; the rule allows 1.0
+DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
+
+
+class Step(Enum):
+    """What to do before contact."""
+
+    DESCEND = "descend onto the pad"
+    ABORT = "lost sight before touch-down"
+    CONTACT = "on the pad"
+
+
+class Touchdown:
+    """Watches for contact, for the land detector, and for the time that each may take."""
+
+    def __init__(self, timeout_s: float) -> None:
+        self._timeout_s = timeout_s
+        self.begin()
+
+    def begin(self) -> None:
+        """Start at commit."""
+        self._slow_since = math.inf
+        self._contact_t: float | None = None
+        self._disarm_t = -math.inf
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether contact was detected."""
+        return self._contact_t is not None
+
+    def step(
+        self, now: float, sinking: float, ordered: float, sighting_age: float, landed: Landed
+    ) -> Step:
+        """Return what to do; called until contact.
+
+        Args:
+            now: s.
+            sinking: measured downward speed, m/s.
+            ordered: downward speed of the last set-point, m/s.
+            sighting_age: s since the exposure of the last accepted sighting.
+            landed: what the autopilot's land detector says.
+        """
+        self._slow_since = (
+            math.inf if sinking >= BELOW_ORDER * ordered else min(self._slow_since, now)
+        )
+        if landed is Landed.ON_GROUND or now - self._slow_since >= CONTACT_S:
+            self._contact_t = now
+            return Step.CONTACT
+        return Step.ABORT if sighting_age > BLIND_S else Step.DESCEND
+
+    def disarm_due(self, now: float, landed: Landed) -> bool:
+        """Tell whether the disarm command is to be sent now."""
+        if landed is not Landed.ON_GROUND or now - self._disarm_t < DISARM_EVERY_S:
+            return False
+        self._disarm_t = now
+        return True
+
+    def unconfirmed(self, now: float, landed: Landed) -> bool:
+        """Tell whether the land detector has been silent for too long after contact."""
+        late = self._contact_t is not None and now - self._contact_t > self._timeout_s
+        return late and landed is not Landed.ON_GROUND

@@ -1,0 +1,326 @@
+"""The core: timestamped messages in, commands out. No I/O, no clock, no randomness.
+
+Everything that decides how the aircraft moves is here or below. `step` is called with every
+message in the order the daemon took it; ticks at the control rate make the set-points.
+"""
+
+import math
+
+from landerd.config import Config
+from landerd.estimation.pad_filter import PadFilter
+from landerd.estimation.placement import Placement
+from landerd.geometry import Vec3, is_finite, rotate, sub, transpose
+from landerd.guidance.aim import Aim
+from landerd.guidance.gate import Authority, Gate
+from landerd.guidance.limits import Limiter
+from landerd.guidance.lost import LostPlan
+from landerd.guidance.phases import Phases
+from landerd.guidance.pid_method import PidMethod
+from landerd.guidance.relative import Relative, VehicleNow, relative, vehicle_now
+from landerd.guidance.touchdown import Step, Touchdown
+from landerd.messages import (
+    Attitude,
+    AutopilotRestarted,
+    Battery,
+    Command,
+    Disarm,
+    GimbalState,
+    Heartbeat,
+    Input,
+    Landed,
+    LandedState,
+    LocalPosition,
+    PadPrior,
+    Phase,
+    PhaseChange,
+    Prior,
+    RcChannels,
+    Severity,
+    Sightings,
+    StatusText,
+    Tick,
+)
+from landerd.pad import PadLayout
+
+SAY_AGAIN_S = 5.0  # the same line is not told to the pilot more often
+HOVER: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Lander:
+    """Lands the vehicle; see docs/how-it-lands.md for the picture."""
+
+    def __init__(self, config: Config, layout: PadLayout) -> None:
+        self._config = config
+        self._placement = Placement(config)
+        self._filter = PadFilter(config.estimation)
+        self._gate = Gate(config.rc, config.freshness)
+        self._phases = Phases(config.guidance.descent, has_heading=layout.has_heading)
+        self._method = PidMethod(config.guidance)
+        self._limiter = Limiter(config.guidance.limits)
+        self._lost = LostPlan(config.guidance.lost)
+        self._touchdown = Touchdown(config.guidance.touchdown_timeout_s)
+        self._aim = Aim(config.aim, config.gimbal)
+        self._landed = Landed.UNDEFINED
+        self._sighting_t = -math.inf  # exposure of the last accepted sighting
+        self._frame_t = -math.inf
+        self._tick_t: float | None = None
+        self._release_until: float | None = None  # zero velocity is streamed until then
+        self._flown = False  # a set-point was sent since authority was granted
+        self._searching = False  # the pad went out of sight while flying
+        self._lost_down = 0.0  # local z where the pad went out of sight, m
+        self._pad_velocity = HOVER  # the pad's when contact was made, m/s
+        self._said: dict[str, float] = {}
+        self._out: list[Command] = []
+        self.phase = Phase.NOT_LANDING
+        self.reason = "starting"
+        self.outcome: str | None = None  # of the last landing, None while none has ended
+        self.aborts = 0  # times the pad went out of sight while flying
+
+    def step(self, message: Input) -> list[Command]:
+        """Take one message and return the commands that follow, in order."""
+        self._out = []
+        match message:
+            case Tick():
+                self._on_tick(message.t)
+            case Sightings():
+                self._on_sightings(message)
+            case LocalPosition() | Attitude() | GimbalState():
+                self._placement.add(message)
+            case Heartbeat():
+                self._gate.on_heartbeat(message)
+            case RcChannels():
+                self._gate.on_rc(message)
+            case LandedState():
+                self._landed = message.state
+            case AutopilotRestarted():
+                self._on_restart()
+            case Battery():
+                pass
+        return self._out
+
+    def prior(self, t: float) -> Prior:
+        """Return what is known of a picture exposed at time t before it is searched."""
+        down = self._placement.down(t)
+        camera = self._placement.camera(t)
+        estimate = self._filter.estimate(t, self._sighting_t)
+        if camera is None or estimate is None or t - self._sighting_t > 1.0:
+            return Prior(down=down)
+        R_camera_local = transpose(camera.R_local_camera)
+        north = None
+        if estimate.heading is not None:
+            heading = estimate.heading
+            north = rotate(R_camera_local, (math.cos(heading), math.sin(heading), 0.0))
+        position = rotate(R_camera_local, sub(estimate.position, camera.position))
+        return Prior(down=down, pad=PadPrior(position, estimate.sigma_m, north))
+
+    def relative(self, now: float) -> Relative | None:
+        """Return the pad relative to the vehicle at time now, None while either is unknown."""
+        estimate = self._filter.estimate(now, self._sighting_t)
+        vehicle = vehicle_now(self._placement, self._config.vehicle, now)
+        return relative(vehicle, estimate) if vehicle and estimate else None
+
+    # ---- inputs --------------------------------------------------------------------------------
+
+    def _on_sightings(self, sightings: Sightings) -> None:
+        if sightings.t <= self._frame_t:
+            return  # late or twice: never flown on
+        self._frame_t = sightings.t
+        candidates = [
+            placed
+            for solution in sightings.pad
+            if is_finite(solution.position)
+            and (placed := self._placement.place(sightings.t, solution)) is not None
+        ]
+        if self._filter.update(candidates):
+            self._sighting_t = sightings.t
+        if self.phase is not Phase.LANDED or not self._touchdown.in_contact:
+            self._aim.on_sightings(sightings, self._placement.gimbal.at(sightings.t))
+
+    def _on_restart(self) -> None:
+        self._gate.on_restart()
+        self._placement.forget()
+        self._filter.reset()
+        self._landed = Landed.UNDEFINED
+        self._sighting_t = -math.inf
+
+    # ---- the control step ----------------------------------------------------------------------
+
+    def _on_tick(self, now: float) -> None:
+        dt = now - self._tick_t if self._tick_t is not None else 0.0
+        self._tick_t = now
+        if dt <= 0.0:
+            return
+        self._aim.on_tick(now)
+        self._out.append(self._aim.command)
+        authority, why = self._gate.authority(now)
+        if authority is Authority.SILENT:
+            self._go_silent(why)
+        elif authority is Authority.RELEASED:
+            self._release(now, why)
+        else:
+            self._release_until = None
+            self._fly(now, dt)
+
+    def _go_silent(self, why: str) -> None:
+        if self.phase is Phase.LANDED and not self._gate.armed:
+            self._finish("landed")
+            why = "landed and disarmed"
+        elif self._flown:
+            self._finish("taken over")
+        self._flown = self._searching = False
+        self._release_until = None
+        self._enter(Phase.NOT_LANDING, why)
+
+    def _release(self, now: float, why: str) -> None:
+        """Stream zero velocity for a while after landerd has flown, then nothing."""
+        if self._flown:
+            self._flown = self._searching = False
+            self._release_until = now + self._config.guidance.release_s
+            self._finish("released")
+        if self._release_until is not None and now < self._release_until:
+            self._out.append(self._limiter.stop())
+        self._enter(Phase.NOT_LANDING, why)
+
+    def _fly(self, now: float, dt: float) -> None:
+        if self.phase is Phase.LANDED and self._touchdown.in_contact:
+            self._settle(now, dt)
+            return
+        vehicle = self._fresh_vehicle(now)
+        estimate = self._filter.estimate(now, self._sighting_t)
+        age = now - self._sighting_t
+        if vehicle is None or estimate is None or not self._in_sight(age, dt):
+            self._fly_blind(now, dt, vehicle)
+            return
+        if not self._flown or self._searching:
+            self._engage(vehicle, resume=self._flown)
+        rel = relative(vehicle, estimate)
+        if self.phase is not Phase.LANDED:
+            phase, why = self._phases.step(rel)
+            self._enter(phase, why)
+            if phase is Phase.LANDED:
+                self._touchdown.begin()
+        if self.phase is Phase.LANDED:
+            self._touch_down(now, dt, vehicle, rel, age)
+            return
+        velocity, yaw_rate = self._method.step(self.phase, rel, self._phases.floor_m, dt)
+        may_descend = self._phases.may_descend(rel) and rel.height > self._phases.floor_m
+        self._send(velocity, yaw_rate, dt, may_descend=may_descend)
+
+    def _engage(self, vehicle: VehicleNow, *, resume: bool) -> None:
+        if not resume:
+            self._limiter.reset(vehicle.velocity)
+        self._flown, self._searching = True, False
+        self.outcome = None
+        self._phases.restart()
+        self._method.restart()
+        self._enter(Phase.APPROACH, "pad in sight")
+
+    def _in_sight(self, age: float, dt: float) -> bool:
+        """Tell whether the last sighting will still be young enough when the next tick comes."""
+        limit = self._config.guidance.lost.after_s - dt
+        return age < limit or self.phase is Phase.LANDED
+
+    def _fresh_vehicle(self, now: float) -> VehicleNow | None:
+        fresh, placement = self._config.freshness, self._placement
+        if placement.position.age(now) > fresh.position_s:
+            return None
+        if placement.attitude.age(now) > fresh.attitude_s:
+            return None
+        return vehicle_now(placement, self._config.vehicle, now)
+
+    def _touch_down(
+        self, now: float, dt: float, vehicle: VehicleNow, rel: Relative, age: float
+    ) -> None:
+        """After commit: still led by sight until contact."""
+        ordered = self._limiter.velocity[2]
+        step = self._touchdown.step(now, vehicle.velocity[2], ordered, age, self._landed)
+        if step is Step.ABORT:
+            self._fly_blind(now, dt, vehicle)
+            return
+        self._pad_velocity = rel.pad_velocity
+        if self._touchdown.in_contact:
+            self._settle(now, dt)
+            return
+        (north, east, _), _ = self._method.step(self.phase, rel, 0.0, dt)
+        descent = self._config.guidance.touchdown_descent_mps
+        self._send((north, east, descent), 0.0, dt, may_descend=True)
+
+    def _settle(self, now: float, dt: float) -> None:
+        """On the pad: go with it and press down until the autopilot knows, then disarm."""
+        if self._touchdown.disarm_due(now, self._landed):
+            self._out.append(Disarm())
+        if self._touchdown.unconfirmed(now, self._landed):
+            self._finish("touchdown_unconfirmed")
+            self._say(now, Severity.CRITICAL, "touch-down not confirmed, disarm by hand")
+        north, east, _ = self._pad_velocity
+        descent = self._config.guidance.touchdown_descent_mps
+        self._send((north, east, descent), 0.0, dt, may_descend=True)
+
+    # ---- out of sight --------------------------------------------------------------------------
+
+    def _fly_blind(self, now: float, dt: float, vehicle: VehicleNow | None) -> None:
+        why = self._why_blind(now)
+        if not self._flown:
+            self._enter(Phase.NOT_LANDING, why)
+            return
+        if not self._searching:
+            self._lose(now, vehicle, why)
+        down = vehicle.feet[2] if vehicle else self._lost_down
+        plan = self._lost.step(now, down)
+        if plan is None:
+            self._finish("handed_back")
+            self._say(now, Severity.CRITICAL, "pad not found: pilot, take over")
+            self._gate.latch()
+            self._release(now, "pad not found")
+            return
+        velocity, what = plan
+        if vehicle is None:
+            velocity = HOVER
+        self._enter(Phase.NOT_LANDING, f"{why}, {what}")
+        self._send(velocity, 0.0, dt, may_descend=False)
+
+    def _lose(self, now: float, vehicle: VehicleNow | None, why: str) -> None:
+        self._searching = True
+        self._lost_down = vehicle.feet[2] if vehicle else 0.0
+        self._lost.begin(now, self._lost_down)
+        self.aborts += 1
+        self._enter(Phase.NOT_LANDING, why)
+
+    def _why_blind(self, now: float) -> str:
+        fresh, placement = self._config.freshness, self._placement
+        if placement.attitude.age(now) > fresh.attitude_s:
+            return "attitude is stale"
+        if placement.position.age(now) > fresh.position_s:
+            return "position is stale"
+        if placement.gimbal.age(now) > fresh.gimbal_s:
+            return "gimbal angles are stale"
+        if now - self._frame_t > self._config.guidance.lost.after_s:
+            return "no pictures from the camera"
+        return "pad not in sight"
+
+    # ---- outputs -------------------------------------------------------------------------------
+
+    def _send(self, velocity: Vec3, yaw_rate: float, dt: float, *, may_descend: bool) -> None:
+        self._out.append(self._limiter.step(velocity, yaw_rate, dt, may_descend=may_descend))
+
+    def _enter(self, phase: Phase, reason: str) -> None:
+        changed = phase is not self.phase
+        if not changed and (phase is not Phase.NOT_LANDING or reason == self.reason):
+            self.reason = reason
+            return
+        self.phase, self.reason = phase, reason
+        self._out.append(PhaseChange(phase, reason))
+        name = phase.value.replace("_", " ").lower()
+        severity = Severity.WARNING if phase is Phase.NOT_LANDING else Severity.NOTICE
+        self._say(self._tick_t or 0.0, severity, f"{name}: {reason}")
+
+    def _finish(self, outcome: str) -> None:
+        """Keep the first outcome of a landing: what follows is its consequence."""
+        if self.outcome is None:
+            self.outcome = outcome
+
+    def _say(self, now: float, severity: Severity, text: str) -> None:
+        line = f"landerd: {text}"[:50]
+        if now - self._said.get(line, -math.inf) >= SAY_AGAIN_S:
+            self._said[line] = now
+            self._out.append(StatusText(severity, line))
