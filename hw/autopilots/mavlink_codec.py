@@ -1,0 +1,110 @@
+"""MAVLink messages from a stream of bytes and back.
+
+pymavlink's generated dialect packs and unpacks the messages. Finding frames in the stream is done
+here, because its own parser loses up to 280 good bytes after a damaged length byte, holds good
+messages back meanwhile, and lets its buffer grow for as long as reads end inside a frame.
+"""
+
+import re
+from collections import Counter
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+Message = Any  # pymavlink's message classes carry no types
+
+_MARKER = re.compile(rb"[\xfd\xfe]")
+_V2 = 0xFD
+_SIGNED = 0x01
+# Frame bytes beside the payload: header and checksum.
+_OVERHEAD_V1, _OVERHEAD_V2, _SIGNATURE = 8, 12, 13
+
+
+class MavlinkCodec:
+    """MAVLink 2 out; MAVLink 2 and 1 in, damaged bytes skipped.
+
+    Attributes:
+        counters: "garbled_bytes" skipped, "unknown" messages, and messages "lost" by the gaps in
+            their senders' sequence numbers.
+    """
+
+    def __init__(self, system: int, component: int) -> None:
+        """Messages go out as from this system and component."""
+        self.counters: Counter[str] = Counter()
+        self._mavlink = mavlink.MAVLink(None, system, component)
+        self._buffer = bytearray()
+        self._last_seq: dict[tuple[int, int], int] = {}
+
+    def encode(self, message: Message) -> bytes:
+        """Return the frame of a message, with the next sequence number."""
+        frame: bytes = message.pack(self._mavlink)
+        self._mavlink.seq = (self._mavlink.seq + 1) & 0xFF
+        return frame
+
+    def decode(self, data: bytes) -> list[Message]:
+        """Take received bytes and return the messages they complete."""
+        buffer = self._buffer
+        buffer += data
+        messages: list[Message] = []
+        done = 0  # everything before is used up
+        unfinished: int | None = None  # start of the first frame that may still be completed
+        at = 0
+        while (found := _MARKER.search(buffer, at)) is not None:
+            at = found.start()
+            size = _frame_size(buffer, at)
+            if size is None:  # not a frame
+                at += 1
+                continue
+            if at + size > len(buffer):
+                # Perhaps a frame still on its way, perhaps a damaged length: look further, for
+                # a good frame behind it shows which.
+                unfinished = at if unfinished is None else unfinished
+                at += 1
+                continue
+            message = self._decode_frame(buffer[at : at + size])
+            if message is None:
+                at += 1
+                continue
+            self.counters["garbled_bytes"] += at - done
+            at += size
+            done, unfinished = at, None
+            if message.get_msgId() < 0:
+                self.counters["unknown"] += 1
+            else:
+                self._note_sequence(message)
+                messages.append(message)
+        keep = len(buffer) if unfinished is None else unfinished
+        self.counters["garbled_bytes"] += keep - done
+        del buffer[:keep]
+        return messages
+
+    def reset(self) -> None:
+        """Forget an unfinished frame and the sequence numbers: the link was opened again."""
+        self._buffer.clear()
+        self._last_seq.clear()
+
+    def _decode_frame(self, frame: bytearray) -> Message | None:
+        try:
+            return self._mavlink.decode(frame)
+        except mavlink.MAVError:
+            return None
+
+    def _note_sequence(self, message: Message) -> None:
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        seq = message.get_seq()
+        missed = (seq - self._last_seq.get(source, seq - 1) - 1) & 0xFF
+        if missed < 128:  # else an older one that was overtaken
+            self.counters["lost"] += missed
+            self._last_seq[source] = seq
+
+
+def _frame_size(buffer: bytearray, at: int) -> int | None:
+    """Size of the frame that starts here as far as can be seen; None: no frame starts here."""
+    header = buffer[at : at + 3]
+    if len(header) < 3:
+        return _OVERHEAD_V2
+    if header[0] != _V2:
+        return _OVERHEAD_V1 + header[1]
+    if header[2] & ~_SIGNED:
+        return None
+    return _OVERHEAD_V2 + header[1] + (_SIGNATURE if header[2] & _SIGNED else 0)

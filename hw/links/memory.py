@@ -1,0 +1,108 @@
+"""Two joined ends of a link in memory, for virtual time: no sockets, no threads."""
+
+import asyncio
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from hw.links.inbox import Inbox
+from landerd.ports import DeviceLost
+
+Tap = Callable[[float, bytes], None]
+
+
+@dataclass
+class LinkFaults:
+    """What happens to the bytes that one end writes. May be changed at any time."""
+
+    drop: float = 0.0  # probability that a write is lost
+    corrupt: float = 0.0  # probability that a byte is changed
+    delay_s: float = 0.0
+    random: random.Random = field(default_factory=lambda: random.Random(0))
+
+
+class MemoryLink:
+    """One end of a pair; a ByteLink.
+
+    Attributes:
+        faults: what happens to the bytes written at this end.
+        tap: called with (loop time in s, bytes) for each write, before any fault.
+    """
+
+    def __init__(self) -> None:
+        self.faults = LinkFaults()
+        self.tap: Tap | None = None
+        self._peer: MemoryLink = self
+        self._inbox = Inbox()
+        self._cut = False
+        self._is_open = False
+
+    def join(self, peer: "MemoryLink") -> None:
+        """Make peer the other end of this one."""
+        self._peer = peer
+        peer._peer = self
+
+    async def open(self) -> None:
+        """Connect. Raises DeviceLost while the link is cut."""
+        if self._cut:
+            raise DeviceLost("memory: the link is cut")
+        self._inbox.clear()
+        self._is_open = True
+
+    async def read(self) -> bytes:
+        """Wait for bytes and return all that are there. Raises DeviceLost."""
+        if not self._is_open:
+            raise DeviceLost("memory: not open")
+        return await self._inbox.get()
+
+    def write(self, data: bytes) -> None:
+        """Hand bytes to the other end; a cut or closed link drops them."""
+        if not self._is_open or self._cut:
+            return
+        loop = asyncio.get_running_loop()
+        if self.tap is not None:
+            self.tap(loop.time(), data)
+        faults = self.faults
+        if faults.drop > 0.0 and faults.random.random() < faults.drop:
+            return
+        if faults.corrupt > 0.0:
+            data = _corrupted(data, faults)
+        if faults.delay_s > 0.0:
+            loop.call_later(faults.delay_s, self._peer._deliver, data)
+        else:
+            self._peer._deliver(data)
+
+    async def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        self._is_open = False
+        self._inbox.lose("memory: closed")
+
+    def cut(self) -> None:
+        """Break the link: both ends raise DeviceLost and cannot be opened until `mend`."""
+        for end in (self, self._peer):
+            end._cut = True
+            end._is_open = False
+            end._inbox.lose("memory: the link is cut")
+
+    def mend(self) -> None:
+        """Let both ends be opened again."""
+        self._cut = self._peer._cut = False
+
+    def _deliver(self, data: bytes) -> None:
+        if self._is_open:
+            self._inbox.put(data)
+
+
+def _corrupted(data: bytes, faults: LinkFaults) -> bytes:
+    damaged = bytearray(data)
+    for i in range(len(damaged)):
+        if faults.random.random() < faults.corrupt:
+            damaged[i] ^= faults.random.randrange(1, 256)
+    return bytes(damaged)
+
+
+def memory_pair() -> tuple[MemoryLink, MemoryLink]:
+    """Return the two ends of a new link."""
+    a, b = MemoryLink(), MemoryLink()
+    a.join(b)
+    return a, b

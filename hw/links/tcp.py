@@ -1,0 +1,95 @@
+"""TCP as client (ArduPilot's SITL listens) or as server for one peer at a time."""
+
+import asyncio
+import socket
+
+from hw.links.inbox import Inbox
+from landerd.ports import DeviceLost
+
+# A peer that takes nothing must neither fill the memory nor get stale set-points later.
+_UNSENT_LIMIT = 1 << 13
+# The kernel gives up an unanswered connection after this; its own default is about 15 minutes.
+_USER_TIMEOUT_MS = 5000
+
+
+class TcpLink(asyncio.Protocol):
+    """One TCP connection as a ByteLink."""
+
+    def __init__(self, host: str, port: int, *, listen: bool) -> None:
+        """With listen, bind host:port and take the newest caller; else call host:port."""
+        self._host, self._port, self._listen = host, port, listen
+        self._inbox = Inbox()
+        self._server: asyncio.Server | None = None
+        self._transport: asyncio.Transport | None = None
+
+    async def open(self) -> None:
+        """Connect, or start to listen. Raises DeviceLost."""
+        await self.close()
+        self._inbox.clear()
+        loop = asyncio.get_running_loop()
+        try:
+            if self._listen:
+                self._server = await loop.create_server(
+                    lambda: _Connection(self), self._host, self._port
+                )
+            else:
+                await loop.create_connection(lambda: _Connection(self), self._host, self._port)
+        except OSError as e:
+            raise DeviceLost(f"tcp {self._host}:{self._port}: {e}") from None
+
+    async def read(self) -> bytes:
+        """Wait for bytes and return all that are there. Raises DeviceLost."""
+        return await self._inbox.get()
+
+    def write(self, data: bytes) -> None:
+        """Queue bytes; dropped without a peer or while the peer takes nothing."""
+        transport = self._transport
+        if transport is not None and transport.get_write_buffer_size() < _UNSENT_LIMIT:
+            transport.write(data)
+
+    async def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.abort()
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        self._inbox.lose("tcp: closed")
+
+    def _connected(self, transport: asyncio.Transport) -> None:
+        previous, self._transport = self._transport, transport
+        if previous is not None:
+            previous.abort()
+
+    def _received(self, transport: asyncio.Transport, data: bytes) -> None:
+        if transport is self._transport:
+            self._inbox.put(data)
+
+    def _disconnected(self, transport: asyncio.Transport, reason: str) -> None:
+        if transport is self._transport:
+            self._transport = None
+            self._inbox.lose(f"tcp {self._host}:{self._port}: {reason}")
+
+
+class _Connection(asyncio.Protocol):
+    """Tells the link which of its connections the bytes came from."""
+
+    def __init__(self, link: TcpLink) -> None:
+        self._link = link
+        self._transport: asyncio.Transport
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            transport.get_extra_info("socket").setsockopt(
+                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _USER_TIMEOUT_MS
+            )
+        self._link._connected(transport)
+
+    def data_received(self, data: bytes) -> None:
+        self._link._received(self._transport, data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._link._disconnected(self._transport, str(exc) if exc else "the peer hung up")
