@@ -154,7 +154,8 @@ class _Schema:
 
     def nearest(self, key: str) -> str:
         """Return the known dotted key most like this one."""
-        return difflib.get_close_matches(key, self._known, n=1, cutoff=0.0)[0]
+        candidates = [known for known in self._known if not key.startswith(f"{known}.")]
+        return difflib.get_close_matches(key, candidates, n=1, cutoff=0.0)[0]
 
     def _at(self, loc: Loc) -> list[dict[str, Any]]:
         """Return the variants that a key may have; none for an unknown key."""

@@ -1,0 +1,37 @@
+# Every target sets up what it needs in .venv; only python3, python3-venv and make must be there.
+
+PYTHON ?= python3
+BIN := .venv/bin
+SETUP := .venv/setup-done
+
+.PHONY: sim test check bench mutants clean
+
+sim: $(SETUP)  ## fly one landing in the simulator
+	$(BIN)/landerd sim
+
+test: $(SETUP)
+	$(BIN)/python -m pytest
+
+check: $(SETUP)  ## lint, format, types, tests
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+bench: $(SETUP)  ## print the figures quoted in docs
+	for file in bench/*.py; do OPENBLAS_NUM_THREADS=1 $(BIN)/python $$file || exit 1; done
+
+mutants: $(SETUP)  ## break each safety rule in turn and show the test that catches it
+	$(BIN)/python tests/mutants.py
+
+clean:
+	rm -rf .venv build dist
+
+$(SETUP): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "landerd needs Python 3.11 or newer: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
+		|| { echo "python3-venv is missing: sudo apt install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	touch $@
