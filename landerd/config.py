@@ -52,6 +52,7 @@ class GimbalSection(Section):
 class AutopilotSection(Section):
     """How the autopilot is reached."""
 
+    driver: str = "mavlink"
     url: str = "memory:"
     setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"
     system_id: Annotated[int, Field(ge=1, le=255)] = 1

@@ -94,22 +94,26 @@ class Node:
         return node, tuple(at)
 
 
-def read_file(path: Path, faults: list[Fault], including: tuple[Path, ...] = ()) -> Node:
+def read_file(path: Path, faults: list[Fault]) -> Node:
     """Read a file laid over the files of its `include` list; later ones win.
 
     Files that cannot be read count as empty and are faults.
     """
+    return _read(path, Place(shown(path)), "", faults, ())
+
+
+def _read(
+    path: Path, named_at: Place, key: str, faults: list[Fault], including: tuple[Path, ...]
+) -> Node:
     empty = Node(Place(shown(path)), path.absolute().parent, {})
-    if path.absolute() in including:
-        faults.append(Fault(empty.place, "", "includes itself"))
-        return empty
+    path = path.resolve()
     try:
+        if path in including:
+            raise OSError(0, "it includes itself")
         text = path.read_text(encoding="utf-8")
-    except OSError as e:
-        faults.append(Fault(empty.place, "", f"cannot be read: {e.strerror}"))
-        return empty
-    except UnicodeDecodeError:
-        faults.append(Fault(empty.place, "", "cannot be read: not text"))
+    except (OSError, UnicodeDecodeError) as e:
+        reason = e.strerror if isinstance(e, OSError) else "not text"
+        faults.append(Fault(named_at, key, f"cannot be read: {reason}"))
         return empty
     tree = _Parser(empty.place, empty.folder, faults).parse(text)
     if tree is None:
@@ -122,9 +126,9 @@ def read_file(path: Path, faults: list[Fault], including: tuple[Path, ...] = ())
     below = empty
     include = tree.value.pop("include", None)
     if include is not None:
-        for name in _file_names(include, faults):
-            inner = read_file(path.parent / name, faults, (*including, path.absolute()))
-            below = below.under(inner)
+        for node in _file_names(include, faults):
+            file, key = node.folder / node.value, f"include: {node.value}"
+            below = below.under(_read(file, node.place, key, faults, (*including, path)))
     return below.under(tree)
 
 
@@ -151,14 +155,13 @@ def shown(path: Path) -> str:
     return str(absolute.relative_to(Path.cwd()) if below_here else path)
 
 
-def _file_names(include: Node, faults: list[Fault]) -> list[str]:
-    nodes = include.value if isinstance(include.value, list) else [include]
-    names = [node.value for node in nodes]
-    if not isinstance(include.value, list) or not all(isinstance(name, str) for name in names):
-        text = f"found {include.found()}, expected a list of file names"
-        faults.append(Fault(include.place, "include", text))
-        return []
-    return names
+def _file_names(include: Node, faults: list[Fault]) -> list[Node]:
+    nodes: list[Node] = include.value if isinstance(include.value, list) else [include]
+    wrong = [node for node in nodes if node is include or not isinstance(node.value, str)]
+    for node in wrong:
+        text = f"found {node.found()}, expected a list of file names"
+        faults.append(Fault(node.place, "include", text))
+    return [node for node in nodes if node not in wrong]
 
 
 class _Parser:

@@ -1,0 +1,7 @@
+"""`python -m landerd`."""
+
+import sys
+
+from landerd.cli import main
+
+sys.exit(main())

@@ -1,0 +1,294 @@
+"""The command line: one function a command.
+
+Exit codes: 0 done, 1 ran and the result is bad, 2 the input is wrong. Modules are imported inside
+the functions so that --help does not wait for numpy and OpenCV.
+"""
+
+import argparse
+import difflib
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+
+from landerd import __version__
+
+if TYPE_CHECKING:
+    from landerd.config_file import Loaded
+
+
+class InputError(Exception):
+    """The input is wrong; the text is what the user reads."""
+
+
+class _Command(NamedTuple):
+    help: str
+    example: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return the exit code."""
+    arguments = sys.argv[1:] if argv is None else list(argv)
+    args = _parser(arguments).parse_args(arguments)
+    try:
+        code: int = args.run(args)
+        sys.stdout.flush()
+    except InputError as e:
+        print(e, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has gone; nothing is left to say, at exit neither.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    return code
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="landerd",
+        description="Lands an ArduPilot multicopter on a marked pad by what a camera sees.",
+        epilog="Try: landerd sim",
+    )
+    parser.add_argument("--version", action="version", version=f"landerd {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for name, command in _COMMANDS.items():
+        sub = commands.add_parser(
+            name,
+            help=command.help,
+            description=f"{command.help[0].upper()}{command.help[1:]}.",
+            epilog=f"example:\n  {command.example}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        if name in arguments:  # a command's arguments may need imports
+            command.add_arguments(sub)
+        sub.set_defaults(run=command.run)
+    return parser
+
+
+# ---- sim ---------------------------------------------------------------------------------------
+
+
+def _sim_arguments(parser: argparse.ArgumentParser) -> None:
+    names = ", ".join(_scenarios())
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default="stationary",
+        metavar="SCENARIO",
+        help=f"{names}; without one: stationary",
+    )
+    parser.add_argument(
+        "--seed", type=_seed, default=1, metavar="N", help="of everything random (1)"
+    )
+    _add_config(parser)
+    parser.add_argument("--realtime", action="store_true", help="as fast as the wall's clock goes")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+
+
+def _sim(args: argparse.Namespace) -> int:
+    known = _scenarios()
+    if args.scenario not in known:
+        near = difflib.get_close_matches(args.scenario, known, n=1, cutoff=0.0)
+        raise InputError(
+            f"scenario {args.scenario!r} is not known; nearest: {near[0]}; all: {', '.join(known)}"
+        )
+    if args.picture is not None and not (
+        args.picture.suffix == ".png" and args.picture.absolute().parent.is_dir()
+    ):
+        raise InputError(f"--picture {args.picture}: expected a .png in a folder that exists")
+    loaded = _load(args, overlays=[known[args.scenario]])
+
+    from landerd.camera_model import CalibrationError
+    from landerd.pad import PadError
+    from landerd.simulation import simulate
+
+    shows_progress = sys.stdout.isatty() and not args.json
+    try:
+        result = simulate(
+            loaded,
+            args.scenario,
+            args.seed,
+            realtime=args.realtime,
+            picture=args.picture,
+            progress=_show_progress if shows_progress else None,
+        )
+    except (CalibrationError, PadError) as e:
+        raise InputError(str(e)) from None
+    if shows_progress:
+        _show_progress("")
+    print(json.dumps(result, allow_nan=False) if args.json else _summary(result))
+    return 0 if result["landed"] and not result["rules_broken"] else 1
+
+
+def _show_progress(line: str) -> None:
+    print(f"\r\x1b[K{line}", end="", flush=True)
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Say in plain words how the landing went."""
+
+    def say(key: str, unit: str, digits: int) -> str:
+        value = result[key]
+        return "unknown" if value is None else f"{value:.{digits}f} {unit}"
+
+    landed = "Landed" if result["landed"] else f"Did not land: {result['outcome']}"
+    lines = [
+        f"{landed} (scenario {result['scenario']}, seed {result['seed']})",
+        f"  touch-down {say('touchdown_error_m', 'm', 2)} from the landing point, "
+        f"heading {say('yaw_error_deg', 'degrees', 1)} off",
+        f"  at {say('touchdown_vertical_mps', 'm/s', 2)} down and "
+        f"{say('touchdown_horizontal_mps', 'm/s', 2)} sideways over the pad",
+        f"  first sight to touch-down {say('time_to_touchdown_s', 's', 1)}, "
+        f"to disarm {say('time_s', 's', 1)}, {say('energy_hj', 'hJ', 1)}",
+        f"  sight lost {result['aborts']} times; safety rules broken: "
+        f"{result['rules_broken'] or 'none'}",
+        "  "
+        + ", ".join(f"{p['name']} {p['start']:.1f}-{p['end']:.1f} s" for p in result["phases"]),
+        f"  {result['wall_s']:.1f} s on the wall's clock",
+    ]
+    return "\n".join(lines)
+
+
+def _scenarios() -> dict[str, Path]:
+    from landerd.config_file import config_dir
+
+    return {path.stem: path for path in sorted((config_dir() / "scenarios").glob("*.yaml"))}
+
+
+def _seed(text: str) -> int:
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected a whole number, 0 or more")
+    return int(text)
+
+
+# ---- detect ------------------------------------------------------------------------------------
+
+
+def _detect_arguments(parser: argparse.ArgumentParser) -> None:
+    from landerd.detect_command import add_arguments
+
+    add_arguments(parser)
+
+
+def _detect(args: argparse.Namespace) -> int:
+    from landerd.detect_command import run
+
+    return run(args)
+
+
+# ---- run ---------------------------------------------------------------------------------------
+
+
+def _run_arguments(parser: argparse.ArgumentParser) -> None:
+    _add_config(parser, required=True)
+
+
+def _run(args: argparse.Namespace) -> int:
+    loaded = _load(args)
+
+    import asyncio
+    import logging
+
+    from hw import registry
+    from hw.links import open_link
+    from landerd.camera_model import CalibrationError, load_camera
+    from landerd.daemon import Daemon, Devices
+    from landerd.pad import PadError, load_pad
+
+    def make(section: str, driver: str, *arguments: object, **options: object) -> Any:
+        factory = registry.factory(section, driver)
+        if factory is None:
+            raise InputError(f"{section}.driver: {driver} is only flown by landerd sim")
+        block = loaded.options.get(f"{section}.{driver}")
+        return factory(*arguments, **({"options": block} if block else {}), **options)
+
+    config = loaded.config
+    try:
+        devices = Devices(
+            make("camera", config.camera.driver),
+            make("gimbal", config.gimbal.driver),
+            make(
+                "autopilot",
+                config.autopilot.driver,
+                open_link(config.autopilot.url),
+                system_id=config.autopilot.system_id,
+                setpoint_frame=config.autopilot.setpoint_frame,
+            ),
+        )
+        layout = load_pad(config.pad.layout)
+        camera_model = load_camera(config.camera.calibration)
+    except (CalibrationError, PadError, ValueError) as e:
+        raise InputError(str(e)) from None
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    asyncio.run(Daemon(config, layout, camera_model, devices).run())
+
+
+# ---- shared ------------------------------------------------------------------------------------
+
+
+def _add_config(parser: argparse.ArgumentParser, *, required: bool = False) -> None:
+    parser.add_argument(
+        "-c",
+        "--config",
+        type=Path,
+        required=required,
+        metavar="FILE",
+        help="configuration" if required else "configuration; without one: the packaged default",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="set one key of the configuration; may be given again",
+    )
+
+
+def _load(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loaded":
+    from hw import registry
+    from landerd.config_file import ConfigError, config_dir, load
+
+    try:
+        return load(
+            args.config or config_dir() / "default.yaml",
+            options_models=registry.options_models(),
+            drivers=registry.names(),
+            overlays=overlays,
+            overrides=args.set,
+        )
+    except ConfigError as e:
+        raise InputError(str(e)) from None
+
+
+_COMMANDS = {
+    "sim": _Command(
+        "fly one landing in the simulator",
+        "landerd sim moving --seed 3 --set sim.pad.speed_mps=2 --picture flight.png",
+        _sim_arguments,
+        _sim,
+    ),
+    "detect": _Command(
+        "find the pad's markers in images, a folder, a video or a camera",
+        "landerd detect photos/ --camera config/cameras/thesis.yaml --pad config/pads/thesis.yaml",
+        _detect_arguments,
+        _detect,
+    ),
+    "run": _Command(
+        "fly: drive camera, gimbal and autopilot until stopped",
+        "landerd run -c /etc/landerd/landerd.yaml",
+        _run_arguments,
+        _run,
+    ),
+}
