@@ -64,7 +64,9 @@ class Limiter:
             self._v[2] = self._a[2] = 0.0
         rate = clamp(yaw_rate, -self._yaw_rate_limit, self._yaw_rate_limit)
         most = YAW_ACCELERATION * dt
-        self._yaw_rate += clamp(rate - self._yaw_rate, -most, most)
+        slewed = self._yaw_rate + clamp(rate - self._yaw_rate, -most, most)
+        # Not to turn is a stop order: the last rate must not outlive the sight of the pad.
+        self._yaw_rate = slewed if rate != 0.0 else 0.0
         return Setpoint(self.velocity, self._yaw_rate)
 
     def _capped(self, v: Vec3) -> Vec3:

@@ -1,0 +1,352 @@
+"""The judge: checks the safety rules at every message from what is on the wire and from truth.
+
+It never asks landerd's opinion. A sighting is, for it, a marker that was really in a frame that was
+delivered; what the pilot and the autopilot said is what went over the link to landerd. Rule numbers
+are those of docs/safety.md.
+"""
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from landerd.geometry import Vec3, horizontal, rot_z, rotate
+
+_HEADER = 10  # bytes of a MAVLink 2 header
+_SLACK = 1.02  # of the limits: the set-points travel as 32-bit floats
+_CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
+_STILL = 1e-3  # m/s and rad/s that count as zero on the wire
+
+
+@dataclass(frozen=True)
+class RuleBounds:
+    """What the rules allow: the configured limits, and the times of the rules themselves."""
+
+    control_period_s: float
+    gate_channel: int
+    gate_threshold_us: int
+    release_s: float
+    heartbeat_s: float
+    rc_s: float
+    attitude_s: float
+    position_s: float
+    gimbal_s: float
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
+    acceleration_mps2: float
+    vertical_acceleration_mps2: float
+    jerk_mps3: float
+    yaw_rate: float  # rad/s
+    k1_m: float
+    k2_per_m: float
+    alignment_height_m: float
+    has_heading: bool
+    heading: float = math.radians(5.0)  # rad
+    sighting_s: float = 0.5
+    blind_commit_s: float = 1.0
+    commit_height_m: float = 0.20
+    settle_s: float = 5.0
+    stream_s: float = 0.05
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the rules need of the world, local NED."""
+
+    t: float
+    distance: float  # centre of the feet to the landing point, horizontal, m
+    height: float  # of the feet over the pad, m
+    heading_error: float  # pad minus vehicle, rad
+    yaw: float  # rad
+    pad_velocity: Vec3
+    feet_down: int
+
+
+class Rules:
+    """Collects what was broken; `broken` has each rule once with the time it was first broken."""
+
+    def __init__(self, bounds: RuleBounds, truth: Callable[[], Truth]) -> None:
+        self._b = bounds
+        self._truth = truth
+        self._codec = mavlink.MAVLink(None)
+        self.broken: dict[str, float] = {}
+        self.setpoints = 0
+        self.texts: list[tuple[float, str]] = []
+        self.disarm_orders = 0
+        self._armed = self._guided = False
+        self._beat_t = -math.inf
+        self._authority_lost_t = 0.0  # since when landerd must be silent
+        self._latched = True
+        self._gate_high = False
+        self._gate_closed_t: float | None = 0.0
+        self._rc_t = -math.inf
+        self._attitude_t = self._position_t = self._gimbal_t = -math.inf
+        self._sighting_t = -math.inf  # exposure of the last delivered frame with a marker in it
+        self._first_sighting = False
+        self._last: tuple[float, Vec3, float] | None = None  # time, velocity, yaw rate
+        self._acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self._flown_t: float | None = None  # last set-point under granted authority
+        self._contact_t: float | None = None
+        self._on_ground_t: float | None = None
+        self._lost_since: float | None = None
+        self._boot_ms = 0
+
+    # ---- what the judge sees -------------------------------------------------------------------
+
+    def on_sighting(self, exposure_t: float) -> None:
+        """A frame with a marker really in it was delivered."""
+        self._sighting_t = max(self._sighting_t, exposure_t)
+        self._first_sighting = True
+
+    def on_gimbal(self, t: float) -> None:
+        """Gimbal angles measured at t were delivered."""
+        self._gimbal_t = t
+
+    def on_contact(self, t: float) -> None:
+        """The first foot touched the ground or the pad."""
+        if self._contact_t is None:
+            self._contact_t = t
+
+    def to_landerd(self, t: float, data: bytes) -> None:
+        """Bytes of the autopilot arrive at landerd."""
+        for message in self._messages(data):
+            kind = message.get_msgId()
+            if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                self._on_heartbeat(t, message)
+            elif kind == mavlink.MAVLINK_MSG_ID_RC_CHANNELS:
+                self._on_rc(t, message)
+            elif kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
+                self._attitude_t = t
+                if message.time_boot_ms + 1000 < self._boot_ms:
+                    self._latched = True
+                self._boot_ms = message.time_boot_ms
+            elif kind == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+                self._position_t = t
+            elif (
+                kind == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+                and message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+                and self._on_ground_t is None
+            ):
+                self._on_ground_t = t
+
+    def from_landerd(self, t: float, data: bytes) -> None:
+        """Bytes of landerd leave for the autopilot."""
+        for message in self._messages(data):
+            kind = message.get_msgId()
+            if kind == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+                self._on_setpoint(t, message)
+            elif kind == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
+                self._on_command(t, message)
+            elif kind == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+                self.texts.append((t, message.text))
+        self._check_silence(t)
+
+    # ---- the link to landerd -------------------------------------------------------------------
+
+    def _messages(self, data: bytes) -> list[mavlink.MAVLink_message]:
+        out = []
+        at = 0
+        while at + _HEADER < len(data) and data[at] == mavlink.PROTOCOL_MARKER_V2:
+            signature = 13 if data[at + 2] & mavlink.MAVLINK_IFLAG_SIGNED else 0
+            end = at + _HEADER + data[at + 1] + 2 + signature
+            (kind,) = struct.unpack("<I", data[at + 7 : at + 10] + b"\0")
+            if kind in _JUDGED:
+                out.append(self._codec.decode(bytearray(data[at:end])))
+            at = end
+        return out
+
+    def _on_heartbeat(self, t: float, message: mavlink.MAVLink_message) -> None:
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        guided = message.custom_mode == mavlink.COPTER_MODE_GUIDED
+        had = self._armed and self._guided
+        if (self._armed and not armed) or (self._guided and not guided):
+            self._latched = True
+        if had and not (armed and guided):
+            self._authority_lost_t = t
+        if self._armed and not armed:
+            # The next flight is judged afresh.
+            self._contact_t = self._on_ground_t = None
+        self._armed, self._guided, self._beat_t = armed, guided, t
+
+    def _on_rc(self, t: float, message: mavlink.MAVLink_message) -> None:
+        pulse = getattr(message, f"chan{self._b.gate_channel}_raw")
+        present = self._b.gate_channel <= message.chancount and pulse not in (0, 65535)
+        high = present and pulse > self._b.gate_threshold_us
+        if present and not high:
+            self._latched = False
+        if high:
+            self._gate_closed_t = None
+        elif self._gate_closed_t is None:
+            self._gate_closed_t = t
+        self._gate_high, self._rc_t = high, t
+
+    # ---- landerd's orders ----------------------------------------------------------------------
+
+    def _on_setpoint(self, t: float, message: mavlink.MAVLink_message) -> None:
+        truth = self._truth()
+        velocity: Vec3 = (message.vx, message.vy, message.vz)
+        yaw_rate = message.yaw_rate
+        if not all(math.isfinite(x) for x in (*velocity, yaw_rate)):
+            self._break(t, "3: a set-point is not finite")
+            return
+        if message.coordinate_frame in (mavlink.MAV_FRAME_BODY_NED, 9):
+            velocity = rotate(rot_z(truth.yaw), velocity)
+        zero = math.hypot(*velocity) < _STILL and abs(yaw_rate) < _STILL
+        tick = 1.05 * self._b.control_period_s
+        self.setpoints += 1
+        self._who_flies(t, zero, tick)
+        if not zero and truth.feet_down == 0 and self._contact_t is None:
+            self._never_blind(t, velocity, yaw_rate, truth, tick)
+        self._limits(t, velocity, yaw_rate)
+        if self._contact_t is not None:
+            self._after_contact(t, velocity)
+        self._last = (t, velocity, yaw_rate)
+
+    def _who_flies(self, t: float, zero: bool, tick: float) -> None:
+        b = self._b
+        granted = self._armed and self._guided and t - self._beat_t <= b.heartbeat_s + tick
+        if not granted and t - self._authority_lost_t > tick:
+            self._break(t, "1a: a set-point while not armed, not GUIDED or without heartbeat")
+        stale = t - self._rc_t > b.rc_s + tick
+        closed_t = self._rc_t + b.rc_s if stale else self._gate_closed_t
+        if closed_t is not None and t - closed_t > tick:
+            if not zero:
+                self._break(t, "1b: a set-point other than zero with the gate low or stale")
+            elif t - closed_t > b.release_s + 2 * tick + 0.05:
+                self._break(t, "1b: set-points after the release time")
+        elif closed_t is None:
+            self._flown_t = t
+            if self._latched and not zero:
+                self._break(t, "1: a set-point before the gate was seen low again")
+        if not self._first_sighting:
+            self._break(t, "1c: a set-point before the first sighting")
+
+    def _never_blind(
+        self, t: float, velocity: Vec3, yaw_rate: float, truth: Truth, tick: float
+    ) -> None:
+        b = self._b
+        age = t - self._sighting_t
+        committed = truth.height < b.commit_height_m
+        if velocity[2] > max(0.0, truth.pad_velocity[2]) + _STILL:
+            if age > (b.blind_commit_s if committed else b.sighting_s):
+                self._break(t, "2: a downward set-point without a young sighting")
+            if not committed:
+                if truth.distance > b.k1_m * math.exp(b.k2_per_m * truth.height):
+                    self._break(t, "2: a downward set-point outside the descent region")
+                if (
+                    b.has_heading
+                    and truth.height < b.alignment_height_m
+                    and abs(truth.heading_error) > b.heading
+                ):
+                    self._break(t, "2: a downward set-point with the heading off")
+        stale = (
+            t - self._attitude_t > b.attitude_s + tick
+            or t - self._position_t > b.position_s + tick
+            or t - self._gimbal_t > b.gimbal_s + b.sighting_s + tick
+        )
+        blind = age > (b.blind_commit_s if committed else b.sighting_s) + tick
+        if stale or blind:
+            self._flying_blind(t, velocity, yaw_rate, tick)
+        else:
+            self._lost_since = None
+
+    def _flying_blind(self, t: float, velocity: Vec3, yaw_rate: float, tick: float) -> None:
+        """Rule 1d and 5: slow down to a hover, then only hold, climb or turn (not ordered here)."""
+        if self._lost_since is None:
+            self._lost_since = t
+        b = self._b
+        if t - self._lost_since > tick and abs(yaw_rate) > _STILL:
+            self._break(t, "1d: turning while the pad is out of sight")
+        if velocity[2] > _STILL:
+            self._break(t, "1d: descending while the pad is out of sight or data are stale")
+        braking_s = b.speed_mps / b.acceleration_mps2 + b.acceleration_mps2 / b.jerk_mps3 + tick
+        if horizontal(velocity) > 0.02 and t - self._lost_since > braking_s:
+            self._break(t, "1d: not hovering while the pad is out of sight or data are stale")
+        said = any(at >= self._lost_since - 1.0 for at, _ in self.texts)
+        if t - self._lost_since > 1.0 and not said:
+            self._break(t, "6: an abort that the pilot was not told of")
+
+    def _limits(self, t: float, velocity: Vec3, yaw_rate: float) -> None:
+        b = self._b
+        if horizontal(velocity) > b.speed_mps * _SLACK:
+            self._break(t, "3: too fast")
+        if not -b.climb_mps * _SLACK <= velocity[2] <= b.descent_mps * _SLACK:
+            self._break(t, "3: climbing or sinking too fast")
+        if abs(yaw_rate) > b.yaw_rate * _SLACK:
+            self._break(t, "3: turning too fast")
+        if self._last is None or t - self._last[0] > 0.5:
+            self._acceleration = (0.0, 0.0, 0.0)
+            return
+        dt = t - self._last[0]
+        if dt <= 0.0:
+            return
+        before = self._last[1]
+        a = (
+            (velocity[0] - before[0]) / dt,
+            (velocity[1] - before[1]) / dt,
+            (velocity[2] - before[2]) / dt,
+        )
+        was = self._acceleration
+        stop_h = horizontal(velocity) < _STILL
+        stop_v = abs(velocity[2]) < _STILL
+        if not stop_h:
+            if horizontal(a) > b.acceleration_mps2 * _SLACK + 0.02:
+                self._break(t, "3: horizontal acceleration")
+            jerk = math.hypot(a[0] - was[0], a[1] - was[1]) / dt
+            if jerk > b.jerk_mps3 * _SLACK + 0.2:
+                self._break(t, "3: horizontal jerk")
+        if not stop_v:
+            if abs(a[2]) > b.vertical_acceleration_mps2 * _SLACK + 0.02:
+                self._break(t, "3: vertical acceleration")
+            if abs(a[2] - was[2]) / dt > b.jerk_mps3 * _SLACK + 0.2:
+                self._break(t, "3: vertical jerk")
+        ah = (0.0, 0.0) if stop_h else (a[0], a[1])
+        self._acceleration = (ah[0], ah[1], 0.0 if stop_v else a[2])
+
+    def _after_contact(self, t: float, velocity: Vec3) -> None:
+        assert self._contact_t is not None
+        waited = t - self._contact_t
+        pressed = self._on_ground_t is None and _CONTACT_LATE_S < waited < self._b.settle_s
+        granted = self._gate_high and self._armed and self._guided and not self._latched
+        if pressed and granted and velocity[2] <= _STILL:
+            self._break(t, "4: no descent ordered after contact")
+
+    def _on_command(self, t: float, message: mavlink.MAVLink_message) -> None:
+        if message.command != mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            return
+        self.disarm_orders += 1
+        if message.param1 != 0.0 or message.param2 != 0.0:
+            self._break(t, "4: arming, or a forced disarm")
+        if self._on_ground_t is None:
+            self._break(t, "4: disarm before the autopilot said ON_GROUND")
+
+    def _check_silence(self, t: float) -> None:
+        """Rules 1b, 1d and 3: while landerd must stream, the gap between set-points is bounded."""
+        if self._last is None or self._flown_t is None:
+            return
+        granted = self._armed and self._guided and t - self._beat_t <= self._b.heartbeat_s
+        closed = self._gate_closed_t if self._gate_closed_t is not None else math.inf
+        if t - self._rc_t > self._b.rc_s:
+            closed = min(closed, self._rc_t + self._b.rc_s)
+        must = granted and not self._latched and self._flown_t > self._authority_lost_t
+        releasing = closed <= t < closed + self._b.release_s - self._b.control_period_s
+        if must and (t < closed or releasing) and t - self._last[0] > self._b.stream_s + 1e-6:
+            self._break(t, "3: set-points less often than 20 Hz")
+
+    def _break(self, t: float, rule: str) -> None:
+        self.broken.setdefault(rule, t)
+
+
+_JUDGED = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+    mavlink.MAVLINK_MSG_ID_STATUSTEXT,
+}

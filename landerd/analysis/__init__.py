@@ -1,0 +1,1 @@
+"""What happened in a landing: figures and pictures."""

@@ -1,0 +1,115 @@
+"""One sheet that shows a landing: trajectory, altitude, distance, phases, what the camera saw.
+
+Needs matplotlib, which is not part of the flight install (`pip install 'landerd[report]'`).
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.geometry import Vec3
+from landerd.messages import Phase
+
+COLOURS = {
+    Phase.NOT_LANDING: "#9e9e9e",
+    Phase.APPROACH: "#1f77b4",
+    Phase.CLOSE_APPROACH: "#17becf",
+    Phase.YAW_CORRECTION: "#ff7f0e",
+    Phase.DESCENT: "#2ca02c",
+    Phase.LANDED: "#d62728",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """The landing at one time: pad-centred axes, x to the pad's starting north, y east, z up."""
+
+    t: float
+    vehicle: Vec3  # centre of the feet, m
+    pad: Vec3  # landing point, m
+    phase: Phase
+
+
+@dataclass
+class Trace:
+    """A landing to draw."""
+
+    title: str
+    samples: list[Sample] = field(default_factory=list)
+    views: list[tuple[str, NDArray[np.uint8]]] = field(default_factory=list)  # caption, BGR image
+
+
+def write_picture(trace: Trace, path: Path) -> None:
+    """Draw the sheet into a PNG file.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        OSError: the file cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 10), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(trace.title, fontsize=14)
+    grid = figure.add_gridspec(3, 6, height_ratios=(1.15, 0.9, 1.25))
+    _side(figure.add_subplot(grid[0, 0:3]), trace.samples)
+    _above(figure.add_subplot(grid[0, 3:6]), trace.samples)
+    _over_time(figure.add_subplot(grid[1, 0:6]), trace.samples)
+    for i, (caption, image) in enumerate(trace.views[:3]):
+        view = figure.add_subplot(grid[2, 2 * i : 2 * i + 2])
+        view.imshow(image[:, :, ::-1])
+        view.set_title(caption, fontsize=10)
+        view.set_axis_off()
+    figure.savefig(path, dpi=80, format="png")
+
+
+def _runs(samples: list[Sample]) -> list[tuple[Phase, list[Sample]]]:
+    """Split into runs of one phase; each run begins with the last sample of the one before."""
+    runs: list[tuple[Phase, list[Sample]]] = []
+    for s in samples:
+        if not runs or runs[-1][0] is not s.phase:
+            runs.append((s.phase, runs[-1][1][-1:] if runs else []))
+        runs[-1][1].append(s)
+    return runs
+
+
+def _side(axes: Any, samples: list[Sample]) -> None:
+    for phase, run in _runs(samples):
+        axes.plot([s.vehicle[0] for s in run], [s.vehicle[2] for s in run], color=COLOURS[phase])
+    pad = [s.pad for s in samples]
+    axes.plot([p[0] for p in pad], [p[2] for p in pad], color="black", linewidth=3, label="pad")
+    axes.set(xlabel="north (m)", ylabel="up (m)", title="from the side")
+    axes.set_ylim(bottom=-0.5)
+    axes.grid(alpha=0.3)
+
+
+def _above(axes: Any, samples: list[Sample]) -> None:
+    for phase, run in _runs(samples):
+        axes.plot([s.vehicle[1] for s in run], [s.vehicle[0] for s in run], color=COLOURS[phase])
+    pad = [s.pad for s in samples]
+    axes.plot([p[1] for p in pad], [p[0] for p in pad], color="black", linewidth=3)
+    axes.plot(pad[-1][1], pad[-1][0], "k+", markersize=14)
+    axes.set(xlabel="east (m)", ylabel="north (m)", title="from above")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.3)
+
+
+def _over_time(axes: Any, samples: list[Sample]) -> None:
+    t = [s.t for s in samples]
+    height = [s.vehicle[2] - s.pad[2] for s in samples]
+    distance = [float(np.hypot(s.vehicle[0] - s.pad[0], s.vehicle[1] - s.pad[1])) for s in samples]
+    axes.plot(t, height, color="black", label="height over the pad (m)")
+    axes.plot(t, distance, color="black", linestyle="--", label="distance to the pad (m)")
+    named: set[Phase] = set()
+    for phase, run in _runs(samples):
+        label = None if phase in named else phase.value
+        named.add(phase)
+        axes.axvspan(run[0].t, run[-1].t, color=COLOURS[phase], alpha=0.25, label=label, lw=0)
+    axes.set(xlabel="time (s)", xlim=(t[0], t[-1]))
+    axes.set_ylim(bottom=-0.3)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper right", fontsize=8, ncols=2)
