@@ -1,0 +1,157 @@
+"""The pad's print as textures of falling resolution, to be sampled by the renderer.
+
+Texels hold exact area averages: an edge through a texel makes it grey in proportion. Sampling a
+level whose texels are no larger than the sampling pitch therefore moves no edge.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.geometry import Vec3
+from landerd.pad import PadLayout, Ring, Square
+
+U8 = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+
+WHITE = 200  # grey level of the plate under full light
+BLACK = 24  # of the print: 12 % of white, as measured prints are (8 to 22 %)
+FINEST_PER_M = 1024  # texels; a pixel of the thesis camera at 0.4 m
+LARGEST = 4096  # texels along one side
+LEVELS = 7
+
+
+@dataclass(frozen=True)
+class TextureLevel:
+    """One resolution. Texel (u, v) has its centre at east u, north -v of the top-left's centre."""
+
+    texel_m: float
+    origin_m: tuple[float, float]  # north, east of the centre of texel (0, 0)
+    grey: U8  # (rows, columns), already weighted with alpha
+    alpha: U8  # 255 on the plate, 0 beside it
+
+    def from_pad(self) -> NDArray[np.float64]:
+        """Return the (3, 3) matrix from pad (north m, east m, 1) to texels (u, v, 1)."""
+        k = 1.0 / self.texel_m
+        north, east = self.origin_m
+        return np.array([[0.0, k, -k * east], [-k, 0.0, k * north], [0.0, 0.0, 1.0]])
+
+
+def plate_corners(layout: PadLayout) -> tuple[Vec3, Vec3, Vec3, Vec3]:
+    """Return the corners of the plate in the pad frame, m, clockwise from north-west."""
+    p = layout.plate
+    return (
+        (p.north_m, -p.west_m, 0.0),
+        (p.north_m, p.east_m, 0.0),
+        (-p.south_m, p.east_m, 0.0),
+        (-p.south_m, -p.west_m, 0.0),
+    )
+
+
+def marker_bitmap(marker: Square) -> U8:
+    """Return the marker's cells (n, n), 0 black and 255 white, top row up as its makers print it.
+
+    OpenCV holds the AprilTag dictionaries upside down against the AprilTag project's own pictures.
+
+    Raises:
+        ValueError: OpenCV has no such dictionary, or the dictionary no such id.
+    """
+    code = getattr(cv2.aruco, "DICT_" + marker.dictionary, None)
+    if code is None:
+        raise ValueError(f"no marker dictionary {marker.dictionary!r}")
+    dictionary = cv2.aruco.getPredefinedDictionary(code)
+    if marker.id >= len(dictionary.bytesList):
+        raise ValueError(f"{marker.dictionary} has no id {marker.id}")
+    cells = cv2.aruco.generateImageMarker(dictionary, marker.id, dictionary.markerSize + 2)
+    return cast(U8, np.rot90(cells, 2) if marker.kind == "apriltag" else cells)
+
+
+def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
+    """Draw the pad, finest level first.
+
+    Raises:
+        ValueError: a marker does not exist (see marker_bitmap).
+    """
+    plate = layout.plate
+    height, width = plate.north_m + plate.south_m, plate.east_m + plate.west_m
+    per_m = float(FINEST_PER_M)
+    while per_m * max(height, width) > LARGEST:
+        per_m /= 2
+    # A whole number of texels on every level, and at least one empty coarsest texel all round.
+    block = 2 ** (LEVELS - 1)
+    rows, columns = (block * (math.ceil(per_m * d / block) + 2) for d in (height, width))
+    north = plate.north_m + (block - 0.5) / per_m  # of the centres of the first row
+    east = -plate.west_m - (block - 0.5) / per_m
+    norths = (north - np.arange(rows) / per_m).astype(np.float32)[:, None]
+    easts = (east + np.arange(columns) / per_m).astype(np.float32)[None, :]
+
+    white = np.ones((rows, columns), np.float32)
+    for marker in layout.markers:
+        n, e = marker.position_m
+        size = marker.outer_diameter_m if isinstance(marker, Ring) else marker.size_m * math.sqrt(2)
+        reach = size / 2 + 2 / per_m
+        window = np.ix_(np.abs(norths[:, 0] - n) < reach, np.abs(easts[0] - e) < reach)
+        dn, de = norths[window[0][:, 0]] - np.float32(n), easts[:, window[1][0]] - np.float32(e)
+        if isinstance(marker, Ring):
+            radius = np.sqrt(dn * dn + de * de)
+            outer = _covered(marker.outer_diameter_m / 2 - radius, per_m)
+            black = outer - _covered(
+                marker.inner_ratio * marker.outer_diameter_m / 2 - radius, per_m
+            )
+        else:
+            black = _square(marker, dn, de, per_m)
+        white[window] *= 1.0 - black
+    on_north = _covered(plate.north_m - norths, per_m) * _covered(plate.south_m + norths, per_m)
+    on_east = _covered(plate.east_m - easts, per_m) * _covered(plate.west_m + easts, per_m)
+    alpha = on_north * on_east
+    grey = (BLACK + (WHITE - BLACK) * white) * alpha
+
+    levels = []
+    for level in range(LEVELS):
+        texel = 2**level / per_m
+        # Centres of larger texels lie further in from the same outer border.
+        shift = (texel - 1 / per_m) / 2
+        levels.append(
+            TextureLevel(
+                texel,
+                (north - shift, east + shift),
+                np.rint(grey).astype(np.uint8),
+                np.rint(255 * alpha).astype(np.uint8),
+            )
+        )
+        half = (grey.shape[1] // 2, grey.shape[0] // 2)
+        grey = cast(F32, cv2.resize(grey, half, interpolation=cv2.INTER_AREA))
+        alpha = cast(F32, cv2.resize(alpha, half, interpolation=cv2.INTER_AREA))
+    return tuple(levels)
+
+
+def _covered(inside_m: F32, per_m: float) -> F32:
+    """Share of a texel on the inner side of an edge that lies inside_m beyond its centre."""
+    return np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0)
+
+
+def _square(marker: Square, dn: F32, de: F32, per_m: float) -> F32:
+    """Black share of texels at dn (rows, 1), de (1, columns) from the marker's centre, m."""
+    cells = 1.0 - np.pad(marker_bitmap(marker), 1, constant_values=255).astype(np.float32) / 255.0
+    n = cells.shape[0] - 2
+    per_cell = np.float32(per_m * marker.size_m / n)  # texels
+    h = math.radians(marker.heading_deg)
+    c, s = np.float32(math.cos(h) * n / marker.size_m), np.float32(math.sin(h) * n / marker.size_m)
+    half = np.float32(n / 2 + 1)
+    u = half + de * c - dn * s  # cells to the right of the padded bitmap's left edge,
+    v = half - dn * c - de * s  # and down from its top
+
+    def sharpened(cell: F32) -> F32:
+        # Interpolation between cell centres, squeezed into one texel about the border between.
+        before = np.floor(cell - 0.5)
+        step = np.clip((cell - 1.0 - before) * per_cell + 0.5, 0.0, 1.0)
+        return cast(F32, (before + step).astype(np.float32))
+
+    return cast(
+        F32,
+        cv2.remap(cells, sharpened(u), sharpened(v), cv2.INTER_LINEAR, borderValue=(0.0,)),
+    )

@@ -1,0 +1,166 @@
+"""One camera at one pose: from the world to pixels, and which markers are in view."""
+
+import math
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.sim.snapshot import CameraPose, PadPose
+from landerd.camera_model import CameraModel
+from landerd.geometry import Mat3, Vec3
+from landerd.pad import PadLayout, Ring
+
+F64 = NDArray[np.float64]
+
+NEAR_M = 0.01
+CIRCLE_POINTS = 64
+
+
+class Frustum:
+    """The space a camera sees, a little widened, as half-spaces of the camera frame."""
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        x = np.arange(-1.0, camera.width + 1.0)
+        y = np.arange(-1.0, camera.height + 1.0)
+        border = np.concatenate(
+            [
+                np.column_stack([np.tile(x, 2), np.repeat([y[0], y[-1]], len(x))]),
+                np.column_stack([np.repeat([x[0], x[-1]], len(y)), np.tile(y, 2)]),
+            ]
+        )
+        rays = camera.rays(border)
+        # The distortion polynomial may fold back outside the field of view: nothing beyond this
+        # is ever projected.
+        margin = 0.05 * (rays.max(axis=0) - rays.min(axis=0))
+        (x0, y0), (x1, y1) = rays.min(axis=0) - margin, rays.max(axis=0) + margin
+        planes = np.array(
+            [
+                [0.0, 0.0, 1.0, -NEAR_M],
+                [1.0, 0.0, -x0, 0.0],
+                [-1.0, 0.0, x1, 0.0],
+                [0.0, 1.0, -y0, 0.0],
+                [0.0, -1.0, y1, 0.0],
+            ]
+        )
+        self.planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+
+    def clip(self, polygon: F64) -> F64:
+        """Return the part of a convex polygon (n, 3), camera frame, that lies in view (m, 3)."""
+        distances = polygon @ self.planes[:, :3].T + self.planes[:, 3]
+        if (distances >= 0.0).all():
+            return polygon
+        if (distances < 0.0).all(axis=0).any():
+            return polygon[:0]
+        points = [tuple(p) for p in polygon.tolist()]
+        for a, b, c, d in self.planes.tolist():
+            kept: list[tuple[float, ...]] = []
+            inside = [a * x + b * y + c * z + d for x, y, z in points]
+            for i, (p, here) in enumerate(zip(points, inside, strict=True)):
+                before = inside[i - 1]
+                if (here >= 0.0) != (before >= 0.0):
+                    q, k = points[i - 1], before / (before - here)
+                    kept.append(tuple(u + k * (w - u) for u, w in zip(q, p, strict=True)))
+                if here >= 0.0:
+                    kept.append(p)
+            points = kept
+        return np.array(points, dtype=np.float64).reshape(-1, 3)
+
+    def contains(self, points: F64) -> bool:
+        """Tell whether all points (n, 3), camera frame, can be projected."""
+        return bool((points @ self.planes[:, :3].T + self.planes[:, 3] >= 0.0).all())
+
+    def touches(self, centre: F64, radius: float) -> bool:
+        """Tell whether a ball about centre (3,), camera frame, may be in view."""
+        return bool((self.planes[:, :3] @ centre + self.planes[:, 3] >= -radius).all())
+
+    def outlines(self, polygons: list[F64]) -> list[F64]:
+        """Return the convex polygons (n, 3), camera frame, as seen: pixels (m, 2), m may be 0."""
+        parts = [self.clip(p) for p in polygons]
+        everything = np.concatenate(parts)
+        if not len(everything):
+            return [p[:, :2] for p in parts]
+        pixels = self.camera.pixels(everything)
+        return np.split(pixels, np.cumsum([len(p) for p in parts])[:-1])
+
+
+def matrix(m: Mat3) -> F64:
+    """Return a rotation as an array."""
+    return np.array(m, dtype=np.float64)
+
+
+def in_camera(pose: CameraPose, points: F64) -> F64:
+    """Return points (n, 3) of the local frame in the camera frame."""
+    return cast(F64, (points - np.array(pose.position)) @ matrix(pose.R_local_camera))
+
+
+def on_pad(pad: PadPose, points: F64) -> F64:
+    """Return points (n, 3) of the pad frame in the local frame."""
+    return cast(F64, points @ matrix(pad.R_local_pad).T + np.array(pad.position))
+
+
+def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
+    """Return the (3, 3) matrix from rays (x, y, 1) of the camera to the plane's (north, east, 1).
+
+    The third row before division is the ray's descent into the plane: positive where the ray
+    meets it. None: the camera is not above the plane.
+    """
+    R = matrix(plane.R_local_pad).T
+    cx, cy, cz = R @ (np.array(pose.position) - np.array(plane.position))
+    if cz >= -1e-3:
+        return None
+    d = R @ matrix(pose.R_local_camera)
+    return np.stack([cx * d[2] - cz * d[0], cy * d[2] - cz * d[1], d[2]])
+
+
+def level_of_detail(H: F64, descent: float, pitch: float, texel_m: float, levels: int) -> int:
+    """Return the level, texels doubling from texel_m, nearest to the footprint of a sample.
+
+    H is a `plane_homography`, descent its third row for the ray, pitch the distance between
+    neighbouring rays. The determinant of a homography's Jacobian is det H over the cube of the
+    denominator.
+    """
+    footprint = pitch * math.sqrt(abs(float(np.linalg.det(H))) / descent**3)
+    return min(max(round(math.log2(max(footprint, 1e-9) / texel_m)), 0), levels - 1)
+
+
+def middle(start: CameraPose, end: CameraPose) -> CameraPose:
+    """Return the pose half-way between two that differ little."""
+    if start == end:
+        return start
+    position = tuple((a + b) / 2 for a, b in zip(start.position, end.position, strict=True))
+    # The rotation nearest to the mean of two is the one half-way between them.
+    u, _, vt = np.linalg.svd(matrix(start.R_local_camera) + matrix(end.R_local_camera))
+    R = u @ vt
+    return CameraPose(cast(Vec3, position), cast(Mat3, tuple(tuple(row) for row in R.tolist())))
+
+
+def visible_markers(
+    layout: PadLayout, camera: CameraModel, pose: CameraPose, pad: PadPose
+) -> list[int]:
+    """Return the indices in layout.markers of those wholly inside the image.
+
+    Geometry only: what stands in front of a marker is not looked at.
+    """
+    if plane_homography(pose, pad) is None:
+        return []
+    frustum = Frustum(camera)
+    seen = []
+    for index, marker in enumerate(layout.markers):
+        if isinstance(marker, Ring):
+            a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
+            r = marker.outer_diameter_m / 2
+        else:
+            a = np.radians(marker.heading_deg) + math.pi / 4 * np.array([1.0, 3.0, 5.0, 7.0])
+            r = marker.size_m / math.sqrt(2)
+        n, e = marker.position_m
+        outline = np.column_stack([n + r * np.cos(a), e + r * np.sin(a), np.zeros(len(a))])
+        points = in_camera(pose, on_pad(pad, outline))
+        if not frustum.contains(points):
+            continue
+        x, y = camera.pixels(points).T
+        in_x = x.min() >= -0.5 and x.max() <= camera.width - 0.5
+        if in_x and y.min() >= -0.5 and y.max() <= camera.height - 0.5:
+            seen.append(index)
+    return seen
