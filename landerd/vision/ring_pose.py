@@ -1,0 +1,66 @@
+"""A circle seen by a camera: pose to cone of sight, and cone to its two poses.
+
+A circle of radius R with centre t and unit normal n (camera frame) is seen on the cone
+v^T C v = 0 of rays v = (x, y, 1). A plane cuts that cone in a circle of the same radius in two
+ways, mirrored about the line of sight: two poses explain one ellipse (Chen et al., "Camera
+calibration with two arbitrary coplanar circles", ECCV 2004, section 3).
+"""
+
+import math
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+Pose = tuple[F64, F64]  # centre (m) and unit normal away from the camera, camera frame
+
+
+def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:
+    """Return the cone of sight (3, 3) of a circle."""
+    a = float(normal @ position) * np.eye(3) - np.outer(position, normal)
+    return cast(F64, a.T @ a - radius * radius * np.outer(normal, normal))
+
+
+def poses_of_cone(cone: F64, radius: float) -> tuple[Pose, Pose] | None:
+    """Return both poses of a circle on a cone of sight, or None if it is not an elliptic cone."""
+    values, vectors = np.linalg.eigh(cone)
+    if values[1] < 0.0:  # signature (+, -, -): the same cone with the other sign
+        values, vectors = -values[::-1], vectors[:, ::-1]
+    low, mid, high = (float(v) for v in values)
+    if not low < 0.0 < mid:
+        return None
+    axis = vectors[:, 0] if vectors[2, 0] > 0 else -vectors[:, 0]
+    across = vectors[:, 2]
+    depth = mid * radius / math.sqrt(-low * high)
+    s = math.sqrt(max(0.0, high - mid) / (high - low))
+    c = math.sqrt((mid - low) / (high - low))
+    poses = []
+    for sign in (1.0, -1.0):
+        position = depth * (c * high / mid * axis - sign * s * low / mid * across)
+        normal = c * axis - sign * s * across
+        poses.append((position, normal / np.linalg.norm(normal)))
+    return poses[0], poses[1]
+
+
+def mirrored(position: F64, normal: F64, radius: float) -> Pose | None:
+    """Return the other pose that shows the same ellipse."""
+    poses = poses_of_cone(cone_of_pose(position, normal, radius), radius)
+    if poses is None:
+        return None
+    return min(poses, key=lambda pose: float(pose[1] @ normal))
+
+
+def cone_through(rays: F64) -> F64 | None:
+    """Return the cone (3, 3) fitted to rays (n, 2) on z = 1, n >= 6; None if degenerate."""
+    centre = rays.mean(axis=0)
+    spread = float(np.abs(rays - centre).max())
+    if not spread > 0.0:
+        return None
+    x, y = ((rays - centre) / spread).T
+    design = np.column_stack([x * x, x * y, y * y, x, y])
+    a, b, c, d, e = np.linalg.lstsq(design, np.ones(len(x)), rcond=None)[0]
+    conic = np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, -1.0]])
+    k = 1.0 / spread
+    to_local = np.array([[k, 0.0, -centre[0] * k], [0.0, k, -centre[1] * k], [0.0, 0.0, 1.0]])
+    return cast(F64, to_local.T @ conic @ to_local)

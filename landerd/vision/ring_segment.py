@@ -1,0 +1,120 @@
+"""Where in an image a dark ring could be: threshold, components, shape, grey levels.
+
+Every test here is invariant under affine maps of the image, because an oblique ring is as much a
+ring as one seen from above.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+MIN_EXTENT_PX = 5  # of a ring's shorter side: below, its hole is no pixel any more
+_BOX_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
+_OFFSET = 5  # grey levels below the local mean that count as dark
+_MOST = 12  # candidates looked at, largest first
+
+_ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+_CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Outer edge of a ring in pixels: points centre + axes (cos a, sin a)."""
+
+    centre: F64  # (2,)
+    axes: F64  # (2, 2), columns are the semi-axes
+
+    def points(self, scale: float = 1.0) -> F64:
+        """Return 16 pixels (16, 2) on the ellipse scaled about its centre."""
+        p: F64 = self.centre[:, None] + scale * (self.axes @ _CIRCLE)
+        return p.T
+
+    def zoomed(self, k: float) -> "Ellipse":
+        """Return the ellipse in an image k times as large (pixel centres are whole numbers)."""
+        return Ellipse((self.centre + 0.5) * k - 0.5, self.axes * k)
+
+    def moved(self, x: float, y: float) -> "Ellipse":
+        """Return the ellipse shifted by (x, y)."""
+        return Ellipse(self.centre + (x, y), self.axes)
+
+
+def ring_candidates(image: U8, inner_ratio: float) -> Iterator[Ellipse]:
+    """Yield outlines of what looks like a dark ring of 6 to about 120 px in a grey image."""
+    mean = cv2.blur(image, (_BOX_PX, _BOX_PX), borderType=cv2.BORDER_REPLICATE)
+    dark = cv2.compare(cv2.add(image, _OFFSET), mean, cv2.CMP_LT)
+    _, labels, stats, centroids = cv2.connectedComponentsWithStats(
+        dark, connectivity=4, ltype=cv2.CV_16U
+    )
+    w, h = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]
+    size = np.maximum(w, h)
+    fill = stats[:, cv2.CC_STAT_AREA] / (w * h)
+    middle = stats[:, :2] + (stats[:, 2:4] - 1) / 2.0
+    off = np.abs(centroids - middle).max(axis=1) / size
+    good = (
+        (np.minimum(w, h) >= MIN_EXTENT_PX)
+        & (np.minimum(w, h) * 4 >= size)
+        & (size < 0.9 * max(image.shape))
+        & (fill > 0.25)
+        & (fill < 0.85)
+        & (off < 0.12)
+    )
+    picked = np.flatnonzero(good[1:]) + 1
+    for i in picked[np.argsort(-size[picked], kind="stable")][: 4 * _MOST]:
+        x, y, cw, ch = (int(v) for v in stats[i, :4])
+        mask = cv2.compare(labels[y : y + ch, x : x + cw], int(i), cv2.CMP_EQ)
+        ellipse = _outline(mask, inner_ratio)
+        if ellipse is None:
+            continue
+        ellipse = ellipse.moved(x, y)
+        if looks_like_ring(image, ellipse, inner_ratio):
+            yield ellipse
+
+
+def _outline(mask: U8, k: float) -> Ellipse | None:
+    """Return the outer ellipse of a mask's ring from its moments, or None if it is no ring.
+
+    The second moments of a ring with semi-axes A are A A^T (1 + k^2) / 4, its area is
+    pi det A (1 - k^2): area over root of the moments' determinant tells a ring of any obliqueness
+    from discs and bars.
+    """
+    m = cv2.moments(mask, binaryImage=True)
+    area = m["m00"]
+    # A pixel is a square: its own second moment is not the ring's.
+    xx, yy, xy = m["mu20"] / area, m["mu02"] / area, m["mu11"] / area
+    det = xx * yy - xy * xy
+    if det <= 0.0:
+        return None
+    shape = area / math.sqrt(det)
+    ideal = 4.0 * math.pi * (1.0 - k * k) / (1.0 + k * k)
+    if not 0.7 * ideal < shape < 1.3 * ideal:
+        return None
+    values, vectors = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    axes = vectors * np.sqrt(values * 4.0 / (1.0 + k * k))
+    return Ellipse(np.array([m["m10"] / area, m["m01"] / area]), axes)
+
+
+def looks_like_ring(image: U8, ellipse: Ellipse, k: float) -> bool:
+    """Tell whether centre and surroundings are brighter than the middle of the stroke."""
+    h, w = image.shape
+    levels = []
+    for scale in (0.4 * k, (1.0 + k) / 2.0, 1.18):
+        p = np.rint(ellipse.points(scale)).astype(np.intp)
+        inside = (p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)
+        if np.count_nonzero(inside) < 10:
+            return False
+        p = p[inside]
+        levels.append(np.sort(image[p[:, 1], p[:, 0]].astype(np.float64)))
+    hole, stroke, around = levels
+    dark = stroke[int(0.8 * len(stroke))]
+    return bool(
+        hole[len(hole) // 2] > dark + 8.0
+        and around[len(around) // 2] > dark + 8.0
+        and around[int(0.2 * len(around))] > stroke[len(stroke) // 2]
+    )

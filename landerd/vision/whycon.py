@@ -1,0 +1,176 @@
+"""WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
+
+import math
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.geometry import Mat3, Vec3
+from landerd.messages import MarkerSighting, PoseSolution
+from landerd.pad import Ring
+from landerd.vision.ring_fit import RingFit, edge_pixels, fit_ring, pixels_near
+from landerd.vision.ring_pose import Pose, cone_through, mirrored, poses_of_cone
+from landerd.vision.ring_segment import Ellipse, ring_candidates
+from landerd.vision.window import Window
+
+U8 = NDArray[np.uint8]
+
+_EDGE_BIAS_PX = 0.02  # what the edge model leaves out, as an error of every edge
+
+
+def find_rings(
+    image: U8,
+    ring: Ring,
+    camera: CameraModel,
+    *,
+    window: Window | None = None,
+    down: Vec3 | None = None,
+    expected_diameter_px: float | None = None,
+) -> list[MarkerSighting]:
+    """Return the rings seen in an image, or in a window of it, nearest first.
+
+    Args:
+        image: grey image (height, width) of the camera's size.
+        ring: its true size and ratio.
+        camera: intrinsics and distortion for this image size.
+        window: pixels to search; None for all.
+        down: unit vector of gravity, camera frame; where the image cannot tell the two poses of a
+            ring apart, the pose that lies more level is put first.
+        expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
+    """
+    found: list[MarkerSighting] = []
+    for candidate in _search(image, ring, window, expected_diameter_px):
+        if any(_covers(s, candidate) for s in found):
+            continue
+        fits = _fit_both(image, ring, camera, candidate)
+        if fits:
+            found.append(_sighting(fits, ring, camera, down))
+    return sorted(found, key=lambda s: s.solutions[0].position[2])
+
+
+def _search(
+    image: U8, ring: Ring, window: Window | None, expected_px: float | None
+) -> Iterator[Ellipse]:
+    """Yield outlines, in pixels of the whole image, coarse levels of the image first."""
+    h, w = image.shape
+    part = Window(0, 0, w, h) if window is None else window.within(w, h)
+    crop = image[part.y0 : part.y1, part.x0 : part.x1]
+    if min(crop.shape) < 8:
+        return
+    if expected_px is not None:
+        levels = [max(0, round(math.log2(max(expected_px, 1.0) / 28.0)))]
+    else:
+        levels = [level for level in (4, 3, 2, 1, 0) if max(crop.shape) >> level >= 40]
+        # The coarsest level's rings reach up to the size of the image: skip what cannot add.
+        levels = [level for level in levels if max(crop.shape) >> level <= 200 or level < 2]
+    for level in levels:
+        k = 1 << level
+        ch, cw = crop.shape[0] // k * k, crop.shape[1] // k * k
+        if min(ch, cw) // k < 8:
+            continue
+        small = crop
+        if level:
+            small = cv2.resize(crop[:ch, :cw], (cw // k, ch // k), interpolation=cv2.INTER_AREA)
+        for ellipse in ring_candidates(small, ring.inner_ratio):
+            yield ellipse.zoomed(k).moved(part.x0, part.y0)
+
+
+def _fit_both(
+    image: U8, ring: Ring, camera: CameraModel, candidate: Ellipse
+) -> tuple[RingFit, ...]:
+    """Return both poses fitted to a candidate, the better first; empty if it is no such ring."""
+    radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
+    cone = cone_through(camera.rays(candidate.points()))
+    poses = None if cone is None else poses_of_cone(cone, radius)
+    if poses is None:
+        return ()
+    pixels = pixels_near(image, camera, poses[0], radius, ratio)
+    if pixels is None:
+        return ()
+    rough = fit_ring(pixels, poses[0], radius, ratio, 3, 1.2)
+    if rough is None:
+        return ()
+    start: Pose = (rough.position, rough.normal)
+    pixels = pixels_near(image, camera, start, radius, ratio)
+    if pixels is None:
+        return ()
+    first = fit_ring(pixels, start, radius, ratio, 3, rough.blur_px)
+    if first is None or not _is_ring(first, ratio):
+        return ()
+    fits = [first]
+    other = mirrored(first.position, first.normal, radius)
+    if other is not None:
+        second = fit_ring(pixels, other, radius, ratio, 3, first.blur_px)
+        if second is not None and second.covariance is not None:
+            fits.append(second)
+    noise = min(f.noise for f in fits)
+    for f in fits:
+        f.cost *= (f.noise / noise) ** 2
+    return tuple(sorted(fits, key=lambda f: f.cost))
+
+
+def _is_ring(fit: RingFit, ratio: float) -> bool:
+    """Tell whether a fit describes a ring of this ratio well."""
+    contrast = fit.contrast
+    return (
+        fit.covariance is not None
+        and contrast > 12.0
+        and contrast > 4.0 * fit.noise
+        and abs(fit.ratio - ratio) < 0.08 * ratio + 2.0 * fit.sigma_ratio
+        and fit.sigma_ratio < 0.1
+        and fit.inliers > 0.7
+    )
+
+
+def _sighting(
+    fits: tuple[RingFit, ...], ring: Ring, camera: CameraModel, down: Vec3 | None
+) -> MarkerSighting:
+    """Return the message of a fitted ring."""
+    if down is not None and len(fits) == 2 and fits[1].cost - fits[0].cost < 4.0:
+        level = np.array(down)
+        fits = tuple(sorted(fits, key=lambda f: -float(f.normal @ level)))
+    radius = ring.outer_diameter_m / 2.0
+    edge = edge_pixels(camera, (fits[0].position, fits[0].normal), radius, 32)
+    return MarkerSighting(
+        kind="whycon",
+        id=None,
+        solutions=tuple(_solution(f, radius, camera) for f in fits),
+        outline_px=tuple((float(x), float(y)) for x, y in edge),
+    )
+
+
+def _solution(fit: RingFit, radius: float, camera: CameraModel) -> PoseSolution:
+    t, n = fit.position, fit.normal
+    distance = float(np.linalg.norm(t))
+    focal = math.sqrt(camera.fx * camera.fy)
+    sight = t / distance
+    # An edge error that is common to the whole outline moves the range, one that differs from
+    # side to side the direction.
+    along = _EDGE_BIAS_PX * distance * distance / (focal * radius)
+    aside = _EDGE_BIAS_PX * distance / focal
+    assert fit.covariance is not None
+    C = fit.covariance + np.outer(sight, sight) * along**2 + np.eye(3) * aside**2
+    covariance: Mat3 = (
+        (float(C[0, 0]), float(C[0, 1]), float(C[0, 2])),
+        (float(C[1, 0]), float(C[1, 1]), float(C[1, 2])),
+        (float(C[2, 0]), float(C[2, 1]), float(C[2, 2])),
+    )
+    return PoseSolution(
+        position=(float(t[0]), float(t[1]), float(t[2])),
+        normal=(float(n[0]), float(n[1]), float(n[2])),
+        north=None,
+        covariance=covariance,
+        sigma_yaw=None,
+        sigma_tilt=fit.sigma_tilt,
+        cost=fit.cost,
+    )
+
+
+def _covers(sighting: MarkerSighting, candidate: Ellipse) -> bool:
+    """Tell whether a candidate lies inside a ring already found."""
+    polygon = np.array(sighting.outline_px, dtype=np.float32)
+    x, y = candidate.centre
+    return cv2.pointPolygonTest(polygon, (float(x), float(y)), False) >= 0
