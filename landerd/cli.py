@@ -38,10 +38,12 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return the exit code."""
     arguments = sys.argv[1:] if argv is None else list(argv)
-    args = _parser(arguments).parse_args(arguments)
     try:
-        code: int = args.run(args)
-        sys.stdout.flush()
+        try:
+            args = _parser(arguments).parse_args(arguments)
+            code: int = args.run(args)
+        finally:
+            sys.stdout.flush()
     except InputError as e:
         print(e, file=sys.stderr)
         return 2
@@ -92,7 +94,7 @@ def _sim_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=_seed, default=1, metavar="N", help="of everything random (1)"
     )
     _add_config(parser)
-    parser.add_argument("--realtime", action="store_true", help="as fast as the wall's clock goes")
+    parser.add_argument("--realtime", action="store_true", help="no faster than a real flight")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 

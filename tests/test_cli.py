@@ -1,0 +1,115 @@
+"""The command line as a script sees it: exit codes, stdout and stderr of a real process."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from landerd import __version__
+from landerd.config_file import config_dir
+
+
+def landerd(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "landerd", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=120,
+        check=False,
+    )
+
+
+def wrong_input(*arguments: str, cwd: Path | None = None) -> list[str]:
+    """Return the lines of stderr of a command that must refuse its input."""
+    done = landerd(*arguments, cwd=cwd)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    return done.stderr.splitlines()
+
+
+def test_version() -> None:
+    done = landerd("--version")
+    assert (done.returncode, done.stdout) == (0, f"landerd {__version__}\n")
+
+
+def test_help_lists_every_command_and_each_has_an_example() -> None:
+    listed = re.findall(r"^    (\w+)", landerd("--help").stdout, re.MULTILINE)
+    assert {"sim", "detect", "run"} <= set(listed)
+    for command in listed:
+        done = landerd(command, "--help")
+        assert done.returncode == 0
+        assert f"example:\n  landerd {command} " in done.stdout
+
+
+def test_help_does_not_wait_for_numpy() -> None:
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "landerd", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "landerd.cli" in done.stderr
+    assert "numpy" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "the following arguments are required: COMMAND"),
+        (["fly"], "invalid choice: 'fly'"),
+        (["sim", "hoover"], "scenario 'hoover' is not known; nearest: hover; all: "),
+        (["sim", "--seed", "-1"], "argument --seed: found '-1', expected a whole number"),
+        (["sim", "--set", "sim.pad.sped_mps=1"], "nearest known key: sim.pad.speed_mps"),
+        (["sim", "--set", "pad.layout=none.yaml"], "none.yaml: cannot be read: No such file"),
+        (["sim", "--set", "camera.calibration=none.yaml"], "none.yaml: cannot be read: No such"),
+        (["sim", "--set", "gimbal.driver=simm"], "found 'simm', expected one of "),
+        (["sim", "-c", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
+        (["sim", "--picture", "no/such/folder.png"], "expected a .png in a folder that exists"),
+        (["run"], "required: -c/--config"),
+        (["run", "-c", str(config_dir() / "default.yaml")], "camera.driver: sim is only flown by"),
+    ],
+)
+def test_wrong_input_is_one_line_and_exit_code_2(
+    arguments: list[str], says: str, tmp_path: Path
+) -> None:
+    (line,) = wrong_input(*arguments, cwd=tmp_path)
+    assert says in line
+
+
+def test_a_wrong_configuration_gives_a_line_a_fault(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("rc:\n  gate_channel: eleven\n  gate: 1\n")
+    assert wrong_input("sim", "-c", "mine.yaml", cwd=tmp_path) == [
+        "mine.yaml:2: rc.gate_channel: found 'eleven', expected a whole number "
+        "at least 5 and at most 18",
+        "mine.yaml:3: rc.gate: unknown key; nearest known key: rc.gate_channel",
+    ]
+
+
+def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
+    done = landerd("sim", "hover", "--seed", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    (line,) = done.stdout.splitlines()
+    result = json.loads(line)
+    assert result["landed"] is True
+    assert result["seed"] == 1
+
+
+def test_a_reader_that_goes_away_is_no_fault() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "landerd", "sim", "--help"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"},
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    process.stderr.close()
+    assert process.wait(30) == 141  # as if SIGPIPE had ended it
