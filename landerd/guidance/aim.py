@@ -5,14 +5,15 @@ things differ here. A picture is old when it is searched, so the error is added 
 exposure and the set-point moves by k of the way there; with a gimbal at its set-point this is
 eq. 2.1. Yaw moves the picture by cos(pitch) only: straight down it lies along the lens and cannot
 move it at all, so its error is taken through the damped inverse of cos(pitch) (Wampler 1986,
-damped least squares), which fades out there instead of winding the gimbal round. And the limits
-hold for every marker.
+damped least squares), which fades out there instead of winding the gimbal round; nor is it pulled
+to the measured angle there, for with nothing in the picture to stop it the least bias of that
+angle would turn it for ever. And the limits hold for every marker.
 """
 
 import math
 
 from landerd.config import AimSection, GimbalSection
-from landerd.geometry import clamp
+from landerd.geometry import clamp, is_finite
 from landerd.messages import GimbalCommand, MarkerSighting, Sightings
 
 DAMPING = 0.3  # of the inverse of cos(pitch); 17 degrees from straight down it has full effect
@@ -43,16 +44,16 @@ class Aim:
         marker = _preferred(sightings.markers)
         if marker is None or angles is None:
             return
-        self._seen_t = sightings.t
         x, y, z = marker.solutions[0].position
-        if z <= 0.0:
+        if not (is_finite((x, y, z)) and z > 0.0):
             return
-        cos_pitch = math.cos(angles[1])
-        yaw = angles[0] + (x / z) * cos_pitch / (cos_pitch * cos_pitch + DAMPING * DAMPING)
-        pitch = angles[1] - y / z
+        self._seen_t = sightings.t
+        c, s = math.cos(angles[1]), math.sin(angles[1])
+        fade = c / (c * c + (DAMPING * s) ** 2)  # 1 / c, but 0 straight down
         k, last = self._gain, self.command
         self.command = self._limited(
-            last.yaw + k * (yaw - last.yaw), last.pitch + k * (pitch - last.pitch)
+            last.yaw + k * fade * (c * (angles[0] - last.yaw) + x / z),
+            last.pitch + k * (angles[1] - last.pitch - y / z),
         )
 
     def on_tick(self, now: float) -> None:
