@@ -24,8 +24,8 @@ class MavlinkCodec:
     """MAVLink 2 out; MAVLink 2 and 1 in, damaged bytes skipped.
 
     Attributes:
-        counters: "garbled_bytes" skipped, "unknown" messages, and messages "lost" by the gaps in
-            their senders' sequence numbers.
+        counters: "garbled_bytes" skipped; of them what looked like "unknown" messages; messages
+            "lost" by the gaps in their senders' sequence numbers.
     """
 
     def __init__(self, system: int, component: int) -> None:
@@ -68,15 +68,17 @@ class MavlinkCodec:
             self.counters["garbled_bytes"] += at - done
             at += size
             done, unfinished = at, None
-            if message.get_msgId() < 0:
-                self.counters["unknown"] += 1
-            else:
-                self._note_sequence(message)
-                messages.append(message)
+            self._note_sequence(message)
+            messages.append(message)
         keep = len(buffer) if unfinished is None else unfinished
         self.counters["garbled_bytes"] += keep - done
         del buffer[:keep]
         return messages
+
+    @property
+    def pending_bytes(self) -> int:
+        """Length of what may become a frame when more comes, at most one frame's."""
+        return len(self._buffer)
 
     def reset(self) -> None:
         """Forget an unfinished frame and the sequence numbers: the link was opened again."""
@@ -85,9 +87,14 @@ class MavlinkCodec:
 
     def _decode_frame(self, frame: bytearray) -> Message | None:
         try:
-            return self._mavlink.decode(frame)
+            message = self._mavlink.decode(frame)
         except mavlink.MAVError:
             return None
+        if message.get_msgId() < 0:
+            # Not in the dialect: its checksum cannot be verified, nor can its length be trusted.
+            self.counters["unknown"] += 1
+            return None
+        return message
 
     def _note_sequence(self, message: Message) -> None:
         source = (message.get_srcSystem(), message.get_srcComponent())

@@ -1,9 +1,9 @@
 """Two joined ends of a link in memory, for virtual time: no sockets, no threads."""
 
 import asyncio
-import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from random import Random
 
 from hw.links.inbox import Inbox
 from landerd.ports import DeviceLost
@@ -18,7 +18,7 @@ class LinkFaults:
     drop: float = 0.0  # probability that a write is lost
     corrupt: float = 0.0  # probability that a byte is changed
     delay_s: float = 0.0
-    random: random.Random = field(default_factory=lambda: random.Random(0))
+    rng: Random = field(default_factory=lambda: Random(0))
 
 
 class MemoryLink:
@@ -63,7 +63,7 @@ class MemoryLink:
         if self.tap is not None:
             self.tap(loop.time(), data)
         faults = self.faults
-        if faults.drop > 0.0 and faults.random.random() < faults.drop:
+        if faults.drop > 0.0 and faults.rng.random() < faults.drop:
             return
         if faults.corrupt > 0.0:
             data = _corrupted(data, faults)
@@ -96,8 +96,8 @@ class MemoryLink:
 def _corrupted(data: bytes, faults: LinkFaults) -> bytes:
     damaged = bytearray(data)
     for i in range(len(damaged)):
-        if faults.random.random() < faults.corrupt:
-            damaged[i] ^= faults.random.randrange(1, 256)
+        if faults.rng.random() < faults.corrupt:
+            damaged[i] ^= faults.rng.randrange(1, 256)
     return bytes(damaged)
 
 

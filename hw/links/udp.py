@@ -1,7 +1,7 @@
 """MAVLink's two UDP roles: wait for a peer on a port, or speak first to a known one."""
 
 import asyncio
-from typing import Any
+from typing import Any, cast
 
 from hw.links.inbox import Inbox
 from landerd.ports import DeviceLost
@@ -52,8 +52,7 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the transport."""
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self._transport = transport
+        self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take a datagram."""

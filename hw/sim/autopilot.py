@@ -13,6 +13,7 @@ from typing import Protocol
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.sim.battery import Battery
 from hw.sim.copter import (
     ARDUPILOT_DEFAULTS,
     GUIDED,
@@ -54,9 +55,10 @@ _FAILED: int = mavlink.MAV_RESULT_FAILED
 class World(Protocol):
     """The simulated world as far as the autopilot moves and measures it."""
 
-    vehicle: Vehicle
-    voltage_v: float
-    energy_consumed_j: float
+    @property
+    def vehicle(self) -> Vehicle: ...  # noqa: D102
+    @property
+    def battery(self) -> Battery: ...  # noqa: D102
 
     def advance(self, t: float) -> None:
         """Move the world on to this time, s."""
@@ -168,7 +170,7 @@ class SimAutopilot:
 
     def _send_streams(self, channel: _Channel, t: float) -> None:
         for message_id, (interval, due) in channel.streams.items():
-            if t >= due - 0.5 * _TICK_S:
+            if t >= due - 1e-6:
                 channel.streams[message_id] = (interval, max(due + interval, t))
                 channel.send(self._streams[message_id](t))
 
@@ -236,10 +238,10 @@ class SimAutopilot:
         no_cell = [0xFFFF] * 9
         return mavlink.MAVLink_battery_status_message(
             *(0, 0, 0, 0x7FFF),
-            [round(1e3 * self._world.voltage_v), *no_cell],
+            [round(1e3 * self._world.battery.voltage_v), *no_cell],
             -1,
             -1,
-            int(self._world.energy_consumed_j / 100.0),
+            int(self._world.battery.energy_j / 100.0),
             -1,
         )
 
@@ -306,7 +308,8 @@ class SimAutopilot:
             self._say(f"No ap_message for mavlink id ({message_id})")
             return _DENIED
         if us > 0.0:
-            channel.streams[message_id] = (max(1e-6 * us, _TICK_S), t)
+            interval = max(1e-6 * us, _TICK_S)
+            channel.streams[message_id] = (interval, t + interval)
         else:  # the default is off, too
             channel.streams.pop(message_id, None)
         return _ACCEPTED

@@ -1,0 +1,180 @@
+"""What the MAVLink tests share: a plain airframe, the stand-in, a client of raw messages."""
+
+import asyncio
+import random
+from collections.abc import Coroutine
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.links.memory import MemoryLink, memory_pair
+from hw.sim.autopilot import SimAutopilot
+from hw.sim.battery import Battery
+from landerd.geometry import Vec3
+from landerd.messages import AutopilotMessage
+
+
+@dataclass
+class State:
+    position: Vec3
+    velocity: Vec3
+    roll: float
+    pitch: float
+    yaw: float
+    rates: Vec3
+
+
+class PlainAirframe:
+    """Flies every order at once; the ground is at z = 0."""
+
+    def __init__(self, position: Vec3 = (0.0, 0.0, -10.0), yaw: float = 0.0) -> None:
+        self.position, self.yaw = position, yaw
+        self.velocity: Vec3 = (0.0, 0.0, 0.0)
+        self.yaw_rate = 0.0
+        self.motors = False
+        self.battery = Battery()
+        self._t = 0.0
+        self._contact: float | None = 0.0 if position[2] >= 0.0 else None
+
+    @property
+    def vehicle(self) -> "PlainAirframe":
+        return self
+
+    def order(self, velocity: Vec3, yaw_rate: float) -> None:
+        self.velocity, self.yaw_rate = velocity, yaw_rate
+
+    def motors_on(self) -> None:
+        self.motors = True
+
+    def motors_off(self) -> None:
+        self.motors = False
+
+    @property
+    def landed(self) -> bool:
+        """Two seconds after contact, and from the start on the ground."""
+        return self._contact is not None and (self._contact == 0.0 or self._t - self._contact > 2.0)
+
+    def advance(self, t: float) -> None:
+        dt, self._t = t - self._t, t
+        (x, y, z), (vx, vy, vz) = self.position, self.velocity
+        z = min(z + vz * dt, 0.0)
+        if z < 0.0:
+            self._contact = None
+        elif self._contact is None:
+            self._contact = t
+        self.position = (x + vx * dt, y + vy * dt, z)
+        self.yaw += self.yaw_rate * dt
+        if self.motors:
+            self.battery.energy_j += 354.0 * dt
+
+    def reported(self, t: float) -> State:
+        return State(self.position, self.velocity, 0.0, 0.0, self.yaw, (0.0, 0.0, self.yaw_rate))
+
+
+class Client:
+    """A MAVLink peer that keeps all it hears as (loop time, message)."""
+
+    def __init__(self, link: MemoryLink, system: int = 255, component: int = 190) -> None:
+        self.link = link
+        self.heard: list[tuple[float, Message]] = []
+        self._codec = MavlinkCodec(system, component)
+
+    async def run(self) -> None:
+        await self.link.open()
+        while True:
+            for message in self._codec.decode(await self.link.read()):
+                self.heard.append((asyncio.get_running_loop().time(), message))
+
+    def send(self, message: Message) -> None:
+        self.link.write(self._codec.encode(message))
+
+    def command(self, command: int, *params: float) -> None:
+        padded = (*params, *(0.0,) * (7 - len(params)))
+        self.send(mavlink.MAVLink_command_long_message(1, 1, command, 0, *padded))
+
+    def stream(self, message_id: int, rate_hz: float) -> None:
+        self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
+
+    async def do(self, command: int, *params: float) -> int:
+        """Send a command and return the result of its acknowledgement."""
+        start = len(self.heard)
+        self.command(command, *params)
+        while True:
+            await asyncio.sleep(0.001)
+            for _, m in self.heard[start:]:
+                if m.get_type() == "COMMAND_ACK" and m.command == command:
+                    return int(m.result)
+
+    async def mode(self, number: int) -> int:
+        return await self.do(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(number))
+
+    def fly(
+        self,
+        x: float,
+        y: float,
+        z: float,
+        *,
+        mask: int = 1479,
+        frame: int = 1,
+        yaw_rate: float = 0.0,
+    ) -> None:
+        """Send x, y, z as velocity and as position; the mask selects."""
+        self.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, frame, mask, x, y, z, x, y, z, 0.0, 0.0, 0.0, 0.0, yaw_rate
+            )
+        )
+
+    def of(self, kind: str) -> list[tuple[float, Message]]:
+        return [(t, m) for t, m in self.heard if m.get_type() == kind]
+
+    @property
+    def texts(self) -> list[str]:
+        return [m.text for _, m in self.of("STATUSTEXT")]
+
+
+class Flight:
+    """The stand-in, a raw client on one link, landerd's driver on another; used as a context."""
+
+    def __init__(
+        self, airframe: PlainAirframe | None = None, *, flying: bool = True, **options: Any
+    ) -> None:
+        self.airframe = airframe or PlainAirframe()
+        near, far = memory_pair()
+        self.driver_link, driver_far = memory_pair()
+        self.autopilot = SimAutopilot(
+            self.airframe, [far, driver_far], rng=random.Random(1), flying=flying
+        )
+        self.client = Client(near)
+        self.driver = MavlinkAutopilot(self.driver_link, **options)
+        self.messages: list[AutopilotMessage] = []
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> "Flight":
+        self._start(self.autopilot.run(), self.client.run())
+        await asyncio.sleep(0.05)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def connect(self) -> None:
+        """Start the driver, and wait until its streams run."""
+        await self.driver.open()
+        self._start(self._receive())
+        await asyncio.sleep(2.5)
+
+    def got(self, kind: type[Any]) -> list[Any]:
+        return [m for m in self.messages if isinstance(m, kind)]
+
+    async def _receive(self) -> None:
+        while True:
+            self.messages.append(await self.driver.receive())
+
+    def _start(self, *jobs: Coroutine[Any, Any, None]) -> None:
+        self._tasks += [asyncio.create_task(job) for job in jobs]

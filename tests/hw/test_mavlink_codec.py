@@ -1,0 +1,107 @@
+"""Bytes to messages: nothing damaged comes through, nothing sound is lost behind it."""
+
+import random
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+
+
+def attitude(i: int) -> Message:
+    return mavlink.MAVLink_attitude_message(i, 0.1, -0.2, 0.3, 0.01, 0.02, 0.03)
+
+
+def frames(count: int) -> list[bytes]:
+    codec = MavlinkCodec(1, 1)
+    return [codec.encode(attitude(i)) for i in range(count)]
+
+
+def boot_times(messages: list[Message]) -> list[int]:
+    return [m.time_boot_ms for m in messages]
+
+
+@given(st.lists(st.integers(1, 60), max_size=50))
+def test_frames_may_be_cut_anywhere(cuts: list[int]) -> None:
+    stream = b"".join(frames(10))
+    codec = MavlinkCodec(255, 190)
+    messages: list[Message] = []
+    for cut in cuts:
+        messages += codec.decode(stream[:cut])
+        stream = stream[cut:]
+    messages += codec.decode(stream)
+    assert boot_times(messages) == list(range(10))
+    assert codec.counters["garbled_bytes"] == codec.counters["lost"] == 0
+
+
+def test_mavlink_1_is_understood() -> None:
+    frame = attitude(7).pack(mavlink.MAVLink(None, 1, 1), force_mavlink1=True)
+    assert frame[0] == 0xFE
+    assert boot_times(MavlinkCodec(255, 190).decode(frame)) == [7]
+
+
+@given(st.integers(0, 39), st.integers(1, 255))
+def test_a_damaged_byte_costs_its_own_message_only(at: int, flip: int) -> None:
+    first, second, *rest = frames(4)
+    damaged = bytearray(second)
+    damaged[at % len(damaged)] ^= flip
+    codec = MavlinkCodec(255, 190)
+    messages = codec.decode(first + bytes(damaged) + b"".join(rest))
+    assert boot_times(messages) == [0, 2, 3]
+    assert codec.counters["lost"] == 1
+    assert codec.counters["garbled_bytes"] == len(second)
+
+
+def test_a_false_start_does_not_hold_messages_back() -> None:
+    codec = MavlinkCodec(255, 190)
+    # A marker and a length of 255: looks like a frame of 267 bytes that is still on its way.
+    assert boot_times(codec.decode(b"\xfd\xff\x00" + frames(1)[0])) == [0]
+
+
+def test_unknown_messages_are_skipped_and_counted() -> None:
+    unknown = bytearray(frames(1)[0])
+    unknown[7:10] = (0xFFFFFE).to_bytes(3, "little")
+    codec = MavlinkCodec(255, 190)
+    assert boot_times(codec.decode(bytes(unknown) + frames(1)[0])) == [0]
+    assert codec.counters["unknown"] == 1
+
+
+def test_lost_messages_are_counted_across_the_wrap_of_the_sequence() -> None:
+    sent = frames(600)
+    codec = MavlinkCodec(255, 190)
+    codec.decode(b"".join(sent[:250] + sent[260:400] + sent[401:]))
+    assert codec.counters["lost"] == 11
+
+
+@settings(max_examples=300)
+@given(st.lists(st.binary(max_size=300), max_size=8))
+def test_random_bytes_never_raise(chunks: list[bytes]) -> None:
+    codec = MavlinkCodec(255, 190)
+    for chunk in chunks:
+        codec.decode(chunk)
+    # and the next sound message comes through at once
+    assert boot_times(codec.decode(frames(1)[0]))[-1:] == [0]
+
+
+def test_mutated_streams_never_raise_nor_pile_up() -> None:
+    rng = random.Random(5)
+    sound = b"".join(frames(256))
+    codec = MavlinkCodec(255, 190)
+    good = 0
+    for _ in range(40):
+        stream = bytearray(sound)
+        for _ in range(len(stream) // 20):
+            stream[rng.randrange(len(stream))] = rng.choice((0xFD, 0xFE, rng.randrange(256)))
+        for start in range(0, len(stream), 97):
+            for m in codec.decode(bytes(stream[start : start + 97])):
+                good += 1
+                assert (m.roll, m.pitch, m.yaw) == attitude_fields
+        assert codec.pending_bytes <= 300
+    assert 0 < good < 40 * 256
+
+
+attitude_fields = tuple(
+    getattr(MavlinkCodec(255, 190).decode(frames(1)[0])[0], name)
+    for name in ("roll", "pitch", "yaw")
+)
