@@ -33,6 +33,7 @@ from landerd.messages import (
     PadPrior,
     Phase,
     PhaseChange,
+    PoseSolution,
     Prior,
     RcChannels,
     Severity,
@@ -122,13 +123,13 @@ class Lander:
     # ---- inputs --------------------------------------------------------------------------------
 
     def _on_sightings(self, sightings: Sightings) -> None:
-        if sightings.t <= self._frame_t:
-            return  # late or twice: never flown on
+        if not sightings.t > self._frame_t:
+            return  # late, twice or no number: never flown on
         self._frame_t = sightings.t
         candidates = [
             placed
             for solution in sightings.pad
-            if is_finite(solution.position)
+            if _is_finite(solution)
             and (placed := self._placement.place(sightings.t, solution)) is not None
         ]
         if self._filter.update(candidates):
@@ -324,3 +325,10 @@ class Lander:
         if now - self._said.get(line, -math.inf) >= SAY_AGAIN_S:
             self._said[line] = now
             self._out.append(StatusText(severity, line))
+
+
+def _is_finite(s: PoseSolution) -> bool:
+    """Tell whether no number of a pose is NaN or infinite."""
+    vectors = (s.position, s.normal, s.north or s.normal, *s.covariance)
+    numbers = (s.sigma_yaw or 0.0, s.sigma_tilt, s.cost)
+    return all(is_finite(v) for v in (*vectors, numbers))
