@@ -163,7 +163,8 @@ class Lander:
             self._fly(now, dt)
 
     def _go_silent(self, why: str) -> None:
-        if self.phase is Phase.LANDED and not self._gate.armed:
+        on_pad = self.phase is Phase.LANDED and self._touchdown.in_contact
+        if on_pad and self._gate.disarmed:
             self._finish("landed")
             why = "landed and disarmed"
         elif self._flown:

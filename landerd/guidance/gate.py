@@ -32,9 +32,9 @@ class Gate:
         self._latched = True  # we have just started
 
     @property
-    def armed(self) -> bool:
-        """Whether the last heartbeat said armed."""
-        return self._heartbeat is not None and self._heartbeat.armed
+    def disarmed(self) -> bool:
+        """Whether the last heartbeat said disarmed; False while there was none."""
+        return self._heartbeat is not None and not self._heartbeat.armed
 
     def on_heartbeat(self, heartbeat: Heartbeat) -> None:
         """Take the autopilot's heartbeat."""
