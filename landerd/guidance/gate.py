@@ -37,8 +37,10 @@ class Gate:
         return self._heartbeat is not None and not self._heartbeat.armed
 
     def on_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Take the autopilot's heartbeat."""
+        """Take the autopilot's heartbeat; one older than the last is dropped."""
         last = self._heartbeat
+        if last is not None and heartbeat.t < last.t:
+            return
         if last is not None and (
             (last.guided and not heartbeat.guided) or (last.armed and not heartbeat.armed)
         ):
