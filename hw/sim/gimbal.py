@@ -1,0 +1,154 @@
+"""A two-axis servo gimbal: the thesis's PID on each axis, a spring towards the centre, a driver."""
+
+import asyncio
+import math
+from dataclasses import dataclass
+from enum import Enum
+from random import Random
+from typing import TYPE_CHECKING
+
+from hw.sim.options import SimGimbalOptions
+from hw.sim.response import STEP_S
+from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.ports import DeviceLost
+
+if TYPE_CHECKING:
+    from hw.sim.world import World
+
+YAW_LIMITS = (-0.5 * math.pi, 0.5 * math.pi)  # thesis 2.3.3
+PITCH_LIMITS = (-math.pi, 0.0)
+IDLE_PITCH = -0.4  # where the thesis's gimbal waits, rad
+REPORT_PERIOD_S = 0.02
+
+
+class Axis:
+    """One joint: torque by PID (thesis Table 3.1) against damping, inertia and a spring to 0."""
+
+    _KP, _KI, _KD = 0.25, 0.1, 0.025
+    _INERTIA = 0.003  # with the damping below: no ringing
+    _SPRING = 0.0125  # the thesis gives none; sags 4.5 degrees at 90 until the integral acts
+    _INTEGRAL_LIMIT = 0.05  # torque
+
+    def __init__(
+        self, angle: float, limits: tuple[float, float], lag_s: float, rate_limit: float
+    ) -> None:
+        self.angle = self.target = angle
+        self.rate = 0.0
+        self._low, self._high = limits
+        # Set-point and angle pass the same derivative, so damping alone makes the lag.
+        self._damping = self._KP * lag_s
+        self._rate_limit = rate_limit
+        self._integral = self._SPRING * angle
+        self._last_error = 0.0
+
+    def step(self) -> None:
+        """Go on by STEP_S towards target (rad)."""
+        error = self.target - self.angle
+        slope = (error - self._last_error) / STEP_S
+        self._last_error = error
+        integral = self._integral + self._KI * error * STEP_S
+        self._integral = max(-self._INTEGRAL_LIMIT, min(self._INTEGRAL_LIMIT, integral))
+        torque = self._KP * error + self._integral + self._KD * slope
+        torque -= self._damping * self.rate + self._SPRING * self.angle
+        rate = self.rate + torque / self._INERTIA * STEP_S
+        self.rate = max(-self._rate_limit, min(self._rate_limit, rate))
+        angle = self.angle + self.rate * STEP_S
+        self.angle = max(self._low, min(self._high, angle))
+        if self.angle != angle:  # at the stop
+            self.rate = 0.0
+
+
+class GimbalPlant:
+    """Yaw about body z, then pitch; angles in rad relative to the body."""
+
+    def __init__(self, options: SimGimbalOptions) -> None:
+        limit = math.radians(options.rate_limit_deg_s)
+        self.yaw = Axis(0.0, YAW_LIMITS, options.lag_s, limit)
+        self.pitch = Axis(IDLE_PITCH, PITCH_LIMITS, options.lag_s, limit)
+
+    def step(self) -> None:
+        """Go on by STEP_S."""
+        self.yaw.step()
+        self.pitch.step()
+
+    def aim(self, yaw: float, pitch: float) -> None:
+        """Set the target angles, rad; beyond the limits the limit is taken."""
+        self.yaw.target = max(YAW_LIMITS[0], min(YAW_LIMITS[1], yaw))
+        self.pitch.target = max(PITCH_LIMITS[0], min(PITCH_LIMITS[1], pitch))
+
+
+class GimbalFault(Enum):
+    """What can go wrong with the device."""
+
+    SILENT = "silent"  # reports nothing
+    FROZEN = "frozen"  # repeats the last angles with new times
+    NAN = "nan"  # reports angles that are no numbers
+    LOST = "lost"  # is gone from the bus
+
+
+@dataclass(frozen=True, slots=True)
+class _Bias:
+    yaw: float
+    pitch: float
+
+
+class SimGimbal:
+    """The device that landerd talks to (landerd.ports.Gimbal). Set `fault` to break it."""
+
+    def __init__(self, world: "World", options: SimGimbalOptions, rng: Random) -> None:
+        self.fault: GimbalFault | None = None
+        self._world = world
+        self._options = options
+        self._rng = rng
+        bias = math.radians(options.bias_deg)
+        self._bias = _Bias(rng.choice((-bias, bias)), rng.choice((-bias, bias)))
+        self._next_report = 0.0
+        self._last: GimbalState | None = None
+
+    async def open(self) -> None:
+        """Start the device. Raises DeviceLost."""
+        if self.fault is GimbalFault.LOST:
+            raise DeviceLost("simulated gimbal is gone")
+        self._next_report = asyncio.get_running_loop().time()
+
+    async def state(self) -> GimbalState:
+        """Wait for the next report, 50 a second. Raises DeviceLost."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self._next_report += REPORT_PERIOD_S
+            await asyncio.sleep(max(0.0, self._next_report - loop.time()))
+            if self.fault is GimbalFault.LOST:
+                raise DeviceLost("simulated gimbal is gone")
+            if self.fault is not GimbalFault.SILENT:
+                return self._report(loop.time())
+
+    def command(self, command: GimbalCommand) -> None:
+        """Take new target angles; what is no number is dropped."""
+        if self.fault is GimbalFault.LOST:
+            return
+        if math.isfinite(command.yaw) and math.isfinite(command.pitch):
+            self._world.advance(asyncio.get_running_loop().time())
+            self._world.gimbal.aim(command.yaw, command.pitch)
+
+    async def close(self) -> None:
+        """Release the device."""
+
+    def _report(self, t: float) -> GimbalState:
+        self._world.advance(t)
+        if self.fault is GimbalFault.NAN:
+            return GimbalState(t, math.nan, math.nan, math.nan, Reference.BODY)
+        if self.fault is GimbalFault.FROZEN and self._last is not None:
+            return GimbalState(t, self._last.yaw, self._last.pitch, 0.0, Reference.BODY)
+        plant = self._world.gimbal
+        yaw, pitch = plant.yaw.angle, plant.pitch.angle
+        if self._options.feedback == "commanded":
+            yaw, pitch = plant.yaw.target, plant.pitch.target
+        noise = math.radians(self._options.noise_deg)
+        self._last = GimbalState(
+            t,
+            yaw + self._bias.yaw + self._rng.gauss(0.0, noise),
+            pitch + self._bias.pitch + self._rng.gauss(0.0, noise),
+            0.0,
+            Reference.BODY,
+        )
+        return self._last

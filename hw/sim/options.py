@@ -1,0 +1,97 @@
+"""The `sim:` section of the configuration: the simulated world. Nothing here depends on a seed."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from hw.sim.renderer import RenderOptions
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Options(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class StartOptions(_Options):
+    """Where and how the vehicle hovers when the simulation starts."""
+
+    position_m: tuple[Finite, Finite] = (-30.0, 0.0)  # north, east of the landing point
+    altitude_m: Annotated[float, Field(ge=0.5, le=120)] = 10.0  # above the pad's mean height
+    heading_deg: Finite = 0.0
+    spread_m: NotNegative = 0.0  # each seed starts up to this far away north and east
+    heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 0.0
+    with_pad: bool = False  # at the pad's velocity, as a drone that follows its truck
+
+
+class WindOptions(_Options):
+    """The air."""
+
+    model: Literal["steady", "thesis"] = "steady"  # thesis: 3.8, the other keys do nothing
+    speed_mps: Annotated[float, Field(ge=0, le=40)] = 0.0
+    from_deg: Finite = 0.0  # direction the mean wind comes from
+    gust_mps: Annotated[float, Field(ge=0, le=20)] = 0.0
+    gust_s: Annotated[float, Field(gt=0, le=60)] = 5.0  # how long one gust lasts
+
+
+class PadOptions(_Options):
+    """Where the pad is and how it moves."""
+
+    position_m: tuple[Finite, Finite] = (35.0, 12.0)  # at the start: north, east of local's origin
+    heading_deg: Finite = 0.0  # of the pad's north
+    height_m: NotNegative = 0.0  # above the ground
+    speed_mps: Annotated[float, Field(ge=0, le=30)] = 0.0
+    course_deg: Finite = 0.0  # direction of travel; turns with the pad
+    turn_rate_deg_s: Annotated[float, Field(ge=-90, le=90)] = 0.0
+    heave_m: Annotated[float, Field(ge=0, le=3)] = 0.0  # amplitude
+    heave_hz: Annotated[float, Field(ge=0, le=2)] = 0.2
+    sway_m: Annotated[float, Field(ge=0, le=3)] = 0.0  # amplitude, to the pad's east
+    sway_hz: Annotated[float, Field(ge=0, le=2)] = 0.2
+    tilt_deg: Annotated[float, Field(ge=0, le=30)] = 0.0
+    tilt_azimuth_deg: Finite = 0.0  # which way it slopes down, from the pad's north
+
+
+class SimGimbalOptions(_Options):
+    """The simulated gimbal."""
+
+    lag_s: Annotated[float, Field(ge=0.02, le=0.5)] = 0.08  # behind a moving set-point
+    rate_limit_deg_s: Positive = 120.0
+    bias_deg: Annotated[float, Field(ge=0, le=10)] = 0.5  # of reported angles; sign by seed
+    noise_deg: NotNegative = 0.05
+    feedback: Literal["measured", "commanded"] = "measured"  # commanded: a servo without an encoder
+
+
+class SimCameraOptions(_Options):
+    """When the simulated camera exposes and delivers."""
+
+    fps: Annotated[float, Field(gt=0, le=120)] = 30.0
+    exposure_s: Annotated[float, Field(gt=0, le=0.05)] = 0.008
+    latency_s: Annotated[float, Field(ge=0, le=0.5)] = 0.06  # middle of exposure to delivery
+    clock_offset_s: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.005  # of the frames' time
+
+
+class EkfOptions(_Options):
+    """How the autopilot's own estimate differs from the truth."""
+
+    delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.008
+    position_noise_m: NotNegative = 0.002
+    velocity_noise_mps: NotNegative = 0.002
+    velocity_bias_mps: tuple[NotNegative, NotNegative] = (0.01, 0.03)  # size, drawn in between
+    attitude_noise_deg: NotNegative = 0.02
+    height_scale_max: Annotated[float, Field(ge=0, le=0.2)] = 0.05  # barometer reads too high
+
+
+class SimOptions(_Options):
+    """The whole simulated world."""
+
+    vehicle: Literal["default", "fast"] = "default"
+    yaw_response: Literal["measured", "damped"] = "measured"
+    start: StartOptions = StartOptions()
+    wind: WindOptions = WindOptions()
+    pad: PadOptions = PadOptions()
+    gimbal: SimGimbalOptions = SimGimbalOptions()
+    camera: SimCameraOptions = SimCameraOptions()
+    ekf: EkfOptions = EkfOptions()
+    render: RenderOptions = RenderOptions()

@@ -1,0 +1,85 @@
+"""How the pad moves: still, driving, circling, heaving, swaying, tilted."""
+
+import math
+from dataclasses import dataclass
+from random import Random
+
+from hw.sim.options import PadOptions
+from landerd.geometry import Mat3, Vec3, add, cross, matmul, rot_y, rot_z, rotate, sub, transpose
+from landerd.pad import Plate
+
+
+@dataclass(frozen=True, slots=True)
+class PadState:
+    """Pose and motion of the pad at one time, local NED."""
+
+    position: Vec3  # of the landing point, m
+    R_local_pad: Mat3
+    velocity: Vec3  # of the landing point, m/s
+    turn_rate: float  # about local down, rad/s
+    heading: float  # of the pad's north, rad
+
+    def velocity_at(self, point: Vec3) -> Vec3:
+        """Return the velocity (m/s) of the plate's material at a point in local."""
+        return add(self.velocity, cross((0.0, 0.0, self.turn_rate), sub(point, self.position)))
+
+    def in_pad(self, point: Vec3) -> Vec3:
+        """Return a point of local in the pad frame, m."""
+        return rotate(transpose(self.R_local_pad), sub(point, self.position))
+
+
+class PadMotion:
+    """The pad's pose as a function of time since the start."""
+
+    def __init__(self, options: PadOptions, plate: Plate, rng: Random) -> None:
+        self.plate = plate
+        self._north, self._east = options.position_m
+        self._heading = math.radians(options.heading_deg)
+        self._course = math.radians(options.course_deg)
+        self._speed = options.speed_mps
+        self._turn_rate = math.radians(options.turn_rate_deg_s)
+        self._heave, self._heave_omega = options.heave_m, 2.0 * math.pi * options.heave_hz
+        self._sway, self._sway_omega = options.sway_m, 2.0 * math.pi * options.sway_hz
+        self._heave_phase = rng.uniform(-math.pi, math.pi)
+        self._sway_phase = rng.uniform(-math.pi, math.pi)
+        downhill = math.radians(options.tilt_azimuth_deg)
+        self._R_tilt = matmul(
+            matmul(rot_z(downhill), rot_y(-math.radians(options.tilt_deg))), rot_z(-downhill)
+        )
+        # The plate never dips into the ground: it stands as high as its lowest corner needs.
+        lowest = max(
+            rotate(self._R_tilt, (x, y, 0.0))[2]
+            for x in (plate.north_m, -plate.south_m)
+            for y in (plate.east_m, -plate.west_m)
+        )
+        self.mean_height = options.height_m + options.heave_m + lowest
+        self.highest = self.mean_height + options.heave_m + lowest  # of any part of the plate, m
+
+    def at(self, t: float) -> PadState:
+        """Return pose and motion t seconds after the start."""
+        course = self._course + self._turn_rate * t
+        heading = self._heading + self._turn_rate * t
+        v = self._speed
+        vn, ve = v * math.cos(course), v * math.sin(course)
+        if self._turn_rate:
+            radius = v / self._turn_rate
+            n = self._north + radius * (math.sin(course) - math.sin(self._course))
+            e = self._east - radius * (math.cos(course) - math.cos(self._course))
+        else:
+            n, e = self._north + vn * t, self._east + ve * t
+        d, vd = -self.mean_height, 0.0
+        if self._heave:
+            phase = self._heave_omega * t + self._heave_phase
+            d += self._heave * math.sin(phase)
+            vd = self._heave * self._heave_omega * math.cos(phase)
+        if self._sway:  # to the pad's east
+            phase = self._sway_omega * t + self._sway_phase
+            aside = self._sway * math.sin(phase)
+            along = -self._turn_rate * aside
+            rate = self._sway * self._sway_omega * math.cos(phase)
+            c, s = math.cos(heading), math.sin(heading)
+            n, e = n - s * aside, e + c * aside
+            vn, ve = vn - s * rate + c * along, ve + c * rate + s * along
+        return PadState(
+            (n, e, d), matmul(rot_z(heading), self._R_tilt), (vn, ve, vd), self._turn_rate, heading
+        )

@@ -1,0 +1,213 @@
+"""How an ArduCopter in GUIDED answers velocity and yaw-rate orders.
+
+Fitted to measurements of ArduCopter 4.5.7 in SITL, which `bench/step_response.py` prints beside
+ours: ArduPilot's own shaper, which limits jerk and acceleration, then the lag of the loops below.
+"""
+
+import math
+from collections import deque
+
+STEP_S = 0.0025  # ArduCopter's main loop runs at 400 Hz
+
+
+def _sqrt_controller(error: float, gain: float, limit: float) -> float:
+    """Return ArduPilot's sqrt_controller: gain * error near zero, braking at `limit` beyond."""
+    knee = limit / (gain * gain)
+    if error > knee:
+        return math.sqrt(2.0 * limit * (error - 0.5 * knee))
+    if error < -knee:
+        return -math.sqrt(2.0 * limit * (-error - 0.5 * knee))
+    return gain * error
+
+
+class HorizontalResponse:
+    """North and east: shaper of 2.5 m/s^2 and 5 m/s^3, then a second-order lag."""
+
+    _ACCELERATION = 2.5  # WPNAV_ACCEL, m/s^2
+    _JERK = 5.0  # PSC_JERK_XY, m/s^3
+    _OMEGA = 9.0  # rad/s
+    _ZETA = 0.34
+
+    def __init__(self) -> None:
+        self.settle(0.0, 0.0)
+
+    def settle(self, vn: float, ve: float) -> None:
+        """Start from steady flight at this velocity, m/s."""
+        self.vn, self.ve = vn, ve
+        self.an = self.ae = 0.0
+        self._shaped_vn, self._shaped_ve = vn, ve
+        self._shaped_an = self._shaped_ae = 0.0
+
+    def step(self, order_n: float, order_e: float) -> None:
+        """Go on by STEP_S; vn, ve (m/s) and an, ae (m/s^2) are the vehicle's then."""
+        error_n = order_n - self._shaped_vn
+        error_e = order_e - self._shaped_ve
+        error = math.hypot(error_n, error_e)
+        target_n = target_e = 0.0
+        if error > 0.0:
+            size = _sqrt_controller(error, self._JERK / self._ACCELERATION, self._JERK)
+            k = min(size, self._ACCELERATION) / error
+            target_n, target_e = k * error_n, k * error_e
+        change_n = target_n - self._shaped_an
+        change_e = target_e - self._shaped_ae
+        change = math.hypot(change_n, change_e)
+        most = self._JERK * STEP_S
+        if change > most:
+            k = most / change
+            change_n *= k
+            change_e *= k
+        self._shaped_an += change_n
+        self._shaped_ae += change_e
+        self._shaped_vn += self._shaped_an * STEP_S
+        self._shaped_ve += self._shaped_ae * STEP_S
+
+        stiffness = self._OMEGA * self._OMEGA
+        damping = 2.0 * self._ZETA * self._OMEGA
+        self.an += (stiffness * (self._shaped_vn - self.vn) - damping * self.an) * STEP_S
+        self.ae += (stiffness * (self._shaped_ve - self.ve) - damping * self.ae) * STEP_S
+        self.vn += self.an * STEP_S
+        self.ve += self.ae * STEP_S
+
+
+class VerticalResponse:
+    """Down: shaper of 1 m/s^2 and 5 m/s^3, a fast lag, and a slow mode that overshoots."""
+
+    _ACCELERATION = 1.0  # WPNAV_ACCEL_Z, m/s^2
+    _JERK = 5.0  # PSC_JERK_Z, m/s^3
+    _OMEGA, _ZETA = 40.0, 2.09
+    _SLOW_OMEGA, _SLOW_ZETA, _SLOW_GAIN_S = 2.13, 0.49, 0.115
+
+    def __init__(self) -> None:
+        self.settle(0.0)
+
+    def settle(self, v: float) -> None:
+        """Start from steady flight at this velocity, m/s, positive down."""
+        self.v = v
+        self.a = 0.0
+        self._shaped_v, self._shaped_a = v, 0.0
+        self._fast_v, self._fast_a = v, 0.0
+        self._slow_v, self._slow_a = v, 0.0
+
+    def step(self, order: float) -> None:
+        """Go on by STEP_S; v (m/s) and a (m/s^2) are the vehicle's then."""
+        target = _sqrt_controller(order - self._shaped_v, self._JERK / self._ACCELERATION, 5.0)
+        target = max(-self._ACCELERATION, min(self._ACCELERATION, target))
+        most = self._JERK * STEP_S
+        self._shaped_a += max(-most, min(most, target - self._shaped_a))
+        self._shaped_v += self._shaped_a * STEP_S
+
+        # [1 / fast] * (1 + gain s / slow)
+        fast = self._OMEGA
+        self._fast_a += (
+            STEP_S
+            * fast
+            * (fast * (self._shaped_v - self._fast_v) - 2.0 * self._ZETA * self._fast_a)
+        )
+        self._fast_v += self._fast_a * STEP_S
+        slow = self._SLOW_OMEGA
+        slow_jerk = slow * (
+            slow * (self._fast_v - self._slow_v) - 2.0 * self._SLOW_ZETA * self._slow_a
+        )
+        self._slow_a += slow_jerk * STEP_S
+        self._slow_v += self._slow_a * STEP_S
+        self.v = self._fast_v + self._SLOW_GAIN_S * self._slow_a
+        self.a = self._fast_a + self._SLOW_GAIN_S * slow_jerk
+
+
+class MeasuredYawResponse:
+    """Yaw rate as measured: delay, lag, and a second order that overshoots by half."""
+
+    _LIMIT = math.radians(60.0)  # ATC_SLEW_YAW, rad/s
+    _DELAY_S = 0.069
+    _LAG_S = 0.157
+    _LEAD_S = 0.279
+    _OMEGA, _ZETA = 5.43, 0.328
+
+    def __init__(self) -> None:
+        self.settle(0.0)
+
+    def settle(self, rate: float) -> None:
+        """Start from a steady turn, rad/s."""
+        self.rate = rate
+        self._delayed = deque([rate] * round(self._DELAY_S / STEP_S))
+        self._lagged = rate
+        self._mode, self._mode_rate = rate, 0.0
+
+    def step(self, order: float) -> None:
+        """Go on by STEP_S; rate (rad/s) is the vehicle's then."""
+        self._delayed.append(max(-self._LIMIT, min(self._LIMIT, order)))
+        self._lagged += (self._delayed.popleft() - self._lagged) * (STEP_S / self._LAG_S)
+        omega = self._OMEGA
+        self._mode_rate += (
+            STEP_S
+            * omega
+            * (omega * (self._lagged - self._mode) - 2.0 * self._ZETA * self._mode_rate)
+        )
+        self._mode += self._mode_rate * STEP_S
+        self.rate = self._mode + self._LEAD_S * self._mode_rate
+
+
+class DampedYawResponse:
+    """Yaw rate of a well-tuned vehicle: the same limit, critically damped within about 0.3 s."""
+
+    _LIMIT = math.radians(60.0)  # rad/s
+    _OMEGA = 13.0  # 63 % after 0.17 s, 90 % after 0.3 s
+
+    def __init__(self) -> None:
+        self.settle(0.0)
+
+    def settle(self, rate: float) -> None:
+        """Start from a steady turn, rad/s."""
+        self.rate = rate
+        self._acceleration = 0.0
+
+    def step(self, order: float) -> None:
+        """Go on by STEP_S; rate (rad/s) is the vehicle's then."""
+        error = max(-self._LIMIT, min(self._LIMIT, order)) - self.rate
+        self._acceleration += (
+            STEP_S * self._OMEGA * (self._OMEGA * error - 2.0 * self._acceleration)
+        )
+        self.rate += self._acceleration * STEP_S
+
+
+YawResponse = MeasuredYawResponse | DampedYawResponse
+
+
+class WindResponse:
+    """How one horizontal axis fights what pushes it off its course.
+
+    ArduCopter's position and velocity loops with its gains (PSC_POSXY_P, PSC_VELXY_P and _I; D is
+    half of PSC_VELXY_D to fit) and the attitude's lag. Measured in a gust of 5 m/s from calm:
+    -0.50 m/s after 0.5 s, 0 at 2 s, +0.18 at 3 s, 0.63 m at most.
+    """
+
+    _POSITION_P, _P, _I, _D = 1.0, 2.0, 1.0, 0.25
+    _D_SHARE = 1.0 - math.exp(-2.0 * math.pi * 5.0 * STEP_S)  # PSC_VELXY_FLTD, 5 Hz
+    _OMEGA, _ZETA = 12.0, 0.7
+
+    def __init__(self, trim: float) -> None:
+        """Start in balance with a steady wind that needs this acceleration, m/s^2."""
+        self.a = trim
+        self._jerk = 0.0
+        self._position = 0.0
+        self._integral = trim
+        self._error = self._error_slope = 0.0
+
+    def step(self, drift: float, hold: bool) -> None:
+        """Go on by STEP_S; a (m/s^2) is what the vehicle sets against the wind then.
+
+        Args:
+            drift: the vehicle's velocity minus the undisturbed one, m/s
+            hold: the integrals stand still, as ArduCopter's do at the limit of lean
+        """
+        error = -self._POSITION_P * self._position - drift
+        if not hold:
+            self._position += drift * STEP_S
+            self._integral += self._I * error * STEP_S
+        slope = (error - self._error) / STEP_S
+        self._error = error
+        self._error_slope += self._D_SHARE * (slope - self._error_slope)
+        demand = self._P * error + self._integral + self._D * self._error_slope
+        omega = self._OMEGA
+        self._jerk += STEP_S * omega * (omega * (demand - self.a) - 2.0 * self._ZETA * self._jerk)
+        self.a += self._jerk * STEP_S

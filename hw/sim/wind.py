@@ -1,0 +1,111 @@
+"""Wind: steady, with gusts, or as in the thesis (3.8)."""
+
+import math
+from random import Random
+
+from hw.sim.options import WindOptions
+from hw.sim.response import STEP_S
+
+UPDATE_S = 0.02  # wind is constant in between
+
+
+class _Noise:
+    """Gaussian noise with a correlation time (Ornstein-Uhlenbeck), standard deviation 1."""
+
+    def __init__(self, correlation_s: float, rng: Random) -> None:
+        self._keep = math.exp(-UPDATE_S / correlation_s)
+        self._add = math.sqrt(1.0 - self._keep * self._keep)
+        self._rng = rng
+        self._value = rng.gauss(0.0, 1.0)
+
+    def next(self) -> float:
+        self._value = self._keep * self._value + self._add * self._rng.gauss(0.0, 1.0)
+        return self._value
+
+
+class Turbulence:
+    """Small pushes of the air that keep a hover from being perfectly still.
+
+    Sized for the measured hover of 30 s: position within 6 / 2 / 0.6 mm and velocity within
+    6 / 2.5 / 0.6 mm/s (standard deviation, north / east / down).
+    """
+
+    _PUSH = (0.010, 0.004, 0.002)  # north, east, down, m/s^2
+    _CORRELATION_S = 1.0
+
+    def __init__(self, rng: Random) -> None:
+        self._axes = tuple(_Noise(self._CORRELATION_S, rng) for _ in self._PUSH)
+        self._steps_left = 0
+        self._now = (0.0, 0.0, 0.0)
+
+    def step(self) -> tuple[float, float, float]:
+        """Go on by STEP_S; return the acceleration north, east and down, m/s^2."""
+        if self._steps_left == 0:
+            self._steps_left = round(UPDATE_S / STEP_S)
+            n, e, d = (k * axis.next() for k, axis in zip(self._PUSH, self._axes, strict=True))
+            self._now = (n, e, d)
+        self._steps_left -= 1
+        return self._now
+
+
+class SteadyWind:
+    """A mean wind with gusts on top.
+
+    A gust rises and falls as 1 - cos over `gust_s` and reaches `gust_mps` along a direction within
+    30 degrees of the mean wind's, with it or against it; pauses of up to `gust_s` are in between.
+    """
+
+    def __init__(self, options: WindOptions, rng: Random) -> None:
+        self._towards = math.radians(options.from_deg) + math.pi
+        self._mean = options.speed_mps
+        self._gust, self._duration = options.gust_mps, options.gust_s
+        self._rng = rng
+        self._begin = self._end = 0.0
+        self._heading = self._sign = 0.0
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Return the air's velocity north and east, m/s; t never goes back."""
+        n = self._mean * math.cos(self._towards)
+        e = self._mean * math.sin(self._towards)
+        if self._gust:
+            while t >= self._end:
+                self._begin = self._end + self._rng.uniform(0.0, self._duration)
+                self._end = self._begin + self._duration
+                self._heading = self._towards + math.radians(self._rng.uniform(-30.0, 30.0))
+                self._sign = self._rng.choice((-1.0, 1.0))
+            if t > self._begin:
+                phase = 2.0 * math.pi * (t - self._begin) / self._duration
+                size = self._sign * self._gust * 0.5 * (1.0 - math.cos(phase))
+                n += size * math.cos(self._heading)
+                e += size * math.sin(self._heading)
+        return n, e
+
+
+class ThesisWind:
+    """The wind of thesis 3.8.
+
+    Base of 1 m/s to the north and 1 m/s to the west; speed: plus a sine of 1 m/s and 20 s and
+    noise of mean 1 and standard deviation 0.5 m/s; direction: plus a sine of 1 rad and 10 s and
+    noise of mean 1 and standard deviation 0.5 rad. The thesis does not give the noise's
+    correlation time; 1 s here.
+    """
+
+    def __init__(self, rng: Random) -> None:
+        self._speed_noise = _Noise(1.0, rng)
+        self._direction_noise = _Noise(1.0, rng)
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Return the air's velocity north and east, m/s; called every UPDATE_S."""
+        speed = math.sqrt(2.0) + math.sin(2.0 * math.pi * t / 20.0)
+        speed += 1.0 + 0.5 * self._speed_noise.next()
+        heading = -0.25 * math.pi + math.sin(2.0 * math.pi * t / 10.0)
+        heading += 1.0 + 0.5 * self._direction_noise.next()
+        return speed * math.cos(heading), speed * math.sin(heading)
+
+
+Wind = SteadyWind | ThesisWind
+
+
+def make_wind(options: WindOptions, rng: Random) -> Wind:
+    """Return the wind that the options ask for."""
+    return ThesisWind(rng) if options.model == "thesis" else SteadyWind(options, rng)
