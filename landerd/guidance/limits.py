@@ -12,6 +12,7 @@ from landerd.messages import Setpoint
 
 STOPPED = Setpoint((0.0, 0.0, 0.0), 0.0)
 YAW_ACCELERATION = math.radians(120.0)  # rad/s^2: gentle for every multicopter
+LONGEST_STEP_S = 0.05  # a tick that came late is no leave for a larger step
 
 
 class Limiter:
@@ -44,11 +45,12 @@ class Limiter:
 
         Args:
             wanted: velocity, local NED, m/s.
-            yaw_rate: rad/s.
+            yaw_rate: rad/s; zero is an order to stop turning, and taken at once.
             dt: time since the last set-point, s.
             may_descend: when False a downward order ends at once, as a stop order.
         """
         limits = self._limits
+        dt = min(dt, LONGEST_STEP_S)
         n, e, d = self._capped(wanted)
         self._slew_horizontal(n, e, dt)
         if not may_descend:
