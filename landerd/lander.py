@@ -43,7 +43,7 @@ from landerd.messages import (
 )
 from landerd.pad import PadLayout
 
-SAY_AGAIN_S = 5.0  # the same line is not told to the pilot more often
+SAY_AGAIN_S = 1.0  # the same line is not told to the pilot more often
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -266,7 +266,7 @@ class Lander:
             self._enter(Phase.NOT_LANDING, why)
             return
         if not self._searching:
-            self._lose(now, vehicle, why)
+            self._lose(now, vehicle)
         down = vehicle.feet[2] if vehicle else self._lost_down
         plan = self._lost.step(now, down)
         if plan is None:
@@ -281,12 +281,11 @@ class Lander:
         self._enter(Phase.NOT_LANDING, f"{why}, {what}")
         self._send(velocity, 0.0, dt, may_descend=False)
 
-    def _lose(self, now: float, vehicle: VehicleNow | None, why: str) -> None:
+    def _lose(self, now: float, vehicle: VehicleNow | None) -> None:
         self._searching = True
         self._lost_down = vehicle.feet[2] if vehicle else 0.0
         self._lost.begin(now, self._lost_down)
         self.aborts += 1
-        self._enter(Phase.NOT_LANDING, why)
 
     def _why_blind(self, now: float) -> str:
         fresh, placement = self._config.freshness, self._placement
@@ -312,9 +311,11 @@ class Lander:
             return
         self.phase, self.reason = phase, reason
         self._out.append(PhaseChange(phase, reason))
-        name = phase.value.replace("_", " ").lower()
-        severity = Severity.WARNING if phase is Phase.NOT_LANDING else Severity.NOTICE
-        self._say(self._tick_t or 0.0, severity, f"{name}: {reason}")
+        if phase is Phase.NOT_LANDING:
+            severity, text = Severity.WARNING, reason
+        else:
+            severity, text = Severity.NOTICE, f"{phase.value.replace('_', ' ').lower()}: {reason}"
+        self._say(self._tick_t or 0.0, severity, text)
 
     def _finish(self, outcome: str) -> None:
         """Keep the first outcome of a landing: what follows is its consequence."""

@@ -26,4 +26,4 @@ class LostPlan:
         climbed = self._start_down - down_m
         if waited < o.hold_s or climbed >= o.climb_m:
             return (0.0, 0.0, 0.0), "holding"
-        return (0.0, 0.0, -o.climb_mps), "climbing to see more"
+        return (0.0, 0.0, -o.climb_mps), "climbing"

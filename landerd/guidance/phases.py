@@ -74,5 +74,5 @@ class Phases:
 
     def _why(self, relative: Relative) -> str:
         if self.phase is Phase.YAW_CORRECTION and relative.heading_error is None:
-            return "waiting to see the pad's heading"
+            return "pad's heading not seen"
         return f"{relative.distance:.1f} m away, {relative.height:.1f} m up"
