@@ -122,10 +122,16 @@ def _across(edge: F64, share: float) -> NDArray[np.intp]:
 
 def _tangents(normal: F64) -> tuple[F64, F64]:
     """Return two unit vectors that span the plane of a normal."""
-    helper = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.7 else np.array([0.0, 1.0, 0.0])
-    e1 = np.cross(normal, helper)
-    e1 /= np.linalg.norm(e1)
-    return e1, np.cross(normal, e1)
+    x, y, z = (float(v) for v in normal)
+    # Across the axis that lies farther from the normal.
+    if abs(x) < 0.7:
+        k = 1.0 / math.hypot(y, z)
+        e1 = (0.0, z * k, -y * k)
+    else:
+        k = 1.0 / math.hypot(x, z)
+        e1 = (-z * k, 0.0, x * k)
+    e2 = (y * e1[2] - z * e1[1], z * e1[0] - x * e1[2], x * e1[1] - y * e1[0])
+    return np.array(e1), np.array(e2)
 
 
 def _plane(
@@ -187,8 +193,9 @@ def fit_ring(
     position, normal = start[0].copy(), start[1].copy()
     x, y, grey = pixels.x, pixels.y, pixels.grey
     n = len(grey)
-    low, high = np.percentile(grey, (10, 90))
-    inside, black, outside = float(high), float(low), float(high)
+    ordered = np.sort(grey)
+    black, inside = float(ordered[n // 10]), float(ordered[-1 - n // 10])
+    outside = inside
     slope = np.zeros(2)
     blur = blur_px
     inner = radius * ratio

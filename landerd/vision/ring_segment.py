@@ -36,10 +36,6 @@ class Ellipse:
         p: F64 = self.centre[:, None] + scale * (self.axes @ _CIRCLE)
         return p.T
 
-    def zoomed(self, k: float) -> "Ellipse":
-        """Return the ellipse in an image k times as large (pixel centres are whole numbers)."""
-        return Ellipse((self.centre + 0.5) * k - 0.5, self.axes * k)
-
     def moved(self, x: float, y: float) -> "Ellipse":
         """Return the ellipse shifted by (x, y)."""
         return Ellipse(self.centre + (x, y), self.axes)

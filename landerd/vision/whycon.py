@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -42,68 +43,90 @@ def find_rings(
         expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
     """
     found: list[MarkerSighting] = []
-    for candidate in _search(image, ring, window, expected_diameter_px):
-        if any(_covers(s, candidate) for s in found):
-            continue
-        fits = _fit_both(image, ring, camera, candidate)
-        if fits:
-            found.append(_sighting(fits, ring, camera, down))
+    for level in _levels(image, camera, window, expected_diameter_px):
+        for candidate in ring_candidates(level.image, ring.inner_ratio):
+            rough = _rough_pose(level, candidate, ring)
+            if rough is None or any(_covers(s, camera, rough) for s in found):
+                continue
+            fits = _fit_both(image, ring, camera, rough)
+            if fits:
+                found.append(_sighting(fits, ring, camera, down))
+        if found:
+            break
     return sorted(found, key=lambda s: s.solutions[0].position[2])
 
 
-def _search(
-    image: U8, ring: Ring, window: Window | None, expected_px: float | None
-) -> Iterator[Ellipse]:
-    """Yield outlines, in pixels of the whole image, coarse levels of the image first."""
+@dataclass(frozen=True)
+class _Level:
+    """The searched part of an image at reduced size, and the camera that would see just that."""
+
+    image: U8
+    camera: CameraModel
+
+
+def _levels(
+    image: U8, camera: CameraModel, window: Window | None, expected_px: float | None
+) -> Iterator[_Level]:
+    """Yield the part to search, coarse levels first: rings are looked for at 10 to 100 px."""
     h, w = image.shape
     part = Window(0, 0, w, h) if window is None else window.within(w, h)
     crop = image[part.y0 : part.y1, part.x0 : part.x1]
-    if min(crop.shape) < 8:
-        return
+    size = max(crop.shape)
     if expected_px is not None:
-        levels = [max(0, round(math.log2(max(expected_px, 1.0) / 28.0)))]
+        halvings = [max(0, round(math.log2(max(expected_px, 1.0) / 28.0)))]
     else:
-        levels = [level for level in (4, 3, 2, 1, 0) if max(crop.shape) >> level >= 40]
-        # The coarsest level's rings reach up to the size of the image: skip what cannot add.
-        levels = [level for level in levels if max(crop.shape) >> level <= 200 or level < 2]
-    for level in levels:
-        k = 1 << level
-        ch, cw = crop.shape[0] // k * k, crop.shape[1] // k * k
-        if min(ch, cw) // k < 8:
+        halvings = list(range(max(0, math.ceil(math.log2(max(size, 1) / 100.0))), -1, -1))
+    for n in halvings:
+        k = 1 << n
+        small_h, small_w = crop.shape[0] // k, crop.shape[1] // k
+        if min(small_h, small_w) < 8:
             continue
         small = crop
-        if level:
-            small = cv2.resize(crop[:ch, :cw], (cw // k, ch // k), interpolation=cv2.INTER_AREA)
-        for ellipse in ring_candidates(small, ring.inner_ratio):
-            yield ellipse.zoomed(k).moved(part.x0, part.y0)
+        if n:
+            whole = crop[: small_h * k, : small_w * k]
+            small = cv2.resize(whole, (small_w, small_h), interpolation=cv2.INTER_AREA)
+        yield _Level(
+            small,
+            replace(
+                camera,
+                width=small_w,
+                height=small_h,
+                fx=camera.fx / k,
+                fy=camera.fy / k,
+                # Pixel centres, not edges, are whole numbers.
+                cx=(camera.cx - part.x0 + 0.5) / k - 0.5,
+                cy=(camera.cy - part.y0 + 0.5) / k - 0.5,
+            ),
+        )
 
 
-def _fit_both(
-    image: U8, ring: Ring, camera: CameraModel, candidate: Ellipse
-) -> tuple[RingFit, ...]:
-    """Return both poses fitted to a candidate, the better first; empty if it is no such ring."""
+def _rough_pose(level: _Level, candidate: Ellipse, ring: Ring) -> Pose | None:
+    """Return one pose of a candidate, fitted in the reduced image; None if it is no ring."""
     radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
-    cone = cone_through(camera.rays(candidate.points()))
+    cone = cone_through(level.camera.rays(candidate.points()))
     poses = None if cone is None else poses_of_cone(cone, radius)
     if poses is None:
-        return ()
-    pixels = pixels_near(image, camera, poses[0], radius, ratio)
-    if pixels is None:
-        return ()
-    rough = fit_ring(pixels, poses[0], radius, ratio, 3, 1.2)
-    if rough is None:
-        return ()
-    start: Pose = (rough.position, rough.normal)
+        return None
+    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio)
+    fit = None if pixels is None else fit_ring(pixels, poses[0], radius, ratio, 3)
+    if fit is None or fit.contrast < 10.0:
+        return None
+    return fit.position, fit.normal
+
+
+def _fit_both(image: U8, ring: Ring, camera: CameraModel, start: Pose) -> tuple[RingFit, ...]:
+    """Return both poses fitted to the image, the better first; empty if it is no such ring."""
+    radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
     pixels = pixels_near(image, camera, start, radius, ratio)
     if pixels is None:
         return ()
-    first = fit_ring(pixels, start, radius, ratio, 3, rough.blur_px)
+    first = fit_ring(pixels, start, radius, ratio, 3)
     if first is None or not _is_ring(first, ratio):
         return ()
     fits = [first]
     other = mirrored(first.position, first.normal, radius)
     if other is not None:
-        second = fit_ring(pixels, other, radius, ratio, 3, first.blur_px)
+        second = fit_ring(pixels, other, radius, ratio, 2, first.blur_px)
         if second is not None and second.covariance is not None:
             fits.append(second)
     noise = min(f.noise for f in fits)
@@ -169,8 +192,8 @@ def _solution(fit: RingFit, radius: float, camera: CameraModel) -> PoseSolution:
     )
 
 
-def _covers(sighting: MarkerSighting, candidate: Ellipse) -> bool:
-    """Tell whether a candidate lies inside a ring already found."""
+def _covers(sighting: MarkerSighting, camera: CameraModel, pose: Pose) -> bool:
+    """Tell whether a pose lies inside a ring already found."""
     polygon = np.array(sighting.outline_px, dtype=np.float32)
-    x, y = candidate.centre
+    x, y = camera.pixels(pose[0][None])[0]
     return cv2.pointPolygonTest(polygon, (float(x), float(y)), False) >= 0
