@@ -66,7 +66,7 @@ class Vehicle(Protocol):
     """The airframe with its inner control loops."""
 
     @property
-    def landed(self) -> bool:
+    def landed_detected(self) -> bool:
         """Whether the land detector says so."""
         ...
 
@@ -134,7 +134,7 @@ class Copter:
     @property
     def landed_state(self) -> int:
         """MAV_LANDED_STATE, as EXTENDED_SYS_STATE has it."""
-        if self._vehicle.landed and not isinstance(self._target, _Climb):
+        if self._vehicle.landed_detected and not isinstance(self._target, _Climb):
             return ON_GROUND
         if self.mode == LAND:
             return LANDING
@@ -168,7 +168,7 @@ class Copter:
     def disarm(self, *, forced: bool = False) -> bool:
         """Disarm; in the air only if forced."""
         if self.armed:
-            if not (forced or self._vehicle.landed):
+            if not (forced or self._vehicle.landed_detected):
                 return False
             self.armed = False
             self._target = None
@@ -178,7 +178,7 @@ class Copter:
 
     def take_off(self, height_m: float, reported: Reported, t: float) -> bool:
         """Climb to a height above the take-off point."""
-        if not (self.armed and self.mode == GUIDED and self._vehicle.landed):
+        if not (self.armed and self.mode == GUIDED and self._vehicle.landed_detected):
             return False
         if not 0.0 < height_m < 1000.0:
             return False
@@ -210,7 +210,7 @@ class Copter:
         self._check_radio(t)
         self._disarm_when_idle(t)
         velocity, yaw_rate = self._wanted(reported, t)
-        if self._vehicle.landed and not isinstance(self._target, _Climb):
+        if self._vehicle.landed_detected and not isinstance(self._target, _Climb):
             velocity = (0.0, 0.0, max(velocity[2], 0.0))  # only NAV_TAKEOFF takes off
             yaw_rate = 0.0
         self._vehicle.order(velocity, clamp(yaw_rate, -_YAW_RATE_LIMIT, _YAW_RATE_LIMIT))
@@ -226,7 +226,7 @@ class Copter:
             self._say("Radio Failsafe")
 
     def _disarm_when_idle(self, t: float) -> None:
-        landed = self._vehicle.landed and not isinstance(self._target, _Climb)
+        landed = self._vehicle.landed_detected and not isinstance(self._target, _Climb)
         may_disarm = self.mode == LAND or self._pilot.throttle_is_low(t)
         if not (self.armed and landed and may_disarm):
             self._idle_since = None
@@ -264,7 +264,7 @@ class Copter:
         if t - target.t < _SPOOL_UP_S:
             return _ZERO, 0.0
         error = target.down - reported.position[2]
-        if abs(error) < _REACHED_M and not self._vehicle.landed:
+        if abs(error) < _REACHED_M and not self._vehicle.landed_detected:
             self._target = _Position((*reported.position[:2], target.down), 0.0)
         return (0.0, 0.0, self._vertical(error)), 0.0
 

@@ -53,7 +53,7 @@ class PlainAirframe:
         self.motors = False
 
     @property
-    def landed(self) -> bool:
+    def landed_detected(self) -> bool:
         """Two seconds after contact, and from the start on the ground."""
         return self._contact is not None and (self._contact == 0.0 or self._t - self._contact > 2.0)
 
@@ -144,9 +144,9 @@ class Flight:
     ) -> None:
         self.airframe = airframe or PlainAirframe()
         near, far = memory_pair()
-        self.driver_link, driver_far = memory_pair()
+        self.driver_link, self.autopilot_link = memory_pair()
         self.autopilot = SimAutopilot(
-            self.airframe, [far, driver_far], rng=random.Random(1), flying=flying
+            self.airframe, [far, self.autopilot_link], rng=random.Random(1), flying=flying
         )
         self.client = Client(near)
         self.driver = MavlinkAutopilot(self.driver_link, **options)
