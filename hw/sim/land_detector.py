@@ -11,7 +11,6 @@ class LandDetector:
 
     _TRIGGER_S = 1.0  # LAND_DETECTOR_TRIGGER_SEC
     _THRUST_GONE = 0.01  # of hover
-    _THRUST_BACK = 0.1
     _LATERAL_MPS = 0.3  # measured: an order of 0.2 m/s along the surface lands, one of 0.3 does not
 
     def __init__(self) -> None:
@@ -27,8 +26,6 @@ class LandDetector:
             surface_velocity: of what the feet stand on, m/s
         """
         lateral = math.hypot(order[0] - surface_velocity[0], order[1] - surface_velocity[1])
-        if thrust > self._THRUST_BACK:
-            self.landed = False
         if thrust < self._THRUST_GONE and order[2] > 0.0 and lateral < self._LATERAL_MPS:
             self._timer += STEP_S
             if self._timer >= self._TRIGGER_S:
@@ -37,6 +34,6 @@ class LandDetector:
             self._timer = 0.0
 
     def flying(self) -> None:
-        """Start again: no foot touches."""
+        """Start again: no foot touches, or it takes off."""
         self.landed = False
         self._timer = 0.0

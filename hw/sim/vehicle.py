@@ -21,7 +21,7 @@ from hw.sim.response import (
     WindResponse,
     YawResponse,
 )
-from hw.sim.wind import Turbulence
+from hw.sim.wander import Wander
 from landerd.geometry import Vec3, add, clamp, rot_zyx, sub, wrap
 
 # Deceleration by the air is DRAG_1 v + DRAG_2 v^2: leans of 11.5 degrees at 5 m/s of airspeed and
@@ -78,7 +78,7 @@ class Vehicle:
         self._drag_factor = model.drag
         self._most = GRAVITY * math.tan(model.angle_max)
         self._gear = gear
-        self._turbulence = Turbulence(rng)
+        self._wander = Wander(rng)
         self._horizontal = HorizontalResponse()
         self._vertical = VerticalResponse()
         self._turn: YawResponse = (
@@ -143,18 +143,26 @@ class Vehicle:
             self._turn.settle(0.0)
 
     def motors_on(self) -> None:
-        """Start the motors; on the ground they give no thrust until a climb is ordered."""
+        """Start the motors; on the ground they idle."""
         if not self.motors:
             self.motors = True
-            self._horizontal.settle(self.velocity[0], self.velocity[1])
-            self._vertical.settle(self.velocity[2])
-            self._turn.settle(0.0)
-            self._wind_n, self._wind_e = WindResponse(0.0), WindResponse(0.0)
+            self._fly_from_here()
             self._sunk = GRAVITY if any(self.feet) else 0.0
+
+    def take_off(self) -> None:
+        """Leave the idling after a landing: climb as soon as that is ordered."""
+        self._detector.flying()
+        self._fly_from_here()
+
+    def _fly_from_here(self) -> None:
+        self._horizontal.settle(self.velocity[0], self.velocity[1])
+        self._vertical.settle(self.velocity[2])
+        self._turn.settle(0.0)
+        self._wind_n, self._wind_e = WindResponse(0.0), WindResponse(0.0)
 
     @property
     def landed_detected(self) -> bool:
-        """Whether ArduCopter's land detector would say that it stands on the ground."""
+        """Whether ArduCopter's land detector says that it stands on the ground."""
         return self._detector.landed
 
     def step(self, t: float, wind: tuple[float, float], pad: PadState | None) -> None:
@@ -172,6 +180,7 @@ class Vehicle:
         push_n = push_e = 0.0
         ad = GRAVITY
         if self.motors:
+            self._wander.step()
             ad = self._fly_vertical(vd, feet_down)
             push_n, push_e = self._fly_horizontal(vn, ve, feet_down)
             self._turn.step(self._yaw_rate_order)
@@ -181,8 +190,7 @@ class Vehicle:
             self._restore(feet_down)
 
         drag_n, drag_e = self._drag(vn - wind[0], ve - wind[1])
-        air_n, air_e, air_d = self._turbulence.step()
-        an, ae, ad = push_n - drag_n + air_n, push_e - drag_e + air_e, ad + air_d
+        an, ae = push_n - drag_n, push_e - drag_e
         self.acceleration = (an, ae, ad)
         self.velocity = (vn + an * STEP_S, ve + ae * STEP_S, vd + ad * STEP_S)
         lean_rates = ((self._lean[0] - lean[0]) / STEP_S, (self._lean[1] - lean[1]) / STEP_S)
@@ -199,24 +207,32 @@ class Vehicle:
 
     def _fly_vertical(self, vd: float, feet_down: int) -> float:
         """Return the acceleration down (m/s^2) that the motors allow; sets the thrust."""
-        error = self._vertical.v - vd
+        if self._detector.landed:  # ArduCopter idles until the next take-off, whatever is ordered
+            self.thrust = 0.0
+            return GRAVITY
+        error = self._vertical.v + self._wander.velocity[2] - vd
         self._vertical.step(self._velocity_order[2])
         if feet_down or self._sunk:
             self._sunk = clamp(self._sunk + self._VERTICAL_I * error * STEP_S, 0.0, GRAVITY)
-        ad = min(GRAVITY, self._vertical.a + self._VERTICAL_P * error + self._sunk)
+        ad = min(
+            GRAVITY,
+            self._vertical.a + self._wander.acceleration[2] + self._VERTICAL_P * error + self._sunk,
+        )
         self.thrust = 1.0 - ad / GRAVITY
         return ad
 
     def _fly_horizontal(self, vn: float, ve: float, feet_down: int) -> tuple[float, float]:
         """Return the push of the leaning thrust, north and east, m/s^2; sets the lean."""
         response = self._horizontal
+        wander_n, wander_e, _ = self._wander.velocity
         hold = self._limited or feet_down > 0
-        self._wind_n.step(vn - response.vn, hold)
-        self._wind_e.step(ve - response.ve, hold)
+        self._wind_n.step(vn - response.vn - wander_n, hold)
+        self._wind_e.step(ve - response.ve - wander_e, hold)
         drag_n, drag_e = self._drag(response.vn, response.ve)
         response.step(self._velocity_order[0], self._velocity_order[1])
-        push_n = response.an + drag_n + self._wind_n.a
-        push_e = response.ae + drag_e + self._wind_e.a
+        wander_n, wander_e, _ = self._wander.acceleration
+        push_n = response.an + wander_n + drag_n + self._wind_n.a
+        push_e = response.ae + wander_e + drag_e + self._wind_e.a
         push = math.hypot(push_n, push_e)
         self._limited = push > self._most
         if self._limited:
@@ -276,7 +292,6 @@ class Vehicle:
         contact = self._gear.react(self.position, self.velocity, R_local_body, rates, pad)
         if contact is None:
             self.feet, self.on_pad = _NO_FEET, False
-            self._detector.flying()
             return
         self.feet, self.on_pad = contact.feet, contact.on_pad
         if self._airborne:

@@ -4,7 +4,6 @@ import math
 from random import Random
 
 from hw.sim.options import WindOptions
-from hw.sim.response import STEP_S
 
 UPDATE_S = 0.02  # wind is constant in between
 
@@ -21,31 +20,6 @@ class _Noise:
     def next(self) -> float:
         self._value = self._keep * self._value + self._add * self._rng.gauss(0.0, 1.0)
         return self._value
-
-
-class Turbulence:
-    """Small pushes of the air that keep a hover from being perfectly still.
-
-    Sized for the measured hover of 30 s: position within 6 / 2 / 0.6 mm and velocity within
-    6 / 2.5 / 0.6 mm/s (standard deviation, north / east / down).
-    """
-
-    _PUSH = (0.010, 0.004, 0.002)  # north, east, down, m/s^2
-    _CORRELATION_S = 1.0
-
-    def __init__(self, rng: Random) -> None:
-        self._axes = tuple(_Noise(self._CORRELATION_S, rng) for _ in self._PUSH)
-        self._steps_left = 0
-        self._now = (0.0, 0.0, 0.0)
-
-    def step(self) -> tuple[float, float, float]:
-        """Go on by STEP_S; return the acceleration north, east and down, m/s^2."""
-        if self._steps_left == 0:
-            self._steps_left = round(UPDATE_S / STEP_S)
-            n, e, d = (k * axis.next() for k, axis in zip(self._PUSH, self._axes, strict=True))
-            self._now = (n, e, d)
-        self._steps_left -= 1
-        return self._now
 
 
 class SteadyWind:
