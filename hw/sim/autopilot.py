@@ -86,6 +86,7 @@ class SimAutopilot:
     Attributes:
         copter: the flight code.
         pilot: the pilot's radio.
+        mute: ids of messages that it is to withhold, a fault to fly with.
     """
 
     def __init__(
@@ -100,6 +101,7 @@ class SimAutopilot:
         system_id: int = 1,
     ) -> None:
         """Flying: starts armed, in LOITER. boot_age_s: its boot time at time 0 of the loop."""
+        self.mute: set[int] = set()
         self.pilot = PilotRadio()
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
         self._world = world
@@ -172,11 +174,13 @@ class SimAutopilot:
         for message_id, (interval, due) in channel.streams.items():
             if t >= due - 1e-6:
                 channel.streams[message_id] = (interval, max(due + interval, t))
-                channel.send(self._streams[message_id](t))
+                if message_id not in self.mute:
+                    channel.send(self._streams[message_id](t))
 
     def _send_all(self, message: Message) -> None:
-        for channel in self._channels:
-            channel.send(message)
+        if message.get_msgId() not in self.mute:
+            for channel in self._channels:
+                channel.send(message)
 
     def _say(self, text: str) -> None:
         self._send_all(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, text.encode()))
