@@ -1,4 +1,4 @@
-"""The virtual clock: an asyncio event loop whose time jumps to the next timer.
+"""The clocks that a simulation runs on: a virtual one that jumps to the next timer, the wall's.
 
 The daemon reads time from its event loop only, so the very tasks that fly the aircraft run as
 fast as the machine allows and in the same order every time. Only in-memory links work on it:
@@ -7,6 +7,7 @@ nothing outside the process can make an event.
 
 import asyncio
 import selectors
+import time
 from collections.abc import Coroutine, Mapping
 from typing import Any, TypeVar
 
@@ -58,6 +59,24 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         """Return virtual seconds since the loop was made."""
         return self._jumping.now
+
+
+class WallLoop(asyncio.SelectorEventLoop):
+    """Event loop on the wall's clock, counted from 0 s at its making as a simulation's is."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        super().__init__()
+
+    def time(self) -> float:
+        """Return seconds since the loop was made."""
+        return time.monotonic() - self._start
+
+
+def run_realtime(main: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine to its end on the wall's clock, starting at 0 s."""
+    with asyncio.Runner(loop_factory=WallLoop) as runner:
+        return runner.run(main)
 
 
 def run_virtual(main: Coroutine[Any, Any, T]) -> T:

@@ -1,0 +1,42 @@
+"""Tells systemd that the daemon is ready, alive, and what it is doing (sd_notify(3))."""
+
+import os
+import socket
+
+from landerd.lander import Lander
+from landerd.messages import Command, Frame, Input, Prior, Sightings, Tick
+
+ALIVE_EVERY_S = 0.5  # well inside the unit's WatchdogSec
+
+
+def notify(text: str) -> None:
+    """Send a line such as READY=1 to systemd; does nothing outside a notify service."""
+    address = os.environ.get("NOTIFY_SOCKET")
+    if not address:
+        return
+    if address.startswith("@"):
+        address = "\0" + address[1:]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s:
+        s.sendto(text.encode(), address)
+
+
+class ServiceNotifier:
+    """An observer fed by the control task: when that hangs, so does the watchdog's food."""
+
+    def __init__(self, lander: Lander) -> None:
+        self._lander = lander
+        self._told_t: float | None = None
+
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
+        """Frames do not matter here: a daemon without a camera is alive."""
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        """Feed the watchdog with ticks."""
+        if not isinstance(message, Tick):
+            return
+        if self._told_t is None:
+            notify("READY=1")
+        elif now - self._told_t < ALIVE_EVERY_S:
+            return
+        self._told_t = now
+        notify(f"WATCHDOG=1\nSTATUS={self._lander.phase.value}: {self._lander.reason}")
