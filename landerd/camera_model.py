@@ -100,7 +100,7 @@ def load_camera(path: Path) -> CameraModel:
     height = _whole(path, data, "image_height")
     k = _numbers(path, data, "camera_matrix", {9})
     model = data.get("distortion_model", "plumb_bob")
-    lengths = {"plumb_bob": {0, 4, 5}, "rational_polynomial": {8}}.get(model)
+    lengths = {"plumb_bob": {0, 4, 5}, "rational_polynomial": {8}}.get(str(model))
     if lengths is None:
         raise CalibrationError(
             f"{path}: distortion_model: found {model!r}, expected plumb_bob or rational_polynomial"

@@ -92,6 +92,8 @@ def load_pad(path: Path) -> PadLayout:
         mark = getattr(e, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
         raise PadError(f"{path}{line}: not YAML") from None
+    if not isinstance(data, dict):
+        raise PadError(f"{path}: expected a mapping with name, markers and plate")
     try:
         return PadLayout.model_validate(data)
     except ValidationError as e:
