@@ -1,0 +1,132 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from landerd.camera_model import CalibrationError, CameraModel, load_camera
+
+ROOT = Path(__file__).parents[1]
+PINHOLE = CameraModel(640, 480, 400.0, 390.0, 319.5, 239.5)
+GOOD = """\
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [400, 0, 319.5, 0, 390, 239.5, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0.1, -0.05, 0.001, -0.002, 0.0]}
+"""
+
+
+def camera(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "camera.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_thesis_camera_is_that_of_its_section_3_1() -> None:
+    model = load_camera(ROOT / "config/cameras/thesis.yaml")
+    assert (model.width, model.height) == (640, 480)
+    assert (model.fx, model.fy, model.cx, model.cy) == (398.2, 390.8, 299.9, 227.5)
+    assert model.distortion == (0.0576, -0.0321, 0.0041, -0.0203, 0.0)
+
+
+def test_a_point_45_degrees_to_the_right_is_one_focal_length_from_the_centre() -> None:
+    (pixel,) = PINHOLE.pixels(np.array([[3.0, 0.0, 3.0]]))
+    assert tuple(pixel) == pytest.approx((319.5 + 400.0, 239.5))
+    (below,) = PINHOLE.pixels(np.array([[0.0, 1.0, 2.0]]))
+    assert tuple(below) == pytest.approx((319.5, 239.5 + 195.0))
+
+
+def test_distortion_is_that_of_the_brown_conrady_formula() -> None:
+    # x' = x (1 + k1 r2 + k2 r4 + k3 r6) + 2 p1 x y + p2 (r2 + 2 x2), y' with p1 and p2 exchanged.
+    k1, k2, p1, p2, k3 = 0.1, -0.05, 0.001, -0.002, 0.01
+    model = CameraModel(640, 480, 400.0, 390.0, 319.5, 239.5, (k1, k2, p1, p2, k3))
+    x, y = 0.3, -0.2
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    u = 400.0 * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + 319.5
+    v = 390.0 * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + 239.5
+    (pixel,) = model.pixels(np.array([[2 * x, 2 * y, 2.0]]))
+    assert tuple(pixel) == pytest.approx((u, v))
+
+
+def test_rays_undo_the_lens_over_the_whole_picture() -> None:
+    model = load_camera(ROOT / "config/cameras/thesis.yaml")
+    pixels = np.array([[u, v] for u in (0.0, 200.0, 639.0) for v in (0.0, 200.0, 479.0)])
+    rays = model.rays(pixels)
+    points = np.column_stack([rays, np.ones(len(rays))])
+    assert np.abs(model.pixels(7.0 * points) - pixels).max() < 0.01
+
+
+def test_at_twice_the_size_each_pixel_looks_where_its_own_quarter_did() -> None:
+    large = PINHOLE.scaled(1280, 960)
+    # The corner that four small pixels share lies between the same small and large pixels.
+    ray_small = PINHOLE.rays(np.array([[99.5, 49.5]]))
+    ray_large = large.rays(np.array([[199.5, 99.5]]))
+    assert ray_small == pytest.approx(ray_large)
+    assert (large.width, large.height, large.fx) == (1280, 960, 800.0)
+
+
+def test_another_aspect_is_refused_with_both_sizes_named() -> None:
+    with pytest.raises(CalibrationError, match=r"640x480.*1280x720"):
+        PINHOLE.scaled(1280, 720)
+
+
+@pytest.mark.parametrize(
+    ("count", "model"), [(0, "plumb_bob"), (4, "plumb_bob"), (8, "rational_polynomial")]
+)
+def test_every_ros_distortion_model_is_read(tmp_path: Path, count: int, model: str) -> None:
+    coefficients = [0.01 * i for i in range(count)]
+    text = GOOD.replace("plumb_bob", model).replace(
+        "[0.1, -0.05, 0.001, -0.002, 0.0]", str(coefficients)
+    )
+    assert load_camera(camera(tmp_path, text)).distortion == tuple(coefficients)
+
+
+@pytest.mark.parametrize(
+    ("found", "instead", "key", "expected"),
+    [
+        ("image_width: 640\n", "", "image_width", "whole number"),
+        ("image_width: 640", "image_width: 640.5", "image_width", "whole number"),
+        ("image_height: 480", "image_height: yes", "image_height", "whole number"),
+        ("image_height: 480", "image_height: -480", "image_height", "whole number"),
+        ("0, 0, 1]", "0, 0]", "camera_matrix", "list of 9"),
+        ("[400,", "[.nan,", "camera_matrix", "finite numbers"),
+        ("[400,", "[-400,", "camera_matrix", "above 0"),
+        ("[400, 0,", "[400, 3,", "camera_matrix", "fx 0 cx"),
+        ("camera_matrix:", "camera_matrices:", "camera_matrix", "list of 9"),
+        ("plumb_bob", "equidistant", "distortion_model", "plumb_bob or rational_polynomial"),
+        ("plumb_bob", "[plumb_bob]", "distortion_model", "plumb_bob or rational_polynomial"),
+        ("plumb_bob", "rational_polynomial", "distortion_coefficients", "list of 8"),
+        (", 0.0]}", ", wide]}", "distortion_coefficients", "finite numbers"),
+    ],
+)
+def test_a_wrong_calibration_is_told_with_file_key_and_what_was_expected(
+    tmp_path: Path, found: str, instead: str, key: str, expected: str
+) -> None:
+    assert found in GOOD
+    path = camera(tmp_path, GOOD.replace(found, instead))
+    with pytest.raises(CalibrationError) as e:
+        load_camera(path)
+    line = str(e.value)
+    assert str(path) in line
+    assert key in line
+    assert expected in line
+    assert "\n" not in line
+
+
+def test_what_is_no_calibration_file_is_told_in_one_line(tmp_path: Path) -> None:
+    def complaint(path: Path) -> str:
+        with pytest.raises(CalibrationError) as e:
+            load_camera(path)
+        assert str(path) in str(e.value)
+        assert "\n" not in str(e.value)
+        return str(e.value)
+
+    assert "No such file" in complaint(tmp_path / "missing.yaml")
+    assert "cannot be read" in complaint(tmp_path)  # a folder
+    assert "camera.yaml:2: not YAML" in complaint(camera(tmp_path, "image_width: 640\n:]["))
+    assert "camera_info" in complaint(camera(tmp_path, "just text"))
+    assert "camera_info" in complaint(camera(tmp_path, ""))
+    picture = tmp_path / "camera.png"
+    picture.write_bytes(b"\x89PNG\xff\xfe")
+    assert "not text" in complaint(picture)

@@ -1,0 +1,94 @@
+from pathlib import Path
+
+import pytest
+
+from landerd.pad import PadError, PadLayout, load_pad
+
+ROOT = Path(__file__).parents[1]
+PLATE = "plate: {north_m: 1, south_m: 1, east_m: 1, west_m: 1}\n"
+RING = "  - {kind: whycon, outer_diameter_m: 1.0}\n"
+TAG = "  - {kind: apriltag, dictionary: APRILTAG_36h11, id: 0, size_m: 0.3}\n"
+GOOD = "name: test\nmarkers:\n" + RING + TAG + PLATE
+
+
+def pad(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "pad.yaml"
+    path.write_text(text)
+    return path
+
+
+def load(tmp_path: Path, text: str) -> PadLayout:
+    return load_pad(pad(tmp_path, text))
+
+
+def test_the_thesis_pad_is_that_of_its_section_2_3_5() -> None:
+    layout = load_pad(ROOT / "config/pads/thesis.yaml")
+    (ring,), (tag,) = layout.rings, layout.squares
+    assert ring.outer_diameter_m == 1.0
+    assert ring.inner_ratio == pytest.approx(50 / 122)
+    assert ring.position_m == (0.0, 0.0)
+    assert (tag.dictionary, tag.id, tag.size_m) == ("APRILTAG_36h11", 0, 0.3125)
+    assert tag.position_m == (0.75, 0.0)
+    assert layout.plate.north_m == 1.02
+    assert layout.plate.south_m == layout.plate.east_m == layout.plate.west_m == 0.62
+
+
+@pytest.mark.parametrize(
+    ("markers", "has_heading"),
+    [(RING, False), (TAG, True), (RING + TAG, True), (RING + RING, True)],
+)
+def test_a_pad_has_a_heading_unless_it_is_one_plain_ring(
+    tmp_path: Path, markers: str, has_heading: bool
+) -> None:
+    assert load(tmp_path, f"name: test\nmarkers:\n{markers}{PLATE}").has_heading is has_heading
+
+
+@pytest.mark.parametrize(
+    ("found", "instead", "key", "expected"),
+    [
+        ("diameter_m: 1.0", "diameter_m: 0", "outer_diameter_m", "greater than 0"),
+        ("diameter_m: 1.0", "diameter_m: .inf", "outer_diameter_m", "finite"),
+        ("diameter_m: 1.0", "diameter_m: wide", "outer_diameter_m", "valid number"),
+        ("outer_diameter_m: 1.0", "inner_ratio: 0.5", "outer_diameter_m", "required"),
+        ("id: 0", "id: -1", "id", "greater than or equal to 0"),
+        ("size_m: 0.3", "size_m: 0.3, colour: red", "colour", "not permitted"),
+        ("kind: whycon", "kind: circle", "markers.0", "'whycon'"),
+        ("west_m: 1", "wst_m: 1", "plate.wst_m", "not permitted"),
+        (PLATE, "", "plate", "required"),
+        ("markers:\n" + RING + TAG, "markers: []\n", "markers", "at least 1"),
+    ],
+)
+def test_a_wrong_pad_is_told_with_file_key_and_what_was_expected(
+    tmp_path: Path, found: str, instead: str, key: str, expected: str
+) -> None:
+    assert found in GOOD
+    path = pad(tmp_path, GOOD.replace(found, instead))
+    with pytest.raises(PadError) as e:
+        load_pad(path)
+    line = str(e.value)
+    assert str(path) in line
+    assert key in line
+    assert expected in line
+    assert "\n" not in line
+
+
+def test_all_faults_of_a_pad_are_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(PadError, match=r"outer_diameter_m.*size_m"):
+        load(tmp_path, GOOD.replace("1.0", "-1.0").replace("0.3", "-0.3"))
+
+
+def test_what_is_no_pad_file_is_told_in_one_line(tmp_path: Path) -> None:
+    def complaint(path: Path) -> str:
+        with pytest.raises(PadError) as e:
+            load_pad(path)
+        assert str(path) in str(e.value)
+        assert "\n" not in str(e.value)
+        return str(e.value)
+
+    assert "No such file" in complaint(tmp_path / "missing.yaml")
+    assert "cannot be read" in complaint(tmp_path)  # a folder
+    assert "pad.yaml:2: not YAML" in complaint(pad(tmp_path, "name: x\n:]["))
+    assert "mapping" in complaint(pad(tmp_path, ""))
+    picture = tmp_path / "pad.png"
+    picture.write_bytes(b"\x89PNG\xff\xfe")
+    assert "not text" in complaint(picture)
