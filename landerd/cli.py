@@ -6,6 +6,7 @@ the functions so that --help does not wait for numpy and OpenCV.
 
 import argparse
 import difflib
+import importlib.util
 import json
 import os
 import sys
@@ -110,6 +111,8 @@ def _sim(args: argparse.Namespace) -> int:
         args.picture.suffix == ".png" and args.picture.absolute().parent.is_dir()
     ):
         raise InputError(f"--picture {args.picture}: expected a .png in a folder that exists")
+    if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
+        raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
     loaded = _load(args, overlays=[known[args.scenario]])
 
     from landerd.camera_model import CalibrationError
@@ -154,11 +157,11 @@ def _summary(result: dict[str, Any]) -> str:
         f"{say('touchdown_horizontal_mps', 'm/s', 2)} sideways over the pad",
         f"  first sight to touch-down {say('time_to_touchdown_s', 's', 1)}, "
         f"to disarm {say('time_s', 's', 1)}, {say('energy_hj', 'hJ', 1)}",
-        f"  sight lost {result['aborts']} times; safety rules broken: "
-        f"{result['rules_broken'] or 'none'}",
+        f"  pad lost from sight {result['aborts']} times; "
+        f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
         "  "
         + ", ".join(f"{p['name']} {p['start']:.1f}-{p['end']:.1f} s" for p in result["phases"]),
-        f"  {result['wall_s']:.1f} s on the wall's clock",
+        f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
     ]
     return "\n".join(lines)
 
