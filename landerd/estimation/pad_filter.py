@@ -29,6 +29,7 @@ from landerd.geometry import (
 
 CONFIRM = 3  # consistent sightings before a pad is believed: one false alarm must not fly
 REJECTIONS = 5  # sightings in a row outside the gate before the filter starts again from them
+CONFIRM_GAP_S = 0.3  # between them: over a longer gap a false alarm and the pad make a fast pad
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
 INITIAL_SPEED_MPS = 5.0  # 1 sigma of a new pad's velocity
 SIGMA_TILT = math.radians(5.0)  # how far from level pads usually lie
@@ -89,14 +90,15 @@ class PadFilter:
         if not candidates:
             return False
         t = candidates[0].t
-        if self._hits == 0 or t - self._t > MAX_GAP_S:
+        gap = MAX_GAP_S if self._hits >= CONFIRM else CONFIRM_GAP_S
+        if self._hits == 0 or t - self._t > gap:
             self._start(min(candidates, key=_image_and_level))
             return False
         if t <= self._t:
             return False
         self._predict(t)
         best = min(candidates, key=lambda c: _image_and_level(c) + self._distance(c))
-        if self._distance(best) > self._gate:
+        if not self._distance(best) <= self._gate:  # so that NaN is outside
             self.rejected += 1
             self._rejections += 1
             if self._rejections >= REJECTIONS:
