@@ -32,6 +32,7 @@ REJECTIONS = 5  # sightings in a row outside the gate before the filter starts a
 CONFIRM_GAP_S = 0.3  # between them: over a longer gap a false alarm and the pad make a fast pad
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
 INITIAL_SPEED_MPS = 5.0  # 1 sigma of a new pad's velocity
+MAX_TILT = math.radians(25.0)  # what lies steeper is no pad, whatever it looks like
 SIGMA_TILT = math.radians(5.0)  # how far from level pads usually lie
 HEADING_WALK = math.radians(3.0)  # rad per sqrt(s): how a pad's heading may change
 
@@ -87,6 +88,7 @@ class PadFilter:
         Args:
             candidates: the same frame's pose solutions, one or two, in local NED.
         """
+        candidates = [c for c in candidates if c.tilt < MAX_TILT + 2.0 * c.sigma_tilt]
         if not candidates:
             return False
         t = candidates[0].t
