@@ -100,15 +100,14 @@ class SimAutopilot:
         boot_age_s: float = 60.0,
         system_id: int = 1,
     ) -> None:
-        """Flying: starts armed, in LOITER. boot_age_s: its boot time at time 0 of the loop."""
+        """Flying: starts armed, in LOITER. boot_age_s: its boot time when `run` starts."""
         self.mute: set[int] = set()
         self.pilot = PilotRadio()
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
         self._world = world
-        self._reported = world.reported(0.0)
         self._rng = rng
         self._system = system_id
-        self._booted_at = -boot_age_s
+        self._boot_age_s = boot_age_s
         self._channels = [_Channel(link, system_id) for link in links]
         self._streams: dict[int, Callable[[float], Message]] = {
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
@@ -120,6 +119,9 @@ class SimAutopilot:
 
     async def run(self) -> None:
         """Fly and serve the links, for ever."""
+        t = asyncio.get_running_loop().time()
+        self._booted_at = t - self._boot_age_s
+        self._reported = self._world.reported(t)
         async with asyncio.TaskGroup() as tasks:
             for channel in self._channels:
                 tasks.create_task(self._serve(channel))

@@ -18,12 +18,14 @@ _ARMABLE = (STABILIZE, GUIDED, LOITER)
 ON_GROUND, IN_AIR, TAKEOFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE
 
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
-_SPOOL_UP_S = 1.0  # from NAV_TAKEOFF to the climb
+_SPOOL_UP_S = 1.5  # from NAV_TAKEOFF to lift-off
 _REACHED_M = 0.1
 _LAND_HIGH_M = 10.0  # above this LAND sinks faster (LAND_ALT_LOW)
 _LAND_DISARM_S = 0.5  # from landed to disarmed in LAND
 _RADIO_FAILSAFE_S = 1.0
-_SLOWEST_COURSE_MPS = 0.3  # slower than this the nose is not turned into the course
+_NEAREST_COURSE_M = 5.0  # the nose is not turned towards a position target nearer than this,
+_SLOWEST_COURSE_MPS = 0.9  # nor into a course flown slower than this
+_BRAKING = 0.5  # share of the acceleration used to stop at a target: the vehicle lags
 _YAW_RATE_LIMIT = math.radians(60.0)  # ATC_SLEW_YAW
 
 
@@ -71,7 +73,7 @@ class Vehicle(Protocol):
         ...
 
     def order(self, velocity: Vec3, yaw_rate: float) -> None:
-        """Fly this velocity (local NED, m/s) and yaw rate (rad/s) from now on."""
+        """Fly this velocity (local NED, m/s) and yaw rate (rad/s); a climb takes off."""
 
     def motors_on(self) -> None:
         """Let the motors turn."""
@@ -251,38 +253,36 @@ class Copter:
         if isinstance(target, _Climb):
             return self._climb(target, reported, t)
         if isinstance(target, _Position):
-            velocity = self._towards(sub(target.position, reported.position))
+            error = sub(target.position, reported.position)
+            velocity, turns = self._towards(error), horizontal(error) > _NEAREST_COURSE_M
         elif t - target.t > self._p.guid_timeout_s:
             return _ZERO, 0.0
         else:
-            velocity = target.velocity
+            velocity, turns = target.velocity, horizontal(reported.velocity) > _SLOWEST_COURSE_MPS
         if target.yaw_rate is not None:
             return velocity, target.yaw_rate
-        return velocity, self._yaw_into_course(reported)
+        if self._p.wp_yaw_behavior == 0 or not turns:
+            return velocity, 0.0
+        return velocity, wrap(heading_of(velocity) - reported.yaw)  # gain 1 /s
 
     def _climb(self, target: _Climb, reported: Reported, t: float) -> tuple[Vec3, float]:
         if t - target.t < _SPOOL_UP_S:
             return _ZERO, 0.0
         error = target.down - reported.position[2]
-        if abs(error) < _REACHED_M and not self._vehicle.landed_detected:
+        if abs(error) < _REACHED_M:
             self._target = _Position((*reported.position[:2], target.down), 0.0)
         return (0.0, 0.0, self._vertical(error)), 0.0
 
     def _towards(self, error: Vec3) -> Vec3:
         distance = horizontal(error)
-        speed = _sqrt_controller(distance, self._p.wpnav_accel_mps2, self._p.wpnav_speed_mps)
+        braking = _BRAKING * self._p.wpnav_accel_mps2
+        speed = _sqrt_controller(distance, braking, self._p.wpnav_speed_mps)
         k = speed / distance if distance > 0.0 else 0.0
         return (k * error[0], k * error[1], self._vertical(error[2]))
 
     def _vertical(self, error: float) -> float:
         limit = self._p.wpnav_speed_down_mps if error > 0.0 else self._p.wpnav_speed_up_mps
         return math.copysign(_sqrt_controller(abs(error), self._p.wpnav_accel_z_mps2, limit), error)
-
-    def _yaw_into_course(self, reported: Reported) -> float:
-        slow = horizontal(reported.velocity) < _SLOWEST_COURSE_MPS
-        if self._p.wp_yaw_behavior == 0 or slow:
-            return 0.0
-        return wrap(heading_of(reported.velocity) - reported.yaw)  # gain 1 /s
 
 
 def _sqrt_controller(error: float, acceleration: float, limit: float) -> float:

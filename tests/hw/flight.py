@@ -63,7 +63,7 @@ class PlainAirframe:
         z = min(z + vz * dt, 0.0)
         if z < 0.0:
             self._contact = None
-        elif self._contact is None:
+        elif self._contact is None and vz > 0.0:
             self._contact = t
         self.position = (x + vx * dt, y + vy * dt, z)
         self.yaw += self.yaw_rate * dt
