@@ -1,0 +1,87 @@
+import math
+
+import pytest
+
+from landerd.estimation.history import History
+
+
+def angle_history(**options: float) -> History:
+    return History(angles=[True], **options)
+
+
+def test_between_two_measurements_values_are_interpolated() -> None:
+    history = History(angles=[False, False])
+    history.add(1.0, (10.0, -4.0))
+    history.add(1.1, (20.0, -8.0))
+    assert history.at(1.025) == pytest.approx((12.5, -5.0))
+    assert history.at(1.0) == (10.0, -4.0)
+    assert history.at(1.1) == (20.0, -8.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_angle_crosses_the_seam_the_short_way(sign: float) -> None:
+    history = angle_history()
+    history.add(0.0, (sign * math.radians(179.0),))
+    history.add(0.1, (sign * math.radians(-177.0),))  # 4 degrees further
+    quarter, half = history.at(0.025), history.at(0.05)
+    assert quarter is not None
+    assert half is not None
+    assert abs(quarter[0]) == pytest.approx(math.radians(180.0))
+    assert half[0] == pytest.approx(sign * math.radians(-179.0))
+
+
+def test_a_number_that_is_no_angle_does_not_wrap() -> None:
+    history = History(angles=[False])
+    history.add(0.0, (3.0,))
+    history.add(0.1, (-3.0,))
+    assert history.at(0.05) == pytest.approx((0.0,))
+
+
+def test_a_gap_is_not_interpolated_over() -> None:
+    history = angle_history(max_gap_s=0.2)
+    history.add(1.0, (0.0,))
+    history.add(1.3, (0.3,))
+    assert history.at(1.15) is None
+    assert history.at(1.3) == (0.3,)
+
+
+def test_the_newest_measurement_holds_for_the_longest_gap_and_no_longer() -> None:
+    history = angle_history(max_gap_s=0.2)
+    history.add(1.0, (0.5,))
+    assert history.at(1.19) == (0.5,)
+    assert history.at(1.21) is None
+
+
+def test_before_the_oldest_measurement_nothing_is_known() -> None:
+    history = angle_history()
+    assert history.at(1.0) is None
+    history.add(1.0, (0.5,))
+    assert history.at(0.99) is None
+
+
+@pytest.mark.parametrize("late", [1.0, 0.9, -5.0])
+def test_a_measurement_that_is_not_newer_is_refused(late: float) -> None:
+    history = angle_history()
+    assert history.add(1.0, (0.5,))
+    assert not history.add(late, (9.9,))
+    assert history.newest == (1.0, (0.5,))
+
+
+def test_age_counts_from_the_newest_measurements_own_time() -> None:
+    history = angle_history()
+    assert history.age(3.0) == math.inf
+    history.add(2.5, (0.0,))
+    assert history.age(3.0) == 0.5
+    history.clear()
+    assert history.age(3.0) == math.inf
+    assert history.newest is None
+    assert history.add(0.1, (0.0,))  # the source's clock may have started again
+
+
+def test_the_last_second_stays_known_and_what_is_older_is_let_go() -> None:
+    history = History(angles=[False], keep_s=1.0)
+    for i in range(5001):
+        history.add(0.01 * i, (0.001 * i,))
+    assert history.at(49.505) == pytest.approx((4.9505,))
+    assert history.at(49.0) is not None
+    assert history.at(40.0) is None

@@ -1,0 +1,337 @@
+import math
+import random
+from collections.abc import Iterable
+
+import pytest
+
+from landerd.config import EstimationSection
+from landerd.estimation.pad_filter import PadEstimate, PadFilter
+from landerd.estimation.placement import PlacedPad
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    dot,
+    inverse,
+    matadd,
+    norm,
+    rot_zyx,
+    rotate,
+    rotate_covariance,
+    scale,
+    sub,
+    wrap,
+)
+
+RATE = 30.0
+PAD: Vec3 = (12.0, -7.0, 0.4)
+OPTIONS = EstimationSection()
+# Seen obliquely: 4 cm across, 20 cm along the line of sight.
+R_SIGHT = rot_zyx(0.7, -0.9, 0.0)
+SIGMAS: Vec3 = (0.20, 0.04, 0.04)
+COVARIANCE = rotate_covariance(
+    R_SIGHT,
+    ((SIGMAS[0] ** 2, 0.0, 0.0), (0.0, SIGMAS[1] ** 2, 0.0), (0.0, 0.0, SIGMAS[2] ** 2)),
+)
+
+
+def sighting(
+    t: float,
+    position: Vec3,
+    *,
+    noise: random.Random | None = None,
+    heading: float | None = None,
+    tilt: float = 0.0,
+    sigma_tilt: float = 0.05,
+    cost: float = 0.0,
+    covariance: Mat3 = COVARIANCE,
+) -> PlacedPad:
+    if noise is not None:
+        error = (
+            noise.gauss(0.0, SIGMAS[0]),
+            noise.gauss(0.0, SIGMAS[1]),
+            noise.gauss(0.0, SIGMAS[2]),
+        )
+        position = add(position, rotate(R_SIGHT, error))
+        if heading is not None:
+            heading = wrap(heading + noise.gauss(0.0, 0.03))
+    sigma_heading = math.inf if heading is None else 0.03
+    return PlacedPad(t, position, covariance, heading, sigma_heading, tilt, sigma_tilt, cost)
+
+
+def times(count: int, start: float = 0.0) -> Iterable[float]:
+    return (start + i / RATE for i in range(count))
+
+
+def estimate(pad_filter: PadFilter, now: float) -> PadEstimate:
+    found = pad_filter.estimate(now, now)
+    assert found is not None
+    return found
+
+
+def settled(position: Vec3 = PAD, velocity: Vec3 = (0.0, 0.0, 0.0), count: int = 90) -> PadFilter:
+    """A filter after `count` sightings without noise, the last at (count - 1) / RATE."""
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(count):
+        pad_filter.update([sighting(t, add(position, scale(velocity, t)))])
+    return pad_filter
+
+
+def test_it_converges_on_a_still_pad() -> None:
+    noise = random.Random(1)
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(300):
+        pad_filter.update([sighting(t, PAD, noise=noise)])
+    found = estimate(pad_filter, t)
+    assert norm(sub(found.position, PAD)) < 0.5 * SIGMAS[0]
+    assert norm(found.velocity) < 0.3
+    assert found.sigma_m < 0.5 * SIGMAS[0]
+
+
+def test_innovations_are_as_large_as_the_filter_says() -> None:
+    # A pad that accelerates as the filter assumes: the normalised innovation squared then has
+    # mean 3 (chi-square of 3 degrees of freedom). 4000 samples know it to 0.04.
+    noise = random.Random(2)
+    pad_filter = PadFilter(OPTIONS)
+    position, velocity = PAD, (0.0, 0.0, 0.0)
+    dt = 1.0 / RATE
+    kick = OPTIONS.pad_acceleration_mps2 * math.sqrt(dt)
+    total, count = 0.0, 0
+    for t in times(4100):
+        seen = sighting(t, position, noise=noise)
+        expected = pad_filter.estimate(t, t)
+        if expected is not None and t > 3.0:
+            innovation = sub(seen.position, expected.position)
+            s = matadd(expected.covariance, COVARIANCE)
+            total += dot(innovation, rotate(inverse(s), innovation))
+            count += 1
+        pad_filter.update([seen])
+        change = (noise.gauss(0.0, kick), noise.gauss(0.0, kick), noise.gauss(0.0, kick))
+        # White acceleration over dt: velocity steps, position moves with the mean of both.
+        spread = kick * dt / math.sqrt(12.0)
+        wander = (noise.gauss(0.0, spread), noise.gauss(0.0, spread), noise.gauss(0.0, spread))
+        position = add(add(position, scale(add(velocity, scale(change, 0.5)), dt)), wander)
+        velocity = add(velocity, change)
+    assert count > 4000
+    assert total / count == pytest.approx(3.0, abs=0.16)
+    assert pad_filter.rejected < 0.005 * count  # the 4 sigma gate: 0.1 % of honest ones
+
+
+def test_the_stated_covariance_covers_the_error_on_a_still_pad() -> None:
+    squares, count = 0.0, 0
+    for seed in range(60):
+        noise = random.Random(seed)
+        pad_filter = PadFilter(OPTIONS)
+        for t in times(90):
+            pad_filter.update([sighting(t, PAD, noise=noise)])
+        found = estimate(pad_filter, t)
+        error = sub(found.position, PAD)
+        squares += dot(error, rotate(inverse(found.covariance), error))
+        count += 1
+    # At most 3, as the pad moves less than assumed; not far below, or sigma would be useless.
+    assert 1.0 < squares / count < 3.5
+
+
+def test_it_tracks_a_pad_at_1_mps() -> None:
+    noise = random.Random(3)
+    velocity = (0.8, -0.6, 0.0)
+    pad_filter = PadFilter(OPTIONS)
+    lag: Vec3 = (0.0, 0.0, 0.0)
+    error: Vec3 = (0.0, 0.0, 0.0)
+    for i, t in enumerate(times(360)):
+        true = add(PAD, scale(velocity, t))
+        pad_filter.update([sighting(t, true, noise=noise)])
+        if i >= 120:
+            found = estimate(pad_filter, t)
+            lag = add(lag, scale(sub(found.position, true), 1.0 / 240.0))
+            error = add(error, scale(sub(found.velocity, velocity), 1.0 / 240.0))
+            assert norm(sub(found.position, true)) < 2.0 * SIGMAS[0]
+            assert norm(sub(found.velocity, velocity)) < 1.0
+    assert norm(lag) < 0.05
+    assert norm(error) < 0.1
+
+
+def test_a_late_sighting_corrects_the_state_it_belongs_to() -> None:
+    # 120 ms old when it is taken in, as a picture is: a pad at 1 m/s is 12 cm further by now.
+    velocity = (1.0, 0.0, 0.0)
+    pad_filter = settled(velocity=velocity, count=150)
+    t = 149 / RATE
+    now = t + 0.12
+    found = estimate(pad_filter, now)
+    assert found.position[0] == pytest.approx(PAD[0] + now, abs=0.01)
+    # Not knowing more than the sighting it comes from.
+    assert found.sigma_m > estimate(pad_filter, t).sigma_m
+
+
+def test_a_sighting_older_than_the_last_is_not_taken() -> None:
+    pad_filter = settled()
+    t = 89 / RATE
+    before = estimate(pad_filter, t)
+    for late in (t, t - 0.01, t - 1.0):
+        assert not pad_filter.update([sighting(late, add(PAD, (0.3, 0.0, 0.0)))])
+    assert estimate(pad_filter, t) == before
+
+
+def test_one_outlier_is_refused_and_moves_nothing() -> None:
+    pad_filter = settled()
+    t = 90 / RATE
+    assert not pad_filter.update([sighting(t, add(PAD, (3.0, 0.0, 0.0)))])
+    assert pad_filter.rejected == 1
+    assert norm(sub(estimate(pad_filter, t).position, PAD)) < 1e-6
+    assert pad_filter.update([sighting(91 / RATE, PAD)])
+
+
+def test_a_pad_that_stays_elsewhere_is_followed_but_not_at_once() -> None:
+    pad_filter = settled()
+    elsewhere = add(PAD, (3.0, 0.0, 0.0))
+    accepted = [pad_filter.update([sighting(t, elsewhere)]) for t in times(10, 90 / RATE)]
+    # Five are refused and the fifth begins anew; two more confirm it.
+    assert accepted == [False] * 6 + [True] * 4
+    assert norm(sub(estimate(pad_filter, 99 / RATE).position, elsewhere)) < 0.01
+
+
+def test_outliers_among_good_sightings_never_take_over() -> None:
+    noise = random.Random(4)
+    pad_filter = settled()
+    for i, t in enumerate(times(300, 90 / RATE)):
+        far = add(PAD, (noise.uniform(-8.0, 8.0), noise.uniform(-8.0, 8.0), 5.0))
+        pad_filter.update([sighting(t, PAD if i % 3 == 0 else far)])
+        assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.05
+
+
+@pytest.mark.parametrize("flip_first", [True, False])
+def test_of_two_solutions_the_level_one_is_taken(flip_first: bool) -> None:
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(5):
+        # The picture slightly prefers the flipped one, which leans 40 degrees.
+        level = sighting(t, PAD, tilt=math.radians(4.0), cost=1.0)
+        flipped = sighting(t, add(PAD, (0.8, 0.5, 0.0)), tilt=math.radians(40.0), cost=0.5)
+        pad_filter.update([flipped, level] if flip_first else [level, flipped])
+    assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.01
+
+
+def test_of_two_solutions_the_one_that_fits_what_was_seen_before_is_taken() -> None:
+    pad_filter = settled()
+    for t in times(30, 90 / RATE):
+        true = sighting(t, PAD, tilt=math.radians(8.0), cost=1.0)
+        flipped = sighting(t, add(PAD, (1.5, 0.0, 0.0)), tilt=math.radians(2.0), cost=0.5)
+        assert pad_filter.update([flipped, true])
+    assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.01
+
+
+def test_one_false_alarm_is_never_a_pad() -> None:
+    pad_filter = PadFilter(OPTIONS)
+    assert not pad_filter.update([sighting(0.0, PAD)])
+    for now in (0.0, 0.1, 1.0, 10.0):
+        assert pad_filter.estimate(now, 0.0) is None
+
+
+def test_false_alarms_in_different_places_are_no_pad() -> None:
+    noise = random.Random(5)
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(200):
+        place = (noise.uniform(-30.0, 30.0), noise.uniform(-30.0, 30.0), 0.0)
+        assert not pad_filter.update([sighting(t, place)])
+        assert pad_filter.estimate(t, t) is None
+
+
+@pytest.mark.parametrize("gap", [0.4, 0.7, 1.0, 1.5, 1.95])
+def test_a_false_alarm_before_the_pad_does_not_make_it_a_fast_one(gap: float) -> None:
+    pad_filter = PadFilter(OPTIONS)
+    pad_filter.update([sighting(0.0, add(PAD, (6.0, 0.0, 0.0)))])
+    for t in times(30, gap):
+        pad_filter.update([sighting(t, PAD)])
+        found = pad_filter.estimate(t, t)
+        assert found is None or norm(found.velocity) < 0.5
+    assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.01
+
+
+def test_three_consistent_sightings_are_a_pad() -> None:
+    pad_filter = PadFilter(OPTIONS)
+    accepted = [pad_filter.update([sighting(t, PAD)]) for t in times(3)]
+    assert accepted == [False, False, True]
+
+
+def test_after_two_seconds_out_of_sight_it_begins_anew() -> None:
+    pad_filter = settled()
+    elsewhere = add(PAD, (0.2, 0.0, 0.0))
+    t = 89 / RATE + 2.1
+    assert not pad_filter.update([sighting(t, elsewhere)])
+    assert pad_filter.estimate(t, t) is None
+
+
+def test_what_is_not_seen_grows_uncertain() -> None:
+    pad_filter = settled()
+    t = 89 / RATE
+    sigmas = [estimate(pad_filter, t + wait).sigma_m for wait in (0.0, 0.5, 1.0, 2.0)]
+    assert sigmas == sorted(sigmas)
+    # White acceleration alone gives a sqrt(dt^3 / 3).
+    assert sigmas[-1] > OPTIONS.pad_acceleration_mps2 * math.sqrt(2.0**3 / 3.0)
+
+
+def test_an_empty_frame_changes_nothing() -> None:
+    pad_filter = settled()
+    before = estimate(pad_filter, 4.0)
+    assert not pad_filter.update([])
+    assert estimate(pad_filter, 4.0) == before
+
+
+def test_forgotten_is_forgotten() -> None:
+    pad_filter = settled()
+    pad_filter.reset()
+    assert pad_filter.estimate(3.0, 3.0) is None
+    # A frame of coordinates of its own, and times that begin again.
+    for t in times(3):
+        pad_filter.update([sighting(t, (0.0, 0.0, 0.0))])
+    assert norm(estimate(pad_filter, t).position) < 1e-9
+
+
+# ---- heading -----------------------------------------------------------------------------------
+
+
+def test_heading_is_averaged_over_the_seam() -> None:
+    noise = random.Random(6)
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(300):
+        pad_filter.update([sighting(t, PAD, noise=noise, heading=math.pi)])
+    found = estimate(pad_filter, t)
+    assert found.heading is not None
+    assert abs(wrap(found.heading - math.pi)) < 0.02
+    assert found.sigma_heading < 0.03
+
+
+def test_a_ring_alone_tells_no_heading() -> None:
+    assert estimate(settled(), 3.0).heading is None
+
+
+def test_a_heading_not_seen_for_long_is_not_known() -> None:
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(60):
+        pad_filter.update([sighting(t, PAD, heading=0.3)])
+    assert estimate(pad_filter, t).heading == pytest.approx(0.3)
+    for later in times(300, t + 1 / RATE):  # only the ring from here on
+        pad_filter.update([sighting(later, PAD)])
+    assert estimate(pad_filter, later).heading is None
+    # It is known again as soon as the square is.
+    pad_filter.update([sighting(later + 1 / RATE, PAD, heading=0.35)])
+    again = estimate(pad_filter, later + 1 / RATE).heading
+    assert again == pytest.approx(0.35, abs=0.03)
+
+
+def test_one_flipped_heading_is_refused_and_a_lasting_one_is_taken() -> None:
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(60):
+        pad_filter.update([sighting(t, PAD, heading=0.3)])
+    pad_filter.update([sighting(t + 1 / RATE, PAD, heading=0.3 + math.pi)])
+    assert estimate(pad_filter, t + 1 / RATE).heading == pytest.approx(0.3)
+    for later in times(6, t + 2 / RATE):
+        pad_filter.update([sighting(later, PAD, heading=1.3)])
+    assert estimate(pad_filter, later).heading == pytest.approx(1.3, abs=0.01)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_position_that_is_no_number_is_refused(bad: float) -> None:
+    pad_filter = settled()
+    t = 90 / RATE
+    assert not pad_filter.update([sighting(t, (bad, 0.0, 0.0))])
+    assert norm(sub(estimate(pad_filter, t).position, PAD)) < 1e-6
