@@ -1,6 +1,6 @@
 """Prints the simulated vehicle's step responses beside those measured on ArduCopter 4.5.7 in SITL.
 
-Run as `python -m bench.step_response`; exits 1 where a value is off by more than 5 % of the step.
+Run as `python bench/step_response.py`; exits 1 where a value is off by more than 5 % of the step.
 """
 
 import math

@@ -115,8 +115,9 @@ class SimGimbal:
         """Wait for the next report, 50 a second. Raises DeviceLost."""
         loop = asyncio.get_running_loop()
         while True:
-            self._next_report += REPORT_PERIOD_S
-            await asyncio.sleep(max(0.0, self._next_report - loop.time()))
+            missed = max(0.0, (loop.time() - self._next_report) // REPORT_PERIOD_S)
+            self._next_report += (missed + 1.0) * REPORT_PERIOD_S
+            await asyncio.sleep(self._next_report - loop.time())
             if self.fault is GimbalFault.LOST:
                 raise DeviceLost("simulated gimbal is gone")
             if self.fault is not GimbalFault.SILENT:

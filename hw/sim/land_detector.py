@@ -1,9 +1,6 @@
 """ArduCopter's land detector, as far as a landing in GUIDED shows it."""
 
-import math
-
 from hw.sim.response import STEP_S
-from landerd.geometry import Vec3
 
 
 class LandDetector:
@@ -17,16 +14,15 @@ class LandDetector:
         self.landed = False
         self._timer = 0.0
 
-    def step(self, thrust: float, order: Vec3, surface_velocity: Vec3) -> None:
+    def step(self, thrust: float, descending: bool, lateral: float) -> None:
         """Go on by STEP_S while a foot touches.
 
         Args:
             thrust: in units of the hover thrust
-            order: velocity ordered, local NED, m/s
-            surface_velocity: of what the feet stand on, m/s
+            descending: descent is ordered, or the motors are off
+            lateral: velocity ordered along the surface, relative to it, m/s
         """
-        lateral = math.hypot(order[0] - surface_velocity[0], order[1] - surface_velocity[1])
-        if thrust < self._THRUST_GONE and order[2] > 0.0 and lateral < self._LATERAL_MPS:
+        if thrust < self._THRUST_GONE and descending and lateral < self._LATERAL_MPS:
             self._timer += STEP_S
             if self._timer >= self._TRIGGER_S:
                 self.landed = True
@@ -34,6 +30,6 @@ class LandDetector:
             self._timer = 0.0
 
     def flying(self) -> None:
-        """Start again: no foot touches, or it takes off."""
+        """Start again: the vehicle is clear of any surface, or takes off."""
         self.landed = False
         self._timer = 0.0

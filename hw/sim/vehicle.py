@@ -129,7 +129,13 @@ class Vehicle:
         self._lean = self.roll, self.pitch = self._lean_for(windy_n, windy_e)
 
     def order(self, velocity: Vec3, yaw_rate: float) -> None:
-        """Fly this velocity (local NED, m/s) and yaw rate (rad/s) from now on."""
+        """Fly this velocity (local NED, m/s) and yaw rate (rad/s) from now on.
+
+        After a detected landing it idles until a climb is ordered.
+        """
+        if velocity[2] < 0.0 and self.motors and self._detector.landed:
+            self._detector.flying()
+            self._fly_from_here()
         self._velocity_order = velocity
         self._yaw_rate_order = yaw_rate
 
@@ -148,11 +154,6 @@ class Vehicle:
             self.motors = True
             self._fly_from_here()
             self._sunk = GRAVITY if any(self.feet) else 0.0
-
-    def take_off(self) -> None:
-        """Leave the idling after a landing: climb as soon as that is ordered."""
-        self._detector.flying()
-        self._fly_from_here()
 
     def _fly_from_here(self) -> None:
         self._horizontal.settle(self.velocity[0], self.velocity[1])
@@ -207,7 +208,7 @@ class Vehicle:
 
     def _fly_vertical(self, vd: float, feet_down: int) -> float:
         """Return the acceleration down (m/s^2) that the motors allow; sets the thrust."""
-        if self._detector.landed:  # ArduCopter idles until the next take-off, whatever is ordered
+        if self._detector.landed:
             self.thrust = 0.0
             return GRAVITY
         error = self._vertical.v + self._wander.velocity[2] - vd
@@ -302,7 +303,12 @@ class Vehicle:
         x, y, z = contact.rate_change
         self._off_rate = (self._off_rate[0] + c * x + s * y, self._off_rate[1] - s * x + c * y)
         self._yaw_off_rate += z
-        self._detector.step(self.thrust, self._velocity_order, contact.surface_velocity)
+        n, e, down = self._velocity_order
+        along = math.hypot(n - contact.surface_velocity[0], e - contact.surface_velocity[1])
+        if self.motors:
+            self._detector.step(self.thrust, down > 0.0, along)
+        else:
+            self._detector.step(0.0, True, 0.0)
 
     def _turn_body(self, lean_rates: tuple[float, float]) -> None:
         """Take the attitude on by one step."""
