@@ -1,299 +1,315 @@
 """Fit of a ring's pose to the grey levels near its two edges.
 
 The model of a pixel: its ray meets the pad's plane at a distance rho from the ring's centre; the
-edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian. Gauss-Newton
-on centre, normal, levels, light gradient and blur, with weights against what the model leaves out
-(occlusion, the plate's edge). Distances are exact in the pad's plane, so neither perspective nor
-lens distortion bends them; two corrections of second order make up for measuring them in pixels.
+edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian that may be
+longer one way than the other (motion). Gauss-Newton on centre, normal, blur, levels and light
+gradient, with weights against what the model leaves out (occlusion, the plate's edge). Distances
+are exact in the pad's plane, so neither perspective nor lens distortion bends them; two
+corrections of second order make up for measuring them in pixels.
+
+Several starts are fitted side by side: arrays have one row for each.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
-from landerd.vision.ring_pose import F64, Pose
+from landerd.vision.ring_pose import F64, Pose, tangents
 
 U8 = NDArray[np.uint8]
 
-_BAND_PX = 3.0  # pixels this near to an edge take part
-_MOST = 1000  # pixels in a fit
-_MAX_TILT_COS = 0.15
+_MOST = 640  # pixels in a fit
+_PARAMETERS = 13  # centre 3, normal 2, blur 3, levels 3, light gradient 2
+_MIN_BLUR, _MAX_BLUR = 0.3, 12.0  # px
+_MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """Grey levels and where they were seen."""
+    """Grey levels (n,) and the rays (x, y) on z = 1, (n,) each, on which they were seen."""
 
-    x: F64  # rays on z = 1, (n,)
+    x: F64
     y: F64
-    grey: F64  # (n,)
+    grey: F64
     focal: float  # pixels per ray unit, geometric mean
 
 
-@dataclass
+@dataclass(frozen=True)
 class RingFit:
-    """A fitted ring. Grey levels are `inside`, `black`, `outside` at the ring's centre."""
+    """A fitted ring, and how well it fits. Levels are grey levels at the ring's centre."""
 
     position: F64  # (3,), m
     normal: F64  # (3,), unit, away from the camera
-    blur_px: float
+    blur: F64  # (3,): xx, yy, xy of the blur's covariance, px^2
     inside: float
     black: float
     outside: float
-    slope: F64  # (2,) relative change of light per ring radius, along x and y of the image
-    noise: float = 0.0  # robust sigma of the residuals, grey levels
-    cost: float = math.inf  # robust sum of squared residuals over noise^2
-    samples: int = 0
-    inliers: float = 0.0  # share of pixels within 3 sigma
-    covariance: F64 | None = None  # of position (3, 3), m^2
-    sigma_tilt: float = math.inf  # rad
-    ratio: float = 0.0  # inner over outer diameter as the pixels have it
-    sigma_ratio: float = math.inf
+    noise: float  # robust sigma of the residuals, grey levels
+    cost: float  # robust sum of squared residuals over noise^2
+    inliers: float  # share of pixels within 3 sigma
+    covariance: F64  # of position (3, 3), m^2
+    sigma_tilt: float  # rad
+    ratio: float  # inner over outer diameter as the pixels have it
+    sigma_ratio: float
 
     @property
     def contrast(self) -> float:
         """Step from black to white, grey levels: the smaller of both edges."""
         return min(self.inside, self.outside) - self.black
 
-
-def pixels_near(
-    image: U8, camera: CameraModel, pose: Pose, radius: float, ratio: float
-) -> Pixels | None:
-    """Return the pixels near both edges of a ring at a pose; None if too few are in the image."""
-    h, w = image.shape
-    outer, inner = edge_pixels(camera, pose, radius), edge_pixels(camera, pose, radius * ratio)
-    low, high = outer.min(axis=0), outer.max(axis=0)
-    if not np.isfinite(low).all():
-        return None
-    if float((high - low).max()) < 40.0:
-        x0, y0 = np.maximum(np.floor(low - _BAND_PX), 0).astype(int)
-        x1, y1 = np.minimum(np.ceil(high + _BAND_PX), (w - 1, h - 1)).astype(int)
-        if x1 - x0 < 4 or y1 - y0 < 4:
-            return None
-        gx, gy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
-        p = np.column_stack([gx.ravel(), gy.ravel()])
-    else:
-        p = np.concatenate([_across(inner, 0.4), _across(outer, 0.6)])
-        p = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
-    if len(p) < 40:
-        return None
-    rays = camera.rays(p.astype(np.float64))
-    focal = math.sqrt(camera.fx * camera.fy)
-    grey = image[p[:, 1], p[:, 0]].astype(np.float64)
-    pixels = Pixels(rays[:, 0].copy(), rays[:, 1].copy(), grey, focal)
-    rho, _, _, scale, *_ = _plane(pixels, *pose)
-    near = (rho - radius < _BAND_PX * scale) & (
-        (radius - rho < _BAND_PX * scale) | (np.abs(rho - radius * ratio) < _BAND_PX * scale)
-    )
-    if np.count_nonzero(near) < 40:
-        return None
-    return Pixels(pixels.x[near], pixels.y[near], grey[near], focal)
+    @property
+    def blur_px(self) -> float:
+        """Sigma of the blur along its longer axis, px."""
+        xx, yy, xy = (float(v) for v in self.blur)
+        return math.sqrt((xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy))
 
 
-def edge_pixels(camera: CameraModel, pose: Pose, radius: float, count: int = 64) -> F64:
-    """Return pixels (count, 2) on a circle in the pad's plane."""
+def edge_pixels(camera: CameraModel, pose: Pose, radius: float, count: int = 48) -> F64:
+    """Return pixels (count, 2) of a circle in the pad's plane."""
     position, normal = pose
-    e1, e2 = _tangents(normal)
+    e1, e2 = tangents(normal)
     a = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)[:, None]
     points = position + radius * (np.cos(a) * e1 + np.sin(a) * e2)
     points[:, 2] = np.maximum(points[:, 2], 1e-3)
     return camera.pixels(points)
 
 
-def _across(edge: F64, share: float) -> NDArray[np.intp]:
-    """Return whole pixels (n, 2) on short lines across a closed outline (64, 2)."""
-    offsets = np.arange(-_BAND_PX, _BAND_PX + 0.5)
+def pixels_near(
+    image: U8, camera: CameraModel, pose: Pose, radius: float, ratio: float, band_px: float
+) -> Pixels | None:
+    """Return the pixels within a band of both edges of a ring; None if too few are in the image."""
+    h, w = image.shape
+    outer = edge_pixels(camera, pose, radius)
+    low, high = outer.min(axis=0), outer.max(axis=0)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        return None
+    size = float((high - low).max())
+    if size > 4.0 * max(h, w):
+        return None
+    # The plate's white margin may be narrow: what lies beyond is not the ring's business.
+    beyond_px = min(band_px, max(0.6, 0.08 * size))
+    if size < 36.0:
+        x0, y0 = np.maximum(np.floor(low - beyond_px), 0).astype(int)
+        x1, y1 = np.minimum(np.ceil(high + beyond_px), (w - 1, h - 1)).astype(int)
+        gx, gy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
+        p = np.column_stack([gx.ravel(), gy.ravel()])
+    else:
+        inner = edge_pixels(camera, pose, radius * ratio)
+        p = np.concatenate([_across(inner, band_px, 0.4), _across(outer, band_px, 0.6)])
+        p = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
+    if len(p) < 30:
+        return None
+    rays = camera.rays(p.astype(np.float64))
+    focal = math.sqrt(camera.fx * camera.fy)
+    grey = image[p[:, 1], p[:, 0]].astype(np.float64)
+    pixels = Pixels(rays[:, 0].copy(), rays[:, 1].copy(), grey, focal)
+    g = _Geometry(pixels, pose[0][None], pose[1][None])
+    d_o, d_i = (g.rho[0] - radius) / g.scale[0], (g.rho[0] - radius * ratio) / g.scale[0]
+    near = (d_o < beyond_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px))
+    if np.count_nonzero(near) < 30:
+        return None
+    return Pixels(pixels.x[near], pixels.y[near], grey[near], focal)
+
+
+def _across(edge: F64, band_px: float, share: float) -> NDArray[np.intp]:
+    """Return whole pixels (n, 2) on short lines across a closed outline."""
+    step = max(1.0, band_px / 4.0)
+    offsets = np.arange(-band_px, band_px + 0.5 * step, step)
     count = int(share * _MOST / len(offsets))
     at = np.arange(count) * (len(edge) / count)
     i = at.astype(int)
-    part = (at - i)[:, None]
     closed = np.vstack([edge, edge[:1]])
     along = closed[i + 1] - closed[i]
-    p = closed[i] + part * along
+    p = closed[i] + (at - i)[:, None] * along
     normal = np.column_stack([-along[:, 1], along[:, 0]])
-    normal /= np.linalg.norm(normal, axis=1)[:, None] + 1e-12
+    normal /= np.sqrt((normal * normal).sum(axis=1))[:, None] + 1e-12
     lines = p[:, None, :] + offsets[None, :, None] * normal[:, None, :]
     return np.rint(lines).reshape(-1, 2).astype(np.intp)
 
 
-def _tangents(normal: F64) -> tuple[F64, F64]:
-    """Return two unit vectors that span the plane of a normal."""
-    x, y, z = (float(v) for v in normal)
-    # Across the axis that lies farther from the normal.
-    if abs(x) < 0.7:
-        k = 1.0 / math.hypot(y, z)
-        e1 = (0.0, z * k, -y * k)
-    else:
-        k = 1.0 / math.hypot(x, z)
-        e1 = (-z * k, 0.0, x * k)
-    e2 = (y * e1[2] - z * e1[1], z * e1[0] - x * e1[2], x * e1[1] - y * e1[0])
-    return np.array(e1), np.array(e2)
+class _Geometry:
+    """Pixels against the planes of several poses: arrays (starts, n)."""
 
+    def __init__(self, pixels: Pixels, t: F64, n: F64) -> None:
+        x, y, f = pixels.x, pixels.y, pixels.focal
+        nx, ny, nz = n[:, 0:1], n[:, 1:2], n[:, 2:3]
+        self.m = np.maximum(nx * x + ny * y + nz, 1e-6)
+        self.depth = (n * t).sum(axis=1)[:, None] / self.m
+        qx = self.depth * x - t[:, 0:1]
+        qy = self.depth * y - t[:, 1:2]
+        qz = self.depth - t[:, 2:3]
+        self.rho = np.sqrt(qx * qx + qy * qy + qz * qz) + 1e-9
+        # Unit vector from the centre; d rho = (a n - u) . dt and d rho = -a rho u . dn.
+        self.u = (qx / self.rho, qy / self.rho, qz / self.rho)
+        self.a = (self.u[0] * x + self.u[1] * y + self.u[2]) / self.m
+        k = self.depth / f
+        gx = k * (self.u[0] - nx * self.a)
+        gy = k * (self.u[1] - ny * self.a)
+        self.scale = np.sqrt(gx * gx + gy * gy) + 1e-12  # metres in the plane per pixel
+        self.across = (gx / self.scale, gy / self.scale)  # unit gradient of rho in the image
 
-def _plane(
-    pixels: Pixels, position: F64, normal: F64
-) -> tuple[F64, tuple[F64, F64, F64], F64, F64, F64, F64, F64]:
-    """Return rho, q, a, metres per pixel across the level line, and what its bend needs.
+    def bends(self, pixels: Pixels, n: F64) -> tuple[F64, F64]:
+        """Return the level line's curvature (1/px) and rho'' / (2 rho') across it (1/px).
 
-    q is the point in the plane from the centre (three arrays); d rho = (a n - q / rho) . dt and
-    d rho = -a q . dn. The last three are the plane's area of one pixel squared over ..., see
-    `_bends`.
-    """
-    x, y, f = pixels.x, pixels.y, pixels.focal
-    nx, ny, nz = (float(v) for v in normal)
-    tx, ty, tz = (float(v) for v in position)
-    m = np.maximum(nx * x + ny * y + nz, 1e-6)
-    depth = (nx * tx + ny * ty + nz * tz) / m
-    qx, qy, qz = depth * x - tx, depth * y - ty, depth - tz
-    rho = np.sqrt(qx * qx + qy * qy + qz * qz) + 1e-9
-    a = (qx * x + qy * y + qz) / (m * rho)
-    k = depth / f
-    gx = k * (qx / rho - nx * a)
-    gy = k * (qy / rho - ny * a)
-    scale = np.sqrt(gx * gx + gy * gy) + 1e-12
-    return rho, (qx, qy, qz), a, scale, gx, gy, depth / m
-
-
-def _bends(
-    pixels: Pixels, pose: Pose, rho: F64, scale: F64, gx: F64, gy: F64, depth_over_m: F64
-) -> tuple[F64, F64]:
-    """Return the level line's curvature (1/px) and half the second derivative of rho across it.
-
-    With M the metric of the plane in pixels, rho^2 = p^T M p: the curvature is
-    det M / (rho g^3), and rho'' across the line is (u^T M u - g^2) / rho, u the unit gradient.
-    """
-    x, y, f = pixels.x, pixels.y, pixels.focal
-    nx, ny, nz = (float(v) for v in pose[1])
-    m = np.maximum(nx * x + ny * y + nz, 1e-6)
-    depth = depth_over_m * m
-    ux, uy = gx / scale, gy / scale
-    nu = (nx * ux + ny * uy) / m
-    k = depth / f
-    wx, wy, wz = ux - nu * x, uy - nu * y, -nu
-    along2 = k * k * (wx * wx + wy * wy + wz * wz)
-    area = depth * depth_over_m * depth / (f * f) / np.maximum(depth, 1e-9)
-    curvature = area * area / (rho * scale**3)
-    return curvature, np.maximum(along2 - scale * scale, 0.0) / (2.0 * rho)
+        With M the metric of the plane in pixels, rho^2 = p^T M p: the curvature is
+        det M / (rho g^3), and rho'' across the line is (w^T M w - g^2) / rho, w the unit gradient.
+        """
+        wx, wy = self.across
+        nw = (n[:, 0:1] * wx + n[:, 1:2] * wy) / self.m
+        k = self.depth / pixels.focal
+        ex, ey = wx - nw * pixels.x, wy - nw * pixels.y
+        square = self.scale * self.scale
+        excess = np.maximum(k * k * (ex * ex + ey * ey + nw * nw) - square, 0.0)
+        area = k * k / self.m
+        curvature = area * area / (self.rho * square * self.scale)
+        return curvature, excess / (2.0 * self.rho * self.scale)
 
 
 def _step(z: F64) -> tuple[F64, F64]:
-    """Return the normal distribution function and its density."""
-    cdf = 0.5 + 0.5 * np.tanh(z * (0.7978845608 + 0.0356774081 * z * z))
-    return cdf, np.exp(-0.5 * z * z) * 0.3989422804
+    """Return the normal distribution function (to 3e-4) and the density."""
+    square = z * z
+    cdf = 0.5 + 0.5 * np.tanh(z * (0.7978845608 + 0.0356774081 * square))
+    return cdf, np.exp(-0.5 * square) * 0.3989422804
 
 
 def fit_ring(
-    pixels: Pixels, start: Pose, radius: float, ratio: float, iterations: int, blur_px: float = 1.0
-) -> RingFit | None:
-    """Fit a ring to pixels from a start within about two pixels; None if the fit fails."""
-    position, normal = start[0].copy(), start[1].copy()
-    x, y, grey = pixels.x, pixels.y, pixels.grey
-    n = len(grey)
-    ordered = np.sort(grey)
-    black, inside = float(ordered[n // 10]), float(ordered[-1 - n // 10])
-    outside = inside
-    slope = np.zeros(2)
-    blur = blur_px
-    inner = radius * ratio
-    J = np.empty((12, n))
-    bends: tuple[F64, F64] | None = None
-    noise = 0.0
-    for i in range(iterations + 1):
-        rho, q, a, scale, gx, gy, dm = _plane(pixels, position, normal)
-        if bends is None or i == iterations - 1:
-            bends = _bends(pixels, (position, normal), rho, scale, gx, gy, dm)
-        curvature, half_second = bends
-        d_o, d_i = (rho - radius) / scale, (rho - inner) / scale
-        bent = half_second / scale
-        bow = 0.5 * blur * curvature
-        f_o, p_o = _step((d_o - bent * d_o * d_o) / blur + bow)
-        f_i, p_i = _step((d_i - bent * d_i * d_i) / blur + bow)
-        X = (x - position[0] / position[2]) * (position[2] / radius)
-        Y = (y - position[1] / position[2]) * (position[2] / radius)
-        light = 1.0 + slope[0] * X + slope[1] * Y
-        base = inside + (black - inside) * f_i + (outside - black) * f_o
-        residual = grey - light * base
-        s_o = light * (outside - black) * p_o / blur
-        s_i = light * (black - inside) * p_i / blur
-        D = (s_o + s_i) / scale
-        e1, e2 = _tangents(normal)
-        Da = D * a
-        for k in range(3):
-            J[k] = Da * normal[k] - D * q[k] / rho
-        J[3] = -Da * (q[0] * e1[0] + q[1] * e1[1] + q[2] * e1[2])
-        J[4] = -Da * (q[0] * e2[0] + q[1] * e2[1] + q[2] * e2[2])
-        J[5] = -(s_o * d_o + s_i * d_i) / blur
-        J[6] = light * (1.0 - f_i)
-        J[7] = light * (f_i - f_o)
-        J[8] = light * f_o
-        J[9] = base * X
-        J[10] = base * Y
-        J[11] = -s_i / scale  # of the inner radius: only the last look uses it
-        size = np.abs(residual)
-        noise = max(1.4826 * float(np.median(size)), 0.5)
-        weight = 1.0 / (1.0 + (residual / (3.0 * noise)) ** 2)
-        JW = J * weight
-        H = JW @ J.T
-        b = JW @ residual
-        if i == iterations:
-            break
-        H5 = H[:11, :11].copy()
-        # A step limit, not a prior: near frontal view the tilt is hardly seen.
-        H5[3, 3] += noise * noise / 0.09
-        H5[4, 4] += noise * noise / 0.09
-        H5[5, 5] += noise * noise / 0.25
-        try:
-            step = np.linalg.solve(H5, b[:11])
-        except np.linalg.LinAlgError:
-            return None
-        limit = 0.3 * radius / max(1e-9, float(np.linalg.norm(step[:3] - position * (step[2] / position[2]))))
-        limit = min(1.0, limit, 0.25 * position[2] / max(1e-9, abs(float(step[2]))))
-        position = position + limit * step[:3]
-        normal = normal + limit * (step[3] * e1 + step[4] * e2)
-        normal /= np.linalg.norm(normal)
-        blur = min(max(blur + limit * float(step[5]), 0.35), 4.0)
-        inside += float(step[6])
-        black += float(step[7])
-        outside += float(step[8])
-        slope = slope + step[9:11]
-        sight = float(normal @ position)
-        if not (position[2] > 0.0 and sight > _MAX_TILT_COS * float(np.linalg.norm(position))):
-            return None
-    fit = RingFit(position, normal, blur, inside, black, outside, slope)
-    _judge(fit, H, b, residual, weight, noise, radius, ratio)
-    return fit
-
-
-def _judge(
-    fit: RingFit,
-    H: F64,
-    b: F64,
-    residual: F64,
-    weight: F64,
-    noise: float,
+    pixels: Pixels,
+    starts: Sequence[Pose],
     radius: float,
     ratio: float,
-) -> None:
-    """Fill in cost, covariance and the ratio the pixels have."""
-    n = len(residual)
-    fit.noise = noise
-    fit.samples = n
-    fit.cost = float(np.sum(9.0 * np.log1p((residual / (3.0 * noise)) ** 2)))
-    fit.inliers = float(np.count_nonzero(np.abs(residual) < 3.0 * noise)) / n
-    variance = float(np.sum(weight * residual * residual) / max(float(weight.sum()) - 11.0, 5.0))
-    H = H.copy()
-    H[3, 3] += variance / 0.25
-    H[4, 4] += variance / 0.25
-    try:
-        full = np.linalg.inv(H)
-        inverse = np.linalg.inv(H[:11, :11])
-    except np.linalg.LinAlgError:
-        return
-    fit.covariance = cast(F64, variance * inverse[:3, :3])
-    fit.sigma_tilt = math.sqrt(max(0.0, variance * float(inverse[3, 3] + inverse[4, 4]) / 2.0))
-    fit.ratio = ratio + float((full @ b)[11]) / radius
-    fit.sigma_ratio = math.sqrt(max(0.0, variance * float(full[11, 11]))) / radius
+    iterations: int,
+    blur_px: float,
+) -> list[RingFit]:
+    """Return the fits from starts within about two pixels, best first; failed ones are left out."""
+    x, y, grey = pixels.x, pixels.y, pixels.grey
+    count, n = len(starts), len(grey)
+    t = np.array([p for p, _ in starts])
+    normal = np.array([v for _, v in starts])
+    ordered = np.sort(grey)
+    white, black = float(ordered[-1 - n // 8]), float(ordered[n // 8])
+    p = np.tile([blur_px**2, blur_px**2, 0.0, white, black, white, 0.0, 0.0], (count, 1))
+    inner = radius * ratio
+    J = np.empty((count, _PARAMETERS + 1, n))
+    diagonal = np.arange(_PARAMETERS)
+    bends: tuple[F64, F64] | None = None
+    for i in range(iterations + 1):
+        g = _Geometry(pixels, t, normal)
+        if bends is None or i == iterations - 1:
+            bends = g.bends(pixels, normal)
+        curvature, bent = bends
+        wx, wy = g.across
+        sxx, syy, sxy, inside, dark, outside, slope_x, slope_y = (p[:, k : k + 1] for k in range(8))
+        wxx, wyy, wxy = wx * wx, wy * wy, 2.0 * wx * wy
+        s = np.sqrt(np.maximum(sxx * wxx + syy * wyy + sxy * wxy, _MIN_BLUR**2))
+        d_o, d_i = (g.rho - radius) / g.scale, (g.rho - inner) / g.scale
+        bow = 0.5 * s * curvature
+        f_o, p_o = _step((d_o - bent * d_o * d_o) / s + bow)
+        f_i, p_i = _step((d_i - bent * d_i * d_i) / s + bow)
+        X = (x - t[:, 0:1] / t[:, 2:3]) * (t[:, 2:3] / radius)
+        Y = (y - t[:, 1:2] / t[:, 2:3]) * (t[:, 2:3] / radius)
+        light = 1.0 + slope_x * X + slope_y * Y
+        base = inside + (dark - inside) * f_i + (outside - dark) * f_o
+        residual = grey - light * base
+        s_o = light * (outside - dark) * p_o / s
+        s_i = light * (dark - inside) * p_i / s
+        D = (s_o + s_i) / g.scale
+        Da = D * g.a
+        for k in range(3):
+            J[:, k] = Da * normal[:, k : k + 1] - D * g.u[k]
+        Da *= -g.rho
+        e = [tangents(v) for v in normal]
+        for k in range(2):
+            ek = np.array([pair[k] for pair in e])
+            J[:, 3 + k] = Da * (g.u[0] * ek[:, 0:1] + g.u[1] * ek[:, 1:2] + g.u[2] * ek[:, 2:3])
+        by_variance = -(s_o * d_o + s_i * d_i) / (2.0 * s * s)
+        J[:, 5] = by_variance * wxx
+        J[:, 6] = by_variance * wyy
+        J[:, 7] = by_variance * wxy
+        J[:, 8] = light * (1.0 - f_i)
+        J[:, 9] = light * (f_i - f_o)
+        J[:, 10] = light * f_o
+        J[:, 11] = base * X
+        J[:, 12] = base * Y
+        J[:, 13] = s_i / (-g.scale)  # of the inner radius: only the judgement uses it
+        noise = np.maximum(1.4826 * np.median(np.abs(residual), axis=1, keepdims=True), 0.5)
+        u = (residual / (3.0 * noise)) ** 2
+        weight = 1.0 / (1.0 + u) ** 2
+        JW = J * weight[:, None, :]
+        H = JW @ J.transpose(0, 2, 1)
+        b = (JW @ residual[:, :, None])[:, :, 0]
+        _add_priors(H, b, p, noise[:, 0])
+        if i == iterations:
+            break
+        A = H[:, :_PARAMETERS, :_PARAMETERS].copy()
+        # A limit to the step, not a prior: near frontal view the tilt is hardly seen.
+        A[:, diagonal[3:5], diagonal[3:5]] += noise * noise / 0.2**2
+        step = np.linalg.solve(A, b[:, :_PARAMETERS, None])[:, :, 0]
+        depth = t[:, 2]
+        aside = step[:, :2] - t[:, :2] * (step[:, 2] / depth)[:, None]
+        ease = np.minimum(1.0, 0.25 * depth / np.maximum(np.abs(step[:, 2]), 1e-9))
+        ease = np.minimum(ease, 0.3 * radius / np.maximum(np.hypot(*aside.T), 1e-9))[:, None]
+        t = t + ease * step[:, :3]
+        t[:, 2] = np.maximum(t[:, 2], 0.02)
+        normal = normal + ease * (
+            step[:, 3:4] * np.array([v[0] for v in e]) + step[:, 4:5] * np.array([v[1] for v in e])
+        )
+        normal /= np.sqrt((normal * normal).sum(axis=1))[:, None]
+        p = p + step[:, 5:]
+        p[:, :2] = np.clip(p[:, :2], _MIN_BLUR**2, _MAX_BLUR**2)
+        most = 0.95 * np.sqrt(p[:, 0] * p[:, 1])
+        p[:, 2] = np.clip(p[:, 2], -most, most)
+    fits = []
+    least = float(noise.min())
+    for k in range(count):
+        distance = float(np.linalg.norm(t[k]))
+        if not float(normal[k] @ t[k]) > _MIN_COS * distance:
+            continue
+        w, r = weight[k], residual[k]
+        variance = float((w * r * r).sum()) / max(float(w.sum()) - _PARAMETERS, 5.0)
+        full = np.linalg.inv(H[k])
+        less = np.linalg.inv(H[k, :_PARAMETERS, :_PARAMETERS])
+        fits.append(
+            RingFit(
+                position=t[k],
+                normal=normal[k],
+                blur=p[k, :3],
+                inside=float(p[k, 3]),
+                black=float(p[k, 4]),
+                outside=float(p[k, 5]),
+                noise=float(noise[k, 0]),
+                cost=float((9.0 * u[k] / (1.0 + u[k])).sum()) * (float(noise[k, 0]) / least) ** 2,
+                inliers=float(np.count_nonzero(u[k] < 1.0)) / n,
+                covariance=variance * less[:3, :3],
+                sigma_tilt=math.sqrt(max(0.0, variance * float(less[3, 3] + less[4, 4]) / 2.0)),
+                ratio=ratio + float(full[13] @ b[k]) / radius,
+                sigma_ratio=math.sqrt(max(0.0, variance * float(full[13, 13]))) / radius,
+            )
+        )
+    return sorted(fits, key=lambda f: f.cost)
+
+
+def _add_priors(H: F64, b: F64, p: F64, noise: F64) -> None:
+    """Add what is known besides the pixels to the normal equations, in place.
+
+    Paper is equally white inside and around (to 6 %): far away little is seen of the surroundings.
+    Blur is round to about 0.3 px^2 unless the pixels say otherwise. Tilts span about a radian.
+    """
+    variance = noise * noise
+    tie = variance / (0.06 * np.maximum(p[:, 3], 10.0)) ** 2
+    H[:, 8, 8] += tie
+    H[:, 10, 10] += tie
+    H[:, 8, 10] -= tie
+    H[:, 10, 8] -= tie
+    b[:, 8] += tie * (p[:, 5] - p[:, 3])
+    b[:, 10] -= tie * (p[:, 5] - p[:, 3])
+    H[:, 3, 3] += variance
+    H[:, 4, 4] += variance
+    H[:, 5, 5] += 1e-3 * variance
+    H[:, 6, 6] += 1e-3 * variance
+    H[:, 7, 7] += 1e-3 * variance
+    H[:, 11, 11] += variance
+    H[:, 12, 12] += variance

@@ -16,6 +16,20 @@ F64 = NDArray[np.float64]
 Pose = tuple[F64, F64]  # centre (m) and unit normal away from the camera, camera frame
 
 
+def tangents(normal: F64) -> tuple[F64, F64]:
+    """Return two unit vectors that span the plane of a unit normal."""
+    x, y, z = (float(v) for v in normal)
+    # Started from the axis that lies farther from the normal.
+    if abs(x) < 0.7:
+        k = 1.0 / math.hypot(y, z)
+        e1 = (0.0, z * k, -y * k)
+    else:
+        k = 1.0 / math.hypot(x, z)
+        e1 = (-z * k, 0.0, x * k)
+    e2 = (y * e1[2] - z * e1[1], z * e1[0] - x * e1[2], x * e1[1] - y * e1[0])
+    return np.array(e1), np.array(e2)
+
+
 def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:
     """Return the cone of sight (3, 3) of a circle."""
     a = float(normal @ position) * np.eye(3) - np.outer(position, normal)

@@ -17,8 +17,7 @@ U8 = NDArray[np.uint8]
 
 MIN_EXTENT_PX = 5  # of a ring's shorter side: below, its hole is no pixel any more
 _BOX_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
-_OFFSET = 5  # grey levels below the local mean that count as dark
-_MOST = 12  # candidates looked at, largest first
+_MOST = 200  # components looked at, largest first
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
@@ -38,13 +37,14 @@ class Ellipse:
 
     def moved(self, x: float, y: float) -> "Ellipse":
         """Return the ellipse shifted by (x, y)."""
-        return Ellipse(self.centre + (x, y), self.axes)
+        return Ellipse(self.centre + np.array([x, y]), self.axes)
 
 
 def ring_candidates(image: U8, inner_ratio: float) -> Iterator[Ellipse]:
     """Yield outlines of what looks like a dark ring of 6 to about 120 px in a grey image."""
     mean = cv2.blur(image, (_BOX_PX, _BOX_PX), borderType=cv2.BORDER_REPLICATE)
-    dark = cv2.compare(cv2.add(image, _OFFSET), mean, cv2.CMP_LT)
+    offset = float(np.clip(0.12 * float(mean[::8, ::8].mean()), 3.0, 12.0))
+    dark = cv2.compare(cv2.add(image, offset), mean, cv2.CMP_LT)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(
         dark, connectivity=4, ltype=cv2.CV_16U
     )
@@ -61,8 +61,10 @@ def ring_candidates(image: U8, inner_ratio: float) -> Iterator[Ellipse]:
         & (fill < 0.85)
         & (off < 0.12)
     )
+    at = np.rint(centroids).astype(np.intp)
     picked = np.flatnonzero(good[1:]) + 1
-    for i in picked[np.argsort(-size[picked], kind="stable")][: 4 * _MOST]:
+    picked = picked[labels[at[picked, 1], at[picked, 0]] != picked]  # the hole is not dark
+    for i in picked[np.argsort(-size[picked], kind="stable")][:_MOST]:
         x, y, cw, ch = (int(v) for v in stats[i, :4])
         mask = cv2.compare(labels[y : y + ch, x : x + cw], int(i), cv2.CMP_EQ)
         ellipse = _outline(mask, inner_ratio)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from landerd.geometry import Mat3, Vec3
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
 from landerd.vision.ring_fit import RingFit, edge_pixels, fit_ring, pixels_near
-from landerd.vision.ring_pose import Pose, cone_through, mirrored, poses_of_cone
+from landerd.vision.ring_pose import F64, cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_segment import Ellipse, ring_candidates
 from landerd.vision.window import Window
 
@@ -45,10 +46,10 @@ def find_rings(
     found: list[MarkerSighting] = []
     for level in _levels(image, camera, window, expected_diameter_px):
         for candidate in ring_candidates(level.image, ring.inner_ratio):
-            rough = _rough_pose(level, candidate, ring)
-            if rough is None or any(_covers(s, camera, rough) for s in found):
+            rough = _rough_fit(level, candidate, ring)
+            if rough is None or any(_covers(s, camera, rough.position) for s in found):
                 continue
-            fits = _fit_both(image, ring, camera, rough)
+            fits = _fit_both(image, ring, camera, rough, camera.fx / level.camera.fx)
             if fits:
                 found.append(_sighting(fits, ring, camera, down))
         if found:
@@ -81,7 +82,7 @@ def _levels(
         small_h, small_w = crop.shape[0] // k, crop.shape[1] // k
         if min(small_h, small_w) < 8:
             continue
-        small = crop
+        small: NDArray[Any] = crop
         if n:
             whole = crop[: small_h * k, : small_w * k]
             small = cv2.resize(whole, (small_w, small_h), interpolation=cv2.INTER_AREA)
@@ -100,48 +101,38 @@ def _levels(
         )
 
 
-def _rough_pose(level: _Level, candidate: Ellipse, ring: Ring) -> Pose | None:
-    """Return one pose of a candidate, fitted in the reduced image; None if it is no ring."""
+def _rough_fit(level: _Level, candidate: Ellipse, ring: Ring) -> RingFit | None:
+    """Return the better pose of a candidate in the reduced image; None if it is no ring."""
     radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
     cone = cone_through(level.camera.rays(candidate.points()))
     poses = None if cone is None else poses_of_cone(cone, radius)
     if poses is None:
         return None
-    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio)
-    fit = None if pixels is None else fit_ring(pixels, poses[0], radius, ratio, 3)
-    if fit is None or fit.contrast < 10.0:
-        return None
-    return fit.position, fit.normal
+    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0)
+    fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 3, 1.0)
+    return fits[0] if fits and fits[0].contrast > 10.0 else None
 
 
-def _fit_both(image: U8, ring: Ring, camera: CameraModel, start: Pose) -> tuple[RingFit, ...]:
+def _fit_both(
+    image: U8, ring: Ring, camera: CameraModel, rough: RingFit, zoom: float
+) -> list[RingFit]:
     """Return both poses fitted to the image, the better first; empty if it is no such ring."""
     radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
-    pixels = pixels_near(image, camera, start, radius, ratio)
-    if pixels is None:
-        return ()
-    first = fit_ring(pixels, start, radius, ratio, 3)
-    if first is None or not _is_ring(first, ratio):
-        return ()
-    fits = [first]
-    other = mirrored(first.position, first.normal, radius)
-    if other is not None:
-        second = fit_ring(pixels, other, radius, ratio, 2, first.blur_px)
-        if second is not None and second.covariance is not None:
-            fits.append(second)
-    noise = min(f.noise for f in fits)
-    for f in fits:
-        f.cost *= (f.noise / noise) ** 2
-    return tuple(sorted(fits, key=lambda f: f.cost))
+    start = (rough.position, rough.normal)
+    other = mirrored(*start, radius)
+    blur = min(max(0.6, (rough.blur_px - 0.3) * zoom), 8.0) if zoom > 1.0 else rough.blur_px
+    pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur))
+    if pixels is None or other is None:
+        return []
+    fits = fit_ring(pixels, (start, other), radius, ratio, 3, blur)
+    return fits if fits and _is_ring(fits[0], ratio) else []
 
 
 def _is_ring(fit: RingFit, ratio: float) -> bool:
     """Tell whether a fit describes a ring of this ratio well."""
-    contrast = fit.contrast
     return (
-        fit.covariance is not None
-        and contrast > 12.0
-        and contrast > 4.0 * fit.noise
+        fit.contrast > 12.0
+        and fit.contrast > 4.0 * fit.noise
         and abs(fit.ratio - ratio) < 0.08 * ratio + 2.0 * fit.sigma_ratio
         and fit.sigma_ratio < 0.1
         and fit.inliers > 0.7
@@ -149,12 +140,12 @@ def _is_ring(fit: RingFit, ratio: float) -> bool:
 
 
 def _sighting(
-    fits: tuple[RingFit, ...], ring: Ring, camera: CameraModel, down: Vec3 | None
+    fits: list[RingFit], ring: Ring, camera: CameraModel, down: Vec3 | None
 ) -> MarkerSighting:
     """Return the message of a fitted ring."""
     if down is not None and len(fits) == 2 and fits[1].cost - fits[0].cost < 4.0:
         level = np.array(down)
-        fits = tuple(sorted(fits, key=lambda f: -float(f.normal @ level)))
+        fits = sorted(fits, key=lambda f: -float(f.normal @ level))
     radius = ring.outer_diameter_m / 2.0
     edge = edge_pixels(camera, (fits[0].position, fits[0].normal), radius, 32)
     return MarkerSighting(
@@ -174,7 +165,6 @@ def _solution(fit: RingFit, radius: float, camera: CameraModel) -> PoseSolution:
     # side to side the direction.
     along = _EDGE_BIAS_PX * distance * distance / (focal * radius)
     aside = _EDGE_BIAS_PX * distance / focal
-    assert fit.covariance is not None
     C = fit.covariance + np.outer(sight, sight) * along**2 + np.eye(3) * aside**2
     covariance: Mat3 = (
         (float(C[0, 0]), float(C[0, 1]), float(C[0, 2])),
@@ -192,8 +182,8 @@ def _solution(fit: RingFit, radius: float, camera: CameraModel) -> PoseSolution:
     )
 
 
-def _covers(sighting: MarkerSighting, camera: CameraModel, pose: Pose) -> bool:
-    """Tell whether a pose lies inside a ring already found."""
+def _covers(sighting: MarkerSighting, camera: CameraModel, position: F64) -> bool:
+    """Tell whether a centre lies inside a ring already found."""
     polygon = np.array(sighting.outline_px, dtype=np.float32)
-    x, y = camera.pixels(pose[0][None])[0]
+    x, y = camera.pixels(position[None])[0]
     return cv2.pointPolygonTest(polygon, (float(x), float(y)), False) >= 0
