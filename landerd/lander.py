@@ -7,7 +7,7 @@ message in the order the daemon took it; ticks at the control rate make the set-
 import math
 
 from landerd.config import Config
-from landerd.estimation.pad_filter import PadFilter
+from landerd.estimation.pad_filter import PadEstimate, PadFilter
 from landerd.estimation.placement import Placement
 from landerd.geometry import Vec3, is_finite, rotate, sub, transpose
 from landerd.guidance.aim import Aim
@@ -118,7 +118,7 @@ class Lander:
         """Return the pad relative to the vehicle at time now, None while either is unknown."""
         estimate = self._filter.estimate(now, self._sighting_t)
         vehicle = vehicle_now(self._placement, self._config.vehicle, now)
-        return relative(vehicle, estimate) if vehicle and estimate else None
+        return self._relative(vehicle, estimate) if vehicle and estimate else None
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -195,18 +195,22 @@ class Lander:
             return
         if not self._flown or self._searching:
             self._engage(vehicle, resume=self._flown)
-        rel = relative(vehicle, estimate)
+        rel = self._relative(vehicle, estimate)
         if self.phase is not Phase.LANDED:
             phase, why = self._phases.step(rel)
             self._enter(phase, why)
             if phase is Phase.LANDED:
-                self._touchdown.begin()
+                self._touchdown.begin(now)
         if self.phase is Phase.LANDED:
             self._touch_down(now, dt, vehicle, rel, age)
             return
         velocity, yaw_rate = self._method.step(self.phase, rel, self._phases.floor_m, dt)
         may_descend = self._phases.may_descend(rel) and rel.height > self._phases.floor_m
         self._send(velocity, yaw_rate, dt, may_descend=may_descend)
+
+    def _relative(self, vehicle: VehicleNow, pad: PadEstimate) -> Relative:
+        sigma_direction = math.radians(self._config.estimation.gimbal_sigma_deg)
+        return relative(vehicle, pad, sigma_direction)
 
     def _engage(self, vehicle: VehicleNow, *, resume: bool) -> None:
         if not resume:

@@ -33,7 +33,7 @@ class Phases:
     def may_descend(self, relative: Relative) -> bool:
         """Tell whether the vehicle is inside the descent region, its own uncertainty counted."""
         radius = descent_radius(self._options, relative.height)
-        return relative.distance + relative.sigma_m < radius
+        return relative.distance + 2.0 * relative.sigma_m < radius
 
     @property
     def floor_m(self) -> float:

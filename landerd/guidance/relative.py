@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from landerd.config import VehicleSection
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.placement import Placement
-from landerd.geometry import Vec3, add, horizontal, rot_zyx, rotate, scale, sub, wrap
+from landerd.geometry import Vec3, add, horizontal, norm, rot_zyx, rotate, scale, sub, wrap
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +54,22 @@ def vehicle_now(placement: Placement, vehicle: VehicleSection, now: float) -> Ve
     return VehicleNow(feet, velocity, yaw, yaw_rate)
 
 
-def relative(vehicle: VehicleNow, pad: PadEstimate) -> Relative:
-    """Return pad relative to vehicle, both at the same time."""
+def relative(vehicle: VehicleNow, pad: PadEstimate, sigma_direction: float) -> Relative:
+    """Return pad relative to vehicle, both at the same time.
+
+    Args:
+        vehicle: now.
+        pad: now.
+        sigma_direction: of the lens's direction, rad. That error is nearly the same in every
+            frame: the filter cannot average it away, so it is added here.
+    """
     c = pad.covariance
+    error = sub(pad.position, vehicle.feet)
     return Relative(
-        error=sub(pad.position, vehicle.feet),
+        error=error,
         error_rate=sub(pad.velocity, vehicle.velocity),
         pad_velocity=pad.velocity,
-        sigma_m=math.sqrt(max(c[0][0], c[1][1])),
+        sigma_m=math.hypot(math.sqrt(max(c[0][0], c[1][1])), sigma_direction * norm(error)),
         heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
         yaw_rate=vehicle.yaw_rate,
     )
