@@ -7,6 +7,7 @@ from landerd.messages import Landed
 
 BELOW_ORDER = 0.4  # contact: sinking slower than this part of the order, as measured on ArduCopter
 CONTACT_S = 0.2  # for so long
+ANSWER_S = 0.4  # after commit: a vehicle that hovered needs it to sink at that part of the order
 BLIND_S = 0.9  # longest descent after commit without a sighting; the rule allows 1.0
 DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
 
@@ -24,10 +25,11 @@ class Touchdown:
 
     def __init__(self, timeout_s: float) -> None:
         self._timeout_s = timeout_s
-        self.begin()
+        self.begin(-math.inf)
 
-    def begin(self) -> None:
-        """Start at commit."""
+    def begin(self, now: float) -> None:
+        """Start at commit, at time now."""
+        self._watch_from = now + ANSWER_S
         self._slow_since = math.inf
         self._contact_t: float | None = None
         self._disarm_t = -math.inf
@@ -49,9 +51,8 @@ class Touchdown:
             sighting_age: s since the exposure of the last accepted sighting.
             landed: what the autopilot's land detector says.
         """
-        self._slow_since = (
-            math.inf if sinking >= BELOW_ORDER * ordered else min(self._slow_since, now)
-        )
+        slow = now >= self._watch_from and sinking < BELOW_ORDER * ordered
+        self._slow_since = min(self._slow_since, now) if slow else math.inf
         if landed is Landed.ON_GROUND or now - self._slow_since >= CONTACT_S:
             self._contact_t = now
             return Step.CONTACT
