@@ -100,11 +100,16 @@ class PidGains(Section):
 
 
 class PidSection(Section):
-    """The thesis's four PID controllers (2.4.3; Tables 3.7, 3.8), north and east alike."""
+    """The thesis's four PID controllers (2.4.3), north and east alike.
+
+    Up, yaw and the approach have the thesis's gains (Tables 3.7, 3.8). Nearer the pad its low kp
+    and high kd creep (a time constant of 6 s), so ours are stiffer; config/thesis-gains.yaml has
+    the originals.
+    """
 
     approach: PidGains = PidGains(kp=0.7, kd=0.4)
-    close_approach: PidGains = PidGains(kp=0.3, kd=0.8)
-    final: PidGains = PidGains(kp=0.3, kd=0.9)  # YAW_CORRECTION and DESCENT
+    close_approach: PidGains = PidGains(kp=0.6, kd=0.5)
+    final: PidGains = PidGains(kp=0.8, ki=0.3, kd=0.4)  # YAW_CORRECTION and DESCENT
     up: PidGains = PidGains(kp=0.9, kd=0.5)
     yaw: PidGains = PidGains(kp=1.5, kd=0.1)
     integral_limit_mps: NotNegative = 1.0  # of the integral's share of the output
