@@ -63,7 +63,7 @@ class MavlinkAutopilot:
     time of arrival. A message that is not newer than the last of its kind is dropped.
 
     Attributes:
-        counters: what was dropped or refused, by kind.
+        counters: what was dropped, lost on the way or refused, by kind.
     """
 
     def __init__(
@@ -117,7 +117,11 @@ class MavlinkAutopilot:
         while not self._pending:
             data = await self._link.read()
             now = asyncio.get_running_loop().time()
-            for message in self._codec.decode(data):
+            messages = self._codec.decode(data)
+            for kind, count in self._codec.counters.items():
+                if count > self.counters[kind]:
+                    self._drop(kind, now, count - self.counters[kind])
+            for message in messages:
                 self._take(message, now)
         return self._pending.popleft()
 
@@ -323,9 +327,9 @@ class MavlinkAutopilot:
     def _send(self, message: Message) -> None:
         self._link.write(self._codec.encode(message))
 
-    def _drop(self, kind: str, now: float) -> None:
+    def _drop(self, kind: str, now: float, count: int = 1) -> None:
         """Count what is dropped or refused, and log each kind once a second."""
-        self.counters[kind] += 1
+        self.counters[kind] += count
         if now - self._logged.get(kind, -math.inf) >= 1.0:
             self._logged[kind] = now
             log.warning("%s (%d so far)", kind, self.counters[kind])

@@ -24,7 +24,7 @@ class MavlinkCodec:
     """MAVLink 2 out; MAVLink 2 and 1 in, damaged bytes skipped.
 
     Attributes:
-        counters: "garbled_bytes" skipped; of them what looked like "unknown" messages; messages
+        counters: "garbled bytes" skipped; of them what looked like "unknown" messages; messages
             "lost" by the gaps in their senders' sequence numbers.
     """
 
@@ -65,13 +65,15 @@ class MavlinkCodec:
             if message is None:
                 at += 1
                 continue
-            self.counters["garbled_bytes"] += at - done
+            if at > done:
+                self.counters["garbled bytes"] += at - done
             at += size
             done, unfinished = at, None
             self._note_sequence(message)
             messages.append(message)
         keep = len(buffer) if unfinished is None else unfinished
-        self.counters["garbled_bytes"] += keep - done
+        if keep > done:
+            self.counters["garbled bytes"] += keep - done
         del buffer[:keep]
         return messages
 
@@ -101,8 +103,9 @@ class MavlinkCodec:
         seq = message.get_seq()
         missed = (seq - self._last_seq.get(source, seq - 1) - 1) & 0xFF
         if missed < 128:  # else an older one that was overtaken
-            self.counters["lost"] += missed
             self._last_seq[source] = seq
+            if missed:
+                self.counters["lost"] += missed
 
 
 def _frame_size(buffer: bytearray, at: int) -> int | None:

@@ -178,3 +178,13 @@ class Flight:
 
     def _start(self, *jobs: Coroutine[Any, Any, None]) -> None:
         self._tasks += [asyncio.create_task(job) for job in jobs]
+
+
+def frame_of(message_id: int, payload: bytes, *, system: int, component: int) -> bytes:
+    """The frame of any message of the dialect with any payload, its checksum right."""
+    kind = mavlink.mavlink_map[message_id]
+    size = kind.unpacker.size
+    message = mavlink.MAVLink_message(message_id, kind.msgname)
+    body = payload[:size].ljust(size, b"\0")
+    frame: bytes = message._pack(mavlink.MAVLink(None, system, component), kind.crc_extra, body)
+    return frame

@@ -6,10 +6,12 @@ import math
 from collections.abc import Awaitable, Callable
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from landerd.clock import run_virtual
-from tests.hw.flight import Flight, PlainAirframe
+from tests.hw.flight import Flight, PlainAirframe, frame_of
 
 STABILIZE, GUIDED, LOITER, LAND = 0, 4, 5, 9
 ACCEPTED, DENIED, FAILED = 0, 2, 4
@@ -343,5 +345,38 @@ def test_texts_of_one_link_are_routed_to_the_other() -> None:
         await asyncio.sleep(0.01)
         ((_, heard),) = f.client.of("STATUSTEXT")
         assert (heard.text, heard.get_srcComponent()) == ("Pad in sight", 191)
+
+    fly(scene)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        mavlink.MAV_CMD_DO_SET_MODE,
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+        mavlink.MAV_CMD_NAV_TAKEOFF,
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+    ],
+)
+def test_commands_without_numbers_are_refused(command: int) -> None:
+    async def scene(f: Flight) -> None:
+        assert await f.client.do(command, *(math.nan,) * 7) != ACCEPTED
+
+    fly(scene)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(sorted(mavlink.mavlink_map)), st.binary(max_size=255)),
+        max_size=6,
+    )
+)
+def test_it_outlives_sound_frames_with_any_content(contents: list[tuple[int, bytes]]) -> None:
+    async def scene(f: Flight) -> None:
+        for message_id, payload in contents:
+            f.client.link.write(frame_of(message_id, payload, system=255, component=190))
+            await asyncio.sleep(0.05)
+        assert await f.client.mode(LOITER) == ACCEPTED
 
     fly(scene)

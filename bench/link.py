@@ -1,0 +1,148 @@
+"""Prints what the MAVLink link costs, and feeds it damaged bytes.
+
+Run as `python -m bench.link`; exits 1 where damaged bytes raise or pile up. The share of a core is
+mostly the cost of waking up, so it depends on what else the machine does; at most 5 % is wanted.
+"""
+
+import asyncio
+import random
+import resource
+import socket
+import subprocess
+import sys
+import time
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.links import open_link
+from landerd.messages import Setpoint
+
+RATE_HZ = 250
+DURATION_S = 8.0
+SETPOINT_HZ = 40
+FUZZ_BYTES = 10_000_000
+
+
+def telemetry(boot_ms: int) -> list[Message]:
+    """Return what an autopilot sends in a tenth of RATE_HZ's second: 25 messages."""
+    messages: list[Message] = []
+    for i in range(10):
+        t = boot_ms + 10 * i
+        messages.append(mavlink.MAVLink_attitude_message(t, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03))
+        messages.append(mavlink.MAVLink_local_position_ned_message(t, 1, 2, -3, 0.1, 0.2, 0.3))
+    for i in range(0, 100, 25):
+        channels = (1500,) * 16
+        messages.append(mavlink.MAVLink_rc_channels_message(boot_ms + i, 16, *channels, 0, 0, 255))
+    messages.append(mavlink.MAVLink_extended_sys_state_message(0, 2))
+    return messages
+
+
+def codec_cost() -> tuple[float, float]:
+    """Return CPU time to pack and to parse one message of the mix, s."""
+    packer, parser = MavlinkCodec(1, 1), MavlinkCodec(1, 191)
+    count, packed, parsed = 0, 0.0, 0.0
+    for i in range(400):
+        messages = telemetry(100 * i)
+        start = time.process_time()
+        frames = [packer.encode(m) for m in messages]
+        between = time.process_time()
+        heard = sum(len(parser.decode(frame)) for frame in frames)
+        parsed += time.process_time() - between
+        packed += between - start
+        count += len(messages)
+        assert heard == len(messages)
+    return packed / count, parsed / count
+
+
+async def driver_load(port: int) -> tuple[int, float]:
+    """Return messages got over UDP, and the share of a core taken with set-points going out."""
+    driver = MavlinkAutopilot(open_link(f"udpin:127.0.0.1:{port}"))
+    await driver.open()
+    await driver.receive()
+    loop = asyncio.get_running_loop()
+    got = 0
+
+    async def receive() -> None:
+        nonlocal got
+        while True:
+            await driver.receive()
+            got += 1
+
+    task = asyncio.create_task(receive())
+    wall, cpu = loop.time(), time.process_time()
+    while loop.time() - wall < DURATION_S:
+        driver.fly(Setpoint((1.0, 0.0, 0.0), 0.1))
+        await asyncio.sleep(1.0 / SETPOINT_HZ)
+    share = (time.process_time() - cpu) / (loop.time() - wall)
+    task.cancel()
+    await driver.close()
+    return got, share
+
+
+def send(port: int) -> None:
+    """Be the autopilot: send RATE_HZ messages a second, one datagram each."""
+    codec = MavlinkCodec(1, 1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        start = time.monotonic()
+        for i in range(round(10 * (DURATION_S + 2.0))):
+            for j, message in enumerate(telemetry(100 * i)):
+                due = start + 0.1 * i + j / RATE_HZ
+                time.sleep(max(0.0, due - time.monotonic()))
+                out.sendto(codec.encode(message), ("127.0.0.1", port))
+
+
+def fuzz() -> tuple[float, int, int]:
+    """Return seconds for FUZZ_BYTES half random, half mutated; kB grown; most bytes held back."""
+    rng = random.Random(1)
+    sender, parser = MavlinkCodec(1, 1), MavlinkCodec(1, 191)
+    sound = b"".join(sender.encode(m) for i in range(40) for m in telemetry(100 * i))
+    most = done = 0
+    start, before = time.process_time(), _resident_kb()
+    while done < FUZZ_BYTES:
+        stream = bytearray(sound)
+        for _ in range(len(stream) // 20):
+            stream[rng.randrange(len(stream))] = rng.choice((0xFD, 0xFE, rng.randrange(256)))
+        stream += rng.randbytes(len(stream))
+        for at in range(0, len(stream), 200):
+            parser.decode(bytes(stream[at : at + 200]))
+            most = max(most, parser.pending_bytes)
+        done += len(stream)
+    return time.process_time() - start, _resident_kb() - before, most
+
+
+def _resident_kb() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def main() -> int:
+    """Print all figures."""
+    packed, parsed = codec_cost()
+    print(
+        f"codec: packed {1e6 * packed:.1f} us, parsed {1e6 * parsed:.1f} us a message: "
+        f"{100 * RATE_HZ * (packed + parsed):.1f} % of a core at {RATE_HZ} messages/s each way"
+    )
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        port = s.getsockname()[1]
+    with subprocess.Popen([sys.executable, "-m", "bench.link", "send", str(port)]) as sender:
+        got, share = asyncio.run(driver_load(port))
+        sender.terminate()
+    print(
+        f"driver over UDP: {got / DURATION_S:.0f} messages/s in, {SETPOINT_HZ} set-points/s out: "
+        f"{100 * share:.1f} % of a core"
+    )
+    seconds, grown, most = fuzz()
+    print(
+        f"{FUZZ_BYTES / 1e6:.0f} million random and mutated bytes: no exception, {seconds:.1f} s, "
+        f"{grown} kB grown, at most {most} bytes held back"
+    )
+    return int(most > 300 or grown > 2000)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["send"]:
+        send(int(sys.argv[2]))
+    else:
+        sys.exit(main())
