@@ -9,7 +9,7 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots import copter
+from hw.autopilots.arducopter import VEHICLE_TYPES, Mode, mode_name
 from hw.autopilots.boot_clock import BootClock
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from landerd.messages import (
@@ -139,17 +139,16 @@ class MavlinkAutopilot:
         self._keep_streams(now)
 
     def _on_heartbeat(self, m: Message, now: float) -> None:
-        if m.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or m.type not in copter.VEHICLE_TYPES:
+        if m.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or m.type not in VEHICLE_TYPES:
             self._drop("not ArduCopter", now)
             return
         has_mode = m.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        mode = copter.MODES.get(m.custom_mode) if has_mode else None
         self._pending.append(
             Heartbeat(
                 now,
                 armed=bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
-                guided=mode == "GUIDED",
-                mode=mode or f"MODE {m.custom_mode}",
+                guided=bool(has_mode) and m.custom_mode == Mode.GUIDED,
+                mode=mode_name(m.custom_mode) if has_mode else "unknown",
             )
         )
 

@@ -12,7 +12,7 @@ _UNSENT_LIMIT = 1 << 13
 _USER_TIMEOUT_MS = 5000
 
 
-class TcpLink(asyncio.Protocol):
+class TcpLink:
     """One TCP connection as a ByteLink."""
 
     def __init__(self, host: str, port: int, *, listen: bool) -> None:

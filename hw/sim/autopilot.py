@@ -12,14 +12,11 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.sim.battery import Battery
 from hw.sim.copter import (
     ARDUPILOT_DEFAULTS,
-    GUIDED,
-    IN_AIR,
-    LOITER,
-    RTL,
     Copter,
     CopterParameters,
     Reported,
@@ -27,6 +24,7 @@ from hw.sim.copter import (
 )
 from hw.sim.pilot import PilotRadio
 from landerd.geometry import Vec3, add, is_finite, rot_z, rotate
+from landerd.messages import Landed
 from landerd.ports import ByteLink, DeviceLost
 
 _COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
@@ -203,14 +201,14 @@ class SimAutopilot:
             | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
             | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
         )
-        if copter.mode in (GUIDED, LOITER, RTL):
+        if copter.mode in (Mode.GUIDED, Mode.LOITER, Mode.RTL):
             base_mode |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
         if copter.armed:
             base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         status = mavlink.MAV_STATE_STANDBY
         if copter.failsafe:
             status = mavlink.MAV_STATE_CRITICAL
-        elif copter.armed and copter.landed_state >= IN_AIR:
+        elif copter.armed and copter.landed_state >= Landed.IN_AIR:
             status = mavlink.MAV_STATE_ACTIVE
         return mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_QUADROTOR,

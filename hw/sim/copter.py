@@ -9,13 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from hw.autopilots.arducopter import Mode
 from hw.sim.pilot import PilotRadio
 from landerd.geometry import Vec3, clamp, heading_of, horizontal, sub, wrap
+from landerd.messages import Landed
 
-STABILIZE, GUIDED, LOITER, RTL, LAND = 0, 4, 5, 6, 9
-_ARMABLE = (STABILIZE, GUIDED, LOITER)
-
-ON_GROUND, IN_AIR, TAKEOFF, LANDING = 1, 2, 3, 4  # MAV_LANDED_STATE
+_MODES = (Mode.STABILIZE, Mode.GUIDED, Mode.LOITER, Mode.RTL, Mode.LAND)
+_ARMABLE = (Mode.STABILIZE, Mode.GUIDED, Mode.LOITER)
 
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SPOOL_UP_S = 1.5  # from NAV_TAKEOFF to lift-off
@@ -105,7 +105,7 @@ class Copter:
     """The flight code. Times are the event loop's.
 
     Attributes:
-        mode: ArduCopter's number of the mode.
+        mode: how it flies.
         armed: whether the motors may turn.
         failsafe: the radio was lost and the mode has been changed for it.
     """
@@ -120,7 +120,7 @@ class Copter:
         flying: bool,
     ) -> None:
         """Say takes the lines for the pilot; flying starts armed, in LOITER."""
-        self.mode = LOITER if flying else STABILIZE
+        self.mode = Mode.LOITER if flying else Mode.STABILIZE
         self.armed = flying
         self.failsafe = False
         self._vehicle = vehicle
@@ -134,22 +134,22 @@ class Copter:
             vehicle.motors_on()
 
     @property
-    def landed_state(self) -> int:
+    def landed_state(self) -> Landed:
         """MAV_LANDED_STATE, as EXTENDED_SYS_STATE has it."""
         if self._vehicle.landed_detected and not isinstance(self._target, _Climb):
-            return ON_GROUND
-        if self.mode == LAND:
-            return LANDING
-        return TAKEOFF if isinstance(self._target, _Climb) else IN_AIR
+            return Landed.ON_GROUND
+        if self.mode == Mode.LAND:
+            return Landed.LANDING
+        return Landed.TAKEOFF if isinstance(self._target, _Climb) else Landed.IN_AIR
 
     # ---- orders; each returns whether it was accepted ----
 
     def set_mode(self, mode: int) -> bool:
         """Change the mode."""
-        if mode not in (STABILIZE, GUIDED, LOITER, RTL, LAND):
+        if mode not in _MODES:
             return False
         if mode != self.mode:
-            self.mode = mode
+            self.mode = Mode(mode)
             self._target = None
             self._idle_since = None
         self.failsafe = False
@@ -180,7 +180,7 @@ class Copter:
 
     def take_off(self, height_m: float, reported: Reported, t: float) -> bool:
         """Climb to a height above the take-off point."""
-        if not (self.armed and self.mode == GUIDED and self._vehicle.landed_detected):
+        if not (self.armed and self.mode == Mode.GUIDED and self._vehicle.landed_detected):
             return False
         if not 0.0 < height_m < 1000.0:
             return False
@@ -203,7 +203,7 @@ class Copter:
             self._target = None
 
     def _is_guided(self) -> bool:
-        return self.armed and self.mode == GUIDED
+        return self.armed and self.mode == Mode.GUIDED
 
     # ---- the main loop ----
 
@@ -223,30 +223,27 @@ class Copter:
         elif self._radio_lost_at is None:
             self._radio_lost_at = t
         elif self.armed and not self.failsafe and t - self._radio_lost_at >= _RADIO_FAILSAFE_S:
-            self.set_mode(RTL)
+            self.set_mode(Mode.RTL)
             self.failsafe = True
             self._say("Radio Failsafe")
 
     def _disarm_when_idle(self, t: float) -> None:
         landed = self._vehicle.landed_detected and not isinstance(self._target, _Climb)
-        may_disarm = self.mode == LAND or self._pilot.throttle_is_low(t)
+        may_disarm = self.mode == Mode.LAND or self._pilot.throttle_is_low(t)
         if not (self.armed and landed and may_disarm):
             self._idle_since = None
             return
         if self._idle_since is None:
             self._idle_since = t
-        wait = _LAND_DISARM_S if self.mode == LAND else self._p.disarm_delay_s
+        wait = _LAND_DISARM_S if self.mode == Mode.LAND else self._p.disarm_delay_s
         if t - self._idle_since >= wait:
             self.disarm()
 
     def _wanted(self, reported: Reported, t: float) -> tuple[Vec3, float]:
-        if self.armed and self.mode == LAND:
+        if self.armed and self.mode == Mode.LAND:
             high = reported.position[2] < -_LAND_HIGH_M
-            return (
-                0.0,
-                0.0,
-                self._p.wpnav_speed_down_mps if high else self._p.land_speed_mps,
-            ), 0.0
+            speed = self._p.wpnav_speed_down_mps if high else self._p.land_speed_mps
+            return (0.0, 0.0, speed), 0.0
         target = self._target
         if not self._is_guided() or target is None:
             return _ZERO, 0.0

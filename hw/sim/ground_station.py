@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots import copter
+from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from landerd.geometry import Vec3
 from landerd.ports import ByteLink
@@ -77,7 +77,7 @@ class GroundStation:
         await self._command(
             mavlink.MAV_CMD_DO_SET_MODE,
             mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
-            float(copter.GUIDED),
+            float(Mode.GUIDED),
         )
         if self._take_off_m is not None:
             extended = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE

@@ -278,7 +278,7 @@ def test_rc_channels_without_a_sound_pulse_read_0() -> None:
         (209, 9, (True, False, "LAND")),
         (217, 5, (True, False, "LOITER")),
         (217, 99, (True, False, "MODE 99")),
-        (216, 4, (True, False, "MODE 4")),  # without the custom-mode flag it says nothing
+        (216, 4, (True, False, "unknown")),  # without the custom-mode flag it says nothing
     ],
 )
 def test_modes_and_arming(base_mode: int, mode: int, expected: tuple[bool, bool, str]) -> None:
