@@ -126,7 +126,7 @@ def main() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
-    with subprocess.Popen([sys.executable, "-m", "bench.link", "send", str(port)]) as sender:
+    with subprocess.Popen([sys.executable, __file__, "send", str(port)]) as sender:
         got, share = asyncio.run(driver_load(port))
         sender.terminate()
     print(
