@@ -1,0 +1,153 @@
+import pytest
+
+from landerd.config import FreshnessSection, RcSection
+from landerd.guidance.gate import Authority, Gate
+from landerd.messages import Heartbeat, RcChannels
+
+LOW, HIGH = 1100, 1900
+
+
+class Pilot:
+    """A gate and what is told to it, at a time that goes on."""
+
+    def __init__(self, *, channel: int = 11) -> None:
+        self.gate = Gate(RcSection(gate_channel=channel), FreshnessSection())
+        self.t = 100.0
+
+    def beat(self, *, armed: bool = True, mode: str = "GUIDED") -> "Pilot":
+        self.t += 0.01
+        self.gate.on_heartbeat(Heartbeat(self.t, armed, mode == "GUIDED", mode))
+        return self
+
+    def switch(self, pulse_us: int) -> "Pilot":
+        self.t += 0.01
+        self.gate.on_rc(RcChannels(self.t, (1500,) * 10 + (pulse_us,) + (0,) * 7))
+        return self
+
+    def granted(self) -> "Pilot":
+        self.beat().switch(LOW).switch(HIGH)
+        assert self.may() is Authority.GRANTED
+        return self
+
+    def may(self) -> Authority:
+        return self.gate.authority(self.t)[0]
+
+    @property
+    def why(self) -> str:
+        return self.gate.authority(self.t)[1]
+
+
+def test_without_a_heartbeat_it_is_silent() -> None:
+    assert Pilot().switch(LOW).switch(HIGH).may() is Authority.SILENT
+
+
+def test_the_switch_low_then_high_in_guided_and_armed_grants() -> None:
+    pilot = Pilot().beat().switch(LOW)
+    assert pilot.may() is Authority.RELEASED
+    assert pilot.switch(HIGH).may() is Authority.GRANTED
+
+
+def test_a_switch_that_was_high_all_the_time_grants_nothing_after_a_start() -> None:
+    pilot = Pilot().beat().switch(HIGH).switch(HIGH)
+    assert pilot.may() is Authority.RELEASED
+    assert "low" in pilot.why
+    assert pilot.switch(LOW).switch(HIGH).may() is Authority.GRANTED
+
+
+@pytest.mark.parametrize(
+    ("armed", "mode", "said"),
+    [(False, "GUIDED", "armed"), (True, "LOITER", "LOITER"), (True, "LAND", "LAND")],
+)
+def test_not_armed_or_another_mode_is_silent_and_says_which(
+    armed: bool, mode: str, said: str
+) -> None:
+    pilot = Pilot().granted().beat(armed=armed, mode=mode)
+    assert pilot.may() is Authority.SILENT
+    assert said in pilot.why
+
+
+@pytest.mark.parametrize(("armed", "mode"), [(False, "GUIDED"), (True, "LOITER")])
+def test_disarming_or_leaving_guided_latches(armed: bool, mode: str) -> None:
+    pilot = Pilot().granted().beat(armed=armed, mode=mode).beat()
+    assert pilot.switch(HIGH).may() is Authority.RELEASED
+    assert pilot.switch(LOW).may() is Authority.RELEASED
+    assert pilot.switch(HIGH).may() is Authority.GRANTED
+
+
+def test_a_restart_of_the_autopilot_latches() -> None:
+    pilot = Pilot().granted()
+    pilot.gate.on_restart()
+    assert pilot.may() is Authority.SILENT
+    assert pilot.beat().switch(HIGH).may() is Authority.RELEASED
+    assert pilot.switch(LOW).switch(HIGH).may() is Authority.GRANTED
+
+
+def test_being_asked_to_latches() -> None:
+    pilot = Pilot().granted()
+    pilot.gate.latch()
+    assert pilot.switch(HIGH).may() is Authority.RELEASED
+    assert pilot.switch(LOW).switch(HIGH).may() is Authority.GRANTED
+
+
+def test_a_switch_already_low_when_guided_is_lost_is_seen_low_again() -> None:
+    pilot = Pilot().granted().beat(mode="LOITER")
+    assert pilot.switch(LOW).beat().switch(HIGH).may() is Authority.GRANTED
+
+
+def test_a_stale_heartbeat_silences_but_does_not_latch() -> None:
+    pilot = Pilot().granted()
+    pilot.t += 2.9
+    pilot.switch(HIGH)
+    assert pilot.may() is Authority.GRANTED
+    pilot.t += 0.2
+    pilot.switch(HIGH)
+    assert pilot.may() is Authority.SILENT
+    assert pilot.beat().may() is Authority.GRANTED
+
+
+def test_stale_rc_releases_but_does_not_latch() -> None:
+    pilot = Pilot().granted()
+    pilot.t += 0.45
+    assert pilot.may() is Authority.GRANTED
+    pilot.t += 0.1
+    assert pilot.may() is Authority.RELEASED
+    assert pilot.switch(HIGH).may() is Authority.GRANTED
+
+
+@pytest.mark.parametrize(
+    ("pulse_us", "granted"), [(1500, False), (1501, True), (900, False), (2100, True)]
+)
+def test_the_gate_opens_above_1500_us(pulse_us: int, granted: bool) -> None:
+    pilot = Pilot().granted().switch(pulse_us)
+    assert (pilot.may() is Authority.GRANTED) is granted
+
+
+def test_no_signal_closes_the_gate_but_is_not_the_switch_seen_low() -> None:
+    pilot = Pilot().granted().switch(0)
+    assert pilot.may() is Authority.RELEASED
+    assert pilot.switch(HIGH).may() is Authority.GRANTED
+    started = Pilot().beat().switch(0).switch(HIGH)
+    assert started.may() is Authority.RELEASED
+
+
+def test_a_receiver_without_the_channel_grants_nothing() -> None:
+    pilot = Pilot(channel=18).beat()
+    pilot.gate.on_rc(RcChannels(pilot.t, (HIGH,) * 16))
+    assert pilot.may() is Authority.RELEASED
+
+
+def test_the_configured_channel_is_the_one_that_counts() -> None:
+    pilot = Pilot(channel=7).beat()
+    for pulse in (LOW, HIGH):
+        pilot.t += 0.01
+        channels = [LOW] * 18
+        channels[6] = pulse
+        pilot.gate.on_rc(RcChannels(pilot.t, tuple(channels)))
+    assert pilot.may() is Authority.GRANTED
+
+
+def test_messages_older_than_the_last_are_dropped() -> None:
+    pilot = Pilot().granted()
+    pilot.gate.on_heartbeat(Heartbeat(pilot.t - 1.0, False, False, "LOITER"))
+    pilot.gate.on_rc(RcChannels(pilot.t - 1.0, (LOW,) * 18))
+    assert pilot.may() is Authority.GRANTED

@@ -1,0 +1,47 @@
+import pytest
+
+from landerd.config import LostSection
+from landerd.guidance.lost import LostPlan
+
+OPTIONS = LostSection(hold_s=3.0, climb_mps=0.5, climb_m=5.0, give_up_s=30.0)
+
+
+def plan(options: LostSection = OPTIONS, *, down_m: float = -4.0) -> LostPlan:
+    made = LostPlan(options)
+    made.begin(100.0, down_m)
+    return made
+
+
+def test_first_it_holds_and_looks() -> None:
+    for now in (100.0, 101.5, 102.9):
+        assert plan().step(now, -4.0) == ((0.0, 0.0, 0.0), "holding")
+
+
+def test_then_it_climbs_straight_up_by_as_much_as_configured() -> None:
+    made, down, climbed = plan(), -4.0, []
+    for i in range(260):
+        step = made.step(103.0 + 0.1 * i, down)
+        assert step is not None
+        assert step[0][:2] == (0.0, 0.0)
+        assert step[0][2] in (0.0, -0.5)
+        down += 0.1 * step[0][2]
+        climbed.append(-4.0 - down)
+    assert climbed[-1] == pytest.approx(5.0, abs=0.1)
+
+
+def test_without_a_climb_it_only_holds() -> None:
+    step = plan(LostSection(climb_m=0.0)).step(110.0, -4.0)
+    assert step is not None
+    assert step[0] == (0.0, 0.0, 0.0)
+
+
+def test_at_last_it_hands_back() -> None:
+    assert plan().step(129.9, -9.0) is not None
+    assert plan().step(130.1, -9.0) is None
+
+
+def test_every_loss_has_its_own_time() -> None:
+    made = plan()
+    assert made.step(130.1, -4.0) is None
+    made.begin(200.0, -4.0)
+    assert made.step(200.1, -4.0) == ((0.0, 0.0, 0.0), "holding")

@@ -1,0 +1,141 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from landerd.config import DescentSection
+from landerd.guidance.phases import Phases, descent_radius
+from landerd.messages import Phase
+from tests.guidance.situations import situation
+
+OPTIONS = DescentSection(k1_m=0.12, k2_per_m=0.36)  # thesis 3.6
+
+
+def phases(*, has_heading: bool = True) -> Phases:
+    return Phases(OPTIONS, has_heading=has_heading)
+
+
+def test_the_descent_region_of_the_thesis() -> None:
+    # 3.6: "about 4.4 meters" at 10 m of altitude, 0.12 m on the ground.
+    assert descent_radius(OPTIONS, 10.0) == pytest.approx(4.4, abs=0.02)
+    assert descent_radius(OPTIONS, 0.0) == 0.12
+    # Figure 2.14.
+    assert descent_radius(DescentSection(k1_m=0.15, k2_per_m=0.4), 5.0) == pytest.approx(
+        1.108, abs=1e-3
+    )
+
+
+def test_below_the_pads_plane_the_region_is_no_smaller_than_on_it() -> None:
+    assert descent_radius(OPTIONS, -3.0) == 0.12
+
+
+@given(st.floats(0.0, 30.0), st.floats(0.0, 20.0), st.floats(0.0, 2.0))
+def test_descent_is_never_allowed_outside_the_region(
+    height: float, distance: float, sigma_m: float
+) -> None:
+    allowed = phases().may_descend(situation(distance, height, sigma_m=sigma_m))
+    if distance >= descent_radius(OPTIONS, height):
+        assert not allowed
+    # Nor where the position is not known well enough to tell.
+    if distance + sigma_m >= descent_radius(OPTIONS, height):
+        assert not allowed
+
+
+def test_a_landing_goes_through_table_2_1_in_order() -> None:
+    p = phases()
+    seen = [
+        p.step(r)[0]
+        for r in (
+            situation(30.0, 10.0, heading_deg=None),
+            situation(14.0, 10.0, heading_deg=None),
+            situation(13.0, 10.0, heading_deg=40.0),  # 3 delta is 13.2 m
+            situation(4.0, 10.0, heading_deg=40.0),
+            situation(1.0, 8.0, heading_deg=10.0),
+            situation(0.2, 5.0, heading_deg=1.0),
+            situation(0.05, 1.0, heading_deg=1.0),
+            situation(0.03, 0.13, heading_deg=1.0),
+            situation(0.03, 0.11, heading_deg=1.0),
+            situation(0.03, 0.05, heading_deg=1.0),
+        )
+    ]
+    assert seen == [
+        Phase.APPROACH,
+        Phase.APPROACH,
+        Phase.CLOSE_APPROACH,
+        Phase.YAW_CORRECTION,
+        Phase.YAW_CORRECTION,
+        Phase.DESCENT,
+        Phase.DESCENT,
+        Phase.DESCENT,
+        Phase.LANDED,
+        Phase.LANDED,
+    ]
+
+
+def test_until_aligned_there_is_a_floor_above_the_alignment_height() -> None:
+    p = phases()
+    p.step(situation(0.1, 5.0, heading_deg=20.0))
+    assert p.floor_m > OPTIONS.alignment_height_m
+    p.step(situation(0.1, 5.0, heading_deg=1.0))
+    assert p.floor_m == 0.0
+
+
+def test_aligned_within_2_degrees_and_off_again_beyond_4() -> None:
+    p = phases()
+
+    def phase_at(heading_deg: float) -> Phase:
+        return p.step(situation(0.1, 3.0, heading_deg=heading_deg))[0]
+
+    assert phase_at(3.0) is Phase.YAW_CORRECTION
+    assert phase_at(-2.1) is Phase.YAW_CORRECTION
+    assert phase_at(-1.9) is Phase.DESCENT
+    assert phase_at(3.9) is Phase.DESCENT
+    assert phase_at(-4.1) is Phase.YAW_CORRECTION
+    assert p.floor_m > OPTIONS.alignment_height_m
+    assert phase_at(3.0) is Phase.YAW_CORRECTION
+    assert phase_at(1.0) is Phase.DESCENT
+
+
+def test_a_heading_out_of_sight_stops_the_descent() -> None:
+    p = phases()
+    assert p.step(situation(0.1, 3.0, heading_deg=0.0))[0] is Phase.DESCENT
+    phase, why = p.step(situation(0.1, 1.0, heading_deg=None))
+    assert phase is Phase.YAW_CORRECTION
+    assert "heading" in why
+    assert p.floor_m > 1.0
+
+
+@pytest.mark.parametrize("heading_deg", [None, 90.0])
+def test_a_pad_without_heading_needs_no_alignment(heading_deg: float | None) -> None:
+    p = phases(has_heading=False)
+    assert p.step(situation(0.1, 3.0, heading_deg=heading_deg))[0] is Phase.DESCENT
+    assert p.floor_m == 0.0
+    assert p.step(situation(0.05, 0.1, heading_deg=heading_deg))[0] is Phase.LANDED
+
+
+def test_it_commits_only_aligned_inside_the_region_and_below_the_commit_height() -> None:
+    for distance, height, heading_deg in (
+        (0.02, 0.13, 0.0),  # too high
+        (0.02, 0.10, 10.0),  # heading off
+        (0.15, 0.10, 0.0),  # beside the region
+        (0.02, 0.10, None),  # heading not known
+    ):
+        p = phases()
+        p.step(situation(0.02, 1.0))
+        phase = p.step(situation(distance, height, heading_deg=heading_deg))[0]
+        assert phase is not Phase.LANDED, (distance, height, heading_deg)
+
+
+def test_drifting_far_out_is_an_approach_again_but_not_at_the_bound_itself() -> None:
+    p = phases()
+    bound = 3.0 * descent_radius(OPTIONS, 5.0)
+    assert p.step(situation(0.1, 5.0))[0] is Phase.DESCENT
+    assert p.step(situation(1.1 * bound, 5.0))[0] is not Phase.APPROACH
+    assert p.step(situation(1.5 * bound, 5.0))[0] is Phase.APPROACH
+
+
+def test_a_new_landing_begins_at_the_beginning() -> None:
+    p = phases()
+    p.step(situation(0.1, 3.0))
+    p.restart()
+    assert p.phase is Phase.APPROACH
+    assert p.floor_m > OPTIONS.alignment_height_m

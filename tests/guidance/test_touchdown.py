@@ -1,0 +1,118 @@
+import math
+
+import pytest
+
+from landerd.guidance.touchdown import Step, Touchdown
+from landerd.messages import Landed
+
+DT = 0.025
+
+
+class Descent:
+    """A touch-down that is stepped at the control rate from commit on."""
+
+    def __init__(self) -> None:
+        self.touchdown = Touchdown(timeout_s=5.0)
+        self.t = 50.0
+        self.touchdown.begin(self.t)
+
+    def go_on(
+        self,
+        seconds: float,
+        *,
+        sinking: float = 0.3,
+        ordered: float = 0.3,
+        sighting_age: float = 0.05,
+        landed: Landed = Landed.IN_AIR,
+    ) -> Step:
+        """Return the first step that is not DESCEND, or DESCEND when there is none."""
+        for _ in range(round(seconds / DT)):
+            self.t += DT
+            step = self.touchdown.step(self.t, sinking, ordered, sighting_age, landed)
+            if step is not Step.DESCEND:
+                return step
+        return Step.DESCEND
+
+    def in_contact(self) -> "Descent":
+        self.go_on(0.5)
+        assert self.go_on(0.5, sinking=0.0) is Step.CONTACT
+        return self
+
+
+def test_sinking_as_ordered_is_no_contact() -> None:
+    assert Descent().go_on(3.0) is Step.DESCEND
+
+
+def test_much_slower_than_ordered_for_a_fifth_of_a_second_is_contact() -> None:
+    descent = Descent()
+    descent.go_on(0.6)
+    start = descent.t
+    assert descent.go_on(1.0, sinking=0.05) is Step.CONTACT
+    assert 0.2 <= descent.t - start <= 0.2 + 2 * DT
+    assert descent.touchdown.in_contact
+
+
+def test_a_short_slow_moment_is_no_contact() -> None:
+    descent = Descent()
+    descent.go_on(0.6)
+    for _ in range(10):
+        assert descent.go_on(0.15, sinking=0.0) is Step.DESCEND
+        assert descent.go_on(0.1, sinking=0.3) is Step.DESCEND
+
+
+def test_a_vehicle_that_committed_from_a_hover_is_not_thought_to_stand_on_the_pad() -> None:
+    # How ArduCopter answers an order of 0.3 m/s: measured share of the order after each 0.1 s.
+    answer = (0.0, 0.011, 0.148, 0.388, 0.597, 0.759, 0.881, 0.95, 1.028, 1.05, 1.087)
+    descent = Descent()
+    for share in answer:
+        assert descent.go_on(0.1, sinking=0.3 * share, ordered=0.3) is Step.DESCEND
+
+
+def test_on_ground_from_the_autopilot_is_contact_at_once() -> None:
+    assert Descent().go_on(DT, landed=Landed.ON_GROUND) is Step.CONTACT
+
+
+def test_blind_after_commit_it_goes_on_for_less_than_a_second_and_then_aborts() -> None:
+    descent = Descent()
+    assert descent.go_on(DT, sighting_age=0.8) is Step.DESCEND
+    assert descent.go_on(DT, sighting_age=1.0) is Step.ABORT
+    assert not descent.touchdown.in_contact
+
+
+def test_blind_on_the_pad_is_contact_all_the_same() -> None:
+    descent = Descent()
+    descent.go_on(0.5)
+    for age in (0.6, 0.7, 0.8, 0.9, 1.0, 1.1):
+        step = descent.go_on(2 * DT, sinking=0.0, sighting_age=age - 0.1)
+        if step is not Step.DESCEND:
+            break
+    assert step is Step.CONTACT
+
+
+def test_disarm_is_asked_for_only_on_the_ground_and_until_it_is_done() -> None:
+    touchdown = Descent().in_contact().touchdown
+    for landed in (Landed.UNDEFINED, Landed.IN_AIR, Landed.TAKEOFF, Landed.LANDING):
+        assert not touchdown.disarm_due(60.0, landed)
+    asked = [
+        60.0 + i * DT for i in range(81) if touchdown.disarm_due(60.0 + i * DT, Landed.ON_GROUND)
+    ]
+    assert asked == pytest.approx([60.0, 60.5, 61.0, 61.5, 62.0])
+
+
+def test_five_seconds_without_on_ground_is_unconfirmed() -> None:
+    descent = Descent().in_contact()
+    touchdown, contact = descent.touchdown, descent.t
+    assert not touchdown.unconfirmed(contact + 4.9, Landed.IN_AIR)
+    assert touchdown.unconfirmed(contact + 5.1, Landed.IN_AIR)
+    assert not touchdown.unconfirmed(contact + 5.1, Landed.ON_GROUND)
+
+
+def test_without_contact_nothing_is_unconfirmed_however_long_it_takes() -> None:
+    assert not Descent().touchdown.unconfirmed(math.inf, Landed.IN_AIR)
+
+
+def test_the_next_landing_begins_in_the_air() -> None:
+    descent = Descent().in_contact()
+    descent.touchdown.begin(descent.t)
+    assert not descent.touchdown.in_contact
+    assert descent.go_on(1.0) is Step.DESCEND
