@@ -1,1 +1,5 @@
-"""Images in, marker and pad poses in the camera frame out."""
+"""Markers in images: rings, squares, and the pose of the pad they make up."""
+
+from landerd.vision.vision import Vision
+
+__all__ = ["Vision"]

@@ -1,0 +1,81 @@
+"""Pose of a planar marker or of the pad with its information matrix, and what vision reports of it.
+
+The frame of a marker and of the pad: origin at the centre or landing point, x to its north, y
+east, z into the plane. A small error of a pose is the 6-vector (dt, w) in the camera frame: the
+origin moved by dt, the axes turned by the rotation vector w.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64
+from landerd.geometry import Mat3, Vec3
+from landerd.messages import PoseSolution
+
+
+@dataclass(frozen=True)
+class Pose:
+    """One pose that explains the image, camera frame."""
+
+    R: F64  # rotation from the marker or pad frame, (3, 3)
+    t: F64  # origin, m, (3,)
+    information: F64  # inverse covariance of (dt, w), (6, 6); singular where nothing is known
+    cost: float  # chi-square of the fit
+
+    @property
+    def normal(self) -> F64:
+        """Unit vector into the plane, (3,)."""
+        return self.R[:, 2]
+
+    def moved(self, step: NDArray[np.floating]) -> "Pose":
+        """Return the pose after a step (dt, w) with the same information and cost."""
+        return Pose(
+            cv2.Rodrigues(step[3:])[0] @ self.R, self.t + step[:3], self.information, self.cost
+        )
+
+
+def solution(pose: Pose, has_north: bool = True) -> PoseSolution | None:
+    """Return the pose as vision reports it; None if its covariance does not exist."""
+    try:
+        covariance: F64 = np.asarray(np.linalg.inv(pose.information), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return None
+    turn = covariance[3:, 3:]
+    variance_yaw = float(pose.normal @ turn @ pose.normal)
+    variance_tilt = 0.5 * (float(np.trace(turn)) - variance_yaw)
+    if not np.all(np.isfinite(covariance)) or variance_yaw <= 0 or variance_tilt <= 0:
+        return None
+    return PoseSolution(
+        position=vec3(pose.t),
+        normal=vec3(pose.normal),
+        north=vec3(pose.R[:, 0]) if has_north else None,
+        covariance=mat3(covariance[:3, :3]),
+        sigma_yaw=variance_yaw**0.5 if has_north else None,
+        sigma_tilt=variance_tilt**0.5,
+        cost=pose.cost,
+    )
+
+
+def rotation_from(normal: F64, north: F64) -> F64:
+    """Return the rotation (3, 3) of a plane with this unit normal; north need not lie in it."""
+    x = north - normal * float(normal @ north)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(normal, x), normal])
+
+
+def skew(v: F64) -> F64:
+    """Return the matrix (3, 3) of the vector product: skew(a) @ b = a x b."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def vec3(v: F64) -> Vec3:
+    """Return a 3-vector as plain floats."""
+    return (float(v[0]), float(v[1]), float(v[2]))
+
+
+def mat3(m: F64) -> Mat3:
+    """Return a 3x3 matrix as plain floats."""
+    return (vec3(m[0]), vec3(m[1]), vec3(m[2]))

@@ -1,0 +1,103 @@
+"""Square markers (AprilTag, ArUco) in an image, found by OpenCV's detector."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64
+from landerd.pad import PadLayout, Square
+from landerd.vision.window import Window
+
+Image = NDArray[np.uint8]
+
+_SMALLEST_SIDE_PX = 5.0  # of a marker in the searched (enlarged) image
+
+
+@dataclass(frozen=True)
+class FoundSquare:
+    """A square marker of the pad seen in an image."""
+
+    square: Square
+    corners: F64  # (4, 2) px, top left first, clockwise as its makers print it
+
+
+class SquareFinder:
+    """Finds the square markers of one pad; other ids are not reported."""
+
+    def __init__(self, layout: PadLayout) -> None:
+        """Prepare a detector for each dictionary of the pad.
+
+        Raises:
+            ValueError: OpenCV does not have a dictionary of the pad, or it lacks an id.
+        """
+        self._detectors: list[tuple[cv2.aruco.ArucoDetector, dict[int, Square], int]] = []
+        for name in sorted({s.dictionary for s in layout.squares}):
+            squares = {s.id: s for s in layout.squares if s.dictionary == name}
+            dictionary = _dictionary(name)
+            too_high = [i for i in squares if i >= len(dictionary.bytesList)]
+            if too_high:
+                raise ValueError(f"dictionary {name} has no id {too_high[0]}")
+            detector = cv2.aruco.ArucoDetector(dictionary)
+            self._detectors.append((detector, squares, _turns(name)))
+
+    def find(
+        self, image: Image, window: Window | None = None, scale: float = 1.0
+    ) -> list[FoundSquare]:
+        """Return the pad's squares in the image or a window of it, searched at another scale."""
+        x0, y0 = 0, 0
+        if window is not None:
+            x0, y0 = window.x0, window.y0
+            image = image[window.y0 : window.y1, window.x0 : window.x1]
+        if min(image.shape) < 2 * _SMALLEST_SIDE_PX:
+            return []
+        if scale != 1.0:
+            how = cv2.INTER_CUBIC if scale > 1.0 else cv2.INTER_AREA
+            image = np.asarray(
+                cv2.resize(image, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8
+            )
+        found = []
+        for detector, squares, turn in self._detectors:
+            detector.setDetectorParameters(_parameters(max(image.shape)))
+            corners, ids, _ = detector.detectMarkers(image)
+            if ids is None:
+                continue
+            for quad, number in zip(corners, ids.reshape(-1), strict=True):
+                if int(number) in squares:
+                    px = (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (x0, y0)
+                    found.append(FoundSquare(squares[int(number)], np.roll(px, turn, axis=0)))
+        return found
+
+
+def printed_cells(square: Square) -> NDArray[np.bool_]:
+    """Return a marker's print (n, n), border included, top row first; True is white."""
+    dictionary = _dictionary(square.dictionary)
+    n = dictionary.markerSize + 2
+    cells = cv2.aruco.generateImageMarker(dictionary, square.id, n) > 127
+    return np.rot90(cells, _turns(square.dictionary))
+
+
+def _turns(name: str) -> int:
+    """Return by how many quarter turns OpenCV's print stands wrong.
+
+    OpenCV holds the AprilTag families upside down: its first corner is the bottom right one of
+    the tag as the AprilTag project prints it.
+    """
+    return 2 if name.upper().startswith("APRILTAG") else 0
+
+
+def _parameters(longest_side: int) -> cv2.aruco.DetectorParameters:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.minMarkerPerimeterRate = min(0.03, 4 * _SMALLEST_SIDE_PX / longest_side)
+    parameters.minDistanceToBorder = 1
+    return parameters
+
+
+def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    number = getattr(cv2.aruco, f"DICT_{name}", None)
+    if number is None:
+        known = ", ".join(sorted(n[5:] for n in dir(cv2.aruco) if n.startswith("DICT_")))
+        raise ValueError(f"no dictionary {name!r}; OpenCV has {known}")
+    return cv2.aruco.getPredefinedDictionary(number)

@@ -1,0 +1,92 @@
+"""Pose of a square marker from its corners, both solutions of the planar ambiguity."""
+
+import cv2
+import numpy as np
+
+from landerd.camera_model import F64, CameraModel
+from landerd.vision.pose import Pose
+
+_STEPS = 8
+
+
+def square_points(size: float) -> F64:
+    """Return the corners (4, 2) in the marker's plane (north, east), m: top left, clockwise."""
+    h = 0.5 * size
+    return np.array([[h, -h], [h, h], [-h, h], [-h, -h]])
+
+
+def poses_from_corners(
+    corners: F64, size: float, camera: CameraModel, sigma_px: float
+) -> list[Pose]:
+    """Return the one or two poses of a square that explain its corners, best first.
+
+    Collins and Bartoli's IPPE gives both solutions of the planar ambiguity; each is refined by
+    least squares on the corners.
+
+    Args:
+        corners: (4, 2) pixels, top left first, clockwise as printed.
+        size: edge of the square, m.
+        camera: the lens.
+        sigma_px: 1 sigma of each corner coordinate, px.
+    """
+    rays = camera.rays(corners)
+    points = square_points(size)
+    count, rvecs, tvecs, _ = cv2.solvePnPGeneric(
+        np.column_stack([points, np.zeros(4)]),
+        rays.reshape(-1, 1, 2),
+        np.eye(3),
+        None,
+        flags=cv2.SOLVEPNP_IPPE,
+    )
+    sigma = sigma_px / (0.5 * (camera.fx + camera.fy))
+    poses = []
+    for i in range(count):
+        R = np.asarray(cv2.Rodrigues(rvecs[i])[0], dtype=np.float64)
+        t = np.asarray(tvecs[i], dtype=np.float64).reshape(3)
+        pose = _refined(rays, points, R, t, sigma)
+        if pose is not None:
+            poses.append(pose)
+    return sorted(poses, key=lambda p: p.cost)
+
+
+def corner_information(pose: Pose, size: float, sigma: float) -> F64:
+    """Return the information (6, 6) that four corners of a square give, sigma of rays each."""
+    points = square_points(size)
+    _, J = _residual(np.zeros((4, 2)), points, pose)
+    information: F64 = J.T @ J / sigma**2
+    return information
+
+
+def _refined(rays: F64, points: F64, R: F64, t: F64, sigma: float) -> Pose | None:
+    """Refine a pose on corner rays (n, 2) of points (n, 2); None if it does not converge."""
+    pose = Pose(R, t, np.zeros((6, 6)), 0.0)
+    for _ in range(_STEPS):
+        residual, J = _residual(rays, points, pose)
+        information = J.T @ J
+        try:
+            step = np.linalg.solve(information, J.T @ residual)
+        except np.linalg.LinAlgError:
+            return None
+        pose = pose.moved(step)
+        if np.abs(step).max() < 1e-9:
+            break
+    if not np.isfinite(pose.t).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
+        return None
+    residual, J = _residual(rays, points, pose)
+    return Pose(pose.R, pose.t, J.T @ J / sigma**2, float(residual @ residual) / sigma**2)
+
+
+def _residual(rays: F64, points: F64, pose: Pose) -> tuple[F64, F64]:
+    """Return rays less their prediction (2n,) and the derivative of the prediction (2n, 6)."""
+    arms = points @ pose.R[:, :2].T
+    p = arms + pose.t
+    inverse_z = 1.0 / p[:, 2]
+    x, y = p[:, 0] * inverse_z, p[:, 1] * inverse_z
+    n = len(points)
+    J = np.empty((n, 2, 6))
+    J[:, 0, :3] = np.column_stack([inverse_z, np.zeros(n), -x * inverse_z])
+    J[:, 1, :3] = np.column_stack([np.zeros(n), inverse_z, -y * inverse_z])
+    # A turn w moves a point by w x arm: its derivative along g is arm x g.
+    J[:, 0, 3:] = np.cross(arms, J[:, 0, :3])
+    J[:, 1, 3:] = np.cross(arms, J[:, 1, :3])
+    return (rays - np.column_stack([x, y])).reshape(-1), J.reshape(-1, 6)

@@ -1,0 +1,106 @@
+"""Square markers: found, the right way up, and where they are."""
+
+import math
+
+import numpy as np
+import pytest
+
+from landerd.pad import PadLayout, Plate, Square
+from landerd.vision.square import SquareFinder, printed_cells
+from landerd.vision.square_fit import SquarePrint
+from landerd.vision.square_pose import poses_from_corners, square_points
+from landerd.vision.window import Window
+from tests.vision.scenes import IDEAL_CAMERA, THESIS_CAMERA, Optics, View, look, render
+
+PLATE = Plate(north_m=0.3, south_m=0.3, east_m=0.3, west_m=0.3)
+
+
+def pad_of(*squares: Square) -> PadLayout:
+    return PadLayout(name="test", markers=squares, plate=PLATE)
+
+
+def tag(dictionary: str = "APRILTAG_36h11", number: int = 0, size: float = 0.3) -> Square:
+    kind = "apriltag" if dictionary.startswith("APRIL") else "aruco"
+    return Square.model_validate(
+        {"kind": kind, "dictionary": dictionary, "id": number, "size_m": size}
+    )
+
+
+def corners_px(view: View, square: Square, camera=THESIS_CAMERA):  # type: ignore[no-untyped-def]
+    points = np.array(view.position) + square_points(square.size_m) @ view.R_camera_pad[:, :2].T
+    return camera.pixels(points)
+
+
+@pytest.mark.parametrize("dictionary", ["APRILTAG_36h11", "APRILTAG_16h5", "4X4_50", "6X6_250"])
+def test_corners_come_in_order_from_the_top_left_of_the_print(dictionary: str) -> None:
+    square = tag(dictionary, 3)
+    view = look(THESIS_CAMERA, 1.5, 0.3, pixel=(350, 220), heading=2.0)
+    image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(1), pad_of(square))
+    (found,) = SquareFinder(pad_of(square)).find(image)
+    assert np.abs(found.corners - corners_px(view, square)).max() < 1.5
+
+
+def test_window_and_scale_do_not_move_the_corners() -> None:
+    square = tag()
+    view = look(THESIS_CAMERA, 4.0, 0.5, pixel=(150, 320), heading=1.0)
+    image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(2), pad_of(square))
+    for scale in (0.7, 1.0, 2.0, 3.3):
+        found = SquareFinder(pad_of(square)).find(image, Window(110, 285, 190, 360), scale)
+        assert np.abs(found[0].corners - corners_px(view, square)).max() < 1.0
+
+
+def test_other_ids_are_not_reported() -> None:
+    view = look(THESIS_CAMERA, 1.0, 0.2, pixel=(320, 240))
+    image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(3), pad_of(tag(number=4)))
+    assert SquareFinder(pad_of(tag(number=5))).find(image) == []
+
+
+@pytest.mark.parametrize("square", [tag("9X9_50"), tag("4X4_50", 50)])
+def test_markers_that_do_not_exist_are_refused(square: Square) -> None:
+    with pytest.raises(ValueError, match="dictionary"):
+        SquareFinder(pad_of(square))
+
+
+def test_both_solutions_of_the_planar_ambiguity() -> None:
+    # Exact corners of a far tag: the true pose and its mirror both explain them to a tenth of a
+    # pixel, the true one exactly.
+    square = tag()
+    view = look(IDEAL_CAMERA, 8.0, math.radians(30), pixel=(300, 228))
+    corners = corners_px(view, square, IDEAL_CAMERA)
+    right, wrong = poses_from_corners(corners, square.size_m, IDEAL_CAMERA, 0.3)
+    assert right.cost < 1e-6 < wrong.cost < 6.0
+    assert np.abs(right.R - view.R_camera_pad).max() < 1e-6
+    between = math.degrees(math.acos(float(right.normal @ wrong.normal)))
+    assert 40.0 < between < 70.0
+
+
+@pytest.mark.parametrize(("distance", "error_m"), [(1.0, 1e-3), (2.0, 2e-3), (5.0, 2.5e-2)])
+def test_fit_to_the_pixels_is_true_and_its_covariance_honest(
+    distance: float, error_m: float
+) -> None:
+    square = tag()
+    rng = np.random.default_rng(4)
+    view = look(THESIS_CAMERA, distance, math.radians(40), pixel=(250, 260), heading=0.7)
+    image = render(view, THESIS_CAMERA, Optics(), rng, pad_of(square))
+    corners = corners_px(view, square) + rng.normal(0.0, 0.3, (4, 2))
+    starts = poses_from_corners(corners, square.size_m, THESIS_CAMERA, 0.5)
+    best = SquarePrint(square, printed_cells(square)).refined(image, THESIS_CAMERA, starts)[0]
+    error = best.t - np.array(view.position)
+    assert np.linalg.norm(error) < error_m
+    covariance = np.linalg.inv(best.information)[:3, :3]
+    assert error @ np.linalg.inv(covariance) @ error < 16.3  # 99.9 %
+    assert float(best.R[:, 0] @ view.R_camera_pad[:, 0]) > math.cos(math.radians(0.5))
+
+
+@pytest.mark.parametrize(
+    ("dictionary", "rows"),
+    [
+        # Top rows of id 0 as the AprilTag project prints it (apriltag-imgs), border included.
+        ("APRILTAG_36h11", ["00000000", "01101010", "00111010", "00110000"]),
+        ("APRILTAG_16h5", ["000000", "000100", "000110", "000010"]),
+        ("APRILTAG_25h9", ["0000000", "0101010", "0010110", "0100100"]),
+    ],
+)
+def test_print_is_the_apriltag_projects(dictionary: str, rows: list[str]) -> None:
+    cells = printed_cells(tag(dictionary))
+    assert ["".join("01"[int(c)] for c in row) for row in cells[: len(rows)]] == rows

@@ -1,0 +1,94 @@
+"""Vision as a whole: sightings of the thesis's pad and of what is left of it in the image."""
+
+import math
+
+import numpy as np
+import pytest
+
+from landerd.config import VisionSection
+from landerd.messages import Frame, PadPrior, Prior, Sightings
+from landerd.vision import Vision
+from tests.vision.scenes import THESIS_CAMERA as BIG_CAMERA
+from tests.vision.scenes import THESIS_PAD, Optics, View, look, render
+
+OPTICS = Optics()
+THESIS_CAMERA = BIG_CAMERA.scaled(320, 240)  # half the size: these images are slow to make
+
+
+def seen(view: View, prior: Prior | None = None, vision: Vision | None = None) -> Sightings:
+    image = render(view, THESIS_CAMERA, OPTICS, np.random.default_rng(1))
+    vision = vision or Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    return vision.process(Frame(0.0, 0, image), prior)
+
+
+def error_m(sightings: Sightings, view: View) -> float:
+    return math.dist(sightings.pad[0].position, view.position)
+
+
+def kinds(sightings: Sightings) -> set[str]:
+    return {m.kind for m in sightings.markers}
+
+
+def test_ring_alone_tells_the_landing_point_but_no_north() -> None:
+    view = look(THESIS_CAMERA, 9.0, 0.5, pixel=(160, 150))
+    found = seen(view)
+    assert kinds(found) == {"whycon"}
+    assert error_m(found, view) < 0.1
+    assert found.pad[0].north is None
+    assert found.pad[0].sigma_yaw is None
+
+
+def test_ring_and_tag_together_tell_north() -> None:
+    view = look(THESIS_CAMERA, 3.0, 0.5, pixel=(150, 140), heading=0.4)
+    found = seen(view, Prior(down=tuple(view.normal.tolist())))
+    assert kinds(found) == {"whycon", "apriltag"}
+    assert error_m(found, view) < 0.01
+    north = found.pad[0].north
+    assert north is not None
+    assert float(np.dot(north, view.R_camera_pad[:, 0])) > math.cos(math.radians(0.3))
+
+
+def test_tag_alone_near_the_ground_tells_the_landing_point_outside_the_image() -> None:
+    # 0.75 m behind the tag, and the tag seen at 55 degrees in a lower corner of the image.
+    view = look(THESIS_CAMERA, 0.8, math.radians(55), pixel=(165, 165), tilt_towards=-math.pi / 2)
+    beyond = np.array(view.position) - 0.75 * view.R_camera_pad[:, 0]
+    view = View((float(beyond[0]), float(beyond[1]), float(beyond[2])), view.R_camera_pad)
+    found = seen(view)
+    assert kinds(found) == {"apriltag"}
+    assert error_m(found, view) < 0.005
+
+
+def test_a_wrong_prior_does_not_hide_the_pad() -> None:
+    view = look(THESIS_CAMERA, 3.0, 0.5, pixel=(95, 130))
+    wrong = Prior(pad=PadPrior(position=(1.5, 1.0, 3.0), sigma_m=0.1, north=(0.0, -1.0, 0.0)))
+    found = seen(view, wrong)
+    assert kinds(found) == {"whycon", "apriltag"}
+    assert error_m(found, view) < 0.02
+
+
+def test_an_empty_image_shows_nothing() -> None:
+    image = render(None, THESIS_CAMERA, OPTICS, np.random.default_rng(2))
+    found = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection()).process(Frame(1.0, 7, image))
+    assert (found.t, found.seq, found.markers, found.pad) == (1.0, 7, (), ())
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((240, 321), np.uint8),
+        np.zeros((240, 320, 3), np.uint8),
+        np.zeros((240, 320), np.float32),
+    ],
+)
+def test_images_of_another_size_or_type_are_refused(image: np.ndarray) -> None:
+    vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    with pytest.raises(ValueError, match="image is"):
+        vision.process(Frame(0.0, 0, image))
+
+
+def test_sightings_depend_on_nothing_but_frames_and_priors() -> None:
+    views = [look(THESIS_CAMERA, 3.0 - 0.1 * i, 0.4, pixel=(150, 130)) for i in range(3)]
+    first = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    second = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    for view in views:
+        assert seen(view, None, first) == seen(view, None, second)
