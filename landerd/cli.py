@@ -146,8 +146,13 @@ def _summary(result: dict[str, Any]) -> str:
 
     def say(key: str, unit: str, digits: int) -> str:
         value = result[key]
-        return "unknown" if value is None else f"{value:.{digits}f} {unit}"
+        return "unknown" if value is None else f"{abs(value):.{digits}f} {unit}"
 
+    phases = [
+        f"{phase['name']} {phase['start']:.1f}-{phase['end']:.1f} s"
+        for phase in result["phases"]
+        if phase["name"] != "NOT_LANDING"
+    ]
     landed = "Landed" if result["landed"] else f"Did not land: {result['outcome']}"
     lines = [
         f"{landed} (scenario {result['scenario']}, seed {result['seed']})",
@@ -159,8 +164,7 @@ def _summary(result: dict[str, Any]) -> str:
         f"to disarm {say('time_s', 's', 1)}, {say('energy_hj', 'hJ', 1)}",
         f"  pad lost from sight {result['aborts']} times; "
         f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
-        "  "
-        + ", ".join(f"{p['name']} {p['start']:.1f}-{p['end']:.1f} s" for p in result["phases"]),
+        f"  phases: {', '.join(phases)}",
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
     ]
     return "\n".join(lines)

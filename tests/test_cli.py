@@ -91,12 +91,19 @@ def test_a_wrong_configuration_gives_a_line_a_fault(tmp_path: Path) -> None:
 
 
 def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
-    done = landerd("sim", "hover", "--seed", "1", "--json")
+    low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
+    done = landerd("sim", "hover", "--seed", "3", "--json", *low)
     assert done.returncode == 0, done.stderr
     (line,) = done.stdout.splitlines()
     result = json.loads(line)
-    assert result["landed"] is True
-    assert result["seed"] == 1
+    assert (result["landed"], result["seed"], result["scenario"]) == (True, 3, "hover")
+
+
+def test_a_flight_that_does_not_land_is_exit_code_1() -> None:
+    nothing_to_see = ["--set", "sim.start.position_m=[-500, 0]", "--set", "sim.camera.fps=0.1"]
+    done = landerd("sim", *nothing_to_see)
+    assert done.returncode == 1
+    assert done.stdout.startswith("Did not land: ")
 
 
 def test_a_reader_that_goes_away_is_no_fault() -> None:
