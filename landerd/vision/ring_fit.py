@@ -24,17 +24,23 @@ U8 = NDArray[np.uint8]
 
 _MOST = 640  # pixels in a fit
 _PARAMETERS = 13  # centre 3, normal 2, blur 3, levels 3, light gradient 2
-_MIN_BLUR, _MAX_BLUR = 0.3, 12.0  # px
+_MIN_BLUR, _MAX_BLUR = 0.2, 12.0  # px
+_FINE_PX = 36.0  # below this size the edges bend within a pixel: see fit_ring
+_SPREAD_PX = 0.4  # of those places from the pixel's centre, along x and y
+_MARGIN = 0.24  # white around a ring, in radii: the thesis's plate has 0.12 m round its 1 m
+_UNKNOWN = 30.0  # contrast of what lies beyond the margin, in sigmas of the noise
 _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """Grey levels (n,) and the rays (x, y) on z = 1, (n,) each, on which they were seen."""
+    """Grey levels, the rays (x, y) on z = 1 on which they were seen, and their weights, all (n,)."""
 
     x: F64
     y: F64
     grey: F64
+    trust: F64
+    fine: bool  # small ring: look at each pixel in four places
     focal: float  # pixels per ray unit, geometric mean
 
 
@@ -90,11 +96,9 @@ def pixels_near(
     size = float((high - low).max())
     if size > 4.0 * max(h, w):
         return None
-    # The plate's white margin may be narrow: what lies beyond is not the ring's business.
-    beyond_px = min(band_px, max(0.6, 0.08 * size))
-    if size < 36.0:
-        x0, y0 = np.maximum(np.floor(low - beyond_px), 0).astype(int)
-        x1, y1 = np.minimum(np.ceil(high + beyond_px), (w - 1, h - 1)).astype(int)
+    if size < _FINE_PX:
+        x0, y0 = np.maximum(np.floor(low - band_px), 0).astype(int)
+        x1, y1 = np.minimum(np.ceil(high + band_px), (w - 1, h - 1)).astype(int)
         gx, gy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
         p = np.column_stack([gx.ravel(), gy.ravel()])
     else:
@@ -106,13 +110,16 @@ def pixels_near(
     rays = camera.rays(p.astype(np.float64))
     focal = math.sqrt(camera.fx * camera.fy)
     grey = image[p[:, 1], p[:, 0]].astype(np.float64)
-    pixels = Pixels(rays[:, 0].copy(), rays[:, 1].copy(), grey, focal)
-    g = _Geometry(pixels, pose[0][None], pose[1][None])
+    x, y = np.ascontiguousarray(rays.T)
+    g = _Geometry(x, y, focal, pose[0][None], pose[1][None])
     d_o, d_i = (g.rho[0] - radius) / g.scale[0], (g.rho[0] - radius * ratio) / g.scale[0]
-    near = (d_o < beyond_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px))
+    # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
+    beyond, _ = _step((d_o - _MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
+    trust = 1.0 / (1.0 + (_UNKNOWN * beyond) ** 2)
+    near = (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px)) & (trust > 0.02)
     if np.count_nonzero(near) < 30:
         return None
-    return Pixels(pixels.x[near], pixels.y[near], grey[near], focal)
+    return Pixels(x[near], y[near], grey[near], trust[near], size < _FINE_PX, focal)
 
 
 def _across(edge: F64, band_px: float, share: float) -> NDArray[np.intp]:
@@ -134,8 +141,8 @@ def _across(edge: F64, band_px: float, share: float) -> NDArray[np.intp]:
 class _Geometry:
     """Pixels against the planes of several poses: arrays (starts, n)."""
 
-    def __init__(self, pixels: Pixels, t: F64, n: F64) -> None:
-        x, y, f = pixels.x, pixels.y, pixels.focal
+    def __init__(self, x: F64, y: F64, f: float, t: F64, n: F64) -> None:
+        self.x, self.y, self.f = x, y, f
         nx, ny, nz = n[:, 0:1], n[:, 1:2], n[:, 2:3]
         self.m = np.maximum(nx * x + ny * y + nz, 1e-6)
         self.depth = (n * t).sum(axis=1)[:, None] / self.m
@@ -152,7 +159,18 @@ class _Geometry:
         self.scale = np.sqrt(gx * gx + gy * gy) + 1e-12  # metres in the plane per pixel
         self.across = (gx / self.scale, gy / self.scale)  # unit gradient of rho in the image
 
-    def bends(self, pixels: Pixels, n: F64) -> tuple[F64, F64]:
+    def edge(self, radius: float, t: F64, n: F64) -> tuple[F64, F64]:
+        """Return distance (px) to a circle and its curvature (1/px) where it is nearest."""
+        d = (self.rho - radius) / self.scale
+        _, bent = self.bends(n)
+        d = np.clip(d - bent * d * d, -3.0, 3.0)
+        wx, wy = self.across
+        foot = _Geometry(self.x - d * wx / self.f, self.y - d * wy / self.f, self.f, t, n)
+        fx, fy = foot.across
+        curvature, _ = foot.bends(n)
+        return (foot.rho - radius) / foot.scale + d * (wx * fx + wy * fy), curvature
+
+    def bends(self, n: F64) -> tuple[F64, F64]:
         """Return the level line's curvature (1/px) and rho'' / (2 rho') across it (1/px).
 
         With M the metric of the plane in pixels, rho^2 = p^T M p: the curvature is
@@ -160,8 +178,8 @@ class _Geometry:
         """
         wx, wy = self.across
         nw = (n[:, 0:1] * wx + n[:, 1:2] * wy) / self.m
-        k = self.depth / pixels.focal
-        ex, ey = wx - nw * pixels.x, wy - nw * pixels.y
+        k = self.depth / self.f
+        ex, ey = wx - nw * self.x, wy - nw * self.y
         square = self.scale * self.scale
         excess = np.maximum(k * k * (ex * ex + ey * ey + nw * nw) - square, 0.0)
         area = k * k / self.m
@@ -193,27 +211,40 @@ def fit_ring(
     white, black = float(ordered[-1 - n // 8]), float(ordered[n // 8])
     p = np.tile([blur_px**2, blur_px**2, 0.0, white, black, white, 0.0, 0.0], (count, 1))
     inner = radius * ratio
-    J = np.empty((count, _PARAMETERS + 1, n))
+    # Small rings bend within the blur. A Gaussian is nearly the mean of four narrower ones set
+    # square around it, and for those the edges are straight enough.
+    parts, spread = (4, _SPREAD_PX) if pixels.fine else (1, 0.0)
+    if parts > 1:
+        shift = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]) * (spread / pixels.focal)
+        x = (x + shift[0][:, None]).ravel()
+        y = (y + shift[1][:, None]).ravel()
+    J = np.empty((count, _PARAMETERS + 1, parts * n))
     diagonal = np.arange(_PARAMETERS)
     bends: tuple[F64, F64] | None = None
     for i in range(iterations + 1):
-        g = _Geometry(pixels, t, normal)
+        g = _Geometry(x, y, pixels.focal, t, normal)
         if bends is None or i == iterations - 1:
-            bends = g.bends(pixels, normal)
+            bends = g.bends(normal)
         curvature, bent = bends
         wx, wy = g.across
         sxx, syy, sxy, inside, dark, outside, slope_x, slope_y = (p[:, k : k + 1] for k in range(8))
         wxx, wyy, wxy = wx * wx, wy * wy, 2.0 * wx * wy
-        s = np.sqrt(np.maximum(sxx * wxx + syy * wyy + sxy * wxy, _MIN_BLUR**2))
-        d_o, d_i = (g.rho - radius) / g.scale, (g.rho - inner) / g.scale
-        bow = 0.5 * s * curvature
-        f_o, p_o = _step((d_o - bent * d_o * d_o) / s + bow)
-        f_i, p_i = _step((d_i - bent * d_i * d_i) / s + bow)
+        along = sxx * wxx + syy * wyy + sxy * wxy
+        s = np.sqrt(np.maximum(along - spread**2, _MIN_BLUR**2))
+        if pixels.fine:
+            d_o, c_o = g.edge(radius, t, normal)
+            d_i, c_i = g.edge(inner, t, normal)
+        else:
+            d_o, d_i = (g.rho - radius) / g.scale, (g.rho - inner) / g.scale
+            d_o, d_i = d_o - bent * d_o * d_o, d_i - bent * d_i * d_i
+            c_o = c_i = curvature
+        f_o, p_o = _step(d_o / s + 0.5 * s * c_o)
+        f_i, p_i = _step(d_i / s + 0.5 * s * c_i)
         X = (x - t[:, 0:1] / t[:, 2:3]) * (t[:, 2:3] / radius)
         Y = (y - t[:, 1:2] / t[:, 2:3]) * (t[:, 2:3] / radius)
         light = 1.0 + slope_x * X + slope_y * Y
         base = inside + (dark - inside) * f_i + (outside - dark) * f_o
-        residual = grey - light * base
+        model = light * base
         s_o = light * (outside - dark) * p_o / s
         s_i = light * (dark - inside) * p_i / s
         D = (s_o + s_i) / g.scale
@@ -235,12 +266,18 @@ def fit_ring(
         J[:, 11] = base * X
         J[:, 12] = base * Y
         J[:, 13] = s_i / (-g.scale)  # of the inner radius: only the judgement uses it
+        if parts > 1:
+            model = model.reshape(count, parts, n).mean(axis=1)
+            rows = J.reshape(count, _PARAMETERS + 1, parts, n).mean(axis=2)
+        else:
+            rows = J
+        residual = grey - model
         noise = np.maximum(1.4826 * np.median(np.abs(residual), axis=1, keepdims=True), 0.5)
         u = (residual / (3.0 * noise)) ** 2
-        weight = 1.0 / (1.0 + u) ** 2
-        JW = J * weight[:, None, :]
-        H = JW @ J.transpose(0, 2, 1)
-        b = (JW @ residual[:, :, None])[:, :, 0]
+        weight = pixels.trust / (1.0 + u) ** 2
+        weighted = rows * weight[:, None, :]
+        H = weighted @ rows.transpose(0, 2, 1)
+        b = (weighted @ residual[:, :, None])[:, :, 0]
         _add_priors(H, b, p, noise[:, 0])
         if i == iterations:
             break
@@ -281,7 +318,8 @@ def fit_ring(
                 black=float(p[k, 4]),
                 outside=float(p[k, 5]),
                 noise=float(noise[k, 0]),
-                cost=float((9.0 * u[k] / (1.0 + u[k])).sum()) * (float(noise[k, 0]) / least) ** 2,
+                cost=float((9.0 * pixels.trust * u[k] / (1.0 + u[k])).sum())
+                * (float(noise[k, 0]) / least) ** 2,
                 inliers=float(np.count_nonzero(u[k] < 1.0)) / n,
                 covariance=variance * less[:3, :3],
                 sigma_tilt=math.sqrt(max(0.0, variance * float(less[3, 3] + less[4, 4]) / 2.0)),
