@@ -1,0 +1,574 @@
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from landerd.config import Config
+from landerd.geometry import Vec3, add, horizontal, norm, rotate, sub, transpose
+from landerd.lander import Lander
+from landerd.messages import (
+    Attitude,
+    Command,
+    GimbalState,
+    Heartbeat,
+    LocalPosition,
+    Phase,
+    PoseSolution,
+    RcChannels,
+    Setpoint,
+    Sightings,
+    StatusText,
+)
+from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
+
+ROOT = Path(__file__).parents[1]
+STOP = Setpoint((0.0, 0.0, 0.0), 0.0)
+LATE = 3 * DT  # sightings still on their way when the pad goes out of sight
+
+
+def said(flight: Flight, words: str) -> bool:
+    return any(words in text for text in flight.texts)
+
+
+# ---- a landing ---------------------------------------------------------------------------------
+
+
+def test_it_lands_on_the_pad_and_disarms() -> None:
+    flight = Flight().engaged()
+    flight.until_contact()
+    assert flight.distance < 0.1
+    assert abs(math.degrees(flight.heading_error)) < 5.0
+    flight.run(4.0)
+    assert not flight.armed
+    assert flight.lander.outcome == "landed"
+    assert said(flight, "landed and disarmed")
+    assert flight.run(2.0) == []
+
+
+def test_the_phases_are_those_of_table_2_1_in_their_order() -> None:
+    flight = Flight().engaged().until_contact()
+    landing = [p for p in flight.phases if p is not Phase.NOT_LANDING]
+    # Each is entered; none is skipped on the way.
+    assert list(dict.fromkeys(landing)) == [
+        Phase.APPROACH,
+        Phase.CLOSE_APPROACH,
+        Phase.YAW_CORRECTION,
+        Phase.DESCENT,
+        Phase.LANDED,
+    ]
+
+
+def test_a_pad_of_one_ring_is_landed_on_with_any_heading() -> None:
+    flight = Flight(layout=RING_PAD).engaged().until_contact()
+    assert flight.distance < 0.1
+    assert Phase.YAW_CORRECTION not in flight.phases
+    assert all(setpoint.yaw_rate == 0.0 for _, setpoint in flight.setpoints)
+
+
+def test_setpoints_come_at_every_tick_while_it_flies() -> None:
+    flight = Flight().engaged()
+    start = len(flight.setpoints)
+    flight.run(3.0)
+    ticks = [t for t, _ in flight.setpoints[start:]]
+    assert len(ticks) == round(3.0 / DT)
+
+
+def test_turned_to_the_pads_heading_before_it_goes_below_the_alignment_height() -> None:
+    flight = Flight(position=(-0.5, 0.0, -4.0))
+    flight.pad_heading = math.radians(150.0)
+    flight.engaged().until(Phase.DESCENT)
+    assert flight.height > flight.config.guidance.descent.alignment_height_m
+    assert abs(math.degrees(flight.heading_error)) < 2.5
+
+
+def test_without_the_pads_heading_it_waits_above_the_alignment_height() -> None:
+    flight = Flight(position=(0.0, 0.0, -4.0))
+    flight.distort = lambda true: replace(true, north=None, sigma_yaw=None)
+    flight.engaged().run(15.0)
+    assert flight.lander.phase is Phase.YAW_CORRECTION
+    assert flight.height > flight.config.guidance.descent.alignment_height_m
+    assert said(flight, "heading not seen")
+    flight.distort = lambda true: true
+    flight.until_contact()
+
+
+# ---- who flies ---------------------------------------------------------------------------------
+
+
+def test_it_is_silent_until_the_pad_was_really_seen() -> None:
+    flight = Flight()
+    flight.visible = False
+    flight.run(1.0)
+    flight.pulse_us = HIGH
+    assert flight.run(5.0) == []
+    flight.visible = True
+    assert flight.run(0.1) == []  # one sighting may be a false alarm
+    assert flight.run(0.5) != []
+
+
+def test_a_single_false_alarm_does_not_start_it() -> None:
+    flight = Flight()
+    flight.visible = False
+    flight.run(1.0)
+    flight.pulse_us = HIGH
+    flight.run(0.5)
+    flight.give(flight.sighting())
+    assert flight.run(5.0) == []
+
+
+@pytest.mark.parametrize("change", ["mode", "armed"])
+def test_when_guided_is_left_or_it_is_disarmed_nothing_is_sent_from_the_next_tick(
+    change: str,
+) -> None:
+    flight = Flight().engaged()
+    flight.run(2.0)
+    if change == "mode":
+        flight.mode = "LOITER"
+    else:
+        flight.armed = False
+    assert flight.run(3.0) == []
+    # And not again when it comes back, until the switch was low.
+    flight.mode, flight.armed = "GUIDED", True
+    assert flight.run(3.0) == []
+    flight.pulse_us = LOW
+    assert flight.run(0.2) == []
+    flight.pulse_us = HIGH
+    assert flight.run(0.5) != []
+
+
+def test_without_heartbeats_it_falls_silent_after_3_s_and_goes_on_with_them() -> None:
+    flight = Flight(position=(-30.0, 0.0, -8.0)).engaged()
+    flight.silent = {Heartbeat}
+    flight.run(3.0)
+    assert flight.run(2.0) == []
+    flight.silent = set()
+    assert flight.run(1.5) != []
+
+
+@pytest.mark.parametrize("how", ["low", "no signal", "stale"])
+def test_the_gate_low_or_stale_is_zero_for_a_second_and_then_silence(how: str) -> None:
+    flight = Flight().engaged()
+    flight.run(2.0)
+    if how == "stale":
+        flight.silent = {RcChannels}
+        flight.run(0.5)
+    else:
+        flight.pulse_us = LOW if how == "low" else 0
+    flight.run(2 * DT)  # the switch is seen at 20 Hz
+    second = flight.run(1.0 - 2 * DT)
+    assert len(second) >= round(0.9 / DT)
+    assert all(setpoint == STOP for setpoint in second)
+    flight.run(4 * DT)
+    assert flight.run(5.0) == []
+    assert flight.lander.outcome == "released"
+
+
+def test_the_gate_low_stops_at_the_first_tick() -> None:
+    flight = Flight(position=(-20.0, 0.0, -8.0)).engaged()
+    assert norm(flight.run(2.0)[-1].velocity) > 1.0
+    flight.give(RcChannels(flight.t, (1500,) * 10 + (LOW,)))
+    flight.pulse_us = LOW
+    assert flight.run(DT) == [STOP]
+
+
+def test_stale_rc_does_not_latch() -> None:
+    flight = Flight().engaged()
+    flight.silent = {RcChannels}
+    flight.run(3.0)
+    flight.silent = set()
+    assert flight.run(0.5) != []
+
+
+def test_a_restarted_autopilot_is_not_flown_until_the_switch_was_low() -> None:
+    flight = Flight().engaged()
+    flight.run(1.0)
+    flight.restart_autopilot()
+    assert all(setpoint == STOP for setpoint in flight.run(1.1))
+    assert flight.run(3.0) == []
+    assert flight.engaged().run(1.0) != []
+
+
+def test_a_restarted_landerd_does_not_fly_with_the_switch_left_high() -> None:
+    flight = Flight().engaged()
+    flight.lander = Lander(flight.config, PAD)
+    assert flight.run(5.0) == []
+    assert said(flight, "low, then high")
+
+
+# ---- out of sight ------------------------------------------------------------------------------
+
+
+def test_out_of_sight_it_slows_to_a_hover_without_turning_or_descending() -> None:
+    flight = Flight(position=(-15.0, 0.0, -8.0)).engaged()
+    flight.run(1.5)
+    assert horizontal(flight.velocity) > 2.0
+    flight.visible = False
+    flight.run(0.5 + LATE)
+    before = flight.setpoints[-1][1]
+    limits = flight.config.guidance.limits
+    flown = flight.run(2.9)
+    for setpoint in flown:
+        assert setpoint.yaw_rate == 0.0
+        assert setpoint.velocity[2] <= 0.0
+        change = horizontal(sub(setpoint.velocity, before.velocity))
+        assert change <= limits.acceleration_mps2 * DT + 1e-6
+        before = setpoint
+    assert len(flown) == round(2.9 / DT)  # repeated and not once
+    assert horizontal(flown[-1].velocity) < 1e-3
+    assert said(flight, "not in sight")
+
+
+def test_out_of_sight_a_turn_and_a_descent_end_within_half_a_second() -> None:
+    flight = Flight(position=(0.0, 0.0, -6.0))
+    flight.pad_heading = 3.0
+    flight.engaged().until(Phase.YAW_CORRECTION)
+    flight.run(0.5)
+    assert flight.setpoints[-1][1].yaw_rate > 0.1
+    last_seen = flight.t
+    flight.visible = False
+    flight.run(2.0)
+    for t, setpoint in flight.setpoints:
+        if t > last_seen + 0.5:
+            assert setpoint.yaw_rate == 0.0
+            assert setpoint.velocity[2] <= 0.0
+
+
+def test_out_of_sight_it_holds_climbs_and_hands_back_and_says_so() -> None:
+    flight = Flight(position=(-1.0, 0.0, -6.0)).engaged()
+    flight.run(1.0)
+    flight.visible = False
+    flight.run(2.5)
+    height = flight.height
+    lost = flight.config.guidance.lost
+    flight.run(2.0)
+    assert flight.height > height + 0.2  # climbing by now
+    flight.run(20.0)
+    assert flight.height == pytest.approx(height + lost.climb_m, abs=0.5)
+    flight.run(10.0)
+    assert flight.lander.outcome == "handed_back"
+    assert said(flight, "pilot, take over")
+    assert said(flight, "climbing")
+    flight.run(2.0)
+    # Silent now, also when the pad comes back, until the pilot asks again.
+    flight.visible = True
+    assert flight.run(3.0) == []
+    flight.pulse_us = LOW
+    flight.run(0.2)
+    flight.pulse_us = HIGH
+    assert flight.run(0.5) != []
+
+
+def test_handing_back_ends_with_zeros_and_not_with_the_last_order() -> None:
+    config = Config.model_validate({"guidance": {"lost": {"give_up_s": 4.0}}})
+    flight = Flight(config=config).engaged()
+    flight.visible = False
+    flight.run(4.4)
+    assert flight.lander.outcome is None
+    last = flight.run(3.0)
+    zeros = [setpoint for setpoint in last if setpoint == STOP]
+    assert len(zeros) >= round(0.9 / DT)
+    assert last[-1] == STOP
+
+
+def test_seen_again_the_landing_goes_on() -> None:
+    flight = Flight().engaged()
+    flight.run(1.0)
+    flight.visible = False
+    flight.run(3.0)
+    assert flight.lander.phase is Phase.NOT_LANDING
+    assert flight.lander.aborts == 1
+    flight.visible = True
+    flight.until_contact()
+    assert flight.distance < 0.1
+
+
+def test_every_loss_of_sight_is_told() -> None:
+    flight = Flight(position=(-20.0, 0.0, -8.0)).engaged()
+    for _ in range(3):
+        flight.visible = True
+        flight.run(1.0)
+        before = len(flight.texts)
+        flight.visible = False
+        flight.run(1.0)
+        assert any("not in sight" in text for text in flight.texts[before:])
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (Attitude, "attitude is stale"),
+        (LocalPosition, "position is stale"),
+        (GimbalState, "gimbal angles are stale"),
+        (Sightings, "no pictures"),
+    ],
+)
+def test_stale_input_is_not_flown_on_and_fresh_input_is_again(kind: type, words: str) -> None:
+    flight = Flight(position=(-20.0, 0.0, -8.0)).engaged()
+    flight.run(1.0)
+    flight.silent = {kind}
+    flight.run(0.9)  # at most 0.3 s stale, then 0.5 s without a sighting
+    flown = flight.run(2.6)
+    assert all(s.yaw_rate == 0.0 and s.velocity[2] <= 0.0 for s in flown)
+    assert horizontal(flown[-1].velocity) < 0.01
+    assert said(flight, words)
+    flight.silent = set()
+    flight.run(1.0)
+    assert flight.lander.phase is Phase.APPROACH
+
+
+@pytest.mark.parametrize("kind", [Attitude, LocalPosition])
+def test_stale_attitude_or_position_stops_sooner_than_a_lost_pad(kind: type) -> None:
+    flight = Flight(position=(-20.0, 0.0, -8.0)).engaged()
+    flight.run(1.0)
+    flight.silent = {kind}
+    flight.run(0.35)
+    assert flight.lander.phase is Phase.NOT_LANDING
+
+
+# ---- bad sightings -----------------------------------------------------------------------------
+
+
+def spoilt(true: PoseSolution, field: str, bad: float) -> PoseSolution:
+    vector = (bad, 0.0, 1.0)
+    match field:
+        case "position":
+            return replace(true, position=vector)
+        case "normal":
+            return replace(true, normal=vector)
+        case "north":
+            return replace(true, north=vector)
+        case "covariance":
+            return replace(true, covariance=(vector, (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4)))
+        case "sigma_yaw":
+            return replace(true, sigma_yaw=bad)
+        case "sigma_tilt":
+            return replace(true, sigma_tilt=bad)
+        case _:
+            return replace(true, cost=bad)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize(
+    "field", ["position", "normal", "north", "covariance", "sigma_yaw", "sigma_tilt", "cost"]
+)
+def test_sightings_with_a_number_that_is_none_are_as_good_as_no_sightings(
+    field: str, bad: float
+) -> None:
+    flight = Flight(position=(-6.0, 0.0, -8.0)).engaged()
+    flight.run(1.0)
+    flight.distort = lambda true: spoilt(true, field, bad)
+    flight.run(1.0)
+    assert flight.lander.phase is Phase.NOT_LANDING
+    flight.distort = lambda true: true
+    flight.run(0.5)
+    assert flight.lander.phase is not Phase.NOT_LANDING
+    seen = flight.lander.relative(flight.t)
+    assert seen is not None
+    assert norm(sub(seen.error, sub(flight.pad, flight.feet))) < 0.05
+
+
+def test_a_sighting_from_no_time_or_an_older_one_changes_nothing() -> None:
+    flight, other = Flight().engaged(), Flight().engaged()
+    for f in (flight, other):
+        f.run(1.0)
+    for t in (math.nan, flight.t - 0.5, -math.inf):
+        far = replace(flight.sighting(), t=t)
+        shifted = replace(far.pad[0], position=add(far.pad[0].position, (1.0, 0.0, 0.0)))
+        flight.give(replace(far, pad=(shifted,)))
+    assert flight.run(1.0) == other.run(1.0)
+
+
+# ---- touch-down --------------------------------------------------------------------------------
+
+
+def test_after_contact_it_presses_on_until_on_ground_and_then_disarms() -> None:
+    flight = Flight().engaged().until_contact()
+    assert flight.contact_t is not None
+    flight.run(0.5)
+    # The tag is out of the picture by now: that must not end it (the thesis's lander stopped).
+    flight.visible = False
+    pressed = flight.run(1.0)
+    assert all(setpoint.velocity[2] > 0.1 for setpoint in pressed)
+    assert flight.disarm_orders == []
+    flight.run(1.0)
+    assert not flight.armed
+    assert flight.disarm_orders[0] > flight.contact_t + 1.0
+
+
+def test_disarm_is_repeated_until_the_autopilot_does_it() -> None:
+    flight = Flight().engaged().until_contact()
+    flight.run(1.0)
+    orders = 0
+    for _ in range(round(2.5 / DT)):
+        flight.armed = True
+        flight.tick()
+        orders = len(flight.disarm_orders)
+    assert orders >= 3
+
+
+def test_without_on_ground_the_pilot_is_told_and_it_presses_on_gently() -> None:
+    flight = Flight().engaged()
+    flight.detects_landing = False
+    flight.until_contact()
+    flight.run(6.0)
+    assert flight.lander.outcome == "touchdown_unconfirmed"
+    assert said(flight, "disarm by hand")
+    assert flight.disarm_orders == []
+    flown = flight.run(2.0)
+    assert all(0.0 < setpoint.velocity[2] <= 0.3 for setpoint in flown)
+
+
+def test_it_commits_below_the_commit_height_only() -> None:
+    flight = Flight().engaged().until(Phase.LANDED)
+    assert flight.height < flight.config.guidance.descent.commit_height_m + 0.03
+
+
+def test_lost_for_good_just_before_commit_it_climbs_away() -> None:
+    flight = Flight().engaged()
+    while flight.height > 0.4:
+        flight.tick()
+    flight.visible = False
+    lowest = flight.height
+    flight.run(10.0)
+    assert flight.contact_t is None
+    assert flight.height > lowest
+    assert flight.disarm_orders == []
+
+
+def test_disarmed_in_the_air_after_commit_is_not_called_landed() -> None:
+    flight = Flight().engaged().until(Phase.LANDED)
+    assert flight.contact_t is None
+    flight.armed = False
+    flight.run(0.2)
+    assert flight.lander.outcome != "landed"
+
+
+def test_an_autopilot_that_restarts_during_touch_down_is_not_called_landed() -> None:
+    flight = Flight().engaged().until_contact()
+    flight.run(0.5)
+    flight.silent = {Heartbeat}
+    flight.restart_autopilot()
+    flight.run(1.0)
+    assert flight.lander.outcome == "taken over"
+
+
+# ---- a moving pad ------------------------------------------------------------------------------
+
+
+def test_the_estimate_keeps_up_with_a_moving_pad() -> None:
+    flight = Flight(position=(-4.0, 0.0, -8.0), pad_velocity=(0.8, 0.6, 0.0)).engaged()
+    flight.run(3.0)
+    seen = flight.lander.relative(flight.t)
+    assert seen is not None
+    assert norm(sub(seen.error, sub(flight.pad, flight.feet))) < 0.05
+    assert norm(sub(seen.pad_velocity, flight.pad_velocity)) < 0.1
+
+
+# ---- what vision is told -----------------------------------------------------------------------
+
+
+def test_the_prior_says_where_pad_north_and_gravity_are_in_the_picture() -> None:
+    flight = Flight().engaged()
+    flight.run(2.0)
+    prior = flight.lander.prior(flight.t)
+    true = flight.sighting().pad[0]
+    assert prior.down == pytest.approx(true.normal, abs=1e-6)
+    assert prior.pad is not None
+    assert norm(sub(prior.pad.position, true.position)) < 0.05
+    assert prior.pad.north is not None
+    assert norm(sub(prior.pad.north, true.north or (0.0, 0.0, 0.0))) < 0.02
+    assert prior.pad.sigma_m < 0.1
+
+
+def test_with_nothing_known_the_prior_is_empty() -> None:
+    prior = Lander(Config(), PAD).prior(1.0)
+    assert prior.down is None
+    assert prior.pad is None
+
+
+def test_long_out_of_sight_the_prior_tells_gravity_only() -> None:
+    flight = Flight().engaged()
+    flight.visible = False
+    flight.run(2.0)
+    prior = flight.lander.prior(flight.t)
+    down: Vec3 = rotate(transpose(flight.R_local_camera()), (0.0, 0.0, 1.0))
+    assert prior.down == pytest.approx(down, abs=1e-6)
+    assert prior.pad is None
+
+
+# ---- purity ------------------------------------------------------------------------------------
+
+
+def eventful() -> Flight:
+    """A flight with most of what can happen in it."""
+    flight = Flight().engaged()
+    flight.run(2.0)
+    flight.visible = False
+    flight.run(5.0)
+    flight.visible = True
+    flight.run(1.0)
+    flight.silent = {Attitude}
+    flight.run(0.5)
+    flight.silent = set()
+    flight.pulse_us = LOW
+    flight.run(1.5)
+    flight.pulse_us = HIGH
+    flight.until_contact().run(4.0)
+    return flight
+
+
+def test_the_same_messages_give_the_same_commands_to_the_bit() -> None:
+    flight = eventful()
+    again = Lander(flight.config, PAD)
+    commands: list[Command] = [c for message in flight.inputs for c in again.step(message)]
+    assert len(commands) > 1000
+    assert repr(commands) == repr(flight.commands)  # repr tells every bit of a float
+
+
+def test_the_pilots_lines_are_not_cut_at_50_characters() -> None:
+    lines = [c.text for c in eventful().commands if isinstance(c, StatusText)]
+    assert lines
+    for line in lines:
+        assert line.isascii()
+        assert line.startswith("landerd: ")
+        assert len(line) < 50  # with 50 it may have been cut
+
+
+PURE = """
+import builtins, random, socket, sys, time
+import cv2, numpy, pydantic, yaml  # what they do at their import is theirs
+sys.path.insert(0, {root!r})
+
+def forbidden(*args, **kwargs):
+    raise AssertionError("the core touched the world")
+
+for module, names in (
+    (time, ("time", "monotonic", "perf_counter", "time_ns", "monotonic_ns", "sleep")),
+    (random, ("random", "gauss", "uniform", "Random", "seed")),
+    (socket, ("socket", "create_connection")),
+    (builtins, ("open", "input", "print")),
+):
+    for name in names:
+        setattr(module, name, forbidden)
+numpy.random.default_rng = forbidden
+
+from tests.scripted_flight import Flight
+
+flight = Flight().engaged()
+flight.until_contact().run(4.0)
+sys.stdout.write(flight.lander.outcome)
+"""
+
+
+def test_the_core_touches_no_clock_file_socket_or_chance() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PURE.format(root=str(ROOT))],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.stdout == "landed", done.stderr
