@@ -262,7 +262,8 @@ class Vision:
         solutions = tuple(s for p in poses if (s := solution(p)) and self._is_certain(s))
         if not solutions:
             return
-        outline = tuple((float(x), float(y)) for x, y in found.corners)
+        corners = poses[0].t + square_points(square.size_m) @ poses[0].R[:, :2].T
+        outline = tuple((float(x), float(y)) for x, y in self._camera.pixels(corners))
         markers.append(MarkerSighting(square.kind, square.id, solutions, outline))
         place = np.array([*square.position_m, 0.0])
         measured.append(Measured(place, math.radians(square.heading_deg), tuple(poses)))
