@@ -87,11 +87,13 @@ class Rules:
         self._sighting_t = -math.inf  # exposure of the last delivered frame with a marker in it
         self._first_sighting = False
         self._last: tuple[float, Vec3, float] | None = None  # time, velocity, yaw rate
-        self._acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
         self._flown_t: float | None = None  # last set-point under granted authority
         self._contact_t: float | None = None
         self._on_ground_t: float | None = None
         self._lost_since: float | None = None
+        self._free_t = 0.0  # last time landerd was not bound to stream set-points
+        self._handed_back_t = math.inf
         self._boot_ms = 0
 
     # ---- what the judge sees -------------------------------------------------------------------
@@ -112,8 +114,11 @@ class Rules:
 
     def to_landerd(self, t: float, data: bytes) -> None:
         """Bytes of the autopilot arrive at landerd."""
+        self._check_stream(t)
         for message in self._messages(data):
             kind = message.get_msgId()
+            if message.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1:
+                continue  # the autopilot routes the ground station's messages too
             if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._on_heartbeat(t, message)
             elif kind == mavlink.MAVLINK_MSG_ID_RC_CHANNELS:
@@ -142,7 +147,8 @@ class Rules:
                 self._on_command(t, message)
             elif kind == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
                 self.texts.append((t, message.text))
-        self._check_silence(t)
+                if "take over" in message.text:
+                    self._handed_back_t = min(self._handed_back_t, t)
 
     # ---- the link to landerd -------------------------------------------------------------------
 
@@ -177,6 +183,7 @@ class Rules:
         high = present and pulse > self._b.gate_threshold_us
         if present and not high:
             self._latched = False
+            self._handed_back_t = math.inf
         if high:
             self._gate_closed_t = None
         elif self._gate_closed_t is None:
@@ -210,14 +217,13 @@ class Rules:
         granted = self._armed and self._guided and t - self._beat_t <= b.heartbeat_s + tick
         if not granted and t - self._authority_lost_t > tick:
             self._break(t, "1a: a set-point while not armed, not GUIDED or without heartbeat")
-        stale = t - self._rc_t > b.rc_s + tick
-        closed_t = self._rc_t + b.rc_s if stale else self._gate_closed_t
-        if closed_t is not None and t - closed_t > tick:
+        closed_t = self._closed_t(t)
+        if t - closed_t > tick:
             if not zero:
                 self._break(t, "1b: a set-point other than zero with the gate low or stale")
             elif t - closed_t > b.release_s + 2 * tick + 0.05:
                 self._break(t, "1b: set-points after the release time")
-        elif closed_t is None:
+        elif t < closed_t:
             self._flown_t = t
             if self._latched and not zero:
                 self._break(t, "1: a set-point before the gate was seen low again")
@@ -278,7 +284,7 @@ class Rules:
         if abs(yaw_rate) > b.yaw_rate * _SLACK:
             self._break(t, "3: turning too fast")
         if self._last is None or t - self._last[0] > 0.5:
-            self._acceleration = (0.0, 0.0, 0.0)
+            self._acceleration = None
             return
         dt = t - self._last[0]
         if dt <= 0.0:
@@ -289,7 +295,7 @@ class Rules:
             (velocity[1] - before[1]) / dt,
             (velocity[2] - before[2]) / dt,
         )
-        was = self._acceleration
+        was = self._acceleration or a
         stop_h = horizontal(velocity) < _STILL
         stop_v = abs(velocity[2]) < _STILL
         if not stop_h:
@@ -323,17 +329,25 @@ class Rules:
         if self._on_ground_t is None:
             self._break(t, "4: disarm before the autopilot said ON_GROUND")
 
-    def _check_silence(self, t: float) -> None:
+    def _closed_t(self, t: float) -> float:
+        """Since when the gate has been closed: by the switch, by stale RC, by handing back."""
+        closed = self._handed_back_t
+        if self._gate_closed_t is not None:
+            closed = min(closed, self._gate_closed_t)
+        if t - self._rc_t > self._b.rc_s:
+            closed = min(closed, self._rc_t + self._b.rc_s)
+        return closed
+
+    def _check_stream(self, t: float) -> None:
         """Rules 1b, 1d and 3: while landerd must stream, the gap between set-points is bounded."""
         if self._last is None or self._flown_t is None:
             return
-        granted = self._armed and self._guided and t - self._beat_t <= self._b.heartbeat_s
-        closed = self._gate_closed_t if self._gate_closed_t is not None else math.inf
-        if t - self._rc_t > self._b.rc_s:
-            closed = min(closed, self._rc_t + self._b.rc_s)
-        must = granted and not self._latched and self._flown_t > self._authority_lost_t
-        releasing = closed <= t < closed + self._b.release_s - self._b.control_period_s
-        if must and (t < closed or releasing) and t - self._last[0] > self._b.stream_s + 1e-6:
+        b = self._b
+        granted = self._armed and self._guided and t - self._beat_t <= b.heartbeat_s
+        open_or_releasing = t < self._closed_t(t) + b.release_s - b.control_period_s
+        if not granted or self._latched or not open_or_releasing:
+            self._free_t = t
+        elif self._flown_t > self._free_t and t - self._last[0] > b.stream_s + 1e-6:
             self._break(t, "3: set-points less often than 20 Hz")
 
     def _break(self, t: float, rule: str) -> None:

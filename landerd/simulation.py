@@ -1,0 +1,337 @@
+"""One closed-loop landing: the real daemon with simulated devices, judged from truth.
+
+This and the command line are where landerd and hw meet; the daemon cannot tell these devices from
+real ones. On the virtual clock a landing is the same to the bit each time.
+"""
+
+import asyncio
+import math
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.links.memory import memory_pair
+from hw.sim.autopilot import SimAutopilot
+from hw.sim.camera import SimCamera
+from hw.sim.gimbal import SimGimbal
+from hw.sim.ground_station import GroundStation
+from hw.sim.options import SimOptions
+from hw.sim.renderer import Renderer
+from hw.sim.renderer_view import visible_markers
+from hw.sim.rules import RuleBounds, Rules, Truth
+from hw.sim.score import Score
+from hw.sim.snapshot import Snapshot
+from hw.sim.world import World, stream
+from landerd.analysis.picture import Sample, Trace, write_picture
+from landerd.camera_model import load_camera
+from landerd.clock import run_realtime, run_virtual
+from landerd.config import Config
+from landerd.config_file import Loaded
+from landerd.daemon import Daemon, Devices
+from landerd.geometry import Vec3, add, rotate, scale, sub, transpose, unit
+from landerd.messages import (
+    Command,
+    Frame,
+    GimbalState,
+    Input,
+    Phase,
+    PhaseChange,
+    Prior,
+    Sightings,
+    Tick,
+)
+from landerd.pad import load_pad
+from landerd.vision.draw import draw
+
+VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
+GATE_OPENS_S = 1.0  # when the pilot moves the switch
+AFTER_LANDING_S = 0.5
+LONGEST_S = 150.0
+BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1)
+SAMPLE_S = 0.1
+
+
+class Simulation:
+    """A world, its devices, the daemon that flies in it, and the judge."""
+
+    def __init__(self, loaded: Loaded, seed: int, *, realtime: bool = False) -> None:
+        """Build everything; nothing runs yet.
+
+        Raises:
+            CalibrationError: the camera's calibration cannot be used.
+            PadError: the pad's layout cannot be used.
+        """
+        config = self.config = loaded.config
+        options = loaded.options["sim"]
+        assert isinstance(options, SimOptions)
+        self.layout = load_pad(config.pad.layout)
+        self.camera_model = load_camera(config.camera.calibration)
+        self.world = World(options, config.vehicle, self.layout.plate, seed)
+        self._start_pad = self.world.pad
+        self._start = self.world.vehicle.position
+
+        self.link, self.autopilot_end = memory_pair()
+        ground_end, autopilot_ground_end = memory_pair()
+        self.autopilot = SimAutopilot(
+            self.world,
+            [self.autopilot_end, autopilot_ground_end],
+            rng=stream(seed, "autopilot"),
+            flying=True,
+        )
+        self.ground_station = GroundStation(ground_end, destination=self._destination())
+        renderer = Renderer(self.layout, self.camera_model, options.render, seed)
+        self.camera = SimCamera(
+            renderer, self._snapshot, options.camera, delivered=self._on_delivered
+        )
+        self.gimbal = SimGimbal(self.world, options.gimbal, stream(seed, "gimbal"))
+        self.score = Score(self.world, config.vehicle, self.layout.plate)
+        self.rules = Rules(_bounds(config, has_heading=self.layout.has_heading), self._truth)
+        self.link.tap = self.rules.from_landerd
+        self.autopilot_end.tap = self.rules.to_landerd
+        self.recording = Recording(self)
+        self.daemon = Daemon(
+            config,
+            self.layout,
+            self.camera_model,
+            Devices(
+                self.camera,
+                self.gimbal,
+                MavlinkAutopilot(
+                    self.link,
+                    system_id=config.autopilot.system_id,
+                    setpoint_frame=config.autopilot.setpoint_frame,
+                ),
+            ),
+            vision_latency_s=None if realtime else VISION_LATENCY_S,
+            observers=(self.recording,),
+        )
+
+    async def run(
+        self,
+        *,
+        longest_s: float = LONGEST_S,
+        script: Callable[["Simulation"], Awaitable[None]] | None = None,
+    ) -> None:
+        """Fly until the vehicle is disarmed after contact, or the time is over.
+
+        Args:
+            longest_s: simulated time at most.
+            script: what else happens; runs beside the flight and may break devices.
+        """
+        loop = asyncio.get_running_loop()
+        async with asyncio.TaskGroup() as tasks:
+            running = [
+                tasks.create_task(self.autopilot.run()),
+                tasks.create_task(self.ground_station.run()),
+                tasks.create_task(_forever(self.daemon.run())),
+                tasks.create_task(self._open_gate()),
+            ]
+            if script is not None:
+                running.append(tasks.create_task(_forever(script(self))))
+            while loop.time() < longest_s:
+                await asyncio.sleep(0.1)
+                disarmed = self.score.disarm_t
+                if disarmed is not None and loop.time() > disarmed + AFTER_LANDING_S:
+                    break
+            for task in running:
+                task.cancel()
+
+    async def _open_gate(self) -> None:
+        await asyncio.sleep(GATE_OPENS_S)
+        self.autopilot.pilot.set(self.config.rc.gate_channel, 1900)
+
+    def _destination(self) -> Vec3 | None:
+        """A point beyond the pad on the vehicle's way, at its height; None above the pad."""
+        way = sub(self._start_pad.position, self._start)
+        level = (way[0], way[1], 0.0)
+        if math.hypot(*level) < 1.0:
+            return None
+        return add(add(self._start, level), scale(unit(level), BEYOND_M))
+
+    # ---- truth for camera and judge ------------------------------------------------------------
+
+    def _snapshot(self, t: float) -> Snapshot:
+        return self.world.snapshot(t)
+
+    def _truth(self) -> Truth:
+        world = self.world
+        world.advance(asyncio.get_running_loop().time())
+        return Truth(
+            t=world.t,
+            distance=math.hypot(*world.offset),
+            height=world.height,
+            heading_error=world.heading_error,
+            yaw=world.vehicle.yaw,
+            pad_velocity=world.pad.velocity,
+            feet_down=sum(world.vehicle.feet),
+        )
+
+    def _on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
+        if visible_markers(self.layout, self.camera_model, snapshot.camera, snapshot.pad):
+            self.rules.on_sighting(snapshot.t)
+            self.score.on_sighting(snapshot.t)
+
+
+class Recording:
+    """An observer that keeps what the result and the picture need."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._sampled_t = -math.inf
+        self._last_view: tuple[Frame, Sightings] | None = None
+        self.samples: list[Sample] = []
+        self.phases: list[tuple[float, PhaseChange]] = []
+        self.views: dict[Phase, tuple[float, Frame, Sightings]] = {}
+        self.progress: Callable[[str], None] | None = None
+
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
+        """Keep the first picture with a marker of each phase."""
+        phase = self._simulation.daemon.lander.phase
+        if sightings.markers and phase not in self.views:
+            self.views[phase] = (frame.t, frame, sightings)
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        """Sample the truth, note changes of phase."""
+        if isinstance(message, GimbalState):
+            self._simulation.rules.on_gimbal(message.t)
+        self.phases += [(now, c) for c in commands if isinstance(c, PhaseChange)]
+        if isinstance(message, Tick) and now - self._sampled_t >= SAMPLE_S:
+            self._sampled_t = now
+            self._sample(now)
+
+    def _sample(self, now: float) -> None:
+        simulation = self._simulation
+        world, lander = simulation.world, simulation.daemon.lander
+        world.advance(now)
+        origin = simulation._start_pad
+        to_pad = transpose(origin.R_local_pad)
+
+        def place(p: Vec3) -> Vec3:
+            x, y, z = rotate(to_pad, sub(p, origin.position))
+            return (x, y, -z)
+
+        self.samples.append(
+            Sample(now, place(world.footprint_centre), place(world.pad.position), lander.phase)
+        )
+        if self.progress is not None:
+            distance = math.hypot(*world.offset)
+            self.progress(
+                f"{now:5.1f} s  {lander.phase.value:14}  {distance:5.1f} m away  "
+                f"{world.height:5.2f} m up  {lander.reason}"
+            )
+
+
+def simulate(
+    loaded: Loaded,
+    scenario: str,
+    seed: int,
+    *,
+    realtime: bool = False,
+    picture: Path | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Fly one landing and return the object that `landerd sim --json` prints.
+
+    Raises:
+        CalibrationError: the camera's calibration cannot be used.
+        PadError: the pad's layout cannot be used.
+        ImportError: a picture is wanted and matplotlib is not installed.
+    """
+    started = time.perf_counter()
+    simulation = Simulation(loaded, seed, realtime=realtime)
+    simulation.recording.progress = progress
+    run = run_realtime if realtime else run_virtual
+    run(simulation.run())
+    result = _result(simulation, scenario, seed)
+    if picture is not None:
+        write_picture(_trace(simulation, result), picture)
+    result["wall_s"] = time.perf_counter() - started
+    return result
+
+
+def _result(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
+    score, lander = simulation.score, simulation.daemon.lander
+    first, contact, disarm = score.first_sighting_t, score.contact, score.disarm_t
+
+    def since_sighting(t: float | None) -> float | None:
+        return t - first if t is not None and first is not None else None
+
+    return {
+        "scenario": scenario,
+        "seed": seed,
+        "landed": score.landed,
+        "outcome": lander.outcome or lander.reason,
+        "touchdown_error_m": contact.error_m if contact else None,
+        "touchdown_vertical_mps": contact.vertical_mps if contact else None,
+        "touchdown_horizontal_mps": contact.horizontal_mps if contact else None,
+        "yaw_error_deg": math.degrees(contact.yaw_error) if contact else None,
+        "time_s": since_sighting(disarm),
+        "time_to_touchdown_s": since_sighting(contact.t if contact else None),
+        "energy_hj": None if score.energy_j is None else score.energy_j / 100.0,
+        "aborts": lander.aborts,
+        "phases": _phases(simulation),
+        "rules_broken": [f"{rule} (at {t:.2f} s)" for rule, t in simulation.rules.broken.items()],
+        "simulated_s": simulation.world.t,
+        "faults": dict(simulation.daemon.faults),
+    }
+
+
+def _phases(simulation: Simulation) -> list[dict[str, Any]]:
+    changes = simulation.recording.phases
+    ends = [t for t, _ in changes[1:]] + [simulation.world.t]
+    return [
+        {"name": c.phase.value, "reason": c.reason, "start": t, "end": end}
+        for (t, c), end in zip(changes, ends, strict=True)
+    ]
+
+
+def _trace(simulation: Simulation, result: dict[str, Any]) -> Trace:
+    landed = "landed" if result["landed"] else "did not land"
+    error = result["touchdown_error_m"]
+    trace = Trace(
+        f"landerd sim {result['scenario']}, seed {result['seed']}: {landed}"
+        + (f", {error:.2f} m from the landing point" if error is not None else ""),
+        simulation.recording.samples,
+    )
+    views = simulation.recording.views
+    wanted = [p for p in (Phase.NOT_LANDING, Phase.YAW_CORRECTION, Phase.LANDED) if p in views]
+    for phase in wanted or list(views)[:3]:
+        t, frame, sightings = views[phase]
+        image = draw(frame.image, sightings, simulation.camera_model, simulation.layout)
+        trace.views.append((f"{t:.1f} s, {phase.value}", np.asarray(image)))
+    return trace
+
+
+def _bounds(config: Config, *, has_heading: bool) -> RuleBounds:
+    guidance, fresh = config.guidance, config.freshness
+    limits, descent = guidance.limits, guidance.descent
+    return RuleBounds(
+        control_period_s=1.0 / config.control.rate_hz,
+        gate_channel=config.rc.gate_channel,
+        gate_threshold_us=config.rc.gate_threshold_us,
+        release_s=guidance.release_s,
+        heartbeat_s=fresh.heartbeat_s,
+        rc_s=fresh.rc_s,
+        attitude_s=fresh.attitude_s,
+        position_s=fresh.position_s,
+        gimbal_s=fresh.gimbal_s,
+        speed_mps=limits.speed_mps,
+        climb_mps=limits.climb_mps,
+        descent_mps=limits.descent_mps,
+        acceleration_mps2=limits.acceleration_mps2,
+        vertical_acceleration_mps2=limits.vertical_acceleration_mps2,
+        jerk_mps3=limits.jerk_mps3,
+        yaw_rate=math.radians(limits.yaw_rate_deg_s),
+        k1_m=descent.k1_m,
+        k2_per_m=descent.k2_per_m,
+        alignment_height_m=descent.alignment_height_m,
+        has_heading=has_heading,
+    )
+
+
+async def _forever(work: Awaitable[Any]) -> None:
+    await work

@@ -1,0 +1,36 @@
+"""Short simulated flights for tests: the whole daemon, real pictures, real bytes, virtual time."""
+
+from collections.abc import Awaitable, Callable, Sequence
+
+from hw import registry
+from landerd.clock import run_virtual
+from landerd.config_file import config_dir, load
+from landerd.simulation import Simulation
+
+ABOVE = (  # close over the pad, so that a landing takes seconds
+    "sim.start.position_m=[-1.0, 0.4]",
+    "sim.start.altitude_m=3.0",
+    "sim.start.spread_m=0.0",
+    "aim.idle_pitch_deg=-70.0",
+)
+Script = Callable[[Simulation], Awaitable[None]]
+
+
+def fly(
+    script: Script | None = None,
+    *,
+    longest_s: float = 30.0,
+    overrides: Sequence[str] = ABOVE,
+    seed: int = 1,
+) -> Simulation:
+    """Fly the stationary scenario with overrides to its end and return it."""
+    loaded = load(
+        config_dir() / "default.yaml",
+        options_models=registry.options_models(),
+        drivers=registry.names(),
+        overlays=[config_dir() / "scenarios" / "stationary.yaml"],
+        overrides=overrides,
+    )
+    simulation = Simulation(loaded, seed)
+    run_virtual(simulation.run(longest_s=longest_s, script=script))
+    return simulation
