@@ -279,9 +279,8 @@ class Lander:
             self._gate.latch()
             self._release(now, "pad not found")
             return
-        velocity, what = plan
-        if vehicle is None:
-            velocity = HOVER
+        # Climbing needs a position to know when to stop.
+        velocity, what = plan if vehicle is not None else (HOVER, "holding")
         self._enter(Phase.NOT_LANDING, f"{why}, {what}")
         self._send(velocity, 0.0, dt, may_descend=False)
 
