@@ -82,6 +82,7 @@ class Flight:
         self.detects_landing = True
         self.pulse_us = LOW
         self.armed, self.mode = True, "GUIDED"
+        self.order = Setpoint((0.0, 0.0, 0.0), 0.0)  # the last one, a ground station's at first
         self.pad_heading = 0.6
         # --------
         self.config = config or Config()
@@ -100,7 +101,6 @@ class Flight:
         self.texts: list[str] = []
         self.phases: list[Phase] = []
         self.disarm_orders: list[float] = []
-        self._order = Setpoint((0.0, 0.0, 0.0), 0.0)
         self._aimed = self.gimbal
         self._late: list[Sightings] = []
         self._ticks = 0
@@ -213,13 +213,13 @@ class Flight:
 
     def _move(self) -> None:
         self.pad = add(self.pad, scale(self.pad_velocity, DT))
-        change = scale(sub(self._order.velocity, self.velocity), DT / VELOCITY_LAG_S)
+        change = scale(sub(self.order.velocity, self.velocity), DT / VELOCITY_LAG_S)
         self.velocity = add(self.velocity, change)
         if self.height <= 0.0 and self.velocity[2] >= 0.0 and self.distance < 1.0:
             self.contact_t = self.t if self.contact_t is None else self.contact_t
             self.velocity = self.pad_velocity
         self.position = add(self.position, scale(self.velocity, DT))
-        self.yaw_rate += (self._order.yaw_rate - self.yaw_rate) * DT / YAW_LAG_S
+        self.yaw_rate += (self.order.yaw_rate - self.yaw_rate) * DT / YAW_LAG_S
         self.yaw = wrap(self.yaw + self.yaw_rate * DT)
         k = DT / GIMBAL_LAG_S
         self.gimbal = GimbalCommand(
@@ -251,7 +251,7 @@ class Flight:
             case Setpoint():
                 self._judge(command)
                 self.setpoints.append((self.t, command))
-                self._order = command
+                self.order = command
             case GimbalCommand():
                 self._aimed = command
             case StatusText():

@@ -191,6 +191,28 @@ def test_a_restarted_autopilot_is_not_flown_until_the_switch_was_low() -> None:
     assert flight.engaged().run(1.0) != []
 
 
+def test_what_was_known_before_a_restart_of_the_autopilot_is_forgotten() -> None:
+    flight = Flight().engaged()  # its local frame may have another origin afterwards
+    flight.visible = False
+    flight.restart_autopilot()
+    assert flight.lander.prior(flight.t).down is None
+    flight.run(0.1)
+    assert flight.lander.prior(flight.t).pad is None
+    assert flight.lander.relative(flight.t) is None
+
+
+def test_it_takes_over_from_the_ground_station_without_a_jerk() -> None:
+    flight = Flight(position=(-20.0, 0.0, -8.0))
+    flight.visible = False
+    flight.order = Setpoint((3.0, 0.0, 0.0), 0.0)
+    flight.run(1.5)
+    flight.pulse_us = HIGH
+    flight.run(0.5)
+    flight.visible = True
+    first = flight.run(0.5)[0].velocity
+    assert first == pytest.approx((3.0, 0.0, 0.0), abs=0.1)
+
+
 def test_a_restarted_landerd_does_not_fly_with_the_switch_left_high() -> None:
     flight = Flight().engaged()
     flight.lander = Lander(flight.config, PAD)
@@ -328,6 +350,16 @@ def test_stale_attitude_or_position_stops_sooner_than_a_lost_pad(kind: type) -> 
     assert flight.lander.phase is Phase.NOT_LANDING
 
 
+def test_without_a_position_it_does_not_climb() -> None:
+    flight = Flight().engaged()
+    flight.silent = {LocalPosition}
+    flight.run(3.0)
+    flown = flight.run(8.0)
+    assert flown
+    assert all(setpoint.velocity[2] == 0.0 for setpoint in flown)
+    assert not said(flight, "climbing")
+
+
 # ---- bad sightings -----------------------------------------------------------------------------
 
 
@@ -396,6 +428,22 @@ def test_after_contact_it_presses_on_until_on_ground_and_then_disarms() -> None:
     flight.run(1.0)
     assert not flight.armed
     assert flight.disarm_orders[0] > flight.contact_t + 1.0
+
+
+def test_it_lands_a_second_time_as_it_did_the_first() -> None:
+    flight = Flight().engaged().until_contact()
+    flight.run(4.0)
+    flight.position, flight.velocity, flight.contact_t = (1.0, -0.5, -7.0), (0.0, 0.0, 0.0), None
+    flight.armed = True
+    flight.engaged().until(Phase.LANDED)
+    assert flight.contact_t is None
+    before = flight.distance
+    flight.run(0.2)  # still led onto the pad, not yet standing on it
+    assert flight.distance <= before + 0.005
+    assert len(flight.disarm_orders) == 1
+    flight.until_contact().run(4.0)
+    assert flight.lander.outcome == "landed"
+    assert not flight.armed
 
 
 def test_disarm_is_repeated_until_the_autopilot_does_it() -> None:
