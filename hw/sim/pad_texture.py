@@ -131,7 +131,7 @@ def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
 
 def _covered(inside_m: F32, per_m: float) -> F32:
     """Share of a texel on the inner side of an edge that lies inside_m beyond its centre."""
-    return np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0)
+    return cast(F32, np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0))
 
 
 def _square(marker: Square, dn: F32, de: F32, per_m: float) -> F32:

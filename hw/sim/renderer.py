@@ -6,9 +6,10 @@ pixels are undistorted once, meet the pad's plane by a homography, and sample a 
 area averages, several samples a pixel while the pad is small.
 """
 
+import itertools
 import math
 import random
-from typing import Annotated
+from typing import Annotated, cast
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from hw.sim.renderer_ground import Ground, GroundKind
 from hw.sim.renderer_vehicle import Shadow, draw_legs, shade, vehicle_shadow
 from hw.sim.renderer_view import (
     F64,
+    NO_SECOND_MAP,
     Frustum,
     in_camera,
     level_of_detail,
@@ -194,7 +196,7 @@ class Renderer:
         pitch = 1.0 / math.sqrt(self._camera.fx * self._camera.fy) / samples
         bands = max(round((bottom - top) / BAND_ROWS), 1)
         rows = [top + (bottom - top) * i // bands for i in range(bands + 1)]
-        for first, last in zip(rows, rows[1:], strict=False):
+        for first, last in itertools.pairwise(rows):
             part = image[first:last, left:right]
             # The array of rays begins one pixel outside the image.
             rays = self._rays[first : last + 2, left : right + 2]
@@ -223,11 +225,11 @@ class Renderer:
             where[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
 
         def sampled(source: U8) -> U8:
-            fine = cv2.remap(source, where, None, cv2.INTER_LINEAR)
+            fine = cv2.remap(source, where, NO_SECOND_MAP, cv2.INTER_LINEAR)
             if samples > 1:
                 size = (columns + 2, rows + 2)
                 fine = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)[1:-1, 1:-1]
-            return fine.astype(np.uint8, copy=False)
+            return cast(U8, fine)
 
         grey = sampled(texture.grey)
         if opaque:
@@ -287,9 +289,9 @@ class Renderer:
             if sigma < 0.1:
                 return image
             size = 2 * math.ceil(2.5 * sigma) + 1
-            return cv2.GaussianBlur(image, (size, size), sigma).astype(np.uint8, copy=False)
+            return cast(U8, cv2.GaussianBlur(image, (size, size), sigma))
         kernel = motion_kernel(max(sigma, 0.3), float(motion[0]), float(motion[1]))
-        return cv2.filter2D(image, -1, kernel).astype(np.uint8, copy=False)
+        return cast(U8, cv2.filter2D(image, -1, kernel))
 
 
 def motion_kernel(sigma: float, dx: float, dy: float) -> F32:
@@ -301,7 +303,7 @@ def motion_kernel(sigma: float, dx: float, dy: float) -> F32:
     in_x = np.exp(-((grid[:, None] - t * dx) ** 2) / (2 * sigma**2))
     in_y = np.exp(-((grid[:, None] - t * dy) ** 2) / (2 * sigma**2))
     kernel = in_y @ in_x.T
-    return (kernel / kernel.sum()).astype(np.float32)
+    return cast(F32, (kernel / kernel.sum()).astype(np.float32))
 
 
 def _rays(camera: CameraModel, x: F64, y: F64) -> F32:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.sim.renderer_view import F64, level_of_detail
+from hw.sim.renderer_view import F64, NO_SECOND_MAP, level_of_detail
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -84,7 +84,7 @@ class Ground:
             cv2.remap(
                 self._levels[level],
                 where,
-                None,
+                NO_SECOND_MAP,
                 cv2.INTER_LINEAR,
                 dst=band,
                 borderMode=cv2.BORDER_WRAP,

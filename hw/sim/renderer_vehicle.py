@@ -6,6 +6,7 @@ corners of the footprint. Both hide the square marker when the heading is wrong 
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
@@ -78,15 +79,15 @@ def vehicle_shadow(
     if not frustum.touches(centre, REACH_M / light[2]):
         return None
 
-    def cast(points: F64) -> F64:
+    def thrown(points: F64) -> F64:
         p = (_in_local(vehicle, points) - np.array(plane.position)) @ to_plane.T
-        return p[:, :2] - p[:, 2:] * (light[:2] / light[2])
+        return cast(F64, p[:, :2] - p[:, 2:] * (light[:2] / light[2]))
 
     hubs = np.column_stack([ROTOR_OFFSET_M * _CORNERS, np.full(4, -0.03)])
     flat = np.column_stack([_OCTAGON, np.zeros(8)])
     discs = [hub + ROTOR_RADIUS_M * flat for hub in hubs] + [HULL_RADIUS_M * flat]
     hips, feet = _legs(vehicle)
-    ends = cast(np.concatenate([*discs, hubs, hips, feet]))
+    ends = thrown(np.concatenate([*discs, hubs, hips, feet]))
     outlines = list(np.split(ends[:40], 5))
     hub, hip, tip = np.split(ends[40:], 3)
     hull = outlines[4].mean(axis=0)
@@ -139,8 +140,7 @@ def _legs(vehicle: VehiclePose) -> tuple[F64, F64]:
 
 
 def _in_local(vehicle: VehiclePose, points: F64) -> F64:
-    local: F64 = points @ matrix(vehicle.R_local_body).T + np.array(vehicle.position)
-    return local
+    return cast(F64, points @ matrix(vehicle.R_local_body).T + np.array(vehicle.position))
 
 
 def _strip(a: F64, b: F64, radius: float) -> F64:

@@ -16,6 +16,9 @@ F64 = NDArray[np.float64]
 NEAR_M = 0.01
 CIRCLE_POINTS = 64
 
+# For cv2.remap whose first map holds both coordinates.
+NO_SECOND_MAP = np.empty(0, np.float32)
+
 
 class Frustum:
     """The space a camera sees, a little widened, as half-spaces of the camera frame."""
