@@ -16,8 +16,9 @@ F64 = NDArray[np.float64]
 NEAR_M = 0.01
 CIRCLE_POINTS = 64
 
-# For cv2.remap whose first map holds both coordinates.
-NO_SECOND_MAP = np.empty(0, np.float32)
+# For cv2.remap whose first map holds both coordinates. OpenCV's types forbid None here, and an
+# empty array, which they allow, draws rubbish.
+NO_SECOND_MAP = cast(F64, None)
 
 
 class Frustum:
