@@ -9,7 +9,7 @@ import math
 from landerd.config import Config
 from landerd.estimation.pad_filter import PadEstimate, PadFilter
 from landerd.estimation.placement import Placement
-from landerd.geometry import Vec3, is_finite, rotate, sub, transpose
+from landerd.geometry import Vec3, rotate, sub, transpose
 from landerd.guidance.aim import Aim
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.limits import Limiter
@@ -43,6 +43,7 @@ from landerd.messages import (
 )
 from landerd.pad import PadLayout
 
+LARGEST = 1e6  # a number beyond this in a pose comes from a fit that failed
 SAY_AGAIN_S = 1.0  # the same line is not told to the pilot more often
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 
@@ -129,7 +130,7 @@ class Lander:
         candidates = [
             placed
             for solution in sightings.pad
-            if _is_finite(solution)
+            if _is_sound(solution)
             and (placed := self._placement.place(sightings.t, solution)) is not None
         ]
         if self._filter.update(candidates):
@@ -332,8 +333,10 @@ class Lander:
             self._out.append(StatusText(severity, line))
 
 
-def _is_finite(s: PoseSolution) -> bool:
-    """Tell whether no number of a pose is NaN or infinite."""
-    vectors = (s.position, s.normal, s.north or s.normal, *s.covariance)
-    numbers = (s.sigma_yaw or 0.0, s.sigma_tilt, s.cost)
-    return all(is_finite(v) for v in (*vectors, numbers))
+def _is_sound(s: PoseSolution) -> bool:
+    """Tell whether a pose is one that can be calculated with: NaN or a degenerate fit is not."""
+    c = s.covariance
+    numbers = (*s.position, *s.normal, *(s.north or ()), *c[0], *c[1], *c[2])
+    scalars = (s.sigma_yaw or 0.0, s.sigma_tilt, s.cost)
+    in_range = all(-LARGEST <= x <= LARGEST for x in (*numbers, *scalars))
+    return in_range and c[0][0] > 0.0 and c[1][1] > 0.0 and c[2][2] > 0.0
