@@ -382,11 +382,11 @@ def spoilt(true: PoseSolution, field: str, bad: float) -> PoseSolution:
             return replace(true, cost=bad)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("bad", [math.nan, -1e200])
 @pytest.mark.parametrize(
     "field", ["position", "normal", "north", "covariance", "sigma_yaw", "sigma_tilt", "cost"]
 )
-def test_sightings_with_a_number_that_is_none_are_as_good_as_no_sightings(
+def test_sightings_with_an_impossible_number_are_as_good_as_no_sightings(
     field: str, bad: float
 ) -> None:
     flight = Flight(position=(-6.0, 0.0, -8.0)).engaged()

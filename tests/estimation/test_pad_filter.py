@@ -203,9 +203,9 @@ def test_outliers_among_good_sightings_never_take_over() -> None:
 def test_of_two_solutions_the_level_one_is_taken(flip_first: bool) -> None:
     pad_filter = PadFilter(OPTIONS)
     for t in times(5):
-        # The picture slightly prefers the flipped one, which leans 40 degrees.
+        # The picture slightly prefers the flipped one, which leans 20 degrees.
         level = sighting(t, PAD, tilt=math.radians(4.0), cost=1.0)
-        flipped = sighting(t, add(PAD, (0.8, 0.5, 0.0)), tilt=math.radians(40.0), cost=0.5)
+        flipped = sighting(t, add(PAD, (0.8, 0.5, 0.0)), tilt=math.radians(20.0), cost=0.5)
         pad_filter.update([flipped, level] if flip_first else [level, flipped])
     assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.01
 
@@ -244,6 +244,13 @@ def test_a_false_alarm_before_the_pad_does_not_make_it_a_fast_one(gap: float) ->
         found = pad_filter.estimate(t, t)
         assert found is None or norm(found.velocity) < 0.5
     assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.01
+
+
+def test_what_stands_on_a_wall_is_no_pad() -> None:
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(60):
+        assert not pad_filter.update([sighting(t, PAD, tilt=math.radians(60.0))])
+    assert pad_filter.estimate(t, t) is None
 
 
 def test_three_consistent_sightings_are_a_pad() -> None:
