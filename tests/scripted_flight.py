@@ -258,6 +258,7 @@ class Flight:
                 assert len(command.text) <= 50, command.text
                 self.texts.append(command.text)
             case PhaseChange():
+                assert command.phase is not Phase.LANDED or self.height < 0.2
                 self.phases.append(command.phase)
             case Disarm():
                 self.disarm_orders.append(self.t)
