@@ -5,6 +5,7 @@ the functions so that --help does not wait for numpy and OpenCV.
 """
 
 import argparse
+import contextlib
 import difflib
 import importlib.util
 import json
@@ -209,12 +210,14 @@ def _run(args: argparse.Namespace) -> int:
 
     import asyncio
     import logging
+    import signal
 
     from hw import registry
     from hw.links import open_link
     from landerd.camera_model import CalibrationError, load_camera
     from landerd.daemon import Daemon, Devices
     from landerd.pad import PadError, load_pad
+    from landerd.service import ServiceNotifier
 
     def make(section: str, driver: str, *arguments: object, **options: object) -> Any:
         factory = registry.factory(section, driver)
@@ -241,7 +244,23 @@ def _run(args: argparse.Namespace) -> int:
     except (CalibrationError, PadError, ValueError) as e:
         raise InputError(str(e)) from None
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
-    asyncio.run(Daemon(config, layout, camera_model, devices).run())
+
+    async def serve() -> None:
+        daemon = Daemon(config, layout, camera_model, devices, observers=(ServiceNotifier(),))
+        ended = asyncio.Event()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(number, ended.set)
+        flying = asyncio.create_task(daemon.run())
+        told = asyncio.create_task(ended.wait())
+        await asyncio.wait({flying, told}, return_when=asyncio.FIRST_COMPLETED)
+        if not flying.done():
+            await daemon.shut_down()
+            flying.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await flying
+
+    asyncio.run(serve())
+    return 0
 
 
 # ---- shared ------------------------------------------------------------------------------------

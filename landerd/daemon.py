@@ -30,6 +30,7 @@ from landerd.messages import (
     PhaseChange,
     Prior,
     Setpoint,
+    Shutdown,
     Sightings,
     StatusText,
     Tick,
@@ -116,6 +117,14 @@ class Daemon:
             if executor is not None:
                 executor.shutdown(wait=False, cancel_futures=True)
         raise AssertionError("tasks run for ever")
+
+    async def shut_down(self) -> None:
+        """Stop the vehicle if landerd flies it; then `run` may be cancelled.
+
+        Without this the autopilot would fly the last velocity on until its own timeout.
+        """
+        self._take(Shutdown(asyncio.get_running_loop().time()))
+        await asyncio.sleep(self._config.guidance.release_s)
 
     # ---- device tasks --------------------------------------------------------------------------
 

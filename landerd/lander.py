@@ -37,6 +37,7 @@ from landerd.messages import (
     Prior,
     RcChannels,
     Severity,
+    Shutdown,
     Sightings,
     StatusText,
     Tick,
@@ -96,6 +97,8 @@ class Lander:
                 self._landed = message.state
             case AutopilotRestarted():
                 self._on_restart()
+            case Shutdown():
+                self._gate.latch()
             case Battery():
                 pass
         return self._out

@@ -187,6 +187,13 @@ class Tick:
     t: float
 
 
+@dataclass(frozen=True, slots=True)
+class Shutdown:
+    """landerd is about to end: stop the vehicle and let go."""
+
+    t: float
+
+
 # ---- commands from the core --------------------------------------------------------------------
 
 
@@ -250,5 +257,5 @@ class PhaseChange:
 AutopilotMessage = (
     Heartbeat | AutopilotRestarted | Attitude | LocalPosition | RcChannels | LandedState | Battery
 )
-Input = AutopilotMessage | GimbalState | Sightings | Tick
+Input = AutopilotMessage | GimbalState | Sightings | Tick | Shutdown
 Command = Setpoint | GimbalCommand | StatusText | Disarm | PhaseChange

@@ -3,8 +3,7 @@
 import os
 import socket
 
-from landerd.lander import Lander
-from landerd.messages import Command, Frame, Input, Prior, Sightings, Tick
+from landerd.messages import Command, Frame, Input, PhaseChange, Prior, Sightings, Tick
 
 ALIVE_EVERY_S = 0.5  # well inside the unit's WatchdogSec
 
@@ -23,15 +22,17 @@ def notify(text: str) -> None:
 class ServiceNotifier:
     """An observer fed by the control task: when that hangs, so does the watchdog's food."""
 
-    def __init__(self, lander: Lander) -> None:
-        self._lander = lander
+    def __init__(self) -> None:
         self._told_t: float | None = None
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Frames do not matter here: a daemon without a camera is alive."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Feed the watchdog with ticks."""
+        """Pass changes of phase on, and feed the watchdog with ticks."""
+        for command in commands:
+            if isinstance(command, PhaseChange):
+                notify(f"STATUS={command.phase.value}: {command.reason}")
         if not isinstance(message, Tick):
             return
         if self._told_t is None:
@@ -39,4 +40,4 @@ class ServiceNotifier:
         elif now - self._told_t < ALIVE_EVERY_S:
             return
         self._told_t = now
-        notify(f"WATCHDOG=1\nSTATUS={self._lander.phase.value}: {self._lander.reason}")
+        notify("WATCHDOG=1")

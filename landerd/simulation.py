@@ -49,7 +49,7 @@ from landerd.vision.draw import draw
 
 VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
-AFTER_LANDING_S = 0.5
+AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1)
 SAMPLE_S = 0.1
@@ -81,8 +81,13 @@ class Simulation:
             [self.autopilot_end, autopilot_ground_end],
             rng=stream(seed, "autopilot"),
             flying=True,
+            system_id=config.autopilot.system_id,
         )
-        self.ground_station = GroundStation(ground_end, destination=self._destination())
+        self.ground_station = GroundStation(
+            ground_end,
+            destination=self._destination(),
+            system_id=config.autopilot.system_id,
+        )
         renderer = Renderer(self.layout, self.camera_model, options.render, seed)
         self.camera = SimCamera(
             renderer, self._snapshot, options.camera, delivered=self._on_delivered
@@ -91,7 +96,7 @@ class Simulation:
         self.score = Score(self.world, config.vehicle, self.layout.plate)
         self.rules = Rules(_bounds(config, has_heading=self.layout.has_heading), self._truth)
         self.link.tap = self.rules.from_landerd
-        self.autopilot_end.tap = self.rules.to_landerd
+        self.link.heard = self.rules.to_landerd
         self.recording = Recording(self)
         self.daemon = Daemon(
             config,

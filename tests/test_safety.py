@@ -200,6 +200,8 @@ def test_1_it_latches_until_the_switch_was_low(event: str) -> None:
             copter.armed = True
         else:
             simulation.autopilot.reboot()
+            # Its streams are forgotten: landerd hovers until one comes back and tells.
+            await asyncio.sleep(3.0)
         seen["t"] = now() + 0.2
         await asyncio.sleep(4.0)
         seen["open"] = now()

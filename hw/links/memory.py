@@ -27,11 +27,13 @@ class MemoryLink:
     Attributes:
         faults: what happens to the bytes written at this end.
         tap: called with (loop time in s, bytes) for each write, before any fault.
+        heard: called likewise for what arrives at this end.
     """
 
     def __init__(self) -> None:
         self.faults = LinkFaults()
         self.tap: Tap | None = None
+        self.heard: Tap | None = None
         self._peer: MemoryLink = self
         self._inbox = Inbox()
         self._cut = False
@@ -89,8 +91,11 @@ class MemoryLink:
         self._cut = self._peer._cut = False
 
     def _deliver(self, data: bytes) -> None:
-        if self._is_open:
-            self._inbox.put(data)
+        if not self._is_open:
+            return
+        if self.heard is not None:
+            self.heard(asyncio.get_running_loop().time(), data)
+        self._inbox.put(data)
 
 
 def _corrupted(data: bytes, faults: LinkFaults) -> bytes:

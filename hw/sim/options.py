@@ -21,6 +21,7 @@ class StartOptions(_Options):
     position_m: tuple[Finite, Finite] = (-30.0, 0.0)  # north, east of the landing point
     altitude_m: Annotated[float, Field(ge=0.5, le=120)] = 10.0  # above the pad's mean height
     heading_deg: Finite = 0.0
+    bearings: Annotated[int, Field(ge=1, le=360)] = 1  # seeds start from so many sides in turn
     spread_m: NotNegative = 0.0  # each seed starts up to this far away north and east
     heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 0.0
     with_pad: bool = False  # at the pad's velocity, as a drone that follows its truck

@@ -52,13 +52,11 @@ class Frustum:
 
     def clip(self, polygon: F64) -> F64:
         """Return the part of a convex polygon (n, 3), camera frame, that lies in view (m, 3)."""
-        distances = polygon @ self.planes[:, :3].T + self.planes[:, 3]
-        if (distances >= 0.0).all():
-            return polygon
+        distances = self._distances(polygon)
         if (distances < 0.0).all(axis=0).any():
             return polygon[:0]
         points = [tuple(p) for p in polygon.tolist()]
-        for a, b, c, d in self.planes.tolist():
+        for a, b, c, d in self.planes[(distances < 0.0).any(axis=0)].tolist():
             kept: list[tuple[float, ...]] = []
             inside = [a * x + b * y + c * z + d for x, y, z in points]
             for i, (p, here) in enumerate(zip(points, inside, strict=True)):
@@ -73,7 +71,7 @@ class Frustum:
 
     def contains(self, points: F64) -> bool:
         """Tell whether all points (n, 3), camera frame, can be projected."""
-        return bool((points @ self.planes[:, :3].T + self.planes[:, 3] >= 0.0).all())
+        return bool((self._distances(points) >= 0.0).all())
 
     def touches(self, centre: F64, radius: float) -> bool:
         """Tell whether a ball about centre (3,), camera frame, may be in view."""
@@ -81,12 +79,18 @@ class Frustum:
 
     def outlines(self, polygons: list[F64]) -> list[F64]:
         """Return the convex polygons (n, 3), camera frame, as seen: pixels (m, 2), m may be 0."""
-        parts = [self.clip(p) for p in polygons]
-        everything = np.concatenate(parts)
+        everything = np.concatenate(polygons)
+        if not self.contains(everything):
+            polygons = [self.clip(p) for p in polygons]
+            everything = np.concatenate(polygons)
         if not len(everything):
-            return [p[:, :2] for p in parts]
+            return [p[:, :2] for p in polygons]
         pixels = self.camera.pixels(everything)
-        return np.split(pixels, np.cumsum([len(p) for p in parts])[:-1])
+        return np.split(pixels, np.cumsum([len(p) for p in polygons])[:-1])
+
+    def _distances(self, points: F64) -> F64:
+        """Distance (n, planes) of points (n, 3) inside each border."""
+        return cast(F64, points @ self.planes[:, :3].T + self.planes[:, 3])
 
 
 def matrix(m: Mat3) -> F64:
@@ -143,7 +147,7 @@ def middle(start: CameraPose, end: CameraPose) -> CameraPose:
 def visible_markers(
     layout: PadLayout, camera: CameraModel, pose: CameraPose, pad: PadPose
 ) -> list[int]:
-    """Return the indices in layout.markers of those wholly inside the image.
+    """Return the indices in layout.markers of those in the image with half their outline or more.
 
     Geometry only: what stands in front of a marker is not looked at.
     """
@@ -164,7 +168,7 @@ def visible_markers(
         if not frustum.contains(points):
             continue
         x, y = camera.pixels(points).T
-        in_x = x.min() >= -0.5 and x.max() <= camera.width - 0.5
-        if in_x and y.min() >= -0.5 and y.max() <= camera.height - 0.5:
+        in_x = (x >= -0.5) & (x <= camera.width - 0.5)
+        if np.mean(in_x & (y >= -0.5) & (y <= camera.height - 0.5)) >= 0.5:
             seen.append(index)
     return seen

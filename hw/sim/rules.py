@@ -5,6 +5,7 @@ delivered; what the pilot and the autopilot said is what went over the link to l
 are those of docs/safety.md.
 """
 
+import contextlib
 import math
 import struct
 from collections.abc import Callable
@@ -160,7 +161,9 @@ class Rules:
             end = at + _HEADER + data[at + 1] + 2 + signature
             (kind,) = struct.unpack("<I", data[at + 7 : at + 10] + b"\0")
             if kind in _JUDGED:
-                out.append(self._codec.decode(bytearray(data[at:end])))
+                # A damaged message is none, for landerd as for the judge.
+                with contextlib.suppress(mavlink.MAVError):
+                    out.append(self._codec.decode(bytearray(data[at:end])))
             at = end
         return out
 
@@ -268,8 +271,9 @@ class Rules:
             self._break(t, "1d: turning while the pad is out of sight")
         if velocity[2] > _STILL:
             self._break(t, "1d: descending while the pad is out of sight or data are stale")
-        braking_s = b.speed_mps / b.acceleration_mps2 + b.acceleration_mps2 / b.jerk_mps3 + tick
-        if horizontal(velocity) > 0.02 and t - self._lost_since > braking_s:
+        # Full braking, and the last of it fading out with the jerk limit.
+        braking_s = b.speed_mps / b.acceleration_mps2 + 5.0 * b.acceleration_mps2 / b.jerk_mps3
+        if horizontal(velocity) > 0.02 and t - self._lost_since > braking_s + tick:
             self._break(t, "1d: not hovering while the pad is out of sight or data are stale")
         said = any(at >= self._lost_since - 1.0 for at, _ in self.texts)
         if t - self._lost_since > 1.0 and not said:

@@ -115,7 +115,7 @@ class World:
         )
         # Feet of a vehicle whose origin is higher than this cannot touch anything.
         self._contact_height = self._motion.highest + airframe.gear_height_m + _REACH_M
-        self._start(stream(seed, "start"))
+        self._start(stream(seed, "start"), seed)
         self._history: deque[_Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
         self._record()
 
@@ -125,16 +125,18 @@ class World:
         self._velocity_bias: Vec3 = (bias * math.cos(heading), bias * math.sin(heading), 0.0)
         self._height_scale = 1.0 + self._ekf_rng.uniform(0.0, options.ekf.height_scale_max)
 
-    def _start(self, rng: Random) -> None:
+    def _start(self, rng: Random, seed: int) -> None:
         start = self.options.start
         pad = self._motion.at(0.0)
         spread = start.spread_m
-        n = pad.position[0] + start.position_m[0] + rng.uniform(-spread, spread)
-        e = pad.position[1] + start.position_m[1] + rng.uniform(-spread, spread)
+        side = 2.0 * math.pi * (seed % start.bearings) / start.bearings
+        x, y, _ = rotate(rot_z(side), (*start.position_m, 0.0))
+        n = pad.position[0] + x + rng.uniform(-spread, spread)
+        e = pad.position[1] + y + rng.uniform(-spread, spread)
         d = -self._motion.mean_height - start.altitude_m
         turned = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
         velocity = (pad.velocity[0], pad.velocity[1]) if start.with_pad else (0.0, 0.0)
-        self.vehicle.start((n, e, d), velocity, wrap(math.radians(turned)), self._wind_now)
+        self.vehicle.start((n, e, d), velocity, wrap(math.radians(turned) + side), self._wind_now)
 
     @property
     def t(self) -> float:
