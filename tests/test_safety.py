@@ -240,6 +240,47 @@ def test_2_no_descent_without_a_young_sighting() -> None:
     assert simulation.rules.broken == {}
 
 
+def test_2_no_commitment_higher_than_the_commit_height() -> None:
+    seen: dict[str, Any] = {}
+
+    async def script(simulation: Simulation) -> None:
+        seen["wire"] = Wire(simulation)
+        while simulation.world.height > 0.6:
+            await asyncio.sleep(0.01)
+        simulation.camera.faults.drop = 1.0
+        seen["t"] = now()
+        await asyncio.sleep(2.0)
+        simulation.camera.faults.drop = 0.0
+
+    simulation = fly(script, longest_s=40.0)
+    blind = [m for t, m in seen["wire"].after(seen["t"] + 0.55) if t < seen["t"] + 2.0]
+    assert blind
+    assert all(m.vz <= 0.0 for m in blind)
+    assert simulation.score.landed
+    assert simulation.rules.broken == {}
+
+
+def test_2_after_commit_it_sinks_blind_for_a_second_at_most() -> None:
+    seen: dict[str, Any] = {}
+
+    async def script(simulation: Simulation) -> None:
+        seen["wire"] = Wire(simulation)
+        await phase_is(simulation, Phase.LANDED)
+        simulation.camera.faults.drop = 1.0
+        seen["t"] = now()
+        await asyncio.sleep(2.5)
+        simulation.camera.faults.drop = 0.0
+
+    # Committed early and sinking slowly: contact takes two seconds.
+    slow = ["guidance.descent.commit_height_m=0.2", "guidance.touchdown_descent_mps=0.1"]
+    simulation = fly(script, longest_s=40.0, overrides=[*ABOVE, *slow])
+    blind = [m for t, m in seen["wire"].after(seen["t"] + 1.05) if t < seen["t"] + 2.4]
+    assert blind
+    assert all(m.vz <= 0.0 for m in blind)
+    assert simulation.score.landed
+    assert simulation.rules.broken == {}
+
+
 def test_2_no_descent_outside_the_region() -> None:
     overrides = [*ABOVE, "sim.start.position_m=[-3.0, 2.0]", "sim.wind.speed_mps=4"]
     simulation = fly(longest_s=45.0, overrides=overrides)
