@@ -18,6 +18,8 @@ from landerd.vision.pose import Pose, rotation_from, skew, solution
 _STEPS = 5
 _NO_YAW = 1e-6  # information of a heading that nobody knows, 1/rad^2: keeps matrices regular
 _PRIOR_NORTH_SIGMA = math.radians(5.0)
+_PLACE_SIGMA_M = 1e-3  # of a marker on its pad, as printed and laid out
+_FLATNESS_SIGMA = math.radians(0.1)  # of its tilt and heading against the pad's
 _IMPOSSIBLE = 50.0  # chi-square above the best solution's beyond which another one is dropped
 _DOWN_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
 
@@ -59,6 +61,9 @@ def pad_poses(
     if not measured:
         return []
     prior_north = None if north is None else np.array(north)
+    measured = [
+        Measured(m.place, m.heading, tuple(_as_placed(p) for p in m.poses)) for m in measured
+    ]
     # Start from the solutions of the marker that knows its tilt best: the others then choose.
     measured = sorted(measured, key=lambda m: -_tilt_information(m.poses[0]))
     joint: list[Pose] = []
@@ -83,6 +88,16 @@ def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
         return pose
     angle = math.acos(max(-1.0, min(1.0, float(pose.normal @ np.array(down)))))
     return Pose(pose.R, pose.t, pose.information, pose.cost + (angle / _DOWN_SIGMA) ** 2)
+
+
+def _as_placed(pose: Pose) -> Pose:
+    """Return the pose with what is uncertain about the marker's own place on the pad."""
+    placing = np.diag([_PLACE_SIGMA_M**2] * 3 + [_FLATNESS_SIGMA**2] * 3)
+    # (information^-1 + placing)^-1, also where the information is singular.
+    information = np.asarray(
+        np.linalg.solve(np.eye(6) + pose.information @ placing, pose.information), dtype=np.float64
+    )
+    return Pose(pose.R, pose.t, information, pose.cost)
 
 
 def _tilt_information(pose: Pose) -> float:

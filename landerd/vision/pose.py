@@ -5,6 +5,7 @@ east, z into the plane. A small error of a pose is the 6-vector (dt, w) in the c
 origin moved by dt, the axes turned by the rotation vector w.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -64,6 +65,13 @@ def rotation_from(normal: F64, north: F64) -> F64:
     x = north - normal * float(normal @ north)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(normal, x), normal])
+
+
+def circle(radius: float) -> F64:
+    """Return 16 points (16, 2) on a circle about the origin."""
+    angles = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+    points: F64 = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return points
 
 
 def skew(v: F64) -> F64:

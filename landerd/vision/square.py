@@ -12,7 +12,7 @@ from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]
 
-_SMALLEST_SIDE_PX = 5.0  # of a marker in the searched (enlarged) image
+_SMALLEST_SIDE_PX = 5.0
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,26 @@ class SquareFinder:
             self._detectors.append((detector, squares, _turns(name)))
 
     def find(
-        self, image: Image, window: Window | None = None, scale: float = 1.0
+        self,
+        image: Image,
+        window: Window | None = None,
+        scale: float = 1.0,
+        smallest_px: float = _SMALLEST_SIDE_PX,
     ) -> list[FoundSquare]:
-        """Return the pad's squares in the image or a window of it, searched at another scale."""
+        """Return the pad's squares in an image.
+
+        Args:
+            image: grey image (height, width).
+            window: the part to search; None for all.
+            scale: the search is done on an image enlarged by this.
+            smallest_px: shortest mean side that is looked for, in the enlarged image. The time goes
+                with the number of outlines that are longer.
+        """
         x0, y0 = 0, 0
         if window is not None:
             x0, y0 = window.x0, window.y0
             image = image[window.y0 : window.y1, window.x0 : window.x1]
-        if min(image.shape) < 2 * _SMALLEST_SIDE_PX:
+        if min(image.shape) < _SMALLEST_SIDE_PX:
             return []
         if scale != 1.0:
             how = cv2.INTER_CUBIC if scale > 1.0 else cv2.INTER_AREA
@@ -59,7 +71,7 @@ class SquareFinder:
             )
         found = []
         for detector, squares, turn in self._detectors:
-            detector.setDetectorParameters(_parameters(max(image.shape)))
+            detector.setDetectorParameters(_parameters(4.0 * smallest_px / max(image.shape)))
             corners, ids, _ = detector.detectMarkers(image)
             if ids is None:
                 continue
@@ -87,10 +99,10 @@ def _turns(name: str) -> int:
     return 2 if name.upper().startswith("APRILTAG") else 0
 
 
-def _parameters(longest_side: int) -> cv2.aruco.DetectorParameters:
+def _parameters(perimeter_rate: float) -> cv2.aruco.DetectorParameters:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    parameters.minMarkerPerimeterRate = min(0.03, 4 * _SMALLEST_SIDE_PX / longest_side)
+    parameters.minMarkerPerimeterRate = perimeter_rate
     parameters.minDistanceToBorder = 1
     return parameters
 

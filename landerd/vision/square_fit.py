@@ -23,8 +23,10 @@ Image = NDArray[np.uint8]
 _PER_CELL = 6  # samples of the print along a cell
 _MARGIN_CELLS = 2  # white round the print
 _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
-_LARGEST_SIDE_PX = 48.0  # larger markers are fitted on a reduced image
-_STEPS = 5
+_LARGEST_SIDE_PX = 40.0  # larger markers are fitted on a reduced image
+_STEPS = 8
+_CONVERGED = 0.01  # chi-square that a further step would gain
+_BLUR_CHANGED = 0.03  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
@@ -33,6 +35,8 @@ _EDGE_BIAS_PX = 0.02  # what lens model, light and pixels leave out, as an error
 _INFLATION = 1.5
 
 
+# A start whose corners fit by this chi-square worse than the other's is not tried.
+_UNLIKELY = 60.0
 # A fit that explains less of the pixels' variance is no better than the corners.
 _EXPLAINED = 0.85
 _SAME_NORMAL = math.cos(math.radians(1.0))
@@ -48,6 +52,16 @@ class Fit:
     variance: float  # of one residual, grey levels^2
 
 
+@dataclass(frozen=True)
+class _Patch:
+    """The marker's pixels."""
+
+    grey: F64  # (n,)
+    rays: F64  # homogeneous, (3, n)
+    pixel: float  # width of one on the plane z = 1
+    blur: float  # variance to start from, pixels^2: a sharp lens's spread and the pixel's box
+
+
 class SquarePrint:
     """The print of one square marker, ready to be compared with images."""
 
@@ -55,81 +69,22 @@ class SquarePrint:
         """Prepare from the print's cells (n, n): True is white, top row first, border included."""
         self._size = square.size_m
         self._cells = cells.shape[0]
+        self._per_m = self._cells * _PER_CELL / self._size
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
         n = fine.shape[0]
+        self._centre = 0.5 * n - 0.5
         self._spectrum = np.fft.rfft2(fine)
         self._ku = 2.0 * math.pi * np.fft.rfftfreq(n)[None, :]
         self._kv = 2.0 * math.pi * np.fft.fftfreq(n)[:, None]
-
-    def fit(self, image: Image, camera: CameraModel, start: Pose) -> Fit | None:
-        """Return the pose that explains the pixels round a start near it; None if none does."""
-        patch = self._patch(image, camera, start)
-        if patch is None:
-            return None
-        grey, rays, blur = patch
-        pose = start
-        light = np.array([*np.percentile(grey, (10.0, 90.0)), 0.0, 0.0])
-        light[1] -= light[0]
-        x, y = _normalised(rays[:, 0]), _normalised(rays[:, 1])
-        for _ in range(_STEPS):
-            value, slope_n, slope_e, slope_b = self._seen(rays, pose, blur)
-            shade = 1.0 + light[2] * x + light[3] * y
-            level = light[0] + light[1] * value
-            residual = grey - shade * level
-            J = np.empty((len(grey), 11))
-            J[:, :6] = _pose_slope(
-                rays, pose, shade * light[1] * slope_n, shade * light[1] * slope_e
-            )
-            J[:, 6] = shade * light[1] * slope_b
-            J[:, 7] = shade
-            J[:, 8] = shade * value
-            J[:, 9] = x * level
-            J[:, 10] = y * level
-            sigma = max(_READ_NOISE, 1.4826 * float(np.median(np.abs(residual))))
-            weight = np.minimum(1.0, _ROBUST * sigma / np.maximum(np.abs(residual), 1e-9))
-            JW = J.T * weight
-            normal = JW @ J
-            gradient = JW @ residual
-            normal[np.diag_indices(11)] *= 1.0 + 1e-6
-            try:
-                step = np.linalg.solve(normal, gradient)
-            except np.linalg.LinAlgError:
-                return None
-            pose = pose.moved(step[:6])
-            blur = min(max(blur + step[6], 0.25 * blur, 0.05), 4.0 * blur)
-            light = light + step[7:]
-            if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
-                return None
-            if np.abs(step[:3]).max() < 1e-5 * pose.t[2] and np.abs(step[3:6]).max() < 1e-4:
-                break
-        squares = float(weight @ residual**2)
-        variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - 11.0))
-        bias = _EDGE_BIAS_PX / (0.5 * (camera.fx + camera.fy))
-        try:
-            of_pose = normal[:6, :6] - normal[:6, 6:] @ np.linalg.solve(
-                normal[6:, 6:], normal[6:, :6]
-            )
-            information = np.linalg.inv(
-                _INFLATION * variance * np.linalg.inv(of_pose)
-                + np.linalg.inv(corner_information(pose, self._size, bias))
-            )
-        except np.linalg.LinAlgError:
-            return None
-        spread = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
-        return Fit(
-            Pose(pose.R, pose.t, information, 0.0),
-            1.0 - squares / max(spread, 1e-9),
-            squares,
-            variance,
-        )
 
     def refined(self, image: Image, camera: CameraModel, starts: list[Pose]) -> list[Pose]:
         """Return the starts fitted to the pixels, best first; the starts if that fails.
 
         The cost of the best is 0, that of the other how much worse it explains the pixels.
         """
-        fits = [f for s in starts if (f := self.fit(image, camera, s)) is not None]
+        likely = [s for s in starts if s.cost < starts[0].cost + _UNLIKELY]
+        fits = [f for s in likely if (f := self.fit(image, camera, s)) is not None]
         fits.sort(key=lambda f: f.squares)
         if not fits or fits[0].explained < _EXPLAINED:
             return starts
@@ -141,10 +96,80 @@ class SquarePrint:
                 poses.append(Pose(f.pose.R, f.pose.t, f.pose.information, cost))
         return poses
 
-    def _patch(
-        self, image: Image, camera: CameraModel, pose: Pose
-    ) -> tuple[F64, F64, float] | None:
-        """Return grey levels (n,), rays (n, 2) of the marker's pixels, and the blur's variance."""
+    def fit(self, image: Image, camera: CameraModel, start: Pose) -> Fit | None:
+        """Return the pose that explains the pixels round a start near it; None if none does."""
+        patch = self._patch(image, camera, start)
+        if patch is None:
+            return None
+        grey, pose, blur = patch.grey, start, patch.blur
+        dark, bright = np.percentile(grey, (10.0, 90.0))
+        light = np.array([dark, bright - dark, 0.0, 0.0])  # black, contrast, gradients
+        x, y = _normalised(patch.rays[0]), _normalised(patch.rays[1])
+        J = np.empty((11, len(grey)))
+        layers, spread = None, np.zeros((2, 2))
+        for _ in range(_STEPS):
+            wanted = blur * self._spread(patch, pose)
+            if layers is None or np.abs(wanted - spread).max() > _BLUR_CHANGED * spread.max():
+                spread = wanted
+                layers = self._blurred(spread, blur)
+            north, east = _plane(patch.rays, pose)
+            value, slope_n, slope_e, J[6] = self._seen(layers, north, east)
+            shade = 1.0 + light[2] * x + light[3] * y
+            level = light[0] + light[1] * value
+            contrast = light[1] * shade
+            _pose_slope(J[:6], pose, north, east, contrast * slope_n, contrast * slope_e)
+            J[6] *= contrast
+            J[7] = shade
+            np.multiply(shade, value, out=J[8])
+            np.multiply(x, level, out=J[9])
+            np.multiply(y, level, out=J[10])
+            residual = grey - shade * level
+            size = np.abs(residual)
+            sigma = max(_READ_NOISE, 1.4826 * float(np.median(size)))
+            weight = np.minimum(1.0, _ROBUST * sigma / np.maximum(size, 1e-9))
+            JW = J * weight
+            normal = JW @ J.T
+            gradient = JW @ residual
+            normal[np.diag_indices(11)] *= 1.0 + 1e-6
+            try:
+                step = np.linalg.solve(normal, gradient)
+            except np.linalg.LinAlgError:
+                return None
+            pose = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
+            blur = min(max(blur + float(step[6]), 0.5 * blur, 0.05), 2.0 * blur)
+            light = light + step[7:]
+            if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
+                return None
+            if float(gradient @ step) < _CONVERGED * sigma**2:
+                break
+        squares = float(weight @ residual**2)
+        variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - 11.0))
+        try:
+            information = self._information(normal, variance, pose, camera)
+        except np.linalg.LinAlgError:
+            return None
+        scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
+        fitted = Pose(pose.R, pose.t, information, 0.0)
+        return Fit(fitted, 1.0 - squares / max(scatter, 1e-9), squares, variance)
+
+    def _information(self, normal: F64, variance: float, pose: Pose, camera: CameraModel) -> F64:
+        """Return the information of (dt, w) from the normal matrix (11, 11) of the fit.
+
+        Raises:
+            LinAlgError: the pixels leave the pose open.
+        """
+        light = np.linalg.solve(normal[6:, 6:], normal[6:, :6])
+        turn = np.kron(np.eye(2), pose.R)
+        of_pose = turn @ (normal[:6, :6] - normal[:6, 6:] @ light) @ turn.T
+        bias = _EDGE_BIAS_PX / (0.5 * (camera.fx + camera.fy))
+        information: F64 = np.linalg.inv(
+            _INFLATION * variance * np.linalg.inv(of_pose)
+            + np.linalg.inv(corner_information(pose, self._size, bias))
+        )
+        return information
+
+    def _patch(self, image: Image, camera: CameraModel, pose: Pose) -> _Patch | None:
+        """Return the marker's pixels under a pose, reduced if they are many."""
         reach = 0.5 * self._size * (1.0 + 2.0 * _USED_MARGIN_CELLS / self._cells)
         corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * reach
         outline = pose.t + corners @ pose.R[:, :2].T
@@ -155,103 +180,109 @@ class SquarePrint:
         high = np.minimum(np.ceil(px.max(axis=0)) + 1, (camera.width, camera.height)).astype(int)
         area = cv2.contourArea(px.astype(np.float32))
         reduce = max(1, round(math.sqrt(area) / _LARGEST_SIDE_PX))
-        columns, rows = (high - low) // reduce
-        if columns < 4 or rows < 4:
+        size = (int(high[0] - low[0]) // reduce, int(high[1] - low[1]) // reduce)
+        if min(size) < 4:
             return None
-        crop = image[low[1] : low[1] + rows * reduce, low[0] : low[0] + columns * reduce]
+        crop = image[low[1] : low[1] + size[1] * reduce, low[0] : low[0] + size[0] * reduce]
         if reduce > 1:
-            size = (int(columns), int(rows))
             crop = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        rays = _lens_grid(camera, low, (int(columns), int(rows)), reduce)
-        u, v = self._plane(rays, pose)
-        inside = (np.abs(u) < reach) & (np.abs(v) < reach)
-        if int(inside.sum()) < 50:
+        rays = _lens_grid(camera, low, size, reduce)
+        north, east = _plane(rays, pose)
+        inside = (np.abs(north) < reach) & (np.abs(east) < reach)
+        if np.count_nonzero(inside) < 50:
             return None
-        # Variance of a sharp lens's spread and of the pixel's box, in the reduced image's pixels.
+        pixel = reduce / (0.5 * (camera.fx + camera.fy))
         blur = 0.36 / reduce**2 + 1.0 / 12.0
-        self._step = reduce / (0.5 * (camera.fx + camera.fy))
-        return crop.reshape(-1)[inside].astype(np.float64), rays[inside], blur
+        return _Patch(crop.reshape(-1)[inside].astype(np.float64), rays[:, inside], pixel, blur)
 
-    def _plane(self, rays: F64, pose: Pose) -> tuple[F64, F64]:
-        """Return where rays (n, 2) meet the marker's plane: north and east, m, (n,) each."""
-        H = np.linalg.inv(np.column_stack([pose.R[:, 0], pose.R[:, 1], pose.t]))
-        q = rays @ H[:, :2].T + H[:, 2]
-        return q[:, 0] / q[:, 2], q[:, 1] / q[:, 2]
+    def _spread(self, patch: _Patch, pose: Pose) -> F64:
+        """Return the covariance (2, 2) on the print (u, v) of a blur of one pixel's variance."""
+        x, y = pose.t[:2] / pose.t[2]
+        d = 0.5 * patch.pixel
+        rays = np.array([[x + d, x - d, x, x], [y, y, y + d, y - d], [1.0, 1.0, 1.0, 1.0]])
+        north, east = _plane(rays, pose)
+        A = self._per_m * np.array(
+            [[east[0] - east[1], east[2] - east[3]], [north[1] - north[0], north[3] - north[2]]]
+        )
+        spread: F64 = A @ A.T
+        return spread
 
-    def _seen(self, rays: F64, pose: Pose, blur: float) -> tuple[F64, F64, F64, F64]:
-        """Return the blurred print at rays (n, 2), and its slopes by north, east (1/m) and blur."""
-        north, east = self._plane(rays, pose)
-        per_m = self._cells * _PER_CELL / self._size
-        centre = 0.5 * self._cells * _PER_CELL + _MARGIN_CELLS * _PER_CELL - 0.5
-        u = (centre + east * per_m).astype(np.float32)[None, :]
-        v = (centre - north * per_m).astype(np.float32)[None, :]
-        spread = self._spread(pose, per_m)
+    def _blurred(self, spread: F64, blur: float) -> NDArray[np.float32]:
+        """Return the print (n, n, 4) after a blur: its value and slopes by u, v and the blur."""
         square = (
             spread[0, 0] * self._ku**2
             + 2.0 * spread[0, 1] * self._ku * self._kv
             + spread[1, 1] * self._kv**2
         )
-        blurred = self._spectrum * np.exp(-0.5 * blur * square)
+        value = self._spectrum * np.exp(-0.5 * square)
         n = self._spectrum.shape[0]
         layers = np.fft.irfft2(
             np.stack(
-                [blurred, blurred * (1j * self._ku), blurred * (1j * self._kv), blurred * square]
+                [
+                    value,
+                    value * (1j * self._ku),
+                    value * (1j * self._kv),
+                    value * (-0.5 / blur * square),
+                ]
             ),
             s=(n, n),
-        ).astype(np.float32)
-        at = [cv2.remap(layer, u, v, cv2.INTER_LINEAR)[0].astype(np.float64) for layer in layers]
-        return at[0], -at[2] * per_m, at[1] * per_m, -0.5 * at[3]
-
-    def _spread(self, pose: Pose, per_m: float) -> F64:
-        """Return the covariance (2, 2) on the print (u, v) of a blur of one pixel's variance."""
-        centre = pose.t[:2] / pose.t[2]
-        rays = centre + self._step * np.array([[0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]])
-        north, east = self._plane(rays, pose)
-        A = per_m * np.array(
-            [[east[0] - east[1], east[2] - east[3]], [north[1] - north[0], north[3] - north[2]]]
         )
-        return A @ A.T
+        return np.ascontiguousarray(layers.transpose(1, 2, 0), dtype=np.float32)
+
+    def _seen(
+        self, layers: NDArray[np.float32], north: F64, east: F64
+    ) -> tuple[F64, F64, F64, F64]:
+        """Return the blurred print at points (n,), and its slopes by north, east (1/m) and blur."""
+        u = (self._centre + east * self._per_m).astype(np.float32)
+        v = (self._centre - north * self._per_m).astype(np.float32)
+        at = cv2.remap(layers, u[None, :], v[None, :], cv2.INTER_LINEAR)[0].T.astype(np.float64)
+        return at[0], -self._per_m * at[2], self._per_m * at[1], at[3]
 
 
-def _pose_slope(rays: F64, pose: Pose, slope_n: F64, slope_e: F64) -> F64:
-    """Return the derivative (n, 6) of grey levels by (dt, w) from their slopes on the plane.
+def _plane(rays: F64, pose: Pose) -> tuple[F64, F64]:
+    """Return where homogeneous rays (3, n) meet the marker's plane: north and east, m, (n,)."""
+    H = np.linalg.inv(np.column_stack([pose.R[:, 0], pose.R[:, 1], pose.t]))
+    q = H @ rays
+    return q[0] / q[2], q[1] / q[2]
 
-    At a fixed ray a plane moved by m = dt + w x arm carries the point -g m along north and
-    east, g being the axis less its part along the ray seen edge-on.
+
+def _pose_slope(out: F64, pose: Pose, north: F64, east: F64, slope_n: F64, slope_e: F64) -> None:
+    """Write the derivative (6, n) of grey levels by (dt, w), both on the marker's own axes.
+
+    At a fixed ray a plane moved by m = dt + w x arm carries the point -g . m along its axis r,
+    g = r - normal (r . ray) / (normal . ray); in the marker's axes g and arm are plain.
     """
-    r_n, r_e, normal = pose.R[:, 0], pose.R[:, 1], pose.normal
-    ray = np.column_stack([rays, np.ones(len(rays))])
-    across = ray @ normal
-    q = ray * ((normal @ pose.t) / across)[:, None] - pose.t
-    along = slope_n * (ray @ r_n) + slope_e * (ray @ r_e)
-    g = np.outer(slope_n, r_n) + np.outer(slope_e, r_e) - np.outer(along / across, normal)
-    return -np.hstack([g, np.cross(q, g)])
+    t = pose.R.T @ pose.t
+    lift = (slope_n * (north + t[0]) + slope_e * (east + t[1])) / t[2]
+    np.negative(slope_n, out=out[0])
+    np.negative(slope_e, out=out[1])
+    out[2] = lift
+    np.multiply(east, lift, out=out[3])
+    np.multiply(north, -lift, out=out[4])
+    np.subtract(east * slope_n, north * slope_e, out=out[5])
 
 
 def _lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int], step: int) -> F64:
-    """Return the rays (rows * columns, 2) of a grid of pixels.
+    """Return the homogeneous rays (3, rows * columns) of a grid of pixels.
 
     The lens's map is smooth: it is computed at a few nodes and interpolated by polynomials.
     """
-    weights, nodes = [], []
+    nodes, weights = [], []
     for first, n in zip(low, size, strict=True):
         centres = first + (np.arange(n) + 0.5) * step - 0.5
-        node = np.linspace(centres[0], centres[-1], _LENS_NODES)
-        nodes.append(node)
-        weights.append(_lagrange(node, centres))
+        nodes.append(np.linspace(centres[0], centres[-1], _LENS_NODES))
+        weights.append(_lagrange(np.linspace(-1.0, 1.0, n)))
     gx, gy = np.meshgrid(nodes[0], nodes[1])
     at = camera.rays(np.column_stack([gx.ravel(), gy.ravel()])).T.reshape(2, *gx.shape)
-    grid = weights[1] @ at @ weights[0].T
-    return np.ascontiguousarray(grid.reshape(2, -1).T)
+    rays = np.ones((3, size[0] * size[1]))
+    rays[:2] = (weights[1] @ at @ weights[0].T).reshape(2, -1)
+    return rays
 
 
-def _lagrange(nodes: F64, x: F64) -> F64:
-    """Return the weights (len(x), len(nodes)) of polynomial interpolation."""
-    weights = np.ones((len(x), len(nodes)))
-    for j in range(len(nodes)):
-        for k in range(len(nodes)):
-            if k != j:
-                weights[:, j] *= (x - nodes[k]) / (nodes[j] - nodes[k])
+def _lagrange(x: F64) -> F64:
+    """Return the weights (len(x), nodes) of polynomial interpolation from nodes on [-1, 1]."""
+    powers = np.vander(np.linspace(-1.0, 1.0, _LENS_NODES), increasing=True)
+    weights: F64 = np.vander(x, _LENS_NODES, increasing=True) @ np.asarray(np.linalg.inv(powers))
     return weights
 
 

@@ -9,8 +9,9 @@ from landerd.camera_model import F64, CameraModel
 from landerd.config import VisionSection
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import PadLayout, Ring
-from landerd.vision.pad_pose import Measured, measured_ring, pad_poses, with_gravity
-from landerd.vision.pose import rotation_from, solution
+from landerd.vision.choice import Candidate, choose
+from landerd.vision.pad_pose import Measured, measured_ring, with_gravity
+from landerd.vision.pose import circle, rotation_from, solution
 from landerd.vision.square import FoundSquare, Image, SquareFinder, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import poses_from_corners, square_points
@@ -19,7 +20,9 @@ from landerd.vision.window import Window
 
 _CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 _MEMORY_S = 0.5  # a sighting older than this says nothing about the next frame
-_SEARCH_SIDE_PX = 40.0  # squares are searched at about this size
+_SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched at about this
+_SMALLEST_SIDE_PX = 14.0  # and at least this size
+_MOST_ALIKE = 3  # rings looked at for one ring of the pad
 _LARGEST_SCALE = 4.0
 _TURN_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
 _CREEP_MPS = 2.0  # and how fast its distance may change
@@ -87,23 +90,21 @@ class Vision:
         prior = prior or Prior()
         expected = self._expectation(frame.t, prior)
         rings = self._rings(image, prior, expected)
-        squares = self._squares(image, rings, expected)
-
-        markers: list[MarkerSighting] = []
-        measured: list[Measured] = []
-        for ring, sighting in rings:
-            markers.append(sighting)
-            measured.append(measured_ring(ring.position_m, sighting.solutions))
-        for found in squares:
-            self._add_square(image, found, prior, markers, measured)
-        pad = tuple(
-            s
-            for s in pad_poses(measured, prior.pad.north if prior.pad else None, prior.down)
-            if self._is_certain(s)
-        )
+        candidates = [
+            Candidate(ring, s, measured_ring(ring.position_m, s.solutions)) for ring, s in rings
+        ]
+        for found in self._squares(image, rings, expected):
+            candidate = self._square(image, found, prior)
+            if candidate is not None:
+                candidates.append(candidate)
+        where = None if expected is None else expected.position
+        chosen, poses = choose(candidates, self._layout, self._camera, prior, where)
+        others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
+        markers = tuple(c.sighting for c in chosen + others)
+        pad = tuple(s for s in poses if self._is_certain(s))
         if pad:
             self._last = (frame.t, pad[0])
-        return Sightings(frame.t, frame.seq, tuple(markers), pad)
+        return Sightings(frame.t, frame.seq, markers, pad)
 
     def _expectation(self, t: float, prior: Prior) -> _Expected | None:
         last = self._last
@@ -133,13 +134,13 @@ class Vision:
     def _rings(
         self, image: Image, prior: Prior, expected: _Expected | None
     ) -> list[tuple[Ring, MarkerSighting]]:
-        """Return the best sighting of each ring of the pad that is in the image."""
-        found = []
+        """Return what may be the pad's rings, of each the nearest few."""
+        found: list[tuple[Ring, MarkerSighting]] = []
         for ring in self._layout.rings:
             r = 0.5 * ring.outer_diameter_m
             points = None
             if expected is not None:
-                points = expected.points(ring.position_m, _circle(r))
+                points = expected.points(ring.position_m, circle(r))
             sightings: list[MarkerSighting] = []
             if expected is not None and points is not None:
                 window = self._window(points, expected)
@@ -162,8 +163,7 @@ class Vision:
                     down=prior.down,
                     expected_diameter_px=None,
                 )
-            if sightings:
-                found.append((ring, min(sightings, key=lambda s: s.solutions[0].cost)))
+            found += [(ring, s) for s in sightings[:_MOST_ALIKE]]
         return found
 
     def _squares(
@@ -197,7 +197,9 @@ class Vision:
             if window is not None:
                 scale = self._search_scale(size, expected.position, expected.normal)
                 found += [
-                    f for f in self._finder.find(image, window, scale) if f.square.size_m == size
+                    f
+                    for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
+                    if f.square.size_m == size
                 ]
         return found
 
@@ -215,13 +217,15 @@ class Vision:
                 if s.size_m == size
             )
             about = _Expected(position, normal, None, 0.0, 4.0)
-            points = about.points((0.0, 0.0), _circle(reach + 0.75 * size))
+            points = about.points((0.0, 0.0), circle(reach + 0.75 * size))
             assert points is not None
             window = self._window(points, about)
             if window is not None:
                 scale = self._search_scale(size, position, normal)
                 found += [
-                    f for f in self._finder.find(image, window, scale) if f.square.size_m == size
+                    f
+                    for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
+                    if f.square.size_m == size
                 ]
         return found
 
@@ -247,26 +251,22 @@ class Vision:
             return None
         return Window(int(x0), int(y0), int(x1), int(y1))
 
-    def _add_square(
-        self,
-        image: Image,
-        found: FoundSquare,
-        prior: Prior,
-        markers: list[MarkerSighting],
-        measured: list[Measured],
-    ) -> None:
+    def _square(self, image: Image, found: FoundSquare, prior: Prior) -> Candidate | None:
+        """Return a square with its pose; None if that is too uncertain."""
         square = found.square
         poses = poses_from_corners(found.corners, square.size_m, self._camera, _CORNER_SIGMA_PX)
         poses = self._prints[square].refined(image, self._camera, poses)
         poses = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in poses if (s := solution(p)) and self._is_certain(s))
         if not solutions:
-            return
+            return None
         corners = poses[0].t + square_points(square.size_m) @ poses[0].R[:, :2].T
         outline = tuple((float(x), float(y)) for x, y in self._camera.pixels(corners))
-        markers.append(MarkerSighting(square.kind, square.id, solutions, outline))
+        sighting = MarkerSighting(square.kind, square.id, solutions, outline)
         place = np.array([*square.position_m, 0.0])
-        measured.append(Measured(place, math.radians(square.heading_deg), tuple(poses)))
+        return Candidate(
+            square, sighting, Measured(place, math.radians(square.heading_deg), tuple(poses))
+        )
 
     def _is_certain(self, s: PoseSolution) -> bool:
         variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]
@@ -277,12 +277,6 @@ def _any_across(normal: F64) -> F64:
     """Return some direction that is not along the normal."""
     across: F64 = np.eye(3)[int(np.argmin(np.abs(normal)))]
     return across
-
-
-def _circle(radius: float) -> F64:
-    angles = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
-    circle: F64 = radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    return circle
 
 
 def _turned(points: F64, heading_deg: float) -> F64:

@@ -1,0 +1,132 @@
+"""Which of the markers found belong to one pad.
+
+An image may hold look-alikes, a marker twice, or one ring that could be either of two that differ
+only in size. Those are taken that agree on one pose of the pad.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.camera_model import F64, CameraModel
+from landerd.messages import MarkerSighting, PoseSolution, Prior
+from landerd.pad import PadLayout, Ring, Square
+from landerd.vision.pad_pose import Measured, pad_poses
+from landerd.vision.pose import circle, rotation_from
+
+_SEEDS = 6
+_AGREE = 30.0  # chi-square that one more marker may add
+_SEEN_PX = 16.0  # a ring this wide and wholly in the image would have been found
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A marker of the pad, if what was found is that marker."""
+
+    marker: Ring | Square
+    sighting: MarkerSighting
+    measured: Measured
+
+
+def choose(
+    candidates: list[Candidate],
+    layout: PadLayout,
+    camera: CameraModel,
+    prior: Prior,
+    expected: F64 | None,
+) -> tuple[list[Candidate], list[PoseSolution]]:
+    """Return the candidates that agree on one pad, and the pad's poses, best first.
+
+    Args:
+        candidates: all that were found; the same marker or outline may be there twice.
+        layout: the pad.
+        camera: the lens.
+        prior: gravity, and the pad's north where the markers leave it open.
+        expected: landing point where it should be, (3,); of several pads the nearest is taken.
+    """
+    if _no_two_alike(candidates):
+        poses = _poses(candidates, prior)
+        if len(candidates) < 2 or _agree(poses, len(candidates)):
+            return candidates, poses
+    best: tuple[list[Candidate], list[PoseSolution]] = ([], [])
+    best_score: tuple[float, bool, float] | None = None
+    for seed in sorted(candidates, key=_uncertainty)[:_SEEDS]:
+        group, poses = _grown(seed, candidates, prior)
+        if not poses:
+            continue
+        off = 0.0 if expected is None else float(np.linalg.norm(expected - poses[0].position))
+        decoded = any(c.sighting.id is not None for c in group)
+        missing = 0 if decoded else _missing(group, poses[0], layout, camera)
+        score = (float(len(group) - missing), decoded, -off)
+        if best_score is None or score > best_score:
+            best, best_score = (group, poses), score
+    return best
+
+
+def _grown(
+    seed: Candidate, candidates: list[Candidate], prior: Prior
+) -> tuple[list[Candidate], list[PoseSolution]]:
+    """Add to a seed what agrees with it."""
+    group, poses = [seed], _poses([seed], prior)
+    for other in sorted(candidates, key=_uncertainty):
+        if not _no_two_alike([*group, other]):
+            continue
+        joint = _poses([*group, other], prior)
+        if _agree(joint, len(group) + 1):
+            group, poses = [*group, other], joint
+    return group, poses
+
+
+def _poses(candidates: list[Candidate], prior: Prior) -> list[PoseSolution]:
+    north = prior.pad.north if prior.pad else None
+    return pad_poses([c.measured for c in candidates], north, prior.down)
+
+
+def _agree(poses: list[PoseSolution], markers: int) -> bool:
+    return bool(poses) and poses[0].cost < _AGREE * (markers - 1)
+
+
+def _no_two_alike(candidates: list[Candidate]) -> bool:
+    """Tell whether no marker and no outline is there twice."""
+    for i, a in enumerate(candidates):
+        for b in candidates[:i]:
+            if a.marker == b.marker or _same_outline(a.sighting, b.sighting):
+                return False
+    return True
+
+
+def _same_outline(a: MarkerSighting, b: MarkerSighting) -> bool:
+    p, q = np.array(a.outline_px), np.array(b.outline_px)
+    sizes = np.ptp(p, axis=0).max(), np.ptp(q, axis=0).max()
+    apart = np.linalg.norm((p.min(axis=0) + p.max(axis=0) - q.min(axis=0) - q.max(axis=0)) / 2.0)
+    return bool(apart < 0.2 * min(sizes) and max(sizes) < 1.3 * min(sizes))
+
+
+def _uncertainty(candidate: Candidate) -> float:
+    """Return a key that puts what is decoded first, then the larger in the image."""
+    undecoded = 0.0 if candidate.sighting.id is not None else 1e9
+    return undecoded - float(np.ptp(np.array(candidate.sighting.outline_px), axis=0).max())
+
+
+def _missing(
+    group: list[Candidate], pad: PoseSolution, layout: PadLayout, camera: CameraModel
+) -> int:
+    """Count the rings that should be seen with a pad at this pose, but are not in the group."""
+    missing = 0
+    normal = np.array(pad.normal)
+    for ring in layout.rings:
+        if any(c.marker == ring for c in group):
+            continue
+        if pad.north is None and ring.position_m != (0.0, 0.0):
+            continue
+        north = np.array(pad.north) if pad.north is not None else normal[[1, 2, 0]]
+        R = rotation_from(normal, north)
+        points = np.array(pad.position) + (
+            circle(0.5 * ring.outer_diameter_m) + np.array(ring.position_m)
+        ) @ (R[:, :2].T)
+        if points[:, 2].min() < 0.05:
+            continue
+        px = camera.pixels(points)
+        inside = px.min() > 0 and bool((px < (camera.width - 1, camera.height - 1)).all())
+        missing += inside and float(np.ptp(px, axis=0).min()) > _SEEN_PX
+    return missing
