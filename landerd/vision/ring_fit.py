@@ -1,8 +1,8 @@
 """Fit of a ring's pose to the grey levels near its two edges.
 
 The model of a pixel: its ray meets the pad's plane at a distance rho from the ring's centre; the
-edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian that may be
-longer one way than the other (motion). Gauss-Newton on centre, normal, blur, levels and light
+edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian and, where
+asked for, by straight motion. Gauss-Newton on centre, normal, blur, motion, levels and light
 gradient, with weights against what the model leaves out (occlusion, the plate's edge). Distances
 are exact in the pad's plane, so neither perspective nor lens distortion bends them; two
 corrections of second order make up for measuring them in pixels.
@@ -23,7 +23,9 @@ from landerd.vision.ring_pose import F64, Pose, tangents
 U8 = NDArray[np.uint8]
 
 _MOST = 640  # pixels in a fit
-_PARAMETERS = 13  # centre 3, normal 2, blur 3, levels 3, light gradient 2
+_PARAMETERS = 13  # centre 3, normal 2, blur 1, motion 2, levels 3, light gradient 2
+_MOST_STEPS = 6
+_ENOUGH = 0.05  # expected gain of chi-square by another step that is not worth it
 _MIN_BLUR, _MAX_BLUR = 0.2, 12.0  # px
 _FINE_PX = 36.0  # below this size the edges bend within a pixel: see fit_ring
 _SPREAD_PX = 0.4  # of those places from the pixel's centre, along x and y
@@ -34,7 +36,7 @@ _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 
 @dataclass(frozen=True)
 class Pixels:
-    """Grey levels, the rays (x, y) on z = 1 on which they were seen, and their weights, all (n,)."""
+    """Grey levels, rays (x, y) on z = 1 on which they were seen, and weights, all (n,)."""
 
     x: F64
     y: F64
@@ -50,7 +52,8 @@ class RingFit:
 
     position: F64  # (3,), m
     normal: F64  # (3,), unit, away from the camera
-    blur: F64  # (3,): xx, yy, xy of the blur's covariance, px^2
+    blur_px: float  # sigma
+    motion_px: F64  # (2,) path of the image during exposure; its sign is arbitrary
     inside: float
     black: float
     outside: float
@@ -66,12 +69,6 @@ class RingFit:
     def contrast(self) -> float:
         """Step from black to white, grey levels: the smaller of both edges."""
         return min(self.inside, self.outside) - self.black
-
-    @property
-    def blur_px(self) -> float:
-        """Sigma of the blur along its longer axis, px."""
-        xx, yy, xy = (float(v) for v in self.blur)
-        return math.sqrt((xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy))
 
 
 def edge_pixels(camera: CameraModel, pose: Pose, radius: float, count: int = 48) -> F64:
@@ -199,45 +196,64 @@ def fit_ring(
     starts: Sequence[Pose],
     radius: float,
     ratio: float,
-    iterations: int,
     blur_px: float,
+    motion_px: Sequence[F64] | None = None,
 ) -> list[RingFit]:
-    """Return the fits from starts within about two pixels, best first; failed ones are left out."""
-    x, y, grey = pixels.x, pixels.y, pixels.grey
+    """Return the fits from starts within about two pixels, best first; failed ones are left out.
+
+    `motion_px` gives a first path (2,) of the image during exposure for every start; None: the
+    image stood still.
+    """
+    grey = pixels.grey
     count, n = len(starts), len(grey)
     t = np.array([p for p, _ in starts])
     normal = np.array([v for _, v in starts])
     ordered = np.sort(grey)
     white, black = float(ordered[-1 - n // 8]), float(ordered[n // 8])
-    p = np.tile([blur_px**2, blur_px**2, 0.0, white, black, white, 0.0, 0.0], (count, 1))
+    p = np.tile([blur_px**2, 0.0, 0.0, white, black, white, 0.0, 0.0], (count, 1))
     inner = radius * ratio
-    # Small rings bend within the blur. A Gaussian is nearly the mean of four narrower ones set
-    # square around it, and for those the edges are straight enough.
-    parts, spread = (4, _SPREAD_PX) if pixels.fine else (1, 0.0)
-    if parts > 1:
-        shift = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]) * (spread / pixels.focal)
-        x = (x + shift[0][:, None]).ravel()
-        y = (y + shift[1][:, None]).ravel()
+    spread = 0.0
+    along = np.zeros(1)
+    if motion_px is not None:
+        p[:, 1:3] = motion_px
+        parts = int(min(max(np.hypot(*p[:, 1:3].T).max() / 1.3, 3.0), 9.0))
+        along = (np.arange(parts) + 0.5) / parts - 0.5
+    elif pixels.fine:
+        # Small rings bend within the blur. A Gaussian is nearly the mean of four narrower ones
+        # set square around it, and for those the edges are straight enough.
+        spread = _SPREAD_PX
+        along = np.zeros(4)
+    parts = len(along)
+    corner = spread * np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]])[:, :parts]
+    share = np.repeat(along, n)
     J = np.empty((count, _PARAMETERS + 1, parts * n))
     diagonal = np.arange(_PARAMETERS)
     bends: tuple[F64, F64] | None = None
-    for i in range(iterations + 1):
+    x, y = pixels.x, pixels.y
+    for i in range(_MOST_STEPS + 1):
+        last = i == _MOST_STEPS
+        if parts > 1 and (i == 0 or motion_px is not None):
+            shift = (
+                p[:, 1:3, None] * along + corner[:, : 1 if motion_px is not None else parts]
+            ) / (pixels.focal)
+            x = (pixels.x + shift[:, 0, :, None]).reshape(count, -1)
+            y = (pixels.y + shift[:, 1, :, None]).reshape(count, -1)
         g = _Geometry(x, y, pixels.focal, t, normal)
-        if bends is None or i == iterations - 1:
-            bends = g.bends(normal)
-        curvature, bent = bends
         wx, wy = g.across
-        sxx, syy, sxy, inside, dark, outside, slope_x, slope_y = (p[:, k : k + 1] for k in range(8))
-        wxx, wyy, wxy = wx * wx, wy * wy, 2.0 * wx * wy
-        along = sxx * wxx + syy * wyy + sxy * wxy
-        s = np.sqrt(np.maximum(along - spread**2, _MIN_BLUR**2))
+        square, inside, dark, outside, slope_x, slope_y = (
+            p[:, k : k + 1] for k in (0, 3, 4, 5, 6, 7)
+        )
+        s = np.sqrt(np.maximum(square - spread**2, _MIN_BLUR**2))
         if pixels.fine:
             d_o, c_o = g.edge(radius, t, normal)
             d_i, c_i = g.edge(inner, t, normal)
         else:
+            if bends is None:
+                bends = g.bends(normal)
+            c_o, bent = bends
+            c_i = c_o
             d_o, d_i = (g.rho - radius) / g.scale, (g.rho - inner) / g.scale
             d_o, d_i = d_o - bent * d_o * d_o, d_i - bent * d_i * d_i
-            c_o = c_i = curvature
         f_o, p_o = _step(d_o / s + 0.5 * s * c_o)
         f_i, p_i = _step(d_i / s + 0.5 * s * c_i)
         X = (x - t[:, 0:1] / t[:, 2:3]) * (t[:, 2:3] / radius)
@@ -247,7 +263,8 @@ def fit_ring(
         model = light * base
         s_o = light * (outside - dark) * p_o / s
         s_i = light * (dark - inside) * p_i / s
-        D = (s_o + s_i) / g.scale
+        steep = s_o + s_i
+        D = steep / g.scale
         Da = D * g.a
         for k in range(3):
             J[:, k] = Da * normal[:, k : k + 1] - D * g.u[k]
@@ -256,21 +273,22 @@ def fit_ring(
         for k in range(2):
             ek = np.array([pair[k] for pair in e])
             J[:, 3 + k] = Da * (g.u[0] * ek[:, 0:1] + g.u[1] * ek[:, 1:2] + g.u[2] * ek[:, 2:3])
-        by_variance = -(s_o * d_o + s_i * d_i) / (2.0 * s * s)
-        J[:, 5] = by_variance * wxx
-        J[:, 6] = by_variance * wyy
-        J[:, 7] = by_variance * wxy
+        J[:, 5] = (s_o * d_o + s_i * d_i) / (-2.0 * s * s)
+        if motion_px is None:
+            J[:, 6:8] = 0.0
+        else:
+            J[:, 6] = steep * wx * share
+            J[:, 7] = steep * wy * share
         J[:, 8] = light * (1.0 - f_i)
         J[:, 9] = light * (f_i - f_o)
         J[:, 10] = light * f_o
         J[:, 11] = base * X
         J[:, 12] = base * Y
         J[:, 13] = s_i / (-g.scale)  # of the inner radius: only the judgement uses it
+        rows = J
         if parts > 1:
             model = model.reshape(count, parts, n).mean(axis=1)
             rows = J.reshape(count, _PARAMETERS + 1, parts, n).mean(axis=2)
-        else:
-            rows = J
         residual = grey - model
         noise = np.maximum(1.4826 * np.median(np.abs(residual), axis=1, keepdims=True), 0.5)
         u = (residual / (3.0 * noise)) ** 2
@@ -279,12 +297,15 @@ def fit_ring(
         H = weighted @ rows.transpose(0, 2, 1)
         b = (weighted @ residual[:, :, None])[:, :, 0]
         _add_priors(H, b, p, noise[:, 0])
-        if i == iterations:
+        if last:
             break
         A = H[:, :_PARAMETERS, :_PARAMETERS].copy()
         # A limit to the step, not a prior: near frontal view the tilt is hardly seen.
         A[:, diagonal[3:5], diagonal[3:5]] += noise * noise / 0.2**2
         step = np.linalg.solve(A, b[:, :_PARAMETERS, None])[:, :, 0]
+        gain = (step * b[:, :_PARAMETERS]).sum(axis=1) / (noise[:, 0] ** 2)
+        if float(gain.max()) < _ENOUGH:
+            break
         depth = t[:, 2]
         aside = step[:, :2] - t[:, :2] * (step[:, 2] / depth)[:, None]
         ease = np.minimum(1.0, 0.25 * depth / np.maximum(np.abs(step[:, 2]), 1e-9))
@@ -296,9 +317,8 @@ def fit_ring(
         )
         normal /= np.sqrt((normal * normal).sum(axis=1))[:, None]
         p = p + step[:, 5:]
-        p[:, :2] = np.clip(p[:, :2], _MIN_BLUR**2, _MAX_BLUR**2)
-        most = 0.95 * np.sqrt(p[:, 0] * p[:, 1])
-        p[:, 2] = np.clip(p[:, 2], -most, most)
+        p[:, 0] = np.clip(p[:, 0], _MIN_BLUR**2, _MAX_BLUR**2)
+        p[:, 1:3] = np.clip(p[:, 1:3], -30.0, 30.0)
     fits = []
     least = float(noise.min())
     for k in range(count):
@@ -313,7 +333,8 @@ def fit_ring(
             RingFit(
                 position=t[k],
                 normal=normal[k],
-                blur=p[k, :3],
+                blur_px=math.sqrt(float(p[k, 0])),
+                motion_px=p[k, 1:3],
                 inside=float(p[k, 3]),
                 black=float(p[k, 4]),
                 outside=float(p[k, 5]),
@@ -334,7 +355,7 @@ def _add_priors(H: F64, b: F64, p: F64, noise: F64) -> None:
     """Add what is known besides the pixels to the normal equations, in place.
 
     Paper is equally white inside and around (to 6 %): far away little is seen of the surroundings.
-    Blur is round to about 0.3 px^2 unless the pixels say otherwise. Tilts span about a radian.
+    Motion is below 30 px. Tilts span about a radian.
     """
     variance = noise * noise
     tie = variance / (0.06 * np.maximum(p[:, 3], 10.0)) ** 2
@@ -349,5 +370,7 @@ def _add_priors(H: F64, b: F64, p: F64, noise: F64) -> None:
     H[:, 5, 5] += 1e-3 * variance
     H[:, 6, 6] += 1e-3 * variance
     H[:, 7, 7] += 1e-3 * variance
+    b[:, 6] -= 1e-3 * variance * p[:, 1]
+    b[:, 7] -= 1e-3 * variance * p[:, 2]
     H[:, 11, 11] += variance
     H[:, 12, 12] += variance

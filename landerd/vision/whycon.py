@@ -109,7 +109,7 @@ def _rough_fit(level: _Level, candidate: Ellipse, ring: Ring) -> RingFit | None:
     if poses is None:
         return None
     pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0)
-    fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 3, 1.0)
+    fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 1.0)
     return fits[0] if fits and fits[0].contrast > 10.0 else None
 
 
@@ -124,7 +124,7 @@ def _fit_both(
     pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur))
     if pixels is None or other is None:
         return []
-    fits = fit_ring(pixels, (start, other), radius, ratio, 3, blur)
+    fits = fit_ring(pixels, (start, other), radius, ratio, blur)
     return fits if fits and _is_ring(fits[0], ratio) else []
 
 

@@ -270,9 +270,13 @@ def _exact_rays(camera: CameraModel, pixels: F64) -> F64:
     """Undistort (n, 2) pixels by Newton-like iteration to convergence on camera.pixels."""
     centre, focal = np.array([camera.cx, camera.cy]), np.array([camera.fx, camera.fy])
     rays = (pixels - centre) / focal
-    for _ in range(30 if camera.distortion else 0):
-        seen = camera.pixels(np.column_stack([rays, np.ones(len(rays))]))
-        rays = rays + (pixels - seen) / focal
+    if camera.distortion:
+        rays = camera.rays(pixels)
+        for _ in range(20):
+            seen = camera.pixels(np.column_stack([rays, np.ones(len(rays))]))
+            rays = rays + (pixels - seen) / focal
+            if float(np.abs(pixels - seen).max()) < 1e-6:
+                break
     return cast(F64, rays)
 
 
@@ -281,7 +285,7 @@ def _light(optics: Optics, x: F32, y: F32) -> F32:
     if optics.shadow is not None:
         (px, py), (nx, ny) = optics.shadow.point_px, optics.shadow.normal
         # A penumbra of about two pixels, as the sun's disc gives.
-        side = 1.0 / (1.0 + np.exp(-((x - px) * nx + (y - py) * ny) * 2.0))
+        side = 0.5 + 0.5 * np.tanh((x - px) * nx + (y - py) * ny)
         light = light * (1.0 - (1.0 - optics.shadow.factor) * side)
     return cast(F32, light.astype(np.float32))
 
@@ -433,7 +437,7 @@ def marker_cells(marker: Square) -> NDArray[np.bool_]:
     n = dictionary.markerSize + 2
     cells = cv2.aruco.generateImageMarker(dictionary, marker.id, n, borderBits=1) > 127
     # OpenCV draws AprilTags upside down against the AprilTag project's prints.
-    return cast(NDArray[np.bool_], np.rot90(cells, 2) if marker.kind == "apriltag" else cells)
+    return np.rot90(cells, 2) if marker.kind == "apriltag" else cells
 
 
 def _bilinear(grid: F64, sx: F64, sy: F64) -> F64:
