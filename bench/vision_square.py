@@ -6,6 +6,7 @@ the next frame, and with the AprilTag 3 library beside it where pupil-apriltags 
 """
 
 import argparse
+import importlib
 import math
 import time
 from collections.abc import Callable
@@ -129,10 +130,10 @@ def _view(rng: np.random.Generator, distance: float, angle: float) -> View:
 
 def _peer() -> Search | None:
     try:
-        from pupil_apriltags import Detector
+        library = importlib.import_module("pupil_apriltags")
     except ImportError:
         return None
-    detector = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
+    detector = library.Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
 
     def search(image: np.ndarray) -> F64 | None:
         for found in detector.detect(image):

@@ -96,16 +96,13 @@ def test_the_more_certain_marker_counts_more() -> None:
 
 
 def seen(layout: PadLayout, view: View, hide: set[int]) -> Sightings:
-    """Return what a pad shows with some of its squares painted over."""
+    """Return what a pad with some of its squares painted over shows in its second frame."""
     left = tuple(m for m in layout.markers if not (isinstance(m, Square) and m.id in hide))
-    image = render(
-        view,
-        CAMERA,
-        Optics(),
-        np.random.default_rng(5),
-        layout.model_copy(update={"markers": left}),
-    )
-    return Vision(layout, CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+    painted = layout.model_copy(update={"markers": left})
+    image = render(view, CAMERA, Optics(), np.random.default_rng(5), painted)
+    vision = Vision(layout, CAMERA, VisionSection())
+    vision.process(Frame(0.0, 0, image))
+    return vision.process(Frame(0.03, 1, image))
 
 
 def sigmas_apart(a: PoseSolution, b: PoseSolution) -> float:
