@@ -8,7 +8,8 @@ import numpy as np
 
 from hw.sim.options import SimCameraOptions
 from hw.sim.renderer import Renderer
-from hw.sim.snapshot import Snapshot
+from hw.sim.snapshot import CameraPose, Snapshot
+from landerd.geometry import add, sub
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
 
@@ -21,6 +22,7 @@ class CameraFaults:
     frozen: bool = False  # the last picture is delivered again, with its old time
     wrong_size: bool = False
     wrong_type: bool = False  # pictures of 16 bits
+    not_a_number: bool = False  # pictures of NaN
     time_ahead_s: float = 0.0  # time stamps lie in the future
     disconnected: bool = False
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
@@ -85,7 +87,11 @@ class SimCamera:
         half = 0.5 * self._options.exposure_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
         image = self._renderer.render(
-            self._seq, start.camera, end.camera, middle.pad, middle.vehicle
+            self._seq,
+            _beside_pad(start, middle),
+            _beside_pad(end, middle),
+            middle.pad,
+            middle.vehicle,
         )
         faults = self.faults
         stamp = t + self._options.clock_offset_s + faults.time_ahead_s
@@ -93,7 +99,18 @@ class SimCamera:
             return Frame(stamp, self._seq, image[::2, ::2])
         if faults.wrong_type:
             return Frame(stamp, self._seq, image.astype(np.uint16))
+        if faults.not_a_number:
+            return Frame(stamp, self._seq, np.full(image.shape, np.nan))
         self._last = Frame(stamp, self._seq, image)
         if self._delivered is not None and faults.time_ahead_s == 0.0:
             self._delivered(self._last, middle)
         return self._last
+
+
+def _beside_pad(then: Snapshot, now: Snapshot) -> CameraPose:
+    """Return the camera's pose at another time, carried along with the pad to where it is now.
+
+    The renderer lets the pad stand still; a camera that keeps pace with a moving one sees it sharp.
+    """
+    way = sub(now.pad.position, then.pad.position)
+    return CameraPose(add(then.camera.position, way), then.camera.R_local_camera)

@@ -1,7 +1,7 @@
 """Textured ground to the horizon, and the sky above it. Background: half resolution will do."""
 
 import math
-from typing import Literal
+from typing import Literal, cast
 
 import cv2
 import numpy as np
@@ -39,11 +39,13 @@ class Ground:
         field = np.fft.irfft2(spectrum).astype(np.float32)
         field *= np.float32(deviation / field.std())
         field += np.float32(mean)
-        self._levels = [np.clip(field, 5, 250).astype(np.uint8)]
-        for _ in range(LEVELS - 1):
-            size = self._levels[-1].shape[0] // 2
-            smaller = cv2.resize(self._levels[-1], (size, size), interpolation=cv2.INTER_AREA)
-            self._levels.append(smaller.astype(np.uint8))
+        tile = np.clip(field, 5, 250).astype(np.uint8)
+        self._levels = []
+        for level in range(LEVELS):
+            # Repeated, because samples beyond the texture's border are slow.
+            self._levels.append(np.tile(tile, (2 ** max(level, 1),) * 2))
+            size = (tile.shape[0] // 2,) * 2
+            tile = cast(U8, cv2.resize(tile, size, interpolation=cv2.INTER_AREA))
 
     def draw(self, to_ground: F64 | None) -> U8:
         """Return the picture (rows, columns) for a ray-to-ground matrix of `plane_homography`.
@@ -70,8 +72,9 @@ class Ground:
             centre[2] = max(centre[2], LEAST_DESCENT)
             level = level_of_detail(H, centre[2], pitch, TEXEL_M, LEVELS)
             texel = TEXEL_M * 2**level
-            # Whole tiles off the coordinates keep them small enough for single precision.
-            north, east = np.floor(centre[:2] / centre[2] / tile_m) * tile_m
+            # Whole tiles off the coordinates bring them to the middle of the repeated texture.
+            middle_m = texel * self._levels[level].shape[0] / 2
+            north, east = np.round((centre[:2] / centre[2] - middle_m) / tile_m) * tile_m
             to_texels = np.array(
                 [
                     [0.0, 1 / texel, -east / texel - 0.5],

@@ -44,20 +44,15 @@ class Shadow:
 
 def draw_legs(image: U8, frustum: Frustum, pose: CameraPose, vehicle: VehiclePose) -> None:
     """Draw the legs, thick dark lines with rounded feet, into image."""
-    polygons = []
     points = in_camera(pose, _in_local(vehicle, np.concatenate(_legs(vehicle))))
-    for hip, foot in zip(points[:4], points[4:], strict=True):
-        # Seen from the lens, a thin rod is the flat strip across the line of sight.
-        across = np.cross(hip, foot)
-        length = float(np.linalg.norm(across))
-        if length < 1e-9:
-            continue
-        across /= length
-        r = LEG_RADIUS_M * across
-        polygons.append(np.stack([hip - r, hip + r, foot + r, foot - r]))
-        second = np.cross(across, foot / np.linalg.norm(foot))
-        polygons.append(foot + FOOT_RADIUS_M * (_OCTAGON @ np.stack([across, second])))
-    for outline in frustum.outlines(polygons):
+    hips, feet = points[:4], points[4:]
+    # Seen from the lens, a thin rod is the flat strip across the line of sight, a ball a disc.
+    across = _unit(np.cross(hips, feet))
+    second = _unit(np.cross(across, feet))
+    r = LEG_RADIUS_M * across
+    rods = np.stack([hips - r, hips + r, feet + r, feet - r], axis=1)
+    discs = feet[:, None] + FOOT_RADIUS_M * (_OCTAGON @ np.stack([across, second], axis=1))
+    for outline in frustum.outlines([*rods, *discs]):
         fill(image, outline, LEG_GREY)
 
 
@@ -88,11 +83,10 @@ def vehicle_shadow(
     discs = [hub + ROTOR_RADIUS_M * flat for hub in hubs] + [HULL_RADIUS_M * flat]
     hips, feet = _legs(vehicle)
     ends = thrown(np.concatenate([*discs, hubs, hips, feet]))
-    outlines = list(np.split(ends[:40], 5))
     hub, hip, tip = np.split(ends[40:], 3)
-    hull = outlines[4].mean(axis=0)
-    outlines += [_strip(hull, h, ARM_RADIUS_M) for h in hub]
-    outlines += [_strip(a, b, LEG_RADIUS_M) for a, b in zip(hip, tip, strict=True)]
+    hull = np.broadcast_to(ends[32:40].mean(axis=0), hub.shape)
+    discs = list(np.split(ends[:40], 5))
+    outlines = [*discs, *_strips(hull, hub, ARM_RADIUS_M), *_strips(hip, tip, LEG_RADIUS_M)]
     sizes = np.cumsum([len(o) for o in outlines])[:-1]
     stacked = np.concatenate(outlines)
     local = np.column_stack([stacked, np.zeros(len(stacked))]) @ to_plane
@@ -143,8 +137,14 @@ def _in_local(vehicle: VehiclePose, points: F64) -> F64:
     return cast(F64, points @ matrix(vehicle.R_local_body).T + np.array(vehicle.position))
 
 
-def _strip(a: F64, b: F64, radius: float) -> F64:
-    """Rectangle (4, 2) of width 2 radius from a to b."""
-    along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
-    r = radius * np.array([-along[1], along[0]])
-    return np.stack([a - r, a + r, b + r, b - r])
+def _strips(a: F64, b: F64, radius: float) -> F64:
+    """Rectangles (n, 4, 2) of width 2 radius from a to b (n, 2)."""
+    along = _unit(b - a)
+    r = radius * np.column_stack([-along[:, 1], along[:, 0]])
+    return np.stack([a - r, a + r, b + r, b - r], axis=1)
+
+
+def _unit(vectors: F64) -> F64:
+    """Scale vectors (n, k) to length 1; those of no length stay."""
+    lengths = np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
+    return cast(F64, vectors / np.maximum(lengths, 1e-12))
