@@ -22,10 +22,8 @@ from landerd.vision.ring_pose import F64, Pose, tangents
 
 U8 = NDArray[np.uint8]
 
-_MOST = 640  # pixels in a fit
 _PARAMETERS = 13  # centre 3, normal 2, blur 1, motion 2, levels 3, light gradient 2
-_MOST_STEPS = 6
-_ENOUGH = 0.05  # expected gain of chi-square by another step that is not worth it
+_ENOUGH = 0.2  # expected gain of chi-square by another step that is not worth it
 _MIN_BLUR, _MAX_BLUR = 0.2, 12.0  # px
 _FINE_PX = 36.0  # below this size the edges bend within a pixel: see fit_ring
 _SPREAD_PX = 0.4  # of those places from the pixel's centre, along x and y
@@ -82,9 +80,19 @@ def edge_pixels(camera: CameraModel, pose: Pose, radius: float, count: int = 48)
 
 
 def pixels_near(
-    image: U8, camera: CameraModel, pose: Pose, radius: float, ratio: float, band_px: float
+    image: U8,
+    camera: CameraModel,
+    pose: Pose,
+    radius: float,
+    ratio: float,
+    band_px: float,
+    most: int,
+    fine: bool,
 ) -> Pixels | None:
-    """Return the pixels within a band of both edges of a ring; None if too few are in the image."""
+    """Return the pixels within a band of both edges of a ring; None if too few are in the image.
+
+    At most about `most` pixels are taken. With `fine`, small rings will be fitted with all care.
+    """
     h, w = image.shape
     outer = edge_pixels(camera, pose, radius)
     low, high = outer.min(axis=0), outer.max(axis=0)
@@ -100,7 +108,9 @@ def pixels_near(
         p = np.column_stack([gx.ravel(), gy.ravel()])
     else:
         inner = edge_pixels(camera, pose, radius * ratio)
-        p = np.concatenate([_across(inner, band_px, 0.4), _across(outer, band_px, 0.6)])
+        p = np.concatenate(
+            [_across(inner, band_px, 0.4 * most), _across(outer, band_px, 0.6 * most)]
+        )
         p = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
     if len(p) < 30:
         return None
@@ -113,17 +123,20 @@ def pixels_near(
     # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
     beyond, _ = _step((d_o - _MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
     trust = 1.0 / (1.0 + (_UNKNOWN * beyond) ** 2)
-    near = (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px)) & (trust > 0.02)
-    if np.count_nonzero(near) < 30:
+    near = np.flatnonzero(
+        (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px)) & (trust > 0.02)
+    )
+    near = near[:: len(near) // most + 1]
+    if len(near) < 30:
         return None
-    return Pixels(x[near], y[near], grey[near], trust[near], size < _FINE_PX, focal)
+    return Pixels(x[near], y[near], grey[near], trust[near], fine and size < _FINE_PX, focal)
 
 
-def _across(edge: F64, band_px: float, share: float) -> NDArray[np.intp]:
+def _across(edge: F64, band_px: float, most: float) -> NDArray[np.intp]:
     """Return whole pixels (n, 2) on short lines across a closed outline."""
     step = max(1.0, band_px / 4.0)
     offsets = np.arange(-band_px, band_px + 0.5 * step, step)
-    count = int(share * _MOST / len(offsets))
+    count = int(most / len(offsets))
     at = np.arange(count) * (len(edge) / count)
     i = at.astype(int)
     closed = np.vstack([edge, edge[:1]])
@@ -156,32 +169,33 @@ class _Geometry:
         self.scale = np.sqrt(gx * gx + gy * gy) + 1e-12  # metres in the plane per pixel
         self.across = (gx / self.scale, gy / self.scale)  # unit gradient of rho in the image
 
-    def edge(self, radius: float, t: F64, n: F64) -> tuple[F64, F64]:
-        """Return distance (px) to a circle and its curvature (1/px) where it is nearest."""
-        d = (self.rho - radius) / self.scale
-        _, bent = self.bends(n)
-        d = np.clip(d - bent * d * d, -3.0, 3.0)
-        wx, wy = self.across
-        foot = _Geometry(self.x - d * wx / self.f, self.y - d * wy / self.f, self.f, t, n)
-        fx, fy = foot.across
-        curvature, _ = foot.bends(n)
-        return (foot.rho - radius) / foot.scale + d * (wx * fx + wy * fy), curvature
-
     def bends(self, n: F64) -> tuple[F64, F64]:
-        """Return the level line's curvature (1/px) and rho'' / (2 rho') across it (1/px).
+        """Return the plane's area in a pixel (m^2) and rho'' / (2 rho') across a level line (1/px).
 
-        With M the metric of the plane in pixels, rho^2 = p^T M p: the curvature is
-        det M / (rho g^3), and rho'' across the line is (w^T M w - g^2) / rho, w the unit gradient.
+        With M the metric of the plane in pixels, rho^2 = p^T M p: the root of det M is the area,
+        the line's curvature det M / (rho g^3), and rho'' (w^T M w - g^2) / rho, w the unit
+        gradient.
         """
         wx, wy = self.across
         nw = (n[:, 0:1] * wx + n[:, 1:2] * wy) / self.m
         k = self.depth / self.f
         ex, ey = wx - nw * self.x, wy - nw * self.y
-        square = self.scale * self.scale
-        excess = np.maximum(k * k * (ex * ex + ey * ey + nw * nw) - square, 0.0)
-        area = k * k / self.m
-        curvature = area * area / (self.rho * square * self.scale)
-        return curvature, excess / (2.0 * self.rho * self.scale)
+        excess = np.maximum(k * k * (ex * ex + ey * ey + nw * nw) - self.scale * self.scale, 0.0)
+        return k * k / self.m, excess / (2.0 * self.rho * self.scale)
+
+    def edge(self, radius: float, bend: F64) -> F64:
+        """Return signed distances (px) to a circle, to second order."""
+        d = (self.rho - radius) / self.scale
+        return d - bend * d * d
+
+    def foot(self, d: F64, radius: float, t: F64, n: F64) -> tuple[F64, F64]:
+        """Return distance (px) to a circle and g (m/px) from where a first distance leads."""
+        d = np.clip(d, -3.0, 3.0)
+        wx, wy = self.across
+        k = d / self.f
+        near = _Geometry(self.x - k * wx, self.y - k * wy, self.f, t, n)
+        fx, fy = near.across
+        return (near.rho - radius) / near.scale + d * (wx * fx + wy * fy), near.scale
 
 
 def _step(z: F64) -> tuple[F64, F64]:
@@ -197,6 +211,7 @@ def fit_ring(
     radius: float,
     ratio: float,
     blur_px: float,
+    steps: int,
     motion_px: Sequence[F64] | None = None,
 ) -> list[RingFit]:
     """Return the fits from starts within about two pixels, best first; failed ones are left out.
@@ -230,8 +245,8 @@ def fit_ring(
     diagonal = np.arange(_PARAMETERS)
     bends: tuple[F64, F64] | None = None
     x, y = pixels.x, pixels.y
-    for i in range(_MOST_STEPS + 1):
-        last = i == _MOST_STEPS
+    for i in range(steps + 1):
+        last = i == steps
         if parts > 1 and (i == 0 or motion_px is not None):
             shift = (
                 p[:, 1:3, None] * along + corner[:, : 1 if motion_px is not None else parts]
@@ -244,18 +259,17 @@ def fit_ring(
             p[:, k : k + 1] for k in (0, 3, 4, 5, 6, 7)
         )
         s = np.sqrt(np.maximum(square - spread**2, _MIN_BLUR**2))
+        if bends is None or pixels.fine:
+            bends = g.bends(normal)
+        area, bend = bends
+        d_o, d_i = g.edge(radius, bend), g.edge(inner, bend)
+        g_o = g_i = g.scale
         if pixels.fine:
-            d_o, c_o = g.edge(radius, t, normal)
-            d_i, c_i = g.edge(inner, t, normal)
-        else:
-            if bends is None:
-                bends = g.bends(normal)
-            c_o, bent = bends
-            c_i = c_o
-            d_o, d_i = (g.rho - radius) / g.scale, (g.rho - inner) / g.scale
-            d_o, d_i = d_o - bent * d_o * d_o, d_i - bent * d_i * d_i
-        f_o, p_o = _step(d_o / s + 0.5 * s * c_o)
-        f_i, p_i = _step(d_i / s + 0.5 * s * c_i)
+            d_o, g_o = g.foot(d_o, radius, t, normal)
+            d_i, g_i = g.foot(d_i, inner, t, normal)
+        bow = 0.5 * s * area * area
+        f_o, p_o = _step(d_o / s + bow / (radius * g_o**3))
+        f_i, p_i = _step(d_i / s + bow / (inner * g_i**3))
         X = (x - t[:, 0:1] / t[:, 2:3]) * (t[:, 2:3] / radius)
         Y = (y - t[:, 1:2] / t[:, 2:3]) * (t[:, 2:3] / radius)
         light = 1.0 + slope_x * X + slope_y * Y

@@ -108,8 +108,8 @@ def _rough_fit(level: _Level, candidate: Ellipse, ring: Ring) -> RingFit | None:
     poses = None if cone is None else poses_of_cone(cone, radius)
     if poses is None:
         return None
-    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0)
-    fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 1.0)
+    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0, 350, False)
+    fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 1.0, 3)
     return fits[0] if fits and fits[0].contrast > 10.0 else None
 
 
@@ -121,10 +121,10 @@ def _fit_both(
     start = (rough.position, rough.normal)
     other = mirrored(*start, radius)
     blur = min(max(0.6, (rough.blur_px - 0.3) * zoom), 8.0) if zoom > 1.0 else rough.blur_px
-    pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur))
+    pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur), 560, True)
     if pixels is None or other is None:
         return []
-    fits = fit_ring(pixels, (start, other), radius, ratio, blur)
+    fits = fit_ring(pixels, (start, other), radius, ratio, blur, 4)
     return fits if fits and _is_ring(fits[0], ratio) else []
 
 
