@@ -16,6 +16,7 @@ from landerd.messages import PoseSolution
 from landerd.vision.pose import Pose, rotation_from, skew, solution
 
 _STEPS = 5
+_CONVERGED = 1e-4  # chi-square that a further step would gain
 _NO_YAW = 1e-6  # information of a heading that nobody knows, 1/rad^2: keeps matrices regular
 _PRIOR_NORTH_SIGMA = math.radians(5.0)
 _PLACE_SIGMA_M = 1e-3  # of a marker on its pad, as printed and laid out
@@ -143,7 +144,7 @@ def _joint(measured: list[Measured], first: Pose, prior_north: F64 | None) -> Po
         except np.linalg.LinAlgError:
             return None
         pose = Pose(pose.R, pose.t, information, cost).moved(step)
-        if np.abs(step).max() < 1e-6:
+        if float(gradient @ step) < _CONVERGED:
             break
     return pose if np.isfinite(pose.t).all() and pose.t[2] > 0 else None
 

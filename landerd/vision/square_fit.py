@@ -16,16 +16,21 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import Square
 from landerd.vision.pose import Pose
-from landerd.vision.square_pose import corner_information
+from landerd.vision.square_pose import (
+    corner_information,
+    planar_poses,
+    poses_from_corners,
+    square_points,
+)
 
 Image = NDArray[np.uint8]
 
 _PER_CELL = 6  # samples of the print along a cell
 _MARGIN_CELLS = 2  # white round the print
 _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
-_LARGEST_SIDE_PX = 40.0  # larger markers are fitted on a reduced image
+_LARGEST_SIDE_PX = 36.0  # larger markers are fitted on a reduced image
 _STEPS = 8
-_CONVERGED = 0.01  # chi-square that a further step would gain
+_CONVERGED = 0.3  # squared length of the last step of the pose, in sigmas
 _BLUR_CHANGED = 0.03  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
@@ -35,8 +40,9 @@ _EDGE_BIAS_PX = 0.02  # what lens model, light and pixels leave out, as an error
 _INFLATION = 1.5
 
 
-# A start whose corners fit by this chi-square worse than the other's is not tried.
-_UNLIKELY = 60.0
+# A solution whose corners are off by this much is told from the true one by the pixels for sure.
+_TOLD_PX = 0.5
+_CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 # A fit that explains less of the pixels' variance is no better than the corners.
 _EXPLAINED = 0.85
 _SAME_NORMAL = math.cos(math.radians(1.0))
@@ -78,23 +84,36 @@ class SquarePrint:
         self._ku = 2.0 * math.pi * np.fft.rfftfreq(n)[None, :]
         self._kv = 2.0 * math.pi * np.fft.fftfreq(n)[:, None]
 
-    def refined(self, image: Image, camera: CameraModel, starts: list[Pose]) -> list[Pose]:
-        """Return the starts fitted to the pixels, best first; the starts if that fails.
+    def poses(self, image: Image, camera: CameraModel, corners: F64) -> list[Pose]:
+        """Return the one or two poses that explain the pixels, best first.
 
-        The cost of the best is 0, that of the other how much worse it explains the pixels.
+        The cost of the best is 0, that of the other how much worse it explains them. Where the
+        print is too disturbed to be fitted, the poses that explain the corners alone.
+
+        Args:
+            image: grey image (height, width).
+            camera: the lens.
+            corners: (4, 2) pixels, top left first, clockwise as printed.
         """
-        likely = [s for s in starts if s.cost < starts[0].cost + _UNLIKELY]
-        fits = [f for s in likely if (f := self.fit(image, camera, s)) is not None]
+        starts = planar_poses(camera.rays(corners), self._size)
+        first = self.fit(image, camera, starts[0][0]) if starts else None
+        if first is None or first.explained < _EXPLAINED:
+            return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
+        fits = [first]
+        # The other solution, of the corners as they are now known.
+        p = first.pose.t + square_points(self._size) @ first.pose.R[:, :2].T
+        focal = 0.5 * (camera.fx + camera.fy)
+        for start, error in planar_poses(p[:, :2] / p[:, 2:], self._size):
+            if float(start.normal @ first.pose.normal) < _SAME_NORMAL and error * focal < _TOLD_PX:
+                other = self.fit(image, camera, start)
+                if other is not None and other.pose.normal @ first.pose.normal < _SAME_NORMAL:
+                    fits.append(other)
         fits.sort(key=lambda f: f.squares)
-        if not fits or fits[0].explained < _EXPLAINED:
-            return starts
         unit = _INFLATION * fits[0].variance
-        poses: list[Pose] = []
-        for f in fits:
-            if not any(float(p.normal @ f.pose.normal) > _SAME_NORMAL for p in poses):
-                cost = (f.squares - fits[0].squares) / unit
-                poses.append(Pose(f.pose.R, f.pose.t, f.pose.information, cost))
-        return poses
+        return [
+            Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
+            for f in fits
+        ]
 
     def fit(self, image: Image, camera: CameraModel, start: Pose) -> Fit | None:
         """Return the pose that explains the pixels round a start near it; None if none does."""
@@ -140,7 +159,7 @@ class SquarePrint:
             light = light + step[7:]
             if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
                 return None
-            if float(gradient @ step) < _CONVERGED * sigma**2:
+            if float(step[:6] @ normal[:6, :6] @ step[:6]) < _CONVERGED * sigma**2:
                 break
         squares = float(weight @ residual**2)
         variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - 11.0))

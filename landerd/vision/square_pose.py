@@ -20,8 +20,7 @@ def poses_from_corners(
 ) -> list[Pose]:
     """Return the one or two poses of a square that explain its corners, best first.
 
-    Collins and Bartoli's IPPE gives both solutions of the planar ambiguity; each is refined by
-    least squares on the corners.
+    Both solutions of the planar ambiguity, refined by least squares on the corners.
 
     Args:
         corners: (4, 2) pixels, top left first, clockwise as printed.
@@ -31,22 +30,36 @@ def poses_from_corners(
     """
     rays = camera.rays(corners)
     points = square_points(size)
-    count, rvecs, tvecs, _ = cv2.solvePnPGeneric(
+    sigma = sigma_px / (0.5 * (camera.fx + camera.fy))
+    poses = []
+    for start, _ in planar_poses(rays, size):
+        pose = _refined(rays, points, start, sigma)
+        if pose is not None:
+            poses.append(pose)
+    return sorted(poses, key=lambda p: p.cost)
+
+
+def planar_poses(rays: F64, size: float) -> list[tuple[Pose, float]]:
+    """Return both solutions of the planar ambiguity, better first, without information.
+
+    Collins and Bartoli, "Infinitesimal Plane-Based Pose Estimation", 2014. Beside each stands its
+    root-mean-square distance from the corners' rays (4, 2) on z = 1.
+    """
+    points = square_points(size)
+    count, rvecs, tvecs, errors = cv2.solvePnPGeneric(
         np.column_stack([points, np.zeros(4)]),
         rays.reshape(-1, 1, 2),
         np.eye(3),
         None,
         flags=cv2.SOLVEPNP_IPPE,
     )
-    sigma = sigma_px / (0.5 * (camera.fx + camera.fy))
     poses = []
     for i in range(count):
         R = np.asarray(cv2.Rodrigues(rvecs[i])[0], dtype=np.float64)
         t = np.asarray(tvecs[i], dtype=np.float64).reshape(3)
-        pose = _refined(rays, points, R, t, sigma)
-        if pose is not None:
-            poses.append(pose)
-    return sorted(poses, key=lambda p: p.cost)
+        if t[2] > 0 and R[:, 2] @ t > 0:
+            poses.append((Pose(R, t, np.zeros((6, 6)), 0.0), float(errors[i, 0])))
+    return poses
 
 
 def corner_information(pose: Pose, size: float, sigma: float) -> F64:
@@ -57,9 +70,8 @@ def corner_information(pose: Pose, size: float, sigma: float) -> F64:
     return information
 
 
-def _refined(rays: F64, points: F64, R: F64, t: F64, sigma: float) -> Pose | None:
+def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:
     """Refine a pose on corner rays (n, 2) of points (n, 2); None if it does not converge."""
-    pose = Pose(R, t, np.zeros((6, 6)), 0.0)
     for _ in range(_STEPS):
         residual, J = _residual(rays, points, pose)
         information = J.T @ J

@@ -14,14 +14,14 @@ from landerd.vision.pad_pose import Measured, measured_ring, with_gravity
 from landerd.vision.pose import circle, rotation_from, solution
 from landerd.vision.square import FoundSquare, Image, SquareFinder, printed_cells
 from landerd.vision.square_fit import SquarePrint
-from landerd.vision.square_pose import poses_from_corners, square_points
+from landerd.vision.square_pose import square_points
 from landerd.vision.whycon import find_rings
 from landerd.vision.window import Window
 
-_CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 _MEMORY_S = 0.5  # a sighting older than this says nothing about the next frame
 _SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched at about this
 _SMALLEST_SIDE_PX = 14.0  # and at least this size
+_SMALLEST_FULL_PX = 10.0  # smaller ones are not found in the whole image
 _MOST_ALIKE = 3  # rings looked at for one ring of the pad
 _LARGEST_SCALE = 4.0
 _TURN_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
@@ -180,8 +180,12 @@ class Vision:
             found = self._squares_expected(image, expected)
             if found:
                 return found
-        if rings:
-            return self._squares_near(image, *rings[0])
+        for ring, sighting in rings:
+            found = self._squares_near(image, ring, sighting)
+            if found:
+                return found
+        if any(self._is_far(s, expected) for _, s in rings):
+            return []
         return self._finder.find(image)
 
     def _squares_expected(self, image: Image, expected: _Expected) -> list[FoundSquare]:
@@ -229,6 +233,16 @@ class Vision:
                 ]
         return found
 
+    def _is_far(self, ring: MarkerSighting, expected: _Expected | None) -> bool:
+        """Tell whether a ring is where it is expected, too far off for squares to be found."""
+        if expected is None:
+            return False
+        position = np.array(ring.solutions[0].position)
+        off = float(np.linalg.norm(position - expected.position))
+        size = max(s.size_m for s in self._layout.squares)
+        side_px = self._focal * size / float(position[2])
+        return off < 0.3 * float(position[2]) and side_px < _SMALLEST_FULL_PX
+
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:
         distance = float(np.linalg.norm(position))
         slant = max(0.35, abs(float(position @ normal)) / distance)
@@ -254,8 +268,7 @@ class Vision:
     def _square(self, image: Image, found: FoundSquare, prior: Prior) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
-        poses = poses_from_corners(found.corners, square.size_m, self._camera, _CORNER_SIGMA_PX)
-        poses = self._prints[square].refined(image, self._camera, poses)
+        poses = self._prints[square].poses(image, self._camera, found.corners)
         poses = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in poses if (s := solution(p)) and self._is_certain(s))
         if not solutions:

@@ -83,8 +83,7 @@ def test_fit_to_the_pixels_is_true_and_its_covariance_honest(
     view = look(THESIS_CAMERA, distance, math.radians(40), pixel=(250, 260), heading=0.7)
     image = render(view, THESIS_CAMERA, Optics(), rng, pad_of(square))
     corners = corners_px(view, square) + rng.normal(0.0, 0.3, (4, 2))
-    starts = poses_from_corners(corners, square.size_m, THESIS_CAMERA, 0.5)
-    best = SquarePrint(square, printed_cells(square)).refined(image, THESIS_CAMERA, starts)[0]
+    best = SquarePrint(square, printed_cells(square)).poses(image, THESIS_CAMERA, corners)[0]
     error = best.t - np.array(view.position)
     assert np.linalg.norm(error) < error_m
     covariance = np.linalg.inv(best.information)[:3, :3]
