@@ -37,7 +37,7 @@ from landerd.pad import PadLayout
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-SAMPLES = 220_000  # of the pad's texture in one picture, unless one a pixel is more
+SAMPLES = 160_000  # of the pad's texture in one picture, unless one a pixel is more
 SAMPLINGS = (4, 2, 1)  # samples a pixel along x and along y; averages over 3 would be slow
 BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter

@@ -240,10 +240,20 @@ def test_noise_is_new_in_every_frame_and_the_same_in_every_run(usual: Renderer) 
 
 
 def test_sky_above_the_horizon_and_no_pad_from_behind_the_camera(clean: Renderer) -> None:
-    # Over the pad, looking level: the rays above the horizon meet the pad behind the camera.
-    image = picture(clean, looking((0.0, 0.0, -0.5), 0.0, 0.0))
-    assert (image[: int(CAMERA.cy) - 20] == SKY).all()
-    assert (image[int(CAMERA.cy) + 20 : int(CAMERA.cy) + 60] < 100).all()
+    # Over the pad, looking level and rolled: rays above the horizon meet the pad behind the camera.
+    pose = looking((0.0, 0.0, -0.2), 0.0, 0.0, roll_deg=50.0)
+    pixels = np.stack(np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height)), axis=-1)
+    rays = CAMERA.rays(pixels.reshape(-1, 2).astype(np.float64)).reshape(*pixels.shape)
+    down = rays @ np.array(pose.R_local_camera[2][:2]) + pose.R_local_camera[2][2]
+    image = picture(clean, pose)
+    assert (image[down < -0.02] == SKY).all()
+    assert (image[down > 0.8] > 100).any()  # the plate below
+
+
+def test_the_pad_has_no_back(clean: Renderer) -> None:
+    beneath = looking((0.0, 0.0, 3.0), 0.0, 90.0)
+    assert np.ptp(picture(clean, beneath)) == 0
+    assert visible_markers(PAD, CAMERA, beneath, AT_ORIGIN) == []
 
 
 def test_markers_count_as_visible_only_where_they_are() -> None:
