@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from landerd.camera_model import CameraModel
 from landerd.vision.ring_pose import F64, Pose, tangents
 
+F32 = NDArray[np.float32]  # of everything per pixel: half the time, and 1e-5 px is enough
+
 U8 = NDArray[np.uint8]
 
 _PARAMETERS = 13  # centre 3, normal 2, blur 1, motion 2, levels 3, light gradient 2
@@ -34,12 +36,11 @@ _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 
 @dataclass(frozen=True)
 class Pixels:
-    """Grey levels, rays (x, y) on z = 1 on which they were seen, and weights, all (n,)."""
+    """Grey levels (n,), the rays (x, y, 1) on which they were seen, and weights (n,)."""
 
-    x: F64
-    y: F64
-    grey: F64
-    trust: F64
+    rays: F32  # (3, n)
+    grey: F32
+    trust: F32
     fine: bool  # small ring: look at each pixel in four places
     focal: float  # pixels per ray unit, geometric mean
 
@@ -116,9 +117,10 @@ def pixels_near(
         return None
     rays = camera.rays(p.astype(np.float64))
     focal = math.sqrt(camera.fx * camera.fy)
-    grey = image[p[:, 1], p[:, 0]].astype(np.float64)
-    x, y = np.ascontiguousarray(rays.T)
-    g = _Geometry(x, y, focal, pose[0][None], pose[1][None])
+    grey = image[p[:, 1], p[:, 0]].astype(np.float32)
+    v = np.ones((3, len(p)), dtype=np.float32)
+    v[:2] = rays.T
+    g = _Geometry(v, focal, *(a[None].astype(np.float32) for a in pose))
     d_o, d_i = (g.rho[0] - radius) / g.scale[0], (g.rho[0] - radius * ratio) / g.scale[0]
     # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
     beyond, _ = _step((d_o - _MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
@@ -129,7 +131,7 @@ def pixels_near(
     near = near[:: len(near) // most + 1]
     if len(near) < 30:
         return None
-    return Pixels(x[near], y[near], grey[near], trust[near], fine and size < _FINE_PX, focal)
+    return Pixels(v[:, near], grey[near], trust[near], fine and size < _FINE_PX, focal)
 
 
 def _across(edge: F64, band_px: float, most: float) -> NDArray[np.intp]:
@@ -149,56 +151,55 @@ def _across(edge: F64, band_px: float, most: float) -> NDArray[np.intp]:
 
 
 class _Geometry:
-    """Pixels against the planes of several poses: arrays (starts, n)."""
+    """Rays v = (x, y, 1), (3, n) or (starts, 3, n), against the planes of several poses.
 
-    def __init__(self, x: F64, y: F64, f: float, t: F64, n: F64) -> None:
-        self.x, self.y, self.f = x, y, f
-        nx, ny, nz = n[:, 0:1], n[:, 1:2], n[:, 2:3]
-        self.m = np.maximum(nx * x + ny * y + nz, 1e-6)
-        self.depth = (n * t).sum(axis=1)[:, None] / self.m
-        qx = self.depth * x - t[:, 0:1]
-        qy = self.depth * y - t[:, 1:2]
-        qz = self.depth - t[:, 2:3]
-        self.rho = np.sqrt(qx * qx + qy * qy + qz * qz) + 1e-9
+    Arrays are (starts, n), vectors (starts, 3, n).
+    """
+
+    def __init__(self, v: F32, focal: float, t: F32, normal: F32) -> None:
+        self.v, self.focal, self.t, self.normal = v, focal, t, normal
+        self.m = np.maximum((normal[:, None] @ v)[:, 0], 1e-6)
+        self.depth = (normal * t).sum(axis=1)[:, None] / self.m
+        q = self.depth[:, None] * v - t[:, :, None]
+        self.rho = np.sqrt((q * q).sum(axis=1)) + 1e-9
         # Unit vector from the centre; d rho = (a n - u) . dt and d rho = -a rho u . dn.
-        self.u = (qx / self.rho, qy / self.rho, qz / self.rho)
-        self.a = (self.u[0] * x + self.u[1] * y + self.u[2]) / self.m
-        k = self.depth / f
-        gx = k * (self.u[0] - nx * self.a)
-        gy = k * (self.u[1] - ny * self.a)
-        self.scale = np.sqrt(gx * gx + gy * gy) + 1e-12  # metres in the plane per pixel
-        self.across = (gx / self.scale, gy / self.scale)  # unit gradient of rho in the image
+        self.u = q / self.rho[:, None]
+        self.a = (self.u * v).sum(axis=1) / self.m
+        gradient = self.u[:, :2] - normal[:, :2, None] * self.a[:, None]
+        length = np.sqrt((gradient * gradient).sum(axis=1)) + 1e-12
+        self.across = gradient / length[:, None]  # unit gradient of rho in the image
+        self.scale = length * self.depth / focal  # metres in the plane per pixel, across
 
-    def bends(self, n: F64) -> tuple[F64, F64]:
+    def bends(self) -> tuple[F32, F32]:
         """Return the plane's area in a pixel (m^2) and rho'' / (2 rho') across a level line (1/px).
 
         With M the metric of the plane in pixels, rho^2 = p^T M p: the root of det M is the area,
         the line's curvature det M / (rho g^3), and rho'' (w^T M w - g^2) / rho, w the unit
         gradient.
         """
-        wx, wy = self.across
-        nw = (n[:, 0:1] * wx + n[:, 1:2] * wy) / self.m
-        k = self.depth / self.f
-        ex, ey = wx - nw * self.x, wy - nw * self.y
-        excess = np.maximum(k * k * (ex * ex + ey * ey + nw * nw) - self.scale * self.scale, 0.0)
+        nw = (self.normal[:, :2, None] * self.across).sum(axis=1) / self.m
+        k = self.depth / self.focal
+        e = nw[:, None] * self.v
+        e[:, :2] -= self.across
+        excess = np.maximum(k * k * (e * e).sum(axis=1) - self.scale * self.scale, 0.0)
         return k * k / self.m, excess / (2.0 * self.rho * self.scale)
 
-    def edge(self, radius: float, bend: F64) -> F64:
-        """Return signed distances (px) to a circle, to second order."""
-        d = (self.rho - radius) / self.scale
-        return d - bend * d * d
+    def foot(self, d: F32, radii: F32) -> tuple[F32, F32]:
+        """Return distances (px) to circles and g (m/px), (starts, 2, n), seen from their edges.
 
-    def foot(self, d: F64, radius: float, t: F64, n: F64) -> tuple[F64, F64]:
-        """Return distance (px) to a circle and g (m/px) from where a first distance leads."""
+        `d` are first distances (starts, 2, n) to the circles of two radii.
+        """
         d = np.clip(d, -3.0, 3.0)
-        wx, wy = self.across
-        k = d / self.f
-        near = _Geometry(self.x - k * wx, self.y - k * wy, self.f, t, n)
-        fx, fy = near.across
-        return (near.rho - radius) / near.scale + d * (wx * fx + wy * fy), near.scale
+        count, _, n = d.shape
+        v = np.broadcast_to(self.v, (count, 3, n))[:, :, None] + np.zeros((2, 1), np.float32)
+        v[:, :2] -= (d / self.focal)[:, None] * self.across[:, :, None]
+        near = _Geometry(v.reshape(count, 3, -1), self.focal, self.t, self.normal)
+        scale = near.scale.reshape(count, 2, n)
+        turn = (near.across.reshape(count, 2, 2, n) * self.across[:, :, None]).sum(axis=1)
+        return (near.rho.reshape(count, 2, n) - radii[:, None]) / scale + d * turn, scale
 
 
-def _step(z: F64) -> tuple[F64, F64]:
+def _step(z: F32) -> tuple[F32, F32]:
     """Return the normal distribution function (to 3e-4) and the density."""
     square = z * z
     cdf = 0.5 + 0.5 * np.tanh(z * (0.7978845608 + 0.0356774081 * square))
@@ -226,7 +227,7 @@ def fit_ring(
     ordered = np.sort(grey)
     white, black = float(ordered[-1 - n // 8]), float(ordered[n // 8])
     p = np.tile([blur_px**2, 0.0, 0.0, white, black, white, 0.0, 0.0], (count, 1))
-    inner = radius * ratio
+    radii = np.array([radius, radius * ratio], dtype=np.float32)
     spread = 0.0
     along = np.zeros(1)
     if motion_px is not None:
@@ -239,77 +240,63 @@ def fit_ring(
         spread = _SPREAD_PX
         along = np.zeros(4)
     parts = len(along)
-    corner = spread * np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]])[:, :parts]
-    share = np.repeat(along, n)
-    J = np.empty((count, _PARAMETERS + 1, parts * n))
+    corners = np.array([[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]])
+    share = np.repeat(along, n).astype(np.float32)
+    J = np.empty((count, _PARAMETERS + 1, parts * n), dtype=np.float32)
     diagonal = np.arange(_PARAMETERS)
-    bends: tuple[F64, F64] | None = None
-    x, y = pixels.x, pixels.y
+    bends: tuple[F32, F32] | None = None
+    v = pixels.rays
     for i in range(steps + 1):
         last = i == steps
-        if parts > 1 and (i == 0 or motion_px is not None):
-            shift = (
-                p[:, 1:3, None] * along + corner[:, : 1 if motion_px is not None else parts]
-            ) / (pixels.focal)
-            x = (pixels.x + shift[:, 0, :, None]).reshape(count, -1)
-            y = (pixels.y + shift[:, 1, :, None]).reshape(count, -1)
-        g = _Geometry(x, y, pixels.focal, t, normal)
-        wx, wy = g.across
-        square, inside, dark, outside, slope_x, slope_y = (
-            p[:, k : k + 1] for k in (0, 3, 4, 5, 6, 7)
-        )
+        if motion_px is not None:
+            v = _shifted(pixels, p[:, 1:3, None] * along)
+        elif i == 0 and parts > 1:
+            v = _shifted(pixels, np.repeat(spread * corners[None], count, axis=0))
+        t32, n32, p32 = (array.astype(np.float32) for array in (t, normal, p))
+        g = _Geometry(v, pixels.focal, t32, n32)
+        square, inside, dark, outside = (p32[:, k : k + 1] for k in (0, 3, 4, 5))
         s = np.sqrt(np.maximum(square - spread**2, _MIN_BLUR**2))
         if bends is None or pixels.fine:
-            bends = g.bends(normal)
+            bends = g.bends()
         area, bend = bends
-        d_o, d_i = g.edge(radius, bend), g.edge(inner, bend)
-        g_o = g_i = g.scale
+        d = (g.rho[:, None] - radii[:, None]) / g.scale[:, None]  # outer edge, inner edge
+        d = d - bend[:, None] * d * d
+        scale = g.scale[:, None]
         if pixels.fine:
-            d_o, g_o = g.foot(d_o, radius, t, normal)
-            d_i, g_i = g.foot(d_i, inner, t, normal)
-        bow = 0.5 * s * area * area
-        f_o, p_o = _step(d_o / s + bow / (radius * g_o**3))
-        f_i, p_i = _step(d_i / s + bow / (inner * g_i**3))
-        X = (x - t[:, 0:1] / t[:, 2:3]) * (t[:, 2:3] / radius)
-        Y = (y - t[:, 1:2] / t[:, 2:3]) * (t[:, 2:3] / radius)
-        light = 1.0 + slope_x * X + slope_y * Y
-        base = inside + (dark - inside) * f_i + (outside - dark) * f_o
+            d, scale = g.foot(d, radii)
+        bow = (0.5 * s * area * area)[:, None] / (radii[:, None] * scale**3)
+        f, density = _step(d / s[:, None] + bow)
+        XY = (v[..., :2, :] - t32[:, :2, None] / t32[:, 2:, None]) * (t32[:, 2:, None] / radius)
+        light = 1.0 + (p32[:, None, 6:8] @ XY)[:, 0]
+        base = inside + (dark - inside) * f[:, 1] + (outside - dark) * f[:, 0]
         model = light * base
-        s_o = light * (outside - dark) * p_o / s
-        s_i = light * (dark - inside) * p_i / s
-        steep = s_o + s_i
+        height = np.stack([outside - dark, dark - inside], axis=1) / s[:, None]
+        edge = density * (light[:, None] * height)  # d model / d distance, of both edges
+        steep = edge[:, 0] + edge[:, 1]
         D = steep / g.scale
         Da = D * g.a
-        for k in range(3):
-            J[:, k] = Da * normal[:, k : k + 1] - D * g.u[k]
-        Da *= -g.rho
-        e = [tangents(v) for v in normal]
-        for k in range(2):
-            ek = np.array([pair[k] for pair in e])
-            J[:, 3 + k] = Da * (g.u[0] * ek[:, 0:1] + g.u[1] * ek[:, 1:2] + g.u[2] * ek[:, 2:3])
-        J[:, 5] = (s_o * d_o + s_i * d_i) / (-2.0 * s * s)
-        if motion_px is None:
-            J[:, 6:8] = 0.0
-        else:
-            J[:, 6] = steep * wx * share
-            J[:, 7] = steep * wy * share
-        J[:, 8] = light * (1.0 - f_i)
-        J[:, 9] = light * (f_i - f_o)
-        J[:, 10] = light * f_o
-        J[:, 11] = base * X
-        J[:, 12] = base * Y
-        J[:, 13] = s_i / (-g.scale)  # of the inner radius: only the judgement uses it
+        e = np.array([tangents(a) for a in normal])  # (starts, 2, 3)
+        J[:, :3] = Da[:, None] * n32[:, :, None] - D[:, None] * g.u
+        J[:, 3:5] = (e.astype(np.float32) @ g.u) * (-Da * g.rho)[:, None]
+        J[:, 5] = (edge * d).sum(axis=1) / (-2.0 * s * s)
+        J[:, 6:8] = 0.0 if motion_px is None else (steep * share)[:, None] * g.across
+        J[:, 8] = light * (1.0 - f[:, 1])
+        J[:, 9] = light * (f[:, 1] - f[:, 0])
+        J[:, 10] = light * f[:, 0]
+        J[:, 11:13] = base[:, None] * XY
+        J[:, 13] = edge[:, 1] / (-g.scale)  # of the inner radius: only the judgement uses it
         rows = J
         if parts > 1:
             model = model.reshape(count, parts, n).mean(axis=1)
             rows = J.reshape(count, _PARAMETERS + 1, parts, n).mean(axis=2)
         residual = grey - model
-        noise = np.maximum(1.4826 * np.median(np.abs(residual), axis=1, keepdims=True), 0.5)
+        middle = np.partition(np.abs(residual), n // 2, axis=1)[:, n // 2, None]
+        noise = np.maximum(1.4826 * middle, 0.5)
         u = (residual / (3.0 * noise)) ** 2
         weight = pixels.trust / (1.0 + u) ** 2
         weighted = rows * weight[:, None, :]
-        H = weighted @ rows.transpose(0, 2, 1)
-        b = (weighted @ residual[:, :, None])[:, :, 0]
+        H = (weighted @ rows.transpose(0, 2, 1)).astype(np.float64)
+        b = (weighted @ residual[:, :, None])[:, :, 0].astype(np.float64)
         _add_priors(H, b, p, noise[:, 0])
         if last:
             break
@@ -326,9 +313,7 @@ def fit_ring(
         ease = np.minimum(ease, 0.3 * radius / np.maximum(np.hypot(*aside.T), 1e-9))[:, None]
         t = t + ease * step[:, :3]
         t[:, 2] = np.maximum(t[:, 2], 0.02)
-        normal = normal + ease * (
-            step[:, 3:4] * np.array([v[0] for v in e]) + step[:, 4:5] * np.array([v[1] for v in e])
-        )
+        normal = normal + ease * (step[:, 3:4] * e[:, 0] + step[:, 4:5] * e[:, 1])
         normal /= np.sqrt((normal * normal).sum(axis=1))[:, None]
         p = p + step[:, 5:]
         p[:, 0] = np.clip(p[:, 0], _MIN_BLUR**2, _MAX_BLUR**2)
@@ -363,6 +348,14 @@ def fit_ring(
             )
         )
     return sorted(fits, key=lambda f: f.cost)
+
+
+def _shifted(pixels: Pixels, shift_px: F64) -> F32:
+    """Return the rays (starts, 3, parts n) of pixels moved by (starts, 2, parts) pixels."""
+    count, _, parts = shift_px.shape
+    v = np.repeat(pixels.rays[None, :, None], parts, axis=2).repeat(count, axis=0)
+    v[:, :2] += (shift_px / pixels.focal).astype(np.float32)[..., None]
+    return v.reshape(count, 3, -1)
 
 
 def _add_priors(H: F64, b: F64, p: F64, noise: F64) -> None:

@@ -124,7 +124,7 @@ def _fit_both(
     pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur), 560, True)
     if pixels is None or other is None:
         return []
-    fits = fit_ring(pixels, (start, other), radius, ratio, blur, 4)
+    fits = fit_ring(pixels, (start, other), radius, ratio, blur, 8)
     return fits if fits and _is_ring(fits[0], ratio) else []
 
 
