@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -150,6 +151,9 @@ def _frames(source: str) -> Iterator[_Picture]:
     is_camera = source.isdecimal() or source.startswith("/dev/")
     if not is_camera and "://" not in source and not Path(source).is_file():
         raise SourceError(f"{source}: no such file or folder")
+    # What a source that does not open is told in our own line.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     capture = cv2.VideoCapture(int(source) if source.isdecimal() else source)
     try:
         if not capture.isOpened():

@@ -70,6 +70,7 @@ class Lander:
         self._release_until: float | None = None  # zero velocity is streamed until then
         self._flown = False  # a set-point was sent since authority was granted
         self._searching = False  # the pad went out of sight while flying
+        self._low = False  # below the alignment height when last in sight
         self._lost_down = 0.0  # local z where the pad went out of sight, m
         self._pad_velocity = HOVER  # the pad's when contact was made, m/s
         self._said: dict[str, float] = {}
@@ -200,11 +201,13 @@ class Lander:
         if not self._flown or self._searching:
             self._engage(vehicle, resume=self._flown)
         rel = self._relative(vehicle, estimate)
+        self._low = rel.height < self._config.guidance.descent.alignment_height_m
         if self.phase is not Phase.LANDED:
             phase, why = self._phases.step(rel)
             self._enter(phase, why)
             if phase is Phase.LANDED:
                 self._touchdown.begin(now)
+                self._landed = Landed.UNDEFINED  # what was said of the air or another landing
         if self.phase is Phase.LANDED:
             self._touch_down(now, dt, vehicle, rel, age)
             return
@@ -291,7 +294,7 @@ class Lander:
     def _lose(self, now: float, vehicle: VehicleNow | None) -> None:
         self._searching = True
         self._lost_down = vehicle.feet[2] if vehicle else 0.0
-        self._lost.begin(now, self._lost_down)
+        self._lost.begin(now, self._lost_down, low=self._low)
         self.aborts += 1
 
     def _why_blind(self, now: float) -> str:

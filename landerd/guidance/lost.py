@@ -11,11 +11,16 @@ class LostPlan:
         self._options = options
         self._since = 0.0
         self._start_down = 0.0
+        self._hold_s = 0.0
 
-    def begin(self, now: float, down_m: float) -> None:
-        """Start at time now with the vehicle at local z down_m."""
+    def begin(self, now: float, down_m: float, *, low: bool = False) -> None:
+        """Start at time now with the vehicle at local z down_m; low: climb without holding first.
+
+        Just over a pad that may move or heave a hover without sight is the worst place to wait.
+        """
         self._since = now
         self._start_down = down_m
+        self._hold_s = 0.0 if low else self._options.hold_s
 
     def step(self, now: float, down_m: float) -> tuple[Vec3, str] | None:
         """Return the velocity to fly (local NED) and the step's name; None: hand back."""
@@ -24,6 +29,6 @@ class LostPlan:
         if waited > o.give_up_s:
             return None
         climbed = self._start_down - down_m
-        if waited < o.hold_s or climbed >= o.climb_m:
+        if waited < self._hold_s or climbed >= o.climb_m:
             return (0.0, 0.0, 0.0), "holding"
         return (0.0, 0.0, -o.climb_mps), "climbing"

@@ -27,13 +27,13 @@ class PidMethod:
         self._speed = options.limits.speed_mps
         self._descent = options.limits.descent_mps
         self._slowest = options.descent.slowest_mps
-        self._saturated = False
+        self._saturated = self._down_saturated = False
 
     def restart(self) -> None:
         """Begin a landing: integrals at zero."""
         for pid in (self._north, self._east, self._up, self._yaw):
             pid.reset()
-        self._saturated = False
+        self._saturated = self._down_saturated = False
 
     def step(
         self, phase: Phase, relative: Relative, floor_m: float, dt: float
@@ -53,8 +53,9 @@ class PidMethod:
         east = self._east.step(error[1], rate[1], dt, saturated=self._saturated)
         self._saturated = north * north + east * east > self._speed * self._speed
         to_go = error[2] - floor_m
-        down = self._up.step(to_go, rate[2], dt, saturated=True)
-        down = clamp(down, self._slowest, self._descent) if to_go > 0.0 else 0.0
+        wanted = self._up.step(to_go, rate[2], dt, saturated=self._down_saturated)
+        down = clamp(wanted, self._slowest, self._descent) if to_go > 0.0 else 0.0
+        self._down_saturated = down != wanted
         turn = 0.0
         if phase is Phase.YAW_CORRECTION and relative.heading_error is not None:
             turn = self._yaw.step(relative.heading_error, -relative.yaw_rate, dt, saturated=False)

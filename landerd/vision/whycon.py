@@ -13,7 +13,9 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Mat3, Vec3
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
-from landerd.vision.ring_fit import RingFit, edge_pixels, fit_ring, pixels_near
+from landerd.vision.ring_fit import RingFit, fit_ring
+from landerd.vision.ring_light import evenly_lit
+from landerd.vision.ring_pixels import Pixels, edge_pixels, pixels_near
 from landerd.vision.ring_pose import F64, cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_segment import Ellipse, ring_candidates
 from landerd.vision.window import Window
@@ -125,7 +127,57 @@ def _fit_both(
     if pixels is None or other is None:
         return []
     fits = fit_ring(pixels, (start, other), radius, ratio, blur, 8)
+    if fits and _is_poor(fits[0]):
+        fits = min(
+            (
+                fits,
+                _fit_shaded(pixels, fits[0], radius, ratio),
+                _fit_moving(image, camera, fits[0], ring),
+            ),
+            key=lambda found: found[0].noise / max(found[0].contrast, 1.0) if found else math.inf,
+        )
     return fits if fits and _is_ring(fits[0], ratio) else []
+
+
+def _is_poor(fit: RingFit) -> bool:
+    """Tell whether residuals are larger than a camera's noise makes them."""
+    return fit.noise > 2.0 + 0.025 * (max(fit.inside, fit.outside) - fit.black)
+
+
+def _fit_shaded(pixels: Pixels, fit: RingFit, radius: float, ratio: float) -> list[RingFit]:
+    """Return the fits with a shadow's edge undone; empty if there is none."""
+    fits = [fit]
+    for _ in range(2):  # the better the pose, the better the shadow's edge
+        lit = evenly_lit(pixels, fits[0], radius, ratio)
+        pose = (fits[0].position, fits[0].normal)
+        other = mirrored(*pose, radius)
+        if lit is None or other is None:
+            return []
+        fits = fit_ring(lit, (pose, other), radius, ratio, fits[0].blur_px, 8)
+        if not fits:
+            return []
+    return fits
+
+
+def _fit_moving(image: U8, camera: CameraModel, fit: RingFit, ring: Ring) -> list[RingFit]:
+    """Return the fits with straight motion during the exposure; empty if they fail."""
+    radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
+    path = max(3.0, 2.5 * fit.blur_px)
+    pose = (fit.position, fit.normal)
+    pixels = pixels_near(image, camera, pose, radius, ratio, 2.0 + 0.6 * path, 560, True)
+    if pixels is None:
+        return []
+    ways = [path * np.array([math.cos(a), math.sin(a)]) for a in np.arange(4) * math.pi / 4.0]
+    fits = fit_ring(pixels, [pose] * 4, radius, ratio, 0.7, 6, ways)
+    if not fits:
+        return []
+    pose = (fits[0].position, fits[0].normal)
+    other = mirrored(*pose, radius)
+    if other is None:
+        return []
+    return fit_ring(
+        pixels, (pose, other), radius, ratio, fits[0].blur_px, 6, [fits[0].motion_px] * 2
+    )
 
 
 def _is_ring(fit: RingFit, ratio: float) -> bool:

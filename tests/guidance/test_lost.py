@@ -45,3 +45,9 @@ def test_every_loss_has_its_own_time() -> None:
     assert made.step(130.1, -4.0) is None
     made.begin(200.0, -4.0)
     assert made.step(200.1, -4.0) == ((0.0, 0.0, 0.0), "holding")
+
+
+def test_just_over_the_pad_it_climbs_at_once() -> None:
+    made = LostPlan(OPTIONS)
+    made.begin(100.0, -0.3, low=True)
+    assert made.step(100.1, -0.3) == ((0.0, 0.0, -0.5), "climbing")
