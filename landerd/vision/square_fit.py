@@ -37,7 +37,7 @@ _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
 _EDGE_BIAS_PX = 0.02  # what lens model, light and pixels leave out, as an error of the corners
 # Neighbouring residuals share the model's small errors, so n pixels tell less than n times one.
-_INFLATION = 1.5
+_INFLATION = 1.15
 
 
 # A solution whose corners are off by this much is told from the true one by the pixels for sure.

@@ -1,0 +1,207 @@
+"""Where in an image a pad's markers are looked for."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.camera_model import F64, CameraModel
+from landerd.geometry import Vec3
+from landerd.messages import MarkerSighting
+from landerd.pad import PadLayout, Ring
+from landerd.vision.pose import circle, rotation_from
+from landerd.vision.square import FoundSquare, Image, SquareFinder
+from landerd.vision.square_pose import square_points
+from landerd.vision.whycon import find_rings
+from landerd.vision.window import Window
+
+_MOST_ALIKE = 3  # rings looked at for one ring of the pad
+_SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched at about this
+_SMALLEST_SIDE_PX = 14.0  # and at least this size
+_LARGEST_SCALE = 4.0
+_SMALLEST_FULL_PX = 10.0  # smaller squares are not found in the whole image
+
+FoundRing = tuple[Ring, MarkerSighting]
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Where the pad should be, camera frame."""
+
+    position: F64  # landing point, m
+    normal: F64
+    north: F64 | None
+    sigma_m: float
+    margin_px: float  # of image motion that sigma_m does not tell
+
+    def points(self, place: tuple[float, float], outline: F64) -> F64 | None:
+        """Return a marker's outline (n, 2) about its centre as points (n, 3); None: no heading."""
+        centred = place == (0.0, 0.0)
+        if self.north is None and not centred:
+            return None
+        north = self.north if self.north is not None else _any_across(self.normal)
+        R = rotation_from(self.normal, north)
+        points: F64 = self.position + (outline + np.array(place)) @ R[:, :2].T
+        return points
+
+
+class Search:
+    """Looks for the markers of one pad in the images of one camera."""
+
+    def __init__(self, layout: PadLayout, camera: CameraModel, min_ring_px: float) -> None:
+        """Prepare the search; rings smaller than min_ring_px across are not reported.
+
+        Raises:
+            ValueError: the pad has a square that OpenCV's dictionaries lack.
+        """
+        self._layout = layout
+        self._camera = camera
+        self._focal = 0.5 * (camera.fx + camera.fy)
+        self._min_ring_px = min_ring_px
+        self._finder = SquareFinder(layout)
+
+    def find(
+        self, image: Image, expected: Expected | None, down: Vec3 | None
+    ) -> tuple[list[FoundRing], list[FoundSquare]]:
+        """Return what may be the pad's rings, of each the nearest few, and its squares.
+
+        First where the pad is expected; what is not found there, everywhere. But one square tells
+        where the rings are, and a far ring that squares are too small.
+        """
+        rings: list[FoundRing] = []
+        squares: list[FoundSquare] = []
+        if expected is not None:
+            rings = self._rings_expected(image, expected, down)
+            squares = self._squares_expected(image, expected)
+        if not rings and not squares:
+            for ring in self._layout.rings:
+                found = find_rings(image, ring, self._camera, down=down)
+                rings += [(ring, s) for s in self._likely(found)]
+        if not squares and self._layout.squares:
+            squares = self._squares_unexpected(image, rings, expected)
+        return rings, squares
+
+    def _rings_expected(
+        self, image: Image, expected: Expected, down: Vec3 | None
+    ) -> list[FoundRing]:
+        rings: list[FoundRing] = []
+        for ring in self._layout.rings:
+            points = expected.points(ring.position_m, circle(0.5 * ring.outer_diameter_m))
+            window = None if points is None else self._window(points, expected)
+            if points is None or window is None:
+                continue
+            size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
+            found = find_rings(
+                image, ring, self._camera, window=window, down=down, expected_diameter_px=size
+            )
+            rings += [(ring, s) for s in self._likely(found)]
+        return rings
+
+    def _likely(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
+        large = [
+            r for r in rings if np.ptp(np.array(r.outline_px), axis=0).max() >= self._min_ring_px
+        ]
+        return large[:_MOST_ALIKE]
+
+    def _squares_unexpected(
+        self, image: Image, rings: list[FoundRing], expected: Expected | None
+    ) -> list[FoundSquare]:
+        """Look for squares round the rings, else everywhere."""
+        for ring, sighting in rings:
+            found = self._squares_near(image, ring, sighting)
+            if found:
+                return found
+        if any(self._is_far(s, expected) for _, s in rings):
+            return []
+        return self._finder.find(image)
+
+    def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
+        by_size: dict[float, list[F64]] = {}
+        for s in self._layout.squares:
+            points = expected.points(s.position_m, _turned(square_points(s.size_m), s.heading_deg))
+            if points is not None:
+                by_size.setdefault(s.size_m, []).append(points)
+        found = []
+        for size, outlines in by_size.items():
+            points = np.concatenate(outlines)
+            window = self._window(points, expected)
+            if window is not None:
+                scale = self._search_scale(size, expected.position, expected.normal)
+                found += [
+                    f
+                    for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
+                    if f.square.size_m == size
+                ]
+        return found
+
+    def _squares_near(
+        self, image: Image, ring: Ring, sighting: MarkerSighting
+    ) -> list[FoundSquare]:
+        """Look for squares round a ring; nothing is known of the heading."""
+        pose = sighting.solutions[0]
+        position, normal = np.array(pose.position), np.array(pose.normal)
+        found = []
+        for size in sorted({s.size_m for s in self._layout.squares}):
+            reach = max(
+                math.dist(s.position_m, ring.position_m)
+                for s in self._layout.squares
+                if s.size_m == size
+            )
+            about = Expected(position, normal, None, 0.0, 4.0)
+            points = about.points((0.0, 0.0), circle(reach + 0.75 * size))
+            assert points is not None
+            window = self._window(points, about)
+            if window is not None:
+                scale = self._search_scale(size, position, normal)
+                found += [
+                    f
+                    for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
+                    if f.square.size_m == size
+                ]
+        return found
+
+    def _is_far(self, ring: MarkerSighting, expected: Expected | None) -> bool:
+        """Tell whether a ring is where it is expected, too far off for squares to be found."""
+        if expected is None:
+            return False
+        position = np.array(ring.solutions[0].position)
+        off = float(np.linalg.norm(position - expected.position))
+        size = max(s.size_m for s in self._layout.squares)
+        side_px = self._focal * size / float(position[2])
+        return off < 0.3 * float(position[2]) and side_px < _SMALLEST_FULL_PX
+
+    def _search_scale(self, size: float, position: F64, normal: F64) -> float:
+        distance = float(np.linalg.norm(position))
+        slant = max(0.35, abs(float(position @ normal)) / distance)
+        return min(_LARGEST_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
+
+    def _window(self, points: F64, expected: Expected) -> Window | None:
+        """Return the window that holds points (n, 3) and the margin; None: out of the image."""
+        camera = self._camera
+        nearest = float(points[:, 2].min())
+        if nearest < 0.05:
+            return Window(0, 0, camera.width, camera.height)
+        px = camera.pixels(points)
+        low, high = px.min(axis=0), px.max(axis=0)
+        margin = (
+            0.2 * (high - low) + expected.margin_px + 3.0 * expected.sigma_m * self._focal / nearest
+        )
+        x0, y0 = np.maximum(np.floor(low - margin), 0.0)
+        x1, y1 = np.minimum(np.ceil(high + margin) + 1, (camera.width, camera.height))
+        if not (x1 - x0 >= 4 and y1 - y0 >= 4):
+            return None
+        return Window(int(x0), int(y0), int(x1), int(y1))
+
+
+def _any_across(normal: F64) -> F64:
+    """Return some direction that is not along the normal."""
+    across: F64 = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    return across
+
+
+def _turned(points: F64, heading_deg: float) -> F64:
+    """Return points (n, 2) of a marker in the pad's axes."""
+    a = math.radians(heading_deg)
+    turn = np.array([[math.cos(a), -math.sin(a)], [math.sin(a), math.cos(a)]])
+    turned: F64 = points @ turn.T
+    return turned
