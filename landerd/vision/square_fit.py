@@ -35,7 +35,8 @@ _BLUR_CHANGED = 0.03  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
-_EDGE_BIAS_PX = 0.02  # what lens model, light and pixels leave out, as an error of the corners
+# What lens model, light and sampling leave out, as an error of the corners in fitted pixels.
+_EDGE_BIAS_PX = 0.01
 # Neighbouring residuals share the model's small errors, so n pixels tell less than n times one.
 _INFLATION = 1.15
 
@@ -164,15 +165,17 @@ class SquarePrint:
         squares = float(weight @ residual**2)
         variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - 11.0))
         try:
-            information = self._information(normal, variance, pose, camera)
+            information = self._information(normal, variance, pose, patch.pixel)
         except np.linalg.LinAlgError:
             return None
         scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
         fitted = Pose(pose.R, pose.t, information, 0.0)
         return Fit(fitted, 1.0 - squares / max(scatter, 1e-9), squares, variance)
 
-    def _information(self, normal: F64, variance: float, pose: Pose, camera: CameraModel) -> F64:
+    def _information(self, normal: F64, variance: float, pose: Pose, pixel: float) -> F64:
         """Return the information of (dt, w) from the normal matrix (11, 11) of the fit.
+
+        `pixel` is the width of one on the plane z = 1.
 
         Raises:
             LinAlgError: the pixels leave the pose open.
@@ -180,7 +183,7 @@ class SquarePrint:
         light = np.linalg.solve(normal[6:, 6:], normal[6:, :6])
         turn = np.kron(np.eye(2), pose.R)
         of_pose = turn @ (normal[:6, :6] - normal[:6, 6:] @ light) @ turn.T
-        bias = _EDGE_BIAS_PX / (0.5 * (camera.fx + camera.fy))
+        bias = _EDGE_BIAS_PX * pixel
         information: F64 = np.linalg.inv(
             _INFLATION * variance * np.linalg.inv(of_pose)
             + np.linalg.inv(corner_information(pose, self._size, bias))
