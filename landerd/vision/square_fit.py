@@ -37,6 +37,7 @@ _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
 # What lens model, light and sampling leave out, as an error of the corners in fitted pixels.
 _EDGE_BIAS_PX = 0.01
+_UNSHARP_BIAS = 0.05  # and as a share of the blur beyond a sharp lens's, which no Gaussian fits
 # Neighbouring residuals share the model's small errors, so n pixels tell less than n times one.
 _INFLATION = 1.15
 
@@ -162,20 +163,21 @@ class SquarePrint:
                 return None
             if float(step[:6] @ normal[:6, :6] @ step[:6]) < _CONVERGED * sigma**2:
                 break
+        bias = _EDGE_BIAS_PX + _UNSHARP_BIAS * math.sqrt(max(0.0, blur - patch.blur))
         squares = float(weight @ residual**2)
         variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - 11.0))
         try:
-            information = self._information(normal, variance, pose, patch.pixel)
+            information = self._information(normal, variance, pose, bias * patch.pixel)
         except np.linalg.LinAlgError:
             return None
         scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
         fitted = Pose(pose.R, pose.t, information, 0.0)
         return Fit(fitted, 1.0 - squares / max(scatter, 1e-9), squares, variance)
 
-    def _information(self, normal: F64, variance: float, pose: Pose, pixel: float) -> F64:
+    def _information(self, normal: F64, variance: float, pose: Pose, bias: float) -> F64:
         """Return the information of (dt, w) from the normal matrix (11, 11) of the fit.
 
-        `pixel` is the width of one on the plane z = 1.
+        `bias` is the error of the corners that no residual shows, on the plane z = 1.
 
         Raises:
             LinAlgError: the pixels leave the pose open.
@@ -183,7 +185,6 @@ class SquarePrint:
         light = np.linalg.solve(normal[6:, 6:], normal[6:, :6])
         turn = np.kron(np.eye(2), pose.R)
         of_pose = turn @ (normal[:6, :6] - normal[:6, 6:] @ light) @ turn.T
-        bias = _EDGE_BIAS_PX * pixel
         information: F64 = np.linalg.inv(
             _INFLATION * variance * np.linalg.inv(of_pose)
             + np.linalg.inv(corner_information(pose, self._size, bias))
