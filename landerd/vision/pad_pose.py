@@ -116,7 +116,7 @@ def _tells_north(measured: list[Measured]) -> bool:
 
 def _same(a: Pose, b: Pose) -> bool:
     step = a.R.T @ b.R
-    return bool(np.linalg.norm(a.t - b.t) < 1e-4 * a.t[2] and np.trace(step) > 3.0 - 1e-5)
+    return bool(np.linalg.norm(a.t - b.t) < 1e-4 * np.linalg.norm(a.t) and np.trace(step) > 3.0 - 1e-5)
 
 
 def _joint(measured: list[Measured], first: Pose, prior_north: F64 | None) -> Pose | None:
@@ -146,7 +146,7 @@ def _joint(measured: list[Measured], first: Pose, prior_north: F64 | None) -> Po
         pose = Pose(pose.R, pose.t, information, cost).moved(step)
         if float(gradient @ step) < _CONVERGED:
             break
-    return pose if np.isfinite(pose.t).all() and pose.t[2] > 0 else None
+    return pose if np.isfinite(pose.t).all() else None
 
 
 def _start_rotation(measured: list[Measured], first: Pose, prior_north: F64 | None) -> F64:
