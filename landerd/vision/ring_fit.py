@@ -39,7 +39,7 @@ class RingFit:
     outside: float
     noise: float  # robust sigma of the residuals, grey levels
     cost: float  # robust sum of squared residuals over noise^2
-    inliers: float  # share of pixels within 3 sigma
+    inliers: float  # share of pixels that the model explains to a tenth of the contrast
     covariance: F64  # of position (3, 3), m^2
     sigma_tilt: float  # rad
     ratio: float  # inner over outer diameter as the pixels have it
@@ -148,6 +148,8 @@ def fit_ring(
         A = H[:, :_PARAMETERS, :_PARAMETERS].copy()
         # A limit to the step, not a prior: near frontal view the tilt is hardly seen.
         A[:, diagonal[3:5], diagonal[3:5]] += noise * noise / 0.2**2
+        if not (np.isfinite(A).all() and np.isfinite(b).all()):
+            return []
         step = np.linalg.solve(A, b[:, :_PARAMETERS, None])[:, :, 0]
         gain = (step * b[:, :_PARAMETERS]).sum(axis=1) / (noise[:, 0] ** 2)
         if float(gain.max()) < _ENOUGH:
@@ -163,13 +165,17 @@ def fit_ring(
         p = p + step[:, 5:]
         p[:, 0] = np.clip(p[:, 0], _MIN_BLUR**2, _MAX_BLUR**2)
         p[:, 1:3] = np.clip(p[:, 1:3], -30.0, 30.0)
-    fits = []
+    fits: list[RingFit] = []
+    if not np.isfinite(H).all():
+        return fits
     least = float(noise.min())
     for k in range(count):
         distance = float(np.linalg.norm(t[k]))
         if not float(normal[k] @ t[k]) > _MIN_COS * distance:
             continue
         w, r = weight[k], residual[k]
+        step_height = max(float(min(p[k, 3], p[k, 5]) - p[k, 4]), 1.0)
+        explained = np.abs(r) < max(8.0, 0.1 * step_height)
         variance = float((w * r * r).sum()) / max(float(w.sum()) - _PARAMETERS, 5.0)
         full = np.linalg.inv(H[k])
         less = np.linalg.inv(H[k, :_PARAMETERS, :_PARAMETERS])
@@ -185,7 +191,7 @@ def fit_ring(
                 noise=float(noise[k, 0]),
                 cost=float((9.0 * pixels.trust * u[k] / (1.0 + u[k])).sum())
                 * (float(noise[k, 0]) / least) ** 2,
-                inliers=float(np.count_nonzero(u[k] < 1.0)) / n,
+                inliers=float((pixels.trust * explained).sum() / pixels.trust.sum()),
                 covariance=variance * less[:3, :3],
                 sigma_tilt=math.sqrt(max(0.0, variance * float(less[3, 3] + less[4, 4]) / 2.0)),
                 ratio=ratio + float(full[13] @ b[k]) / radius,
@@ -202,6 +208,8 @@ def _add_priors(H: F64, b: F64, p: F64, noise: F64) -> None:
     Motion is below 30 px. Tilts span about a radian.
     """
     variance = noise * noise
+    every = np.arange(_PARAMETERS + 1)
+    H[:, every, every] += 1e-4 * variance[:, None]  # so that no parameter is ever free
     tie = variance / (0.06 * np.maximum(p[:, 3], 10.0)) ** 2
     H[:, 8, 8] += tie
     H[:, 10, 10] += tie

@@ -40,11 +40,14 @@ class Ellipse:
         return Ellipse(self.centre + np.array([x, y]), self.axes)
 
 
-def ring_candidates(image: U8, inner_ratio: float) -> Iterator[Ellipse]:
-    """Yield outlines of what looks like a dark ring of 6 to about 120 px in a grey image."""
+def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> Iterator[Ellipse]:
+    """Yield outlines of what looks like a dark ring of 6 to about 120 px in a grey image.
+
+    `threshold` is the share of the local mean below which a pixel is dark. A low one parts a ring
+    from a dark surrounding and from a shadow, a high one sees weak contrast.
+    """
     mean = cv2.blur(image, (_BOX_PX, _BOX_PX), borderType=cv2.BORDER_REPLICATE)
-    offset = float(np.clip(0.12 * float(mean[::8, ::8].mean()), 3.0, 12.0))
-    dark = cv2.compare(cv2.add(image, offset), mean, cv2.CMP_LT)
+    dark = cv2.compare(image, cv2.convertScaleAbs(mean, alpha=threshold), cv2.CMP_LT)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(
         dark, connectivity=4, ltype=cv2.CV_16U
     )
