@@ -116,10 +116,13 @@ def _sim(args: argparse.Namespace) -> int:
         raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
     loaded = _load(args, overlays=[known[args.scenario]])
 
+    import logging
+
     from landerd.camera_model import CalibrationError
     from landerd.pad import PadError
     from landerd.simulation import simulate
 
+    logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
     shows_progress = sys.stdout.isatty() and not args.json
     try:
         result = simulate(

@@ -25,7 +25,7 @@ class MavlinkCodec:
 
     Attributes:
         counters: "garbled bytes" skipped; of them what looked like "unknown" messages; messages
-            "lost" by the gaps in their senders' sequence numbers.
+            "messages lost" by the gaps in their senders' sequence numbers.
     """
 
     def __init__(self, system: int, component: int) -> None:
@@ -105,7 +105,7 @@ class MavlinkCodec:
         if missed < 128:  # else an older one that was overtaken
             self._last_seq[source] = seq
             if missed:
-                self.counters["lost"] += missed
+                self.counters["messages lost"] += missed
 
 
 def _frame_size(buffer: bytearray, at: int) -> int | None:

@@ -116,7 +116,8 @@ def _tells_north(measured: list[Measured]) -> bool:
 
 def _same(a: Pose, b: Pose) -> bool:
     step = a.R.T @ b.R
-    return bool(np.linalg.norm(a.t - b.t) < 1e-4 * np.linalg.norm(a.t) and np.trace(step) > 3.0 - 1e-5)
+    near = np.linalg.norm(a.t - b.t) < 1e-4 * np.linalg.norm(a.t)
+    return bool(near and np.trace(step) > 3.0 - 1e-5)
 
 
 def _joint(measured: list[Measured], first: Pose, prior_north: F64 | None) -> Pose | None:

@@ -421,7 +421,7 @@ def test_with_bytes_damaged_and_writes_lost_only_sound_values_come_through() -> 
         assert 100 < len(f.got(LocalPosition)) < 350
         assert {m.position for m in f.got(LocalPosition)} == {(0.0, 0.0, -10.0)}
         assert f.driver.counters["garbled bytes"] > 1000
-        assert f.driver.counters["lost"] > 300
+        assert f.driver.counters["messages lost"] > 300
         f.autopilot_link.faults.corrupt = f.autopilot_link.faults.drop = 0.0
         await asyncio.sleep(2.0)  # the time allowed to be back
         f.messages.clear()
