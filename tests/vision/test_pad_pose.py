@@ -112,11 +112,11 @@ def sigmas_apart(a: PoseSolution, b: PoseSolution) -> float:
 
 def test_the_landing_point_of_a_bundle_does_not_jump_with_the_set_of_tags() -> None:
     layout = load_pad(PADS / "bundle.yaml")
-    view = look(CAMERA, 2.2, 0.4, pixel=(150.0, 120.0), heading=0.5)
+    view = look(CAMERA, 1.8, 0.4, pixel=(150.0, 120.0), heading=0.5)
     whole = seen(layout, view, set())
     assert {m.id for m in whole.markers} == {10, 11, 12, 13, 14}
     assert math.dist(whole.pad[0].position, view.position) < 0.005
-    for hidden in ({10}, {10, 11, 12}, {11, 12, 13, 14}):
+    for hidden in ({10}, {11, 12, 13}, {11, 12, 13, 14}):
         part = seen(layout, view, hidden)
         assert len(part.markers) == 5 - len(hidden)
         assert sigmas_apart(whole.pad[0], part.pad[0]) < 4.0
