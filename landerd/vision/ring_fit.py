@@ -21,7 +21,7 @@ from landerd.vision.ring_pose import F64, Pose, tangents
 
 _PARAMETERS = 13  # centre 3, normal 2, blur 1, motion 2, levels 3, light gradient 2
 _SPREAD_PX = 0.4  # of the places in which a small ring's pixel is looked at, along x and y
-_ENOUGH = 0.2  # expected gain of chi-square by another step that is not worth it
+_ENOUGH = 1.0  # gain of chi-square by a step after which another is not worth it
 _MIN_BLUR, _MAX_BLUR = 0.2, 12.0  # px
 _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 
@@ -91,8 +91,7 @@ def fit_ring(
     diagonal = np.arange(_PARAMETERS)
     bends: tuple[F32, F32] | None = None
     v = pixels.rays
-    for i in range(steps + 1):
-        last = i == steps
+    for i in range(steps):
         if motion_px is not None:
             v = shifted(pixels, p[:, 1:3, None] * along)
         elif i == 0 and parts > 1:
@@ -143,8 +142,6 @@ def fit_ring(
         H = (weighted @ rows.transpose(0, 2, 1)).astype(np.float64)
         b = (weighted @ residual[:, :, None])[:, :, 0].astype(np.float64)
         _add_priors(H, b, p, noise[:, 0])
-        if last:
-            break
         A = H[:, :_PARAMETERS, :_PARAMETERS].copy()
         # A limit to the step, not a prior: near frontal view the tilt is hardly seen.
         A[:, diagonal[3:5], diagonal[3:5]] += noise * noise / 0.2**2
@@ -152,8 +149,6 @@ def fit_ring(
             return []
         step = np.linalg.solve(A, b[:, :_PARAMETERS, None])[:, :, 0]
         gain = (step * b[:, :_PARAMETERS]).sum(axis=1) / (noise[:, 0] ** 2)
-        if float(gain.max()) < _ENOUGH:
-            break
         depth = t[:, 2]
         aside = step[:, :2] - t[:, :2] * (step[:, 2] / depth)[:, None]
         ease = np.minimum(1.0, 0.25 * depth / np.maximum(np.abs(step[:, 2]), 1e-9))
@@ -165,6 +160,9 @@ def fit_ring(
         p = p + step[:, 5:]
         p[:, 0] = np.clip(p[:, 0], _MIN_BLUR**2, _MAX_BLUR**2)
         p[:, 1:3] = np.clip(p[:, 1:3], -30.0, 30.0)
+        # The judgement below is of the state before the last step, which changed little.
+        if float(gain.max()) < _ENOUGH:
+            break
     fits: list[RingFit] = []
     if not np.isfinite(H).all():
         return fits

@@ -53,7 +53,8 @@ def find_rings(
             rough = _rough_fit(level, candidate, ring)
             if rough is None or any(_covers(s, camera, rough.position) for s in found):
                 continue
-            fits = _fit_both(image, ring, camera, rough, camera.fx / level.camera.fx)
+            zoom = camera.fx / level.camera.fx
+            fits = _fit_both(image, ring, camera, rough, zoom, hard=not found)
             if fits:
                 found.append(_sighting(fits, ring, camera, down))
         if found:
@@ -112,15 +113,18 @@ def _rough_fit(level: _Level, candidate: Ellipse, ring: Ring) -> RingFit | None:
     poses = None if cone is None else poses_of_cone(cone, radius)
     if poses is None:
         return None
-    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0, 350, False)
+    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0, 300, False)
     fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 1.0, 3)
     return fits[0] if fits and fits[0].contrast > 10.0 else None
 
 
 def _fit_both(
-    image: U8, ring: Ring, camera: CameraModel, rough: RingFit, zoom: float
+    image: U8, ring: Ring, camera: CameraModel, rough: RingFit, zoom: float, hard: bool
 ) -> list[RingFit]:
-    """Return both poses fitted to the image, the better first; empty if it is no such ring."""
+    """Return both poses fitted to the image, the better first; empty if it is no such ring.
+
+    With `hard`, a fit that leaves much unexplained is tried again with shadow and with motion.
+    """
     radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
     start = (rough.position, rough.normal)
     other = mirrored(*start, radius)
@@ -129,7 +133,7 @@ def _fit_both(
     if pixels is None or other is None:
         return []
     fits = fit_ring(pixels, (start, other), radius, ratio, blur, 8)
-    if fits and fits[0].contrast > 12.0 and _is_poor(fits[0]):
+    if hard and fits and _is_poor(fits[0]):
         fits = min(
             (
                 fits,
@@ -142,8 +146,9 @@ def _fit_both(
 
 
 def _is_poor(fit: RingFit) -> bool:
-    """Tell whether residuals are larger than a camera's noise makes them."""
-    return fit.noise > 2.0 + 0.025 * (max(fit.inside, fit.outside) - fit.black)
+    """Tell whether residuals are larger than a camera's noise makes them, but not hopeless."""
+    contrast = max(fit.inside, fit.outside) - fit.black
+    return fit.noise > 2.0 + 0.025 * contrast and contrast > max(3.5 * fit.noise, 12.0)
 
 
 def _fit_shaded(pixels: Pixels, fit: RingFit, radius: float, ratio: float) -> list[RingFit]:
