@@ -56,7 +56,7 @@ class Limiter:
         if not may_descend:
             d = min(d, 0.0)
             if self._v[2] > 0.0:
-                self._v[2] = self._a[2] = 0.0
+                self._v[2] = self._a[2] = d = 0.0  # a climb begins with the next set-point
         error = d - self._v[2]
         a = _square_root_control(abs(error), limits.vertical_acceleration_mps2, limits.jerk_mps3)
         step = limits.jerk_mps3 * dt

@@ -71,8 +71,8 @@ class Search:
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
         if expected is not None:
-            rings = self._rings_expected(image, expected, down)
             squares = self._squares_expected(image, expected)
+            rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
         if not rings and not squares:
             for ring in self._layout.rings:
                 found = find_rings(image, ring, self._camera, down=down)
@@ -82,13 +82,18 @@ class Search:
         return rings, squares
 
     def _rings_expected(
-        self, image: Image, expected: Expected, down: Vec3 | None
+        self, image: Image, expected: Expected, down: Vec3 | None, *, whole_only: bool
     ) -> list[FoundRing]:
+        """Look for rings where they should be; whole_only: not for those that the image cuts.
+
+        Just over the pad the ring fills the image and only the square tells the pose: looking for
+        the ring there would cost ten times what finding the square does.
+        """
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
             points = expected.points(ring.position_m, circle(0.5 * ring.outer_diameter_m))
             window = None if points is None else self._window(points, expected)
-            if points is None or window is None:
+            if points is None or window is None or (whole_only and not self._is_whole(points)):
                 continue
             size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
             found = find_rings(
@@ -174,6 +179,14 @@ class Search:
         distance = float(np.linalg.norm(position))
         slant = max(0.35, abs(float(position @ normal)) / distance)
         return min(_LARGEST_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
+
+    def _is_whole(self, points: F64) -> bool:
+        """Tell whether points (n, 3) all lie in the image."""
+        if float(points[:, 2].min()) < 0.05:
+            return False
+        px = self._camera.pixels(points)
+        size = (self._camera.width - 1, self._camera.height - 1)
+        return bool((px >= 0.0).all() and (px <= size).all())
 
     def _window(self, points: F64, expected: Expected) -> Window | None:
         """Return the window that holds points (n, 3) and the margin; None: out of the image."""
