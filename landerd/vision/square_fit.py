@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
+from landerd.geometry import Vec3
 from landerd.pad import Square
 from landerd.vision.pose import Pose
 from landerd.vision.square_pose import (
@@ -47,6 +48,7 @@ _TOLD_PX = 0.5
 _CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 # A fit that explains less of the pixels' variance is no better than the corners.
 _EXPLAINED = 0.85
+_LEVEL = math.cos(math.radians(40.0))  # no pad leans more
 _SAME_NORMAL = math.cos(math.radians(1.0))
 
 
@@ -86,7 +88,9 @@ class SquarePrint:
         self._ku = 2.0 * math.pi * np.fft.rfftfreq(n)[None, :]
         self._kv = 2.0 * math.pi * np.fft.fftfreq(n)[:, None]
 
-    def poses(self, image: Image, camera: CameraModel, corners: F64) -> list[Pose]:
+    def poses(
+        self, image: Image, camera: CameraModel, corners: F64, down: Vec3 | None = None
+    ) -> list[Pose]:
         """Return the one or two poses that explain the pixels, best first.
 
         The cost of the best is 0, that of the other how much worse it explains them. Where the
@@ -96,6 +100,8 @@ class SquarePrint:
             image: grey image (height, width).
             camera: the lens.
             corners: (4, 2) pixels, top left first, clockwise as printed.
+            down: unit vector of gravity, camera frame; a second solution far from level is not
+                worth its fit.
         """
         starts = planar_poses(camera.rays(corners), self._size)
         first = self.fit(image, camera, starts[0][0]) if starts else None
@@ -106,6 +112,8 @@ class SquarePrint:
         p = first.pose.t + square_points(self._size) @ first.pose.R[:, :2].T
         focal = 0.5 * (camera.fx + camera.fy)
         for start, error in planar_poses(p[:, :2] / p[:, 2:], self._size):
+            if down is not None and float(start.normal @ np.array(down)) < _LEVEL:
+                continue
             if float(start.normal @ first.pose.normal) < _SAME_NORMAL and error * focal < _TOLD_PX:
                 other = self.fit(image, camera, start)
                 if other is not None and other.pose.normal @ first.pose.normal < _SAME_NORMAL:

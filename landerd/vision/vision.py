@@ -107,7 +107,7 @@ class Vision:
     def _square(self, image: Image, found: FoundSquare, prior: Prior) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
-        poses = self._prints[square].poses(image, self._camera, found.corners)
+        poses = self._prints[square].poses(image, self._camera, found.corners, prior.down)
         level = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in level if (s := solution(p)) and self._is_certain(s))
         if not solutions:
