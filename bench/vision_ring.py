@@ -89,7 +89,8 @@ class Cell:
             text += (
                 f" {np.median(e):9.2f} {np.percentile(e, 95):9.1f}"
                 f" {np.median(e / np.array(self.bounds_mm)):6.2f}"
-                f" {100.0 * self.flips / self.found:6.1f} % {100.0 * self.inside / self.found:6.1f} %"
+                f" {100.0 * self.flips / self.found:6.1f} %"
+                f" {100.0 * self.inside / self.found:6.1f} %"
             )
         else:
             text += " " * 44

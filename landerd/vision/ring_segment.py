@@ -5,7 +5,6 @@ ring as one seen from above.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -18,6 +17,7 @@ U8 = NDArray[np.uint8]
 MIN_EXTENT_PX = 5  # of a ring's shorter side: below, its hole is no pixel any more
 _BOX_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
 _MOST = 200  # components looked at, largest first
+_BEST = 8  # outlines returned
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
@@ -40,8 +40,8 @@ class Ellipse:
         return Ellipse(self.centre + np.array([x, y]), self.axes)
 
 
-def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> Iterator[Ellipse]:
-    """Yield outlines of what looks like a dark ring of 6 to about 120 px in a grey image.
+def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> list[Ellipse]:
+    """Return outlines of what looks like a dark ring of 6 to about 120 px, the likeliest first.
 
     `threshold` is the share of the local mean below which a pixel is dark. A low one parts a ring
     from a dark surrounding and from a shadow, a high one sees weak contrast.
@@ -67,6 +67,7 @@ def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> Iterator
     at = np.rint(centroids).astype(np.intp)
     picked = np.flatnonzero(good[1:]) + 1
     picked = picked[labels[at[picked, 1], at[picked, 0]] != picked]  # the hole is not dark
+    seen = []
     for i in picked[np.argsort(-size[picked], kind="stable")][:_MOST]:
         x, y, cw, ch = (int(v) for v in stats[i, :4])
         mask = cv2.compare(labels[y : y + ch, x : x + cw], int(i), cv2.CMP_EQ)
@@ -74,8 +75,11 @@ def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> Iterator
         if ellipse is None:
             continue
         ellipse = ellipse.moved(x, y)
-        if looks_like_ring(image, ellipse, inner_ratio):
-            yield ellipse
+        likeness = ring_likeness(image, ellipse, inner_ratio)
+        if likeness > 0.0:
+            seen.append((likeness, ellipse))
+    seen.sort(key=lambda found: -found[0])
+    return [ellipse for _, ellipse in seen[:_BEST]]
 
 
 def _outline(mask: U8, k: float) -> Ellipse | None:
@@ -101,21 +105,23 @@ def _outline(mask: U8, k: float) -> Ellipse | None:
     return Ellipse(np.array([m["m10"] / area, m["m01"] / area]), axes)
 
 
-def looks_like_ring(image: U8, ellipse: Ellipse, k: float) -> bool:
-    """Tell whether centre and surroundings are brighter than the middle of the stroke."""
+def ring_likeness(image: U8, ellipse: Ellipse, k: float) -> float:
+    """Return how far centre and surroundings are brighter than the stroke, over their spread.
+
+    Zero or less is no ring.
+    """
     h, w = image.shape
     levels = []
     for scale in (0.4 * k, (1.0 + k) / 2.0, 1.18):
         p = np.rint(ellipse.points(scale)).astype(np.intp)
         inside = (p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)
         if np.count_nonzero(inside) < 10:
-            return False
+            return 0.0
         p = p[inside]
         levels.append(np.sort(image[p[:, 1], p[:, 0]].astype(np.float64)))
     hole, stroke, around = levels
     dark = stroke[int(0.8 * len(stroke))]
-    return bool(
-        hole[len(hole) // 2] > dark + 8.0
-        and around[len(around) // 2] > dark + 8.0
-        and around[int(0.2 * len(around))] > stroke[len(stroke) // 2]
-    )
+    step = float(min(hole[len(hole) // 2], around[len(around) // 2]) - dark) - 8.0
+    if around[int(0.2 * len(around))] <= stroke[len(stroke) // 2]:
+        return 0.0
+    return step / (10.0 + float(dark - stroke[int(0.2 * len(stroke))]))

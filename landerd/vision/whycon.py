@@ -23,7 +23,9 @@ from landerd.vision.window import Window
 U8 = NDArray[np.uint8]
 
 _THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
-_EDGE_BIAS_PX = 0.02  # what the edge model leaves out, as an error of every edge
+_HARD_TRIES = 2  # likeliest candidates of a level that are also fitted with shadow and motion
+_EDGE_BIAS_PX = 0.007  # what the edge model leaves out, as an error of every edge
+_FLOOR_M = 1e-4  # of sigma: nobody prints or measures a pad more truly
 
 
 def find_rings(
@@ -49,12 +51,13 @@ def find_rings(
     found: list[MarkerSighting] = []
     levels = list(_levels(image, camera, window, expected_diameter_px))
     for level, threshold in [(level, threshold) for threshold in _THRESHOLDS for level in levels]:
-        for candidate in ring_candidates(level.image, ring.inner_ratio, threshold):
+        likeliest = ring_candidates(level.image, ring.inner_ratio, threshold)
+        for rank, candidate in enumerate(likeliest):
             rough = _rough_fit(level, candidate, ring)
             if rough is None or any(_covers(s, camera, rough.position) for s in found):
                 continue
-            zoom = camera.fx / level.camera.fx
-            fits = _fit_both(image, ring, camera, rough, zoom, hard=not found)
+            hard = rank < _HARD_TRIES and not found
+            fits = _fit_both(image, ring, camera, rough, camera.fx / level.camera.fx, hard)
             if fits:
                 found.append(_sighting(fits, ring, camera, down))
         if found:
@@ -191,13 +194,13 @@ def _is_ring(fit: RingFit, ratio: float) -> bool:
     """Tell whether a fit describes a ring of this ratio well.
 
     The limits lie between what true rings and look-alikes gave on made images: squares, discs and
-    rings of another ratio leave a seventh of the pixels unexplained, texture has little contrast.
+    rings of another ratio leave an eighth of the pixels unexplained, texture has little contrast.
     """
     moved = bool(np.any(fit.motion_px))
     return (
         fit.contrast > 12.0
         and fit.contrast > (15.0 if moved else 9.0) * fit.noise
-        and fit.inliers > (0.9 if moved else 0.86)
+        and fit.inliers > 0.89
         and abs(fit.ratio - ratio) < 0.03 * ratio + 2.0 * fit.sigma_ratio
         and fit.sigma_ratio < 0.06 * ratio
     )
@@ -229,7 +232,7 @@ def _solution(fit: RingFit, radius: float, camera: CameraModel) -> PoseSolution:
     # side to side the direction.
     along = _EDGE_BIAS_PX * distance * distance / (focal * radius)
     aside = _EDGE_BIAS_PX * distance / focal
-    C = fit.covariance + np.outer(sight, sight) * along**2 + np.eye(3) * aside**2
+    C = fit.covariance + np.outer(sight, sight) * along**2 + np.eye(3) * (aside**2 + _FLOOR_M**2)
     covariance: Mat3 = (
         (float(C[0, 0]), float(C[0, 1]), float(C[0, 2])),
         (float(C[1, 0]), float(C[1, 1]), float(C[1, 2])),

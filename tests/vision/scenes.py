@@ -324,7 +324,7 @@ def _background(optics: Optics, rng: np.random.Generator, shape: tuple[int, int]
             n = 2 ** (octave + 1)
             grid = rng.normal(0.0, 1.0, (n * 3 // 4 + 2, n + 2)).astype(np.float32)
             image += cv2.resize(grid, (w, h), interpolation=cv2.INTER_CUBIC) * 25.0 * 0.7**octave
-        return np.clip(base + image, 5.0, 230.0).astype(np.float32)
+        return cast(F32, np.clip(base + image, 5.0, 230.0).astype(np.float32))
     fine = rng.normal(0.0, 1.0, shape).astype(np.float32)
     if optics.background == "grass":
         blades = cv2.GaussianBlur(fine, (0, 0), sigmaX=0.7, sigmaY=2.2)
@@ -332,7 +332,7 @@ def _background(optics: Optics, rng: np.random.Generator, shape: tuple[int, int]
     else:
         patches = cv2.GaussianBlur(rng.normal(0.0, 1.0, shape).astype(np.float32), (0, 0), 12.0)
         image = base + 10.0 * fine + 8.0 * patches / patches.std()
-    return np.clip(image, 5.0, 230.0).astype(np.float32)
+    return cast(F32, np.clip(image, 5.0, 230.0).astype(np.float32))
 
 
 def _paint_pad(

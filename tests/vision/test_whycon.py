@@ -1,0 +1,211 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from landerd.messages import MarkerSighting
+from landerd.pad import PadLayout, Plate, Ring
+from landerd.vision.ring_pose import cone_of_pose, cone_through, mirrored, poses_of_cone
+from landerd.vision.whycon import find_rings
+from landerd.vision.window import Window
+from tests.vision import scenes
+
+RING = scenes.THESIS_PAD.rings[0]
+CAMERA = scenes.THESIS_CAMERA
+
+
+def look(distance: float, tilt_deg: float, pixel: tuple[float, float] = (330, 250)) -> scenes.View:
+    return scenes.look(
+        CAMERA, distance, math.radians(tilt_deg), pixel=pixel, tilt_towards=0.7, heading=0.4
+    )
+
+
+def shot(view: scenes.View | None, optics: scenes.Optics | None = None, seed: int = 1) -> scenes.U8:
+    return scenes.render(view, CAMERA, optics or scenes.Optics(), np.random.default_rng(seed))
+
+
+def error_m(sighting: MarkerSighting, view: scenes.View) -> float:
+    return math.dist(sighting.solutions[0].position, view.position)
+
+
+# ---- pose of a circle ---------------------------------------------------------------------------
+
+
+def test_both_poses_of_a_cone_show_the_same_ellipse_and_one_is_the_circle() -> None:
+    position, normal = np.array([0.6, -0.3, 4.0]), np.array([0.3, 0.4, 0.866])
+    normal /= np.linalg.norm(normal)
+    cone = cone_of_pose(position, normal, 0.5)
+    poses = poses_of_cone(cone, 0.5)
+    assert poses is not None
+    assert min(np.abs(p - position).max() for p, _ in poses) < 1e-9
+    for p, n in poses:
+        again = cone_of_pose(p, n, 0.5)
+        assert np.allclose(again / again[2, 2], cone / cone[2, 2], atol=1e-9)
+    other = mirrored(position, normal, 0.5)
+    assert other is not None
+    assert other[1] @ normal < 0.9
+
+
+def test_cone_through_points_on_a_circle_is_its_cone_of_sight() -> None:
+    position, normal = np.array([0.2, 0.1, 3.0]), np.array([0.0, 0.6, 0.8])
+    a = np.linspace(0, 2 * math.pi, 16, endpoint=False)[:, None]
+    points = position + 0.5 * (np.cos(a) * [1, 0, 0] + np.sin(a) * [0, 0.8, -0.6])
+    cone = cone_through(points[:, :2] / points[:, 2:])
+    assert cone is not None
+    true = cone_of_pose(position, normal, 0.5)
+    assert np.allclose(cone / cone[2, 2], true / true[2, 2], atol=1e-6)
+
+
+def test_an_ellipsoid_of_no_sight_has_no_pose() -> None:
+    assert poses_of_cone(np.eye(3), 0.5) is None
+
+
+# ---- rings in images ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("distance", "tilt_deg", "limit_m"),
+    # Three times the Cramér-Rao bound of the view (facts, section 5), never less than 1 mm.
+    [
+        (1.2, 20, 0.001),
+        (3, 60, 0.001),
+        (5, 45, 0.0015),
+        (10, 0, 0.005),
+        (10, 60, 0.010),
+        (20, 30, 0.04),
+        (25, 45, 0.09),
+    ],
+)
+def test_single_frame_finds_the_ring_within_three_bounds(
+    distance: float, tilt_deg: float, limit_m: float
+) -> None:
+    view = look(distance, tilt_deg)
+    errors = []
+    for seed in range(3):
+        found = find_rings(shot(view, seed=seed), RING, CAMERA)
+        assert len(found) == 1
+        assert found[0].kind == "whycon"
+        errors.append(error_m(found[0], view))
+    assert float(np.median(errors)) < limit_m
+
+
+def test_both_solutions_are_given_and_the_true_normal_is_first() -> None:
+    view = look(6.0, 45)
+    solutions = find_rings(shot(view), RING, CAMERA)[0].solutions
+    assert len(solutions) == 2
+    assert solutions[0].cost < solutions[1].cost
+    angle = math.acos(min(1.0, float(np.array(solutions[0].normal) @ view.normal)))
+    assert math.degrees(angle) < 1.0
+    assert float(np.array(solutions[1].normal) @ view.normal) < math.cos(math.radians(20))
+    assert solutions[0].north is None
+    assert solutions[0].sigma_yaw is None
+
+
+def test_gravity_orders_poses_that_the_image_cannot_tell_apart() -> None:
+    view = look(38.0, 35)
+    image = shot(view)
+    n = view.normal
+    found = find_rings(image, RING, CAMERA, down=(float(n[0]), float(n[1]), float(n[2])))
+    assert float(np.array(found[0].solutions[0].normal) @ n) > math.cos(math.radians(20))
+
+
+def test_a_window_gives_what_the_whole_image_gives() -> None:
+    view = look(12.0, 30, (420.0, 160.0))
+    image = shot(view)
+    whole = find_rings(image, RING, CAMERA)[0]
+    size = CAMERA.fx / 12.0
+    window = Window(420 - 40, 160 - 40, 420 + 40, 160 + 40)
+    near = find_rings(image, RING, CAMERA, window=window, expected_diameter_px=size)[0]
+    assert math.dist(whole.solutions[0].position, near.solutions[0].position) < 0.01
+    elsewhere = Window(100, 200, 200, 300)
+    assert find_rings(image, RING, CAMERA, window=elsewhere) == []
+
+
+@pytest.mark.parametrize(
+    "window", [Window(0, 0, 0, 0), Window(-50, -50, 3, 3), Window(630, 470, 900, 900)]
+)
+def test_windows_at_the_rim_are_searched_without_error(window: Window) -> None:
+    assert find_rings(shot(look(8.0, 20)), RING, CAMERA, window=window) == []
+
+
+def test_sigma_covers_the_error() -> None:
+    inside = 0
+    rng = np.random.default_rng(5)
+    for seed in range(30):
+        view = scenes.random_view(rng, CAMERA, rng.uniform(6, 20), rng.uniform(0, 1), RING)
+        assert view is not None
+        best = find_rings(shot(view, scenes.random_optics(rng), seed), RING, CAMERA)[0].solutions[0]
+        off = np.array(best.position) - view.position
+        inside += float(off @ np.linalg.solve(np.array(best.covariance), off)) < 7.815
+    assert inside >= 25  # 95 % expected; fewer than 25 of 30 happen once in 500
+
+
+def test_shadow_edge_across_the_ring() -> None:
+    view = look(8.0, 30, (320.0, 240.0))
+    shadow = scenes.Shadow(0.4, (324.0, 240.0), (0.8, 0.6))
+    found = find_rings(shot(view, scenes.Optics(shadow=shadow)), RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.02
+
+
+def test_motion_of_ten_pixels() -> None:
+    view = look(10.0, 30)
+    found = find_rings(shot(view, scenes.Optics(motion_px=(8.0, 6.0))), RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.05
+
+
+@pytest.mark.parametrize("level", [15.0, 230.0])
+def test_a_thin_leg_across_the_ring(level: float) -> None:
+    view = look(4.0, 20, (320.0, 240.0))
+    bar = scenes.Bar((345.0, 240.0), (0.3, 1.0), 4.0, level)
+    found = find_rings(shot(view, scenes.Optics(bar=bar)), RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.02
+
+
+def test_nothing_is_found_where_nothing_is() -> None:
+    rng = np.random.default_rng(3)
+    for background in ("fractal", "grass", "asphalt", "plain"):
+        image = scenes.render(None, CAMERA, scenes.Optics(background=background), rng)
+        assert find_rings(image, RING, CAMERA) == []
+
+
+def test_discs_squares_and_rings_of_another_ratio_are_not_taken() -> None:
+    made = scenes.hard_negatives(np.random.default_rng(8), CAMERA, RING.inner_ratio)
+    assert sum(len(find_rings(next(made)[1], RING, CAMERA)) for _ in range(40)) == 0
+
+
+def test_the_ratio_asked_for_is_found() -> None:
+    thin = Ring(kind="whycon", outer_diameter_m=1.0, inner_ratio=0.6)
+    plate = Plate(north_m=0.7, south_m=0.7, east_m=0.7, west_m=0.7)
+    layout = PadLayout(name="thin", markers=(thin,), plate=plate)
+    view = look(6.0, 20)
+    image = scenes.render(view, CAMERA, scenes.Optics(), np.random.default_rng(1), layout)
+    assert len(find_rings(image, thin, CAMERA)) == 1
+    assert find_rings(image, RING, CAMERA) == []
+
+
+def test_larger_images_give_a_finer_position() -> None:
+    camera = CAMERA.scaled(1280, 960)
+    view = scenes.look(camera, 20.0, 0.4, pixel=(700.0, 500.0), tilt_towards=1.0)
+    image = scenes.render(view, camera, scenes.Optics(), np.random.default_rng(2))
+    found = find_rings(image, RING, camera)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.02
+
+
+@pytest.mark.parametrize("grey", [0, 128, 255])
+def test_flat_images_are_searched_without_error(grey: int) -> None:
+    image = np.full((480, 640), grey, np.uint8)
+    assert find_rings(image, RING, CAMERA) == []
+
+
+def test_a_ring_without_distortion_is_not_where_one_with_it_is() -> None:
+    view = look(5.0, 10, (560.0, 400.0))
+    image = shot(view)
+    right = find_rings(image, RING, CAMERA)[0]
+    wrong = find_rings(image, RING, replace(CAMERA, distortion=()))
+    assert error_m(right, view) < 0.005
+    assert all(error_m(s, view) > 0.02 for s in wrong)
