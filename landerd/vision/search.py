@@ -131,7 +131,7 @@ class Search:
             points = np.concatenate(outlines)
             window = self._window(points, expected)
             if window is not None:
-                scale = self._search_scale(size, expected.position, expected.normal)
+                scale = self._search_scale(size, points.mean(axis=0), expected.normal)
                 found += [
                     f
                     for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
