@@ -24,7 +24,9 @@ U8 = NDArray[np.uint8]
 
 _THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
 _HARD_TRIES = 2  # likeliest candidates of a level that are also fitted with shadow and motion
-_EDGE_BIAS_PX = 0.007  # what the edge model leaves out, as an error of every edge
+_EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
+_LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on
+_TRACK_REACH_PX = 4.0  # how far from where they are expected edges are found
 _FLOOR_M = 1e-4  # of sigma: nobody prints or measures a pad more truly
 
 
@@ -63,6 +65,38 @@ def find_rings(
         if found:
             break
     return sorted(found, key=lambda s: s.solutions[0].position[2])
+
+
+def track_ring(
+    image: U8,
+    ring: Ring,
+    camera: CameraModel,
+    position: F64,
+    normal: F64,
+    *,
+    down: Vec3 | None = None,
+) -> MarkerSighting | None:
+    """Return the ring that is where it was expected, to a few pixels; None if it is not there.
+
+    A quarter of the cost of a search. With gravity known, of the two poses only those are fitted
+    in which a pad could lie.
+
+    Args:
+        image: grey image (height, width) of the camera's size.
+        ring: its true size and ratio.
+        camera: intrinsics and distortion for this image size.
+        position: of the ring's centre, camera frame, m, (3,).
+        normal: into the pad, unit vector, camera frame, (3,).
+        down: unit vector of gravity, camera frame.
+    """
+    radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
+    starts = [(position, normal)]
+    other = mirrored(position, normal, radius)
+    if other is not None and (down is None or float(other[1] @ np.array(down)) > _LEVEL):
+        starts.append(other)
+    pixels = pixels_near(image, camera, starts[0], radius, ratio, _TRACK_REACH_PX, 400, True)
+    fits = [] if pixels is None else fit_ring(pixels, starts, radius, ratio, 1.0, 6)
+    return _sighting(fits, ring, camera, down) if fits and _is_ring(fits[0], ratio) else None
 
 
 @dataclass(frozen=True)
@@ -218,12 +252,14 @@ def _sighting(
     return MarkerSighting(
         kind="whycon",
         id=None,
-        solutions=tuple(_solution(f, radius, camera) for f in fits),
+        solutions=tuple(_solution(f, fits, radius, camera) for f in fits),
         outline_px=tuple((float(x), float(y)) for x, y in edge),
     )
 
 
-def _solution(fit: RingFit, radius: float, camera: CameraModel) -> PoseSolution:
+def _solution(
+    fit: RingFit, fits: list[RingFit], radius: float, camera: CameraModel
+) -> PoseSolution:
     t, n = fit.position, fit.normal
     distance = float(np.linalg.norm(t))
     focal = math.sqrt(camera.fx * camera.fy)
@@ -233,6 +269,11 @@ def _solution(fit: RingFit, radius: float, camera: CameraModel) -> PoseSolution:
     along = _EDGE_BIAS_PX * distance * distance / (focal * radius)
     aside = _EDGE_BIAS_PX * distance / focal
     C = fit.covariance + np.outer(sight, sight) * along**2 + np.eye(3) * (aside**2 + _FLOOR_M**2)
+    # As far as the other pose may be the true one, the error may be the way to it.
+    for other in fits:
+        chance = 1.0 / (1.0 + math.exp(min(0.5 * abs(other.cost - fit.cost), 50.0)))
+        way = other.position - t
+        C = C + chance * np.outer(way, way)
     covariance: Mat3 = (
         (float(C[0, 0]), float(C[0, 1]), float(C[0, 2])),
         (float(C[1, 0]), float(C[1, 1]), float(C[1, 2])),
