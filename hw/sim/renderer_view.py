@@ -71,7 +71,11 @@ class Frustum:
 
     def contains(self, points: F64) -> bool:
         """Tell whether all points (n, 3), camera frame, can be projected."""
-        return bool((self._distances(points) >= 0.0).all())
+        return bool(self.holds(points).all())
+
+    def holds(self, points: F64) -> NDArray[np.bool_]:
+        """Tell of each point (n, 3), camera frame, whether it can be projected, (n,)."""
+        return np.asarray((self._distances(points) >= 0.0).all(axis=1), dtype=np.bool_)
 
     def touches(self, centre: F64, radius: float) -> bool:
         """Tell whether a ball about centre (3,), camera frame, may be in view."""
@@ -165,10 +169,13 @@ def visible_markers(
         n, e = marker.position_m
         outline = np.column_stack([n + r * np.cos(a), e + r * np.sin(a), np.zeros(len(a))])
         points = in_camera(pose, on_pad(pad, outline))
-        if not frustum.contains(points):
+        points = points[frustum.holds(points)]
+        if 2 * len(points) < len(a):
             continue
         x, y = camera.pixels(points).T
-        in_x = (x >= -0.5) & (x <= camera.width - 0.5)
-        if np.mean(in_x & (y >= -0.5) & (y <= camera.height - 0.5)) >= 0.5:
+        in_image = (
+            (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
+        )
+        if 2 * np.count_nonzero(in_image) >= len(a):
             seen.append(index)
     return seen

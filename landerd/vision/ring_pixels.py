@@ -105,7 +105,8 @@ def _across(edge: F64, band_px: float, most: float) -> NDArray[np.intp]:
     normal = np.column_stack([-along[:, 1], along[:, 0]])
     normal /= np.sqrt((normal * normal).sum(axis=1))[:, None] + 1e-12
     lines = p[:, None, :] + offsets[None, :, None] * normal[:, None, :]
-    return np.rint(lines).reshape(-1, 2).astype(np.intp)
+    pixels: NDArray[np.intp] = np.rint(lines).reshape(-1, 2).astype(np.intp)
+    return pixels
 
 
 class PlaneView:
@@ -160,8 +161,10 @@ class PlaneView:
 def blurred_step(z: F32) -> tuple[F32, F32]:
     """Return the normal distribution function (to 3e-4) and the density."""
     square = z * z
-    cdf = 0.5 + 0.5 * np.tanh(z * (0.7978845608 + 0.0356774081 * square))
-    return cdf, np.exp(-0.5 * square) * 0.3989422804
+    half = np.float32(0.5)
+    cdf: F32 = half + half * np.tanh(z * (0.7978845608 + 0.0356774081 * square))
+    density: F32 = np.exp(-0.5 * square) * np.float32(0.3989422804)
+    return cdf, density
 
 
 def shifted(pixels: Pixels, shift_px: F64) -> F32:

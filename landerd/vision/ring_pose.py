@@ -33,7 +33,8 @@ def tangents(normal: F64) -> tuple[F64, F64]:
 def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:
     """Return the cone of sight (3, 3) of a circle."""
     a = float(normal @ position) * np.eye(3) - np.outer(position, normal)
-    return cast(F64, a.T @ a - radius * radius * np.outer(normal, normal))
+    cone: F64 = a.T @ a - radius * radius * np.outer(normal, normal)
+    return cone
 
 
 def poses_of_cone(cone: F64, radius: float) -> tuple[Pose, Pose] | None:

@@ -70,7 +70,7 @@ def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> list[Ell
     seen = []
     for i in picked[np.argsort(-size[picked], kind="stable")][:_MOST]:
         x, y, cw, ch = (int(v) for v in stats[i, :4])
-        mask = cv2.compare(labels[y : y + ch, x : x + cw], int(i), cv2.CMP_EQ)
+        mask = (labels[y : y + ch, x : x + cw] == i).astype(np.uint8) * 255
         ellipse = _outline(mask, inner_ratio)
         if ellipse is None:
             continue

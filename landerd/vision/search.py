@@ -12,7 +12,7 @@ from landerd.pad import PadLayout, Ring
 from landerd.vision.pose import circle, rotation_from
 from landerd.vision.square import FoundSquare, Image, SquareFinder
 from landerd.vision.square_pose import square_points
-from landerd.vision.whycon import find_rings
+from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
 
 _MOST_ALIKE = 3  # rings looked at for one ring of the pad
@@ -94,6 +94,12 @@ class Search:
             points = expected.points(ring.position_m, circle(0.5 * ring.outer_diameter_m))
             window = None if points is None else self._window(points, expected)
             if points is None or window is None or (whole_only and not self._is_whole(points)):
+                continue
+            tracked = track_ring(
+                image, ring, self._camera, points.mean(axis=0), expected.normal, down=down
+            )
+            if tracked is not None:
+                rings += [(ring, s) for s in self._likely([tracked])]
                 continue
             size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
             found = find_rings(

@@ -48,7 +48,7 @@ _TOLD_PX = 0.5
 _CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 # A fit that explains less of the pixels' variance is no better than the corners.
 _EXPLAINED = 0.85
-_LEVEL = math.cos(math.radians(40.0))  # no pad leans more
+_LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 _SAME_NORMAL = math.cos(math.radians(1.0))
 
 

@@ -23,7 +23,7 @@ from landerd.vision.window import Window
 U8 = NDArray[np.uint8]
 
 _THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
-_HARD_TRIES = 2  # likeliest candidates of a level that are also fitted with shadow and motion
+_HARD_TRIES = 4  # likeliest candidates of a level that are also fitted with shadow and motion
 _EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
 _LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 _TRACK_REACH_PX = 4.0  # how far from where they are expected edges are found
@@ -116,18 +116,21 @@ def _levels(
     crop = image[part.y0 : part.y1, part.x0 : part.x1]
     size = max(crop.shape)
     if expected_px is not None:
-        halvings = [max(0, round(math.log2(max(expected_px, 1.0) / 28.0)))]
+        # Far rings are looked for in an enlarged window: their holes are few pixels.
+        halvings = [max(-1, round(math.log2(max(expected_px, 1.0) / 28.0)))]
     else:
         halvings = list(range(max(0, math.ceil(math.log2(max(size, 1) / 100.0))), -1, -1))
     for n in halvings:
-        k = 1 << n
-        small_h, small_w = crop.shape[0] // k, crop.shape[1] // k
+        k = 2.0**n
+        small_h, small_w = int(crop.shape[0] / k), int(crop.shape[1] / k)
         if min(small_h, small_w) < 8:
             continue
         small: NDArray[Any] = crop
-        if n:
-            whole = crop[: small_h * k, : small_w * k]
+        if n > 0:
+            whole = crop[: int(small_h * k), : int(small_w * k)]
             small = cv2.resize(whole, (small_w, small_h), interpolation=cv2.INTER_AREA)
+        elif n < 0:
+            small = cv2.resize(crop, (small_w, small_h), interpolation=cv2.INTER_CUBIC)
         yield _Level(
             small,
             replace(
@@ -165,7 +168,7 @@ def _fit_both(
     radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
     start = (rough.position, rough.normal)
     other = mirrored(*start, radius)
-    blur = min(max(0.6, (rough.blur_px - 0.3) * zoom), 8.0) if zoom > 1.0 else rough.blur_px
+    blur = min(max(0.6, (rough.blur_px - 0.3) * zoom), 8.0) if zoom > 1.0 else rough.blur_px * zoom
     pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur), 560, True)
     if pixels is None or other is None:
         return []
@@ -234,7 +237,7 @@ def _is_ring(fit: RingFit, ratio: float) -> bool:
     return (
         fit.contrast > 12.0
         and fit.contrast > (15.0 if moved else 9.0) * fit.noise
-        and fit.inliers > 0.89
+        and fit.inliers > 0.91
         and abs(fit.ratio - ratio) < 0.03 * ratio + 2.0 * fit.sigma_ratio
         and fit.sigma_ratio < 0.06 * ratio
     )
