@@ -173,7 +173,7 @@ def fit_ring(
             continue
         w, r = weight[k], residual[k]
         step_height = max(float(min(p[k, 3], p[k, 5]) - p[k, 4]), 1.0)
-        explained = np.abs(r) < max(8.0, 0.1 * step_height)
+        explained = np.abs(r) * np.sqrt(pixels.trust) < max(8.0, 0.1 * step_height)
         variance = float((w * r * r).sum()) / max(float(w.sum()) - _PARAMETERS, 5.0)
         full = np.linalg.inv(H[k])
         less = np.linalg.inv(H[k, :_PARAMETERS, :_PARAMETERS])
