@@ -90,6 +90,8 @@ class Daemon:
                 result in this much later.
             observers: see everything.
         """
+        # Vision has one core; OpenCV's own threads would take that of the control task.
+        cv2.setNumThreads(1)
         self._config = config
         self._devices = devices
         self._shape = (camera_model.height, camera_model.width)

@@ -140,7 +140,9 @@ class Simulation:
             while loop.time() < longest_s:
                 await asyncio.sleep(0.1)
                 disarmed = self.score.disarm_t
-                if disarmed is not None and loop.time() > disarmed + AFTER_LANDING_S:
+                if disarmed is None:
+                    continue
+                if self.daemon.lander.outcome or loop.time() > disarmed + AFTER_LANDING_S:
                     break
             for task in running:
                 task.cancel()

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from landerd.camera_model import F64
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, cross
 from landerd.messages import PoseSolution
-from landerd.vision.pose import Pose, rotation_from, skew, solution
+from landerd.vision.pose import Pose, rotation_from, skew, solution, vec3
 
 _STEPS = 5
 _CONVERGED = 1e-4  # chi-square that a further step would gain
@@ -187,7 +187,7 @@ def _nearest(m: Measured, pose: Pose) -> tuple[F64, Pose]:
         residual = np.empty(6)
         residual[:3] = candidate.t - pose.R @ m.place - pose.t
         if m.heading is None:
-            residual[3:] = np.cross(pose.normal, candidate.normal)
+            residual[3:] = cross(vec3(pose.normal), vec3(candidate.normal))
         else:
             c, s = math.cos(m.heading), math.sin(m.heading)
             turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64
-from landerd.geometry import Mat3, Vec3
+from landerd.geometry import Mat3, Vec3, cross
 from landerd.messages import PoseSolution
 
 
@@ -64,7 +64,8 @@ def rotation_from(normal: F64, north: F64) -> F64:
     """Return the rotation (3, 3) of a plane with this unit normal; north need not lie in it."""
     x = north - normal * float(normal @ north)
     x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(normal, x), normal])
+    # numpy's own cross product takes ten times as long on single vectors.
+    return np.column_stack([x, cross(vec3(normal), vec3(x)), normal])
 
 
 def circle(radius: float) -> F64:

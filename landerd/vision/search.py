@@ -19,6 +19,8 @@ _MOST_ALIKE = 3  # rings looked at for one ring of the pad
 _SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched at about this
 _SMALLEST_SIDE_PX = 14.0  # and at least this size
 _LARGEST_SCALE = 4.0
+_WHOLE_EVERY = 3  # frames: the whole image is searched for squares in every third
+_LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
 _SMALLEST_FULL_PX = 10.0  # smaller squares are not found in the whole image
 
 FoundRing = tuple[Ring, MarkerSighting]
@@ -59,6 +61,7 @@ class Search:
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._min_ring_px = min_ring_px
         self._finder = SquareFinder(layout)
+        self._blind_frames = 0  # in which squares were to be looked for everywhere
 
     def find(
         self, image: Image, expected: Expected | None, down: Vec3 | None
@@ -66,13 +69,16 @@ class Search:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
 
         First where the pad is expected; what is not found there, everywhere. But one square tells
-        where the rings are, and a far ring that squares are too small.
+        where the rings are, and a large one all that they could; a far ring tells that squares
+        are too small. While nothing is found, squares are looked for everywhere in every third
+        frame only, the first one included.
         """
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
         if expected is not None:
             squares = self._squares_expected(image, expected)
-            rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
+            if not any(_side_px(s) > _LARGE_SIDE_PX for s in squares):
+                rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
         if not rings and not squares:
             for ring in self._layout.rings:
                 found = find_rings(image, ring, self._camera, down=down)
@@ -123,6 +129,9 @@ class Search:
             if found:
                 return found
         if any(self._is_far(s, expected) for _, s in rings):
+            return []
+        self._blind_frames += 1
+        if self._blind_frames % _WHOLE_EVERY != 1:
             return []
         return self._finder.find(image)
 
@@ -210,6 +219,12 @@ class Search:
         if not (x1 - x0 >= 4 and y1 - y0 >= 4):
             return None
         return Window(int(x0), int(y0), int(x1), int(y1))
+
+
+def _side_px(found: FoundSquare) -> float:
+    """Return the shortest side of a square in the image."""
+    corners = found.corners
+    return float(np.sqrt(((corners - np.roll(corners, 1, axis=0)) ** 2).sum(axis=1)).min())
 
 
 def _any_across(normal: F64) -> F64:
