@@ -6,7 +6,7 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import Pixels, PlaneView
 from landerd.vision.ring_pose import F64
 
-_CLEAR_PX = 0.8  # beyond the blur: pixels that are all white or all black
+_CLEAR_PX = 0.7  # beyond the blur: pixels that are all white or all black
 _LEAST_STEP = 0.88  # light in the shadow over light beside it: above, it is no shadow
 _PENUMBRA_PX = 2.5
 

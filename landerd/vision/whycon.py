@@ -15,7 +15,7 @@ from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
 from landerd.vision.ring_fit import RingFit, fit_ring
 from landerd.vision.ring_light import evenly_lit
-from landerd.vision.ring_pixels import Pixels, edge_pixels, pixels_near
+from landerd.vision.ring_pixels import edge_pixels, pixels_near
 from landerd.vision.ring_pose import F64, cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_segment import Ellipse, ring_candidates
 from landerd.vision.window import Window
@@ -177,7 +177,7 @@ def _fit_both(
         fits = min(
             (
                 fits,
-                _fit_shaded(pixels, fits[0], radius, ratio),
+                _fit_shaded(image, camera, fits[0], ring),
                 _fit_moving(image, camera, fits[0], ring),
             ),
             key=lambda found: found[0].noise / max(found[0].contrast, 1.0) if found else math.inf,
@@ -191,12 +191,15 @@ def _is_poor(fit: RingFit) -> bool:
     return fit.noise > 2.0 + 0.025 * contrast and contrast > max(3.5 * fit.noise, 12.0)
 
 
-def _fit_shaded(pixels: Pixels, fit: RingFit, radius: float, ratio: float) -> list[RingFit]:
+def _fit_shaded(image: U8, camera: CameraModel, fit: RingFit, ring: Ring) -> list[RingFit]:
     """Return the fits with a shadow's edge undone; empty if there is none."""
+    radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
     fits = [fit]
     for _ in range(2):  # the better the pose, the better the shadow's edge
-        lit = evenly_lit(pixels, fits[0], radius, ratio)
         pose = (fits[0].position, fits[0].normal)
+        # Wide enough to hold pixels that are white and nothing else.
+        pixels = pixels_near(image, camera, pose, radius, ratio, 3.5, 700, True)
+        lit = None if pixels is None else evenly_lit(pixels, fits[0], radius, ratio)
         other = mirrored(*pose, radius)
         if lit is None or other is None:
             return []
