@@ -29,10 +29,10 @@ Image = NDArray[np.uint8]
 _PER_CELL = 6  # samples of the print along a cell
 _MARGIN_CELLS = 2  # white round the print
 _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
-_LARGEST_SIDE_PX = 36.0  # larger markers are fitted on a reduced image
+_LARGEST_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
 _STEPS = 8
 _CONVERGED = 0.3  # squared length of the last step of the pose, in sigmas
-_BLUR_CHANGED = 0.03  # relative; less than that and the blurred print is kept
+_BLUR_CHANGED = 0.1  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
@@ -48,7 +48,10 @@ _TOLD_PX = 0.5
 _CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 # A fit that explains less of the pixels' variance is no better than the corners.
 _EXPLAINED = 0.85
-_LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on
+# Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
+# lean by 15 degrees at most.
+_LEVEL = math.cos(math.radians(6.0))
+_LEANING = math.cos(math.radians(17.0))
 _SAME_NORMAL = math.cos(math.radians(1.0))
 
 
@@ -112,7 +115,7 @@ class SquarePrint:
         p = first.pose.t + square_points(self._size) @ first.pose.R[:, :2].T
         focal = 0.5 * (camera.fx + camera.fy)
         for start, error in planar_poses(p[:, :2] / p[:, 2:], self._size):
-            if down is not None and float(start.normal @ np.array(down)) < _LEVEL:
+            if down is not None and _is_told_by_gravity(first.pose, start, np.array(down)):
                 continue
             if float(start.normal @ first.pose.normal) < _SAME_NORMAL and error * focal < _TOLD_PX:
                 other = self.fit(image, camera, start)
@@ -320,3 +323,7 @@ def _lagrange(x: F64) -> F64:
 def _normalised(x: F64) -> F64:
     centred: F64 = (x - x.mean()) / max(float(np.ptp(x)), 1e-9)
     return centred
+
+
+def _is_told_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:
+    return float(pose.normal @ down) > _LEVEL and float(other.normal @ down) < _LEANING
