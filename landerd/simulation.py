@@ -21,7 +21,7 @@ from hw.sim.gimbal import SimGimbal
 from hw.sim.ground_station import GroundStation
 from hw.sim.options import SimOptions
 from hw.sim.renderer import Renderer
-from hw.sim.renderer_view import visible_markers
+from hw.sim.renderer_view import Frustum, visible_markers
 from hw.sim.rules import RuleBounds, Rules, Truth
 from hw.sim.score import Score
 from hw.sim.snapshot import Snapshot
@@ -70,6 +70,7 @@ class Simulation:
         assert isinstance(options, SimOptions)
         self.layout = load_pad(config.pad.layout)
         self.camera_model = load_camera(config.camera.calibration)
+        self._frustum = Frustum(self.camera_model)
         self.world = World(options, config.vehicle, self.layout.plate, seed)
         self._start_pad = self.world.pad
         self._start = self.world.vehicle.position
@@ -178,7 +179,7 @@ class Simulation:
         )
 
     def _on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
-        if visible_markers(self.layout, self.camera_model, snapshot.camera, snapshot.pad):
+        if visible_markers(self.layout, self._frustum, snapshot.camera, snapshot.pad):
             self.rules.on_sighting(snapshot.t)
             self.score.on_sighting(snapshot.t)
 

@@ -149,7 +149,7 @@ def middle(start: CameraPose, end: CameraPose) -> CameraPose:
 
 
 def visible_markers(
-    layout: PadLayout, camera: CameraModel, pose: CameraPose, pad: PadPose
+    layout: PadLayout, frustum: Frustum, pose: CameraPose, pad: PadPose
 ) -> list[int]:
     """Return the indices in layout.markers of those in the image with half their outline or more.
 
@@ -157,7 +157,7 @@ def visible_markers(
     """
     if plane_homography(pose, pad) is None:
         return []
-    frustum = Frustum(camera)
+    camera = frustum.camera
     seen = []
     for index, marker in enumerate(layout.markers):
         if isinstance(marker, Ring):

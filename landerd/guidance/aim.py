@@ -17,6 +17,7 @@ from landerd.geometry import clamp, is_finite
 from landerd.messages import GimbalCommand, MarkerSighting, Sightings
 
 DAMPING = 0.3  # of the inverse of cos(pitch); 17 degrees from straight down it has full effect
+SQUARE_HOLD_S = 0.3  # a square missed for so long is still preferred to a ring
 SEARCH_RATE = math.radians(20.0)  # rad/s of the sweep while no pad is in sight
 
 
@@ -31,6 +32,7 @@ class Aim:
         self._idle_pitch = math.radians(aim.idle_pitch_deg)
         self._sweep = -1.0  # direction of the search in pitch
         self._seen_t: float | None = None
+        self._square_t = -math.inf
         self._t: float | None = None
         self.command = self._limited(math.radians(aim.idle_yaw_deg), self._idle_pitch)
 
@@ -41,7 +43,7 @@ class Aim:
             sightings: what a frame shows.
             angles: gimbal yaw and pitch (and roll) at its exposure, rad; None when not known.
         """
-        marker = _preferred(sightings.markers)
+        marker = self._preferred(sightings)
         if marker is None or angles is None:
             return
         x, y, z = marker.solutions[0].position
@@ -72,14 +74,15 @@ class Aim:
             self._sweep = -1.0
         self.command = self._limited(self.command.yaw, pitch)
 
+    def _preferred(self, sightings: Sightings) -> MarkerSighting | None:
+        """Return the marker to look at: a square one if seen lately, else a ring (thesis 2.3.5)."""
+        squares = [m for m in sightings.markers if m.kind in ("apriltag", "aruco")]
+        if squares:
+            self._square_t = sightings.t
+            return squares[0]
+        if sightings.t - self._square_t < SQUARE_HOLD_S:
+            return None
+        return sightings.markers[0] if sightings.markers else None
+
     def _limited(self, yaw: float, pitch: float) -> GimbalCommand:
         return GimbalCommand(clamp(yaw, *self._yaw_limits), clamp(pitch, *self._pitch_limits))
-
-
-def _preferred(markers: tuple[MarkerSighting, ...]) -> MarkerSighting | None:
-    """Return the marker to look at: a square one if seen, else a ring (thesis 2.3.5)."""
-    for kinds in (("apriltag", "aruco"), ("whycode", "whycon")):
-        for marker in markers:
-            if marker.kind in kinds:
-                return marker
-    return None

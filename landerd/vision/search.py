@@ -61,10 +61,11 @@ class Search:
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._min_ring_px = min_ring_px
         self._finder = SquareFinder(layout)
+        self._saw_both = False  # in the last frame: then squares wait for the next one
         self._blind_frames = 0  # in which squares were to be looked for everywhere
 
     def find(
-        self, image: Image, expected: Expected | None, down: Vec3 | None
+        self, image: Image, expected: Expected | None, down: Vec3 | None, *, sparing: bool
     ) -> tuple[list[FoundRing], list[FoundSquare]]:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
 
@@ -72,18 +73,31 @@ class Search:
         where the rings are, and a large one all that they could; a far ring tells that squares
         are too small. While nothing is found, squares are looked for everywhere in every third
         frame only, the first one included.
+
+        Args:
+            image: grey image (height, width).
+            expected: where the pad should be.
+            down: unit vector of gravity, camera frame.
+            sparing: look for small squares beside a ring in every other frame only: they tell the
+                heading, which changes slowly.
         """
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
+        waiting = False
         if expected is not None:
-            squares = self._squares_expected(image, expected)
-            if not any(_side_px(s) > _LARGE_SIDE_PX for s in squares):
-                rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
+            if sparing and self._saw_both:
+                rings = self._rings_expected(image, expected, down, whole_only=False)
+            waiting = bool(rings)
+            if not waiting:
+                squares = self._squares_expected(image, expected)
+                if not any(_side_px(s) > _LARGE_SIDE_PX for s in squares):
+                    rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
+        self._saw_both = bool(rings and squares)
         if not rings and not squares:
             for ring in self._layout.rings:
                 found = find_rings(image, ring, self._camera, down=down)
                 rings += [(ring, s) for s in self._likely(found)]
-        if not squares and self._layout.squares:
+        if not squares and self._layout.squares and not waiting:
             squares = self._squares_unexpected(image, rings, expected)
         return rings, squares
 

@@ -61,7 +61,9 @@ class Vision:
             )
         prior = prior or Prior()
         expected = self._expectation(frame.t, prior)
-        rings, squares = self._search.find(image, expected, prior.down)
+        rings, squares = self._search.find(
+            image, expected, prior.down, sparing=prior.pad is not None
+        )
         candidates = [
             Candidate(ring, s, measured_ring(ring.position_m, s.solutions)) for ring, s in rings
         ]

@@ -16,7 +16,7 @@ from hw.sim.options import SimCameraOptions
 from hw.sim.pad_texture import BLACK, WHITE
 from hw.sim.renderer import Renderer, RenderOptions
 from hw.sim.renderer_ground import SKY
-from hw.sim.renderer_view import visible_markers
+from hw.sim.renderer_view import Frustum, visible_markers
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.camera_model import load_camera
 from landerd.clock import run_virtual
@@ -37,6 +37,7 @@ from landerd.ports import DeviceLost
 
 CONFIG = Path(__file__).parents[2] / "config"
 CAMERA = load_camera(CONFIG / "cameras/thesis.yaml")
+FRUSTUM = Frustum(CAMERA)
 PAD = load_pad(CONFIG / "pads/thesis.yaml")
 RING_ONLY = PadLayout(name="ring", markers=PAD.rings, plate=PAD.plate)
 AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
@@ -176,7 +177,7 @@ def test_own_leg_hides_the_tag_when_the_heading_is_wrong(usual: Renderer) -> Non
     assert tag_corners(picture(usual, *aligned)) is not None
     assert tag_corners(picture(usual, *askew)) is None
     assert tag_corners(picture(legless, *askew)) is not None
-    assert 1 in visible_markers(PAD, CAMERA, askew[0], AT_ORIGIN)
+    assert 1 in visible_markers(PAD, FRUSTUM, askew[0], AT_ORIGIN)
 
 
 def test_shadow_falls_away_from_the_sun_on_the_ground_and_on_a_raised_pad() -> None:
@@ -253,14 +254,14 @@ def test_sky_above_the_horizon_and_no_pad_from_behind_the_camera(clean: Renderer
 def test_the_pad_has_no_back(clean: Renderer) -> None:
     beneath = looking((0.0, 0.0, 3.0), 0.0, 90.0)
     assert np.ptp(picture(clean, beneath)) == 0
-    assert visible_markers(PAD, CAMERA, beneath, AT_ORIGIN) == []
+    assert visible_markers(PAD, FRUSTUM, beneath, AT_ORIGIN) == []
 
 
 def test_markers_count_as_visible_only_where_they_are() -> None:
-    assert visible_markers(PAD, CAMERA, looking((0, 0, -5), 0, -90), AT_ORIGIN) == [0, 1]
-    assert visible_markers(PAD, CAMERA, looking((0.0, 0, -0.3), 0, -35), AT_ORIGIN) == [1]
-    assert visible_markers(PAD, CAMERA, looking((0, 0, -5), 0, 10), AT_ORIGIN) == []
-    assert visible_markers(PAD, CAMERA, looking((0, 0, 5), 0, -90), AT_ORIGIN) == []
+    assert visible_markers(PAD, FRUSTUM, looking((0, 0, -5), 0, -90), AT_ORIGIN) == [0, 1]
+    assert visible_markers(PAD, FRUSTUM, looking((0.0, 0, -0.3), 0, -35), AT_ORIGIN) == [1]
+    assert visible_markers(PAD, FRUSTUM, looking((0, 0, -5), 0, 10), AT_ORIGIN) == []
+    assert visible_markers(PAD, FRUSTUM, looking((0, 0, 5), 0, -90), AT_ORIGIN) == []
 
 
 # ---- delivery ----------------------------------------------------------------------------------
