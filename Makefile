@@ -6,8 +6,8 @@ SETUP := .venv/setup-done
 
 .PHONY: sim test check bench mutants clean
 
-sim: $(SETUP)  ## fly one landing in the simulator
-	$(BIN)/landerd sim
+sim: $(SETUP)  ## fly one landing in the simulator and draw it
+	$(BIN)/landerd sim --picture landing.png
 
 test: $(SETUP)
 	$(BIN)/python -m pytest
@@ -19,7 +19,9 @@ check: $(SETUP)  ## lint, format, types, tests
 	$(BIN)/python -m pytest
 
 bench: $(SETUP)  ## print the figures quoted in docs
-	for file in bench/*.py; do OPENBLAS_NUM_THREADS=1 $(BIN)/python $$file || exit 1; done
+	for file in bench/*.py; do \
+		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
+	done
 
 mutants: $(SETUP)  ## break each safety rule in turn and show the test that catches it
 	$(BIN)/python tests/mutants.py

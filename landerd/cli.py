@@ -8,6 +8,7 @@ import argparse
 import contextlib
 import difflib
 import importlib.util
+import importlib.util
 import json
 import os
 import sys
@@ -114,6 +115,8 @@ def _sim(args: argparse.Namespace) -> int:
         raise InputError(f"--picture {args.picture}: expected a .png in a folder that exists")
     if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
         raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
+    if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
+        raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
     loaded = _load(args, overlays=[known[args.scenario]])
 
     import logging
@@ -138,6 +141,8 @@ def _sim(args: argparse.Namespace) -> int:
     if shows_progress:
         _show_progress("")
     print(json.dumps(result, allow_nan=False) if args.json else _summary(result))
+    if args.picture is not None and not args.json:
+        print(f"  picture: {args.picture}")
     return 0 if result["landed"] and not result["rules_broken"] else 1
 
 
