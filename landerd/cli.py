@@ -8,7 +8,6 @@ import argparse
 import contextlib
 import difflib
 import importlib.util
-import importlib.util
 import json
 import os
 import sys
@@ -113,8 +112,6 @@ def _sim(args: argparse.Namespace) -> int:
         args.picture.suffix == ".png" and args.picture.absolute().parent.is_dir()
     ):
         raise InputError(f"--picture {args.picture}: expected a .png in a folder that exists")
-    if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
-        raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
     if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
         raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
     loaded = _load(args, overlays=[known[args.scenario]])
