@@ -190,14 +190,15 @@ class Recording:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._sampled_t = -math.inf
-        self._last_view: tuple[Frame, Sightings] | None = None
         self.samples: list[Sample] = []
         self.phases: list[tuple[float, PhaseChange]] = []
         self.views: dict[Phase, tuple[float, Frame, Sightings]] = {}
         self.progress: Callable[[str], None] | None = None
+        self.frames = 0  # searched
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """Keep the first picture with a marker of each phase."""
+        """Count, and keep the first picture with a marker of each phase."""
+        self.frames += 1
         phase = self._simulation.daemon.lander.phase
         if sightings.markers and phase not in self.views:
             self.views[phase] = (frame.t, frame, sightings)
@@ -284,6 +285,7 @@ def _result(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
         "phases": _phases(simulation),
         "rules_broken": [f"{rule} (at {t:.2f} s)" for rule, t in simulation.rules.broken.items()],
         "simulated_s": simulation.world.t,
+        "frames_per_s": simulation.recording.frames / simulation.world.t,
         "faults": dict(simulation.daemon.faults),
     }
 
