@@ -23,7 +23,7 @@ from landerd.vision.window import Window
 U8 = NDArray[np.uint8]
 
 _THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
-_HARD_TRIES = 4  # likeliest candidates of a level that are also fitted with shadow and motion
+_HARD_TRIES = 3  # best doubtful fits that are tried again with shadow and motion
 _EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
 _LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 _TRACK_REACH_PX = 4.0  # how far from where they are expected edges are found
@@ -52,16 +52,26 @@ def find_rings(
     """
     found: list[MarkerSighting] = []
     levels = list(_levels(image, camera, window, expected_diameter_px))
-    for level, threshold in [(level, threshold) for threshold in _THRESHOLDS for level in levels]:
-        likeliest = ring_candidates(level.image, ring.inner_ratio, threshold)
-        for rank, candidate in enumerate(likeliest):
-            rough = _rough_fit(level, candidate, ring)
-            if rough is None or any(_covers(s, camera, rough.position) for s in found):
-                continue
-            hard = rank < _HARD_TRIES and not found
-            fits = _fit_both(image, ring, camera, rough, camera.fx / level.camera.fx, hard)
-            if fits:
+    for threshold in _THRESHOLDS:
+        doubtful: list[list[RingFit]] = []
+        for level in levels:
+            for candidate in ring_candidates(level.image, ring.inner_ratio, threshold):
+                rough = _rough_fit(level, candidate, ring)
+                if rough is None or any(_covers(s, camera, rough.position) for s in found):
+                    continue
+                fits = _fit_both(image, ring, camera, rough, camera.fx / level.camera.fx)
+                if fits and _is_ring(fits[0], ring.inner_ratio):
+                    found.append(_sighting(fits, ring, camera, down))
+                elif fits and _is_poor(fits[0]):
+                    doubtful.append(fits)
+            if found:
+                break
+        doubtful.sort(key=lambda fits: fits[0].noise / fits[0].contrast)
+        for plain in doubtful[: 0 if found else _HARD_TRIES]:
+            fits = _fit_hard(image, camera, plain, ring)
+            if _is_ring(fits[0], ring.inner_ratio):
                 found.append(_sighting(fits, ring, camera, down))
+                break
         if found:
             break
     return sorted(found, key=lambda s: s.solutions[0].position[2])
@@ -159,36 +169,34 @@ def _rough_fit(level: _Level, candidate: Ellipse, ring: Ring) -> RingFit | None:
 
 
 def _fit_both(
-    image: U8, ring: Ring, camera: CameraModel, rough: RingFit, zoom: float, hard: bool
+    image: U8, ring: Ring, camera: CameraModel, rough: RingFit, zoom: float
 ) -> list[RingFit]:
-    """Return both poses fitted to the image, the better first; empty if it is no such ring.
-
-    With `hard`, a fit that leaves much unexplained is tried again with shadow and with motion.
-    """
+    """Return both poses fitted to the image, the better first; empty if the fits fail."""
     radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
     start = (rough.position, rough.normal)
     other = mirrored(*start, radius)
-    blur = min(max(0.6, (rough.blur_px - 0.3) * zoom), 8.0) if zoom > 1.0 else rough.blur_px * zoom
+    blur = rough.blur_px * zoom
+    if zoom > 1.0:
+        blur = min(max(0.6, blur - 0.3 * zoom), 8.0)
     pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur), 560, True)
     if pixels is None or other is None:
         return []
-    fits = fit_ring(pixels, (start, other), radius, ratio, blur, 8)
-    if hard and fits and _is_poor(fits[0]):
-        fits = min(
-            (
-                fits,
-                _fit_shaded(image, camera, fits[0], ring),
-                _fit_moving(image, camera, fits[0], ring),
-            ),
-            key=lambda found: found[0].noise / max(found[0].contrast, 1.0) if found else math.inf,
-        )
-    return fits if fits and _is_ring(fits[0], ratio) else []
+    return fit_ring(pixels, (start, other), radius, ratio, blur, 8)
+
+
+def _fit_hard(image: U8, camera: CameraModel, plain: list[RingFit], ring: Ring) -> list[RingFit]:
+    """Return the best of plain fits and those with a shadow's edge or motion in the model."""
+    shaded = _fit_shaded(image, camera, plain[0], ring)
+    moving = _fit_moving(image, camera, plain[0], ring)
+    return min(
+        (fits for fits in (plain, shaded, moving) if fits),
+        key=lambda fits: fits[0].noise / max(fits[0].contrast, 1.0),
+    )
 
 
 def _is_poor(fit: RingFit) -> bool:
     """Tell whether residuals are larger than a camera's noise makes them, but not hopeless."""
-    contrast = max(fit.inside, fit.outside) - fit.black
-    return fit.noise > 2.0 + 0.025 * contrast and contrast > max(3.5 * fit.noise, 12.0)
+    return fit.noise > 2.0 + 0.025 * fit.contrast and fit.contrast > max(2.5 * fit.noise, 10.0)
 
 
 def _fit_shaded(image: U8, camera: CameraModel, fit: RingFit, ring: Ring) -> list[RingFit]:
