@@ -308,7 +308,7 @@ def _load(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loaded":
 _COMMANDS = {
     "sim": _Command(
         "fly one landing in the simulator",
-        "landerd sim moving --seed 3 --set sim.pad.speed_mps=2 --picture flight.png",
+        "landerd sim moving --seed 3 --set sim.pad.speed_mps=0.5 --picture flight.png",
         _sim_arguments,
         _sim,
     ),
