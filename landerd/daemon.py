@@ -162,7 +162,7 @@ class Daemon:
         loop = asyncio.get_running_loop()
         while True:
             frame = await self._devices.camera.newest()
-            if not self._usable(frame, loop.time()):
+            if not self._usable(frame, loop.time()) or not self.lander.needs_sight:
                 continue
             prior = self.lander.prior(frame.t)
             try:

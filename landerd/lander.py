@@ -119,6 +119,11 @@ class Lander:
         position = rotate(R_camera_local, sub(estimate.position, camera.position))
         return Prior(down=down, pad=PadPrior(position, estimate.sigma_m, north))
 
+    @property
+    def needs_sight(self) -> bool:
+        """Whether pictures still decide anything: not once the vehicle stands on the pad."""
+        return not (self.phase is Phase.LANDED and self._touchdown.in_contact)
+
     def relative(self, now: float) -> Relative | None:
         """Return the pad relative to the vehicle at time now, None while either is unknown."""
         estimate = self._filter.estimate(now, self._sighting_t)
@@ -139,7 +144,7 @@ class Lander:
         ]
         if self._filter.update(candidates):
             self._sighting_t = sightings.t
-        if self.phase is not Phase.LANDED or not self._touchdown.in_contact:
+        if self.needs_sight:
             self._aim.on_sightings(sightings, self._placement.gimbal.at(sightings.t))
 
     def _on_restart(self) -> None:

@@ -19,7 +19,8 @@ _MOST_ALIKE = 3  # rings looked at for one ring of the pad
 _SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched at about this
 _SMALLEST_SIDE_PX = 14.0  # and at least this size
 _LARGEST_SCALE = 4.0
-_WHOLE_EVERY = 3  # frames: the whole image is searched for squares in every third
+_THOROUGH_EVERY = 3  # frames in which nothing is found: the search is thorough in every third
+_SQUARES_WAIT = 2  # frames after one with small squares and a ring
 _LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
 _SMALLEST_FULL_PX = 10.0  # smaller squares are not found in the whole image
 
@@ -61,8 +62,8 @@ class Search:
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._min_ring_px = min_ring_px
         self._finder = SquareFinder(layout)
-        self._saw_both = False  # in the last frame: then squares wait for the next one
-        self._blind_frames = 0  # in which squares were to be looked for everywhere
+        self._squares_wait = 0  # frames in which a ring is enough
+        self._lost_frames = 0  # in which nothing was found where it was expected
 
     def find(
         self, image: Image, expected: Expected | None, down: Vec3 | None, *, sparing: bool
@@ -71,34 +72,39 @@ class Search:
 
         First where the pad is expected; what is not found there, everywhere. But one square tells
         where the rings are, and a large one all that they could; a far ring tells that squares
-        are too small. While nothing is found, squares are looked for everywhere in every third
-        frame only, the first one included.
+        are too small. While nothing is found the search is thorough in every third frame only, the
+        first one included: with the second threshold for rings, and of the whole image for squares.
 
         Args:
             image: grey image (height, width).
             expected: where the pad should be.
             down: unit vector of gravity, camera frame.
-            sparing: look for small squares beside a ring in every other frame only: they tell the
+            sparing: look for small squares beside a ring in every third frame only: they tell the
                 heading, which changes slowly.
         """
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
         waiting = False
         if expected is not None:
-            if sparing and self._saw_both:
+            if sparing and self._squares_wait > 0:
                 rings = self._rings_expected(image, expected, down, whole_only=False)
             waiting = bool(rings)
             if not waiting:
                 squares = self._squares_expected(image, expected)
                 if not any(_side_px(s) > _LARGE_SIDE_PX for s in squares):
                     rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
-        self._saw_both = bool(rings and squares)
+        self._squares_wait = _SQUARES_WAIT if rings and squares else self._squares_wait - 1
+        if waiting:
+            return rings, squares
+        thorough = self._lost_frames % _THOROUGH_EVERY == 0
         if not rings and not squares:
+            self._lost_frames += 1
             for ring in self._layout.rings:
-                found = find_rings(image, ring, self._camera, down=down)
+                found = find_rings(image, ring, self._camera, down=down, thorough=thorough)
                 rings += [(ring, s) for s in self._likely(found)]
-        if not squares and self._layout.squares and not waiting:
-            squares = self._squares_unexpected(image, rings, expected)
+        if not squares and self._layout.squares:
+            whole_image = thorough and (expected is None or not rings)
+            squares = self._squares_unexpected(image, rings, expected, whole_image=whole_image)
         return rings, squares
 
     def _rings_expected(
@@ -135,19 +141,16 @@ class Search:
         return large[:_MOST_ALIKE]
 
     def _squares_unexpected(
-        self, image: Image, rings: list[FoundRing], expected: Expected | None
+        self, image: Image, rings: list[FoundRing], expected: Expected | None, *, whole_image: bool
     ) -> list[FoundSquare]:
-        """Look for squares round the rings, else everywhere."""
+        """Look for squares round the rings, else in the whole image if asked to."""
         for ring, sighting in rings:
             found = self._squares_near(image, ring, sighting)
             if found:
                 return found
         if any(self._is_far(s, expected) for _, s in rings):
             return []
-        self._blind_frames += 1
-        if self._blind_frames % _WHOLE_EVERY != 1:
-            return []
-        return self._finder.find(image)
+        return self._finder.find(image) if whole_image else []
 
     def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
         by_size: dict[float, list[F64]] = {}

@@ -52,6 +52,7 @@ _EXPLAINED = 0.85
 # lean by 15 degrees at most.
 _LEVEL = math.cos(math.radians(6.0))
 _LEANING = math.cos(math.radians(17.0))
+_CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
 _SAME_NORMAL = math.cos(math.radians(1.0))
 
 
@@ -92,7 +93,12 @@ class SquarePrint:
         self._kv = 2.0 * math.pi * np.fft.fftfreq(n)[:, None]
 
     def poses(
-        self, image: Image, camera: CameraModel, corners: F64, down: Vec3 | None = None
+        self,
+        image: Image,
+        camera: CameraModel,
+        corners: F64,
+        down: Vec3 | None = None,
+        last_normal: Vec3 | None = None,
     ) -> list[Pose]:
         """Return the one or two poses that explain the pixels, best first.
 
@@ -105,11 +111,15 @@ class SquarePrint:
             corners: (4, 2) pixels, top left first, clockwise as printed.
             down: unit vector of gravity, camera frame; a second solution far from level is not
                 worth its fit.
+            last_normal: into the pad as the frame before told it, camera frame; a pose that agrees
+                needs no second one beside it.
         """
         starts = planar_poses(camera.rays(corners), self._size)
         first = self.fit(image, camera, starts[0][0]) if starts else None
         if first is None or first.explained < _EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
+        if last_normal is not None and first.pose.normal @ np.array(last_normal) > _CONTINUED:
+            return [first.pose]
         fits = [first]
         # The other solution, of the corners as they are now known.
         p = first.pose.t + square_points(self._size) @ first.pose.R[:, :2].T

@@ -6,6 +6,7 @@ import numpy as np
 
 from landerd.camera_model import CameraModel
 from landerd.config import VisionSection
+from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import PadLayout
 from landerd.vision.choice import Candidate, choose
@@ -16,6 +17,7 @@ from landerd.vision.square import FoundSquare, Image, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 
+_SAME_VIEW_S = 0.15  # so soon after, the camera looks nearly the same way
 _MEMORY_S = 0.5  # a sighting older than this says nothing about the next frame
 _TURN_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
 _CREEP_MPS = 2.0  # and how fast its distance may change
@@ -68,7 +70,7 @@ class Vision:
             Candidate(ring, s, measured_ring(ring.position_m, s.solutions)) for ring, s in rings
         ]
         for found in squares:
-            candidate = self._square(image, found, prior)
+            candidate = self._square(image, frame.t, found, prior)
             if candidate is not None:
                 candidates.append(candidate)
         where = None if expected is None else expected.position
@@ -106,10 +108,18 @@ class Vision:
             _TURN_RATE * dt * self._focal,
         )
 
-    def _square(self, image: Image, found: FoundSquare, prior: Prior) -> Candidate | None:
+    def _last_normal(self, t: float) -> Vec3 | None:
+        """Return the pad's normal as just seen, None if that is too long ago."""
+        if self._last is None or not 0.0 < t - self._last[0] < _SAME_VIEW_S:
+            return None
+        return self._last[1].normal
+
+    def _square(self, image: Image, t: float, found: FoundSquare, prior: Prior) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
-        poses = self._prints[square].poses(image, self._camera, found.corners, prior.down)
+        poses = self._prints[square].poses(
+            image, self._camera, found.corners, prior.down, self._last_normal(t)
+        )
         level = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in level if (s := solution(p)) and self._is_certain(s))
         if not solutions:

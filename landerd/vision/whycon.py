@@ -38,6 +38,7 @@ def find_rings(
     window: Window | None = None,
     down: Vec3 | None = None,
     expected_diameter_px: float | None = None,
+    thorough: bool = True,
 ) -> list[MarkerSighting]:
     """Return the rings seen in an image, or in a window of it, nearest first.
 
@@ -49,10 +50,11 @@ def find_rings(
         down: unit vector of gravity, camera frame; where the image cannot tell the two poses of a
             ring apart, the pose that lies more level is put first.
         expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
+        thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
     """
     found: list[MarkerSighting] = []
     levels = list(_levels(image, camera, window, expected_diameter_px))
-    for threshold in _THRESHOLDS:
+    for threshold in _THRESHOLDS if thorough else _THRESHOLDS[:1]:
         doubtful: list[list[RingFit]] = []
         for level in levels:
             for candidate in ring_candidates(level.image, ring.inner_ratio, threshold):
@@ -67,7 +69,7 @@ def find_rings(
             if found:
                 break
         doubtful.sort(key=lambda fits: fits[0].noise / fits[0].contrast)
-        for plain in doubtful[: 0 if found else _HARD_TRIES]:
+        for plain in doubtful[: _HARD_TRIES if thorough and not found else 0]:
             fits = _fit_hard(image, camera, plain, ring)
             if _is_ring(fits[0], ring.inner_ratio):
                 found.append(_sighting(fits, ring, camera, down))
