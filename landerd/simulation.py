@@ -5,6 +5,7 @@ real ones. On the virtual clock a landing is the same to the bit each time.
 """
 
 import asyncio
+import gc
 import math
 import time
 from collections.abc import Awaitable, Callable
@@ -253,6 +254,7 @@ def simulate(
     started = time.perf_counter()
     simulation = Simulation(loaded, seed, realtime=realtime)
     simulation.recording.progress = progress
+    gc.freeze()  # collections then look only at what the flight makes
     run = run_realtime if realtime else run_virtual
     run(simulation.run())
     result = _result(simulation, scenario, seed)
