@@ -80,7 +80,9 @@ def is_finite(a: Vec3) -> bool:
 
 def rotate(m: Mat3, v: Vec3) -> Vec3:
     """Return m v."""
-    return (dot(m[0], v), dot(m[1], v), dot(m[2], v))
+    (a, b, c), (d, e, f), (g, h, i) = m
+    x, y, z = v
+    return (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
 
 
 def transpose(m: Mat3) -> Mat3:
@@ -94,11 +96,13 @@ def transpose(m: Mat3) -> Mat3:
 
 def matmul(a: Mat3, b: Mat3) -> Mat3:
     """Return a b."""
-    t = transpose(b)
+    # Written out: this runs thousands of times a second, and calls cost more than the arithmetic.
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    (x, y, z), (u, v, w), (p, q, r) = a
     return (
-        (dot(a[0], t[0]), dot(a[0], t[1]), dot(a[0], t[2])),
-        (dot(a[1], t[0]), dot(a[1], t[1]), dot(a[1], t[2])),
-        (dot(a[2], t[0]), dot(a[2], t[1]), dot(a[2], t[2])),
+        (x * b00 + y * b10 + z * b20, x * b01 + y * b11 + z * b21, x * b02 + y * b12 + z * b22),
+        (u * b00 + v * b10 + w * b20, u * b01 + v * b11 + w * b21, u * b02 + v * b12 + w * b22),
+        (p * b00 + q * b10 + r * b20, p * b01 + q * b11 + r * b21, p * b02 + q * b12 + r * b22),
     )
 
 
@@ -155,7 +159,14 @@ def rot_z(angle: float) -> Mat3:
 
 def rot_zyx(yaw: float, pitch: float, roll: float) -> Mat3:
     """Return Rz(yaw) Ry(pitch) Rx(roll), angles in rad: body to local, or gimbal to body."""
-    return matmul(matmul(rot_z(yaw), rot_y(pitch)), rot_x(roll))
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cr, sr = math.cos(roll), math.sin(roll)
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
 
 
 def heading_of(v: Vec3) -> float:

@@ -20,7 +20,7 @@ _SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched 
 _SMALLEST_SIDE_PX = 14.0  # and at least this size
 _LARGEST_SCALE = 4.0
 _THOROUGH_EVERY = 3  # frames in which nothing is found: the search is thorough in every third
-_SQUARES_WAIT = 2  # frames after one with small squares and a ring
+_SQUARES_WAIT = 4  # frames after one with small squares and a ring
 _LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
 _SMALLEST_FULL_PX = 10.0  # smaller squares are not found in the whole image
 
@@ -79,7 +79,7 @@ class Search:
             image: grey image (height, width).
             expected: where the pad should be.
             down: unit vector of gravity, camera frame.
-            sparing: look for small squares beside a ring in every third frame only: they tell the
+            sparing: look for small squares beside a ring in every fifth frame only: they tell the
                 heading, which changes slowly.
         """
         rings: list[FoundRing] = []

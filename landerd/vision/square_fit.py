@@ -87,6 +87,7 @@ class SquarePrint:
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
         n = fine.shape[0]
+        self._made: tuple[F64, NDArray[np.float32]] | None = None  # a spread and its blurred print
         self._centre = 0.5 * n - 0.5
         self._spectrum = np.fft.rfft2(fine)
         self._ku = 2.0 * math.pi * np.fft.rfftfreq(n)[None, :]
@@ -148,12 +149,8 @@ class SquarePrint:
         light = np.array([dark, bright - dark, 0.0, 0.0])  # black, contrast, gradients
         x, y = _normalised(patch.rays[0]), _normalised(patch.rays[1])
         J = np.empty((11, len(grey)))
-        layers, spread = None, np.zeros((2, 2))
         for _ in range(_STEPS):
-            wanted = blur * self._spread(patch, pose)
-            if layers is None or np.abs(wanted - spread).max() > _BLUR_CHANGED * spread.max():
-                spread = wanted
-                layers = self._blurred(spread, blur)
+            layers = self._layers(blur * self._spread(patch, pose), blur)
             north, east = _plane(patch.rays, pose)
             value, slope_n, slope_e, J[6] = self._seen(layers, north, east)
             shade = 1.0 + light[2] * x + light[3] * y
@@ -250,6 +247,15 @@ class SquarePrint:
         )
         spread: F64 = A @ A.T
         return spread
+
+    def _layers(self, spread: F64, blur: float) -> NDArray[np.float32]:
+        """Return the blurred print as made last if its blur was nearly this one, else a new one."""
+        if self._made is not None:
+            made, layers = self._made
+            if np.abs(spread - made).max() < _BLUR_CHANGED * made.max():
+                return layers
+        self._made = (spread, self._blurred(spread, blur))
+        return self._made[1]
 
     def _blurred(self, spread: F64, blur: float) -> NDArray[np.float32]:
         """Return the print (n, n, 4) after a blur: its value and slopes by u, v and the blur."""
