@@ -44,6 +44,7 @@ log = logging.getLogger("landerd")
 HEARTBEAT_S = 1.0
 FUTURE_S = 0.05  # a time stamp farther ahead than this is false
 OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
+IDLE_S = 0.1  # how often it is looked whether pictures are needed again
 BACK_OFF_S = (0.1, 2.0)  # first and longest wait before a lost device is opened again
 
 
@@ -161,8 +162,11 @@ class Daemon:
     async def _camera(self, executor: ThreadPoolExecutor | None) -> NoReturn:
         loop = asyncio.get_running_loop()
         while True:
+            if not self.lander.needs_sight:
+                await asyncio.sleep(IDLE_S)
+                continue
             frame = await self._devices.camera.newest()
-            if not self._usable(frame, loop.time()) or not self.lander.needs_sight:
+            if not self._usable(frame, loop.time()):
                 continue
             prior = self.lander.prior(frame.t)
             try:

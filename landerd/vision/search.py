@@ -73,7 +73,8 @@ class Search:
         First where the pad is expected; what is not found there, everywhere. But one square tells
         where the rings are, and a large one all that they could; a far ring tells that squares
         are too small. While nothing is found the search is thorough in every third frame only, the
-        first one included: with the second threshold for rings, and of the whole image for squares.
+        first one included: of the whole image although the pad is expected in a part of it, with a
+        second threshold for rings, and for squares too.
 
         Args:
             image: grey image (height, width).
@@ -99,13 +100,21 @@ class Search:
         thorough = self._lost_frames % _THOROUGH_EVERY == 0
         if not rings and not squares:
             self._lost_frames += 1
-            for ring in self._layout.rings:
-                found = find_rings(image, ring, self._camera, down=down, thorough=thorough)
-                rings += [(ring, s) for s in self._likely(found)]
+            if expected is None or thorough:
+                rings = self._rings_anywhere(image, down, thorough=thorough)
         if not squares and self._layout.squares:
             whole_image = thorough and (expected is None or not rings)
             squares = self._squares_unexpected(image, rings, expected, whole_image=whole_image)
         return rings, squares
+
+    def _rings_anywhere(
+        self, image: Image, down: Vec3 | None, *, thorough: bool
+    ) -> list[FoundRing]:
+        rings: list[FoundRing] = []
+        for ring in self._layout.rings:
+            found = find_rings(image, ring, self._camera, down=down, thorough=thorough)
+            rings += [(ring, s) for s in self._likely(found)]
+        return rings
 
     def _rings_expected(
         self, image: Image, expected: Expected, down: Vec3 | None, *, whole_only: bool
