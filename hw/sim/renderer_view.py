@@ -1,5 +1,6 @@
 """One camera at one pose: from the world to pixels, and which markers are in view."""
 
+import functools
 import math
 from typing import cast
 
@@ -9,12 +10,12 @@ from numpy.typing import NDArray
 from hw.sim.snapshot import CameraPose, PadPose
 from landerd.camera_model import CameraModel
 from landerd.geometry import Mat3, Vec3
-from landerd.pad import PadLayout, Ring
+from landerd.pad import PadLayout, Ring, Square
 
 F64 = NDArray[np.float64]
 
 NEAR_M = 0.01
-CIRCLE_POINTS = 64
+CIRCLE_POINTS = 32
 
 # For cv2.remap whose first map holds both coordinates. OpenCV's types forbid None here, and an
 # empty array, which they allow, draws rubbish.
@@ -160,22 +161,28 @@ def visible_markers(
     camera = frustum.camera
     seen = []
     for index, marker in enumerate(layout.markers):
-        if isinstance(marker, Ring):
-            a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
-            r = marker.outer_diameter_m / 2
-        else:
-            a = np.radians(marker.heading_deg) + math.pi / 4 * np.array([1.0, 3.0, 5.0, 7.0])
-            r = marker.size_m / math.sqrt(2)
-        n, e = marker.position_m
-        outline = np.column_stack([n + r * np.cos(a), e + r * np.sin(a), np.zeros(len(a))])
+        outline = _outline(marker)
         points = in_camera(pose, on_pad(pad, outline))
         points = points[frustum.holds(points)]
-        if 2 * len(points) < len(a):
+        if 2 * len(points) < len(outline):
             continue
         x, y = camera.pixels(points).T
         in_image = (
             (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
         )
-        if 2 * np.count_nonzero(in_image) >= len(a):
+        if 2 * np.count_nonzero(in_image) >= len(outline):
             seen.append(index)
     return seen
+
+
+@functools.cache
+def _outline(marker: Ring | Square) -> F64:
+    """Return points (n, 3) of a marker's outline in the pad frame."""
+    if isinstance(marker, Ring):
+        a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
+        r = marker.outer_diameter_m / 2
+    else:
+        a = np.radians(marker.heading_deg) + math.pi / 4 * np.array([1.0, 3.0, 5.0, 7.0])
+        r = marker.size_m / math.sqrt(2)
+    n, e = marker.position_m
+    return np.column_stack([n + r * np.cos(a), e + r * np.sin(a), np.zeros(len(a))])
