@@ -19,7 +19,7 @@ _MOST_ALIKE = 3  # rings looked at for one ring of the pad
 _SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched at about this
 _SMALLEST_SIDE_PX = 14.0  # and at least this size
 _LARGEST_SCALE = 4.0
-_THOROUGH_EVERY = 3  # frames in which nothing is found: the search is thorough in every third
+_THOROUGH_EVERY = 5  # frames in which nothing is found: the search is thorough in every fifth
 _SQUARES_WAIT = 4  # frames after one with small squares and a ring
 _LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
 _SMALLEST_FULL_PX = 10.0  # smaller squares are not found in the whole image
@@ -72,7 +72,7 @@ class Search:
 
         First where the pad is expected; what is not found there, everywhere. But one square tells
         where the rings are, and a large one all that they could; a far ring tells that squares
-        are too small. While nothing is found the search is thorough in every third frame only, the
+        are too small. While nothing is found the search is thorough in every fifth frame only, the
         first one included: of the whole image although the pad is expected in a part of it, with a
         second threshold for rings, and for squares too.
 
