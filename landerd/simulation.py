@@ -49,6 +49,7 @@ from landerd.pad import load_pad
 from landerd.vision.draw import draw
 
 VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
+WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
@@ -96,7 +97,14 @@ class Simulation:
         )
         self.gimbal = SimGimbal(self.world, options.gimbal, stream(seed, "gimbal"))
         self.score = Score(self.world, config.vehicle, self.layout.plate)
-        self.rules = Rules(_bounds(config, has_heading=self.layout.has_heading), self._truth)
+        self.rules = Rules(
+            _bounds(
+                config,
+                has_heading=self.layout.has_heading,
+                jitter_s=WALL_JITTER_S if realtime else 0.0,
+            ),
+            self._truth,
+        )
         self.link.tap = self.rules.from_landerd
         self.link.heard = self.rules.to_landerd
         self.recording = Recording(self)
@@ -318,7 +326,7 @@ def _trace(simulation: Simulation, result: dict[str, Any]) -> Trace:
     return trace
 
 
-def _bounds(config: Config, *, has_heading: bool) -> RuleBounds:
+def _bounds(config: Config, *, has_heading: bool, jitter_s: float) -> RuleBounds:
     guidance, fresh = config.guidance, config.freshness
     limits, descent = guidance.limits, guidance.descent
     return RuleBounds(
@@ -342,6 +350,7 @@ def _bounds(config: Config, *, has_heading: bool) -> RuleBounds:
         k2_per_m=descent.k2_per_m,
         alignment_height_m=descent.alignment_height_m,
         has_heading=has_heading,
+        jitter_s=jitter_s,
     )
 
 

@@ -51,6 +51,7 @@ class RuleBounds:
     commit_height_m: float = 0.20
     settle_s: float = 5.0
     stream_s: float = 0.05
+    jitter_s: float = 0.0  # of the times at which set-points are seen: none on a virtual clock
 
 
 @dataclass(frozen=True)
@@ -300,18 +301,22 @@ class Rules:
             (velocity[2] - before[2]) / dt,
         )
         was = self._acceleration or a
+        # What the jitter of the wall's clock makes of differences between set-points.
+        loose = 2.0 * b.jitter_s / dt
+        wobble = 2.0 * loose / dt
         stop_h = horizontal(velocity) < _STILL
         stop_v = abs(velocity[2]) < _STILL
         if not stop_h:
-            if horizontal(a) > b.acceleration_mps2 * _SLACK + 0.02:
+            if horizontal(a) > b.acceleration_mps2 * (_SLACK + loose) + 0.02:
                 self._break(t, "3: horizontal acceleration")
             jerk = math.hypot(a[0] - was[0], a[1] - was[1]) / dt
-            if jerk > b.jerk_mps3 * _SLACK + 0.2:
+            if jerk > b.jerk_mps3 * _SLACK + wobble * b.acceleration_mps2 + 0.2:
                 self._break(t, "3: horizontal jerk")
         if not stop_v:
-            if abs(a[2]) > b.vertical_acceleration_mps2 * _SLACK + 0.02:
+            if abs(a[2]) > b.vertical_acceleration_mps2 * (_SLACK + loose) + 0.02:
                 self._break(t, "3: vertical acceleration")
-            if abs(a[2] - was[2]) / dt > b.jerk_mps3 * _SLACK + 0.2:
+            jerk = abs(a[2] - was[2]) / dt
+            if jerk > b.jerk_mps3 * _SLACK + wobble * b.vertical_acceleration_mps2 + 0.2:
                 self._break(t, "3: vertical jerk")
         ah = (0.0, 0.0) if stop_h else (a[0], a[1])
         self._acceleration = (ah[0], ah[1], 0.0 if stop_v else a[2])
