@@ -93,7 +93,7 @@ class Simulation:
         )
         renderer = Renderer(self.layout, self.camera_model, options.render, seed)
         self.camera = SimCamera(
-            renderer, self._snapshot, options.camera, delivered=self._on_delivered
+            renderer, self.world.snapshot, options.camera, delivered=self._on_delivered
         )
         self.gimbal = SimGimbal(self.world, options.gimbal, stream(seed, "gimbal"))
         self.score = Score(self.world, config.vehicle, self.layout.plate)
@@ -170,9 +170,6 @@ class Simulation:
         return add(add(self._start, level), scale(unit(level), BEYOND_M))
 
     # ---- truth for camera and judge ------------------------------------------------------------
-
-    def _snapshot(self, t: float) -> Snapshot:
-        return self.world.snapshot(t)
 
     def _truth(self) -> Truth:
         world = self.world

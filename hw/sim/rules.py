@@ -75,14 +75,12 @@ class Rules:
         self._truth = truth
         self._codec = mavlink.MAVLink(None)
         self.broken: dict[str, float] = {}
-        self.setpoints = 0
         self.texts: list[tuple[float, str]] = []
         self.disarm_orders = 0
         self._armed = self._guided = False
         self._beat_t = -math.inf
         self._authority_lost_t = 0.0  # since when landerd must be silent
         self._latched = True
-        self._gate_high = False
         self._gate_closed_t: float | None = 0.0
         self._rc_t = -math.inf
         self._attitude_t = self._position_t = self._gimbal_t = -math.inf
@@ -192,7 +190,7 @@ class Rules:
             self._gate_closed_t = None
         elif self._gate_closed_t is None:
             self._gate_closed_t = t
-        self._gate_high, self._rc_t = high, t
+        self._rc_t = t
 
     # ---- landerd's orders ----------------------------------------------------------------------
 
@@ -207,7 +205,6 @@ class Rules:
             velocity = rotate(rot_z(truth.yaw), velocity)
         zero = math.hypot(*velocity) < _STILL and abs(yaw_rate) < _STILL
         tick = 1.05 * self._b.control_period_s
-        self.setpoints += 1
         self._who_flies(t, zero, tick)
         if not zero and truth.feet_down == 0 and self._contact_t is None:
             self._never_blind(t, velocity, yaw_rate, truth, tick)
@@ -325,7 +322,8 @@ class Rules:
         assert self._contact_t is not None
         waited = t - self._contact_t
         pressed = self._on_ground_t is None and _CONTACT_LATE_S < waited < self._b.settle_s
-        granted = self._gate_high and self._armed and self._guided and not self._latched
+        is_open = self._gate_closed_t is None
+        granted = is_open and self._armed and self._guided and not self._latched
         if pressed and granted and velocity[2] <= _STILL:
             self._break(t, "4: no descent ordered after contact")
 
