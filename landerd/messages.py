@@ -175,6 +175,7 @@ class GimbalState:
     pitch: float
     roll: float
     reference: Reference
+    pitch_measured: bool = True  # False: a servo without feedback, pitch is what was ordered
 
 
 # ---- the clock's ------------------------------------------------------------------------------

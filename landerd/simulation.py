@@ -33,7 +33,7 @@ from landerd.clock import run_realtime, run_virtual
 from landerd.config import Config
 from landerd.config_file import Loaded
 from landerd.daemon import Daemon, Devices
-from landerd.geometry import Vec3, add, rotate, scale, sub, transpose, unit
+from landerd.geometry import Vec3, add, horizontal, rotate, scale, sub, transpose, unit
 from landerd.messages import (
     Command,
     Frame,
@@ -53,7 +53,8 @@ WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
-BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1)
+BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
+FOLLOWED_M = 5000.0  # and along the way of one that it follows
 SAMPLE_S = 0.1
 
 
@@ -89,6 +90,7 @@ class Simulation:
         self.ground_station = GroundStation(
             ground_end,
             destination=self._destination(),
+            speed_mps=self._speed(),
             system_id=config.autopilot.system_id,
         )
         renderer = Renderer(self.layout, self.camera_model, options.render, seed)
@@ -167,7 +169,12 @@ class Simulation:
         level = (way[0], way[1], 0.0)
         if math.hypot(*level) < 1.0:
             return None
-        return add(add(self._start, level), scale(unit(level), BEYOND_M))
+        beyond = FOLLOWED_M if self.world.follows else BEYOND_M
+        return add(add(self._start, level), scale(unit(level), beyond))
+
+    def _speed(self) -> float | None:
+        """Return the pad's speed where the vehicle follows it, m/s; else the autopilot's own."""
+        return horizontal(self._start_pad.velocity) if self.world.follows else None
 
     # ---- truth for camera and judge ------------------------------------------------------------
 

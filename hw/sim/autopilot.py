@@ -302,6 +302,10 @@ class SimAutopilot:
                 forced = m.param2 == 21196.0
                 return _ACCEPTED if self.copter.disarm(forced=forced) else _FAILED
             return _UNSUPPORTED
+        if m.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
+            if _whole(m.param1) != mavlink.SPEED_TYPE_GROUNDSPEED:
+                return _FAILED
+            return _ACCEPTED if self.copter.set_speed(m.param2) else _FAILED
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             done = self.copter.take_off(m.param7, self._reported, t)
             return _ACCEPTED if done else _FAILED

@@ -128,6 +128,7 @@ class Copter:
         self._p = parameters
         self._say = say
         self._target: _Velocity | _Position | _Climb | None = None
+        self._speed_mps = parameters.wpnav_speed_mps  # towards a position target
         self._idle_since: float | None = None  # landed, and with the throttle low but for LAND
         self._radio_lost_at: float | None = None
         if flying:
@@ -151,6 +152,7 @@ class Copter:
         if mode != self.mode:
             self.mode = Mode(mode)
             self._target = None
+            self._speed_mps = self._p.wpnav_speed_mps
             self._idle_since = None
         self.failsafe = False
         return True
@@ -196,6 +198,13 @@ class Copter:
         """Take a position target, local NED; it ends a take-off."""
         if self._is_guided():
             self._target = _Position(position, yaw_rate)
+
+    def set_speed(self, speed_mps: float) -> bool:
+        """Fly to position targets at this speed until the mode is changed."""
+        if not (self._is_guided() and speed_mps > 0.0):
+            return False
+        self._speed_mps = speed_mps
+        return True
 
     def stop(self) -> None:
         """Hold, as after a malformed target."""
@@ -273,7 +282,7 @@ class Copter:
     def _towards(self, error: Vec3) -> Vec3:
         distance = horizontal(error)
         braking = _BRAKING * self._p.wpnav_accel_mps2
-        speed = _sqrt_controller(distance, braking, self._p.wpnav_speed_mps)
+        speed = _sqrt_controller(distance, braking, self._speed_mps)
         k = speed / distance if distance > 0.0 else 0.0
         return (k * error[0], k * error[1], self._vertical(error[2]))
 

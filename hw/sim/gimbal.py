@@ -100,8 +100,10 @@ class SimGimbal:
         self._world = world
         self._options = options
         self._rng = rng
-        bias = math.radians(options.bias_deg)
-        self._bias = _Bias(rng.choice((-bias, bias)), rng.choice((-bias, bias)))
+        yaw_bias = pitch_bias = math.radians(options.bias_deg)
+        if options.pitch_bias_deg is not None:
+            pitch_bias = math.radians(options.pitch_bias_deg)
+        self._bias = _Bias(rng.choice((-yaw_bias, yaw_bias)), rng.choice((-pitch_bias, pitch_bias)))
         self._next_report = 0.0
         self._last: GimbalState | None = None
 
@@ -141,15 +143,15 @@ class SimGimbal:
         if self.fault is GimbalFault.FROZEN and self._last is not None:
             return GimbalState(t, self._last.yaw, self._last.pitch, 0.0, Reference.BODY)
         plant = self._world.gimbal
-        yaw, pitch = plant.yaw.angle, plant.pitch.angle
-        if self._options.feedback == "commanded":
-            yaw, pitch = plant.yaw.target, plant.pitch.target
+        measured = self._options.pitch_feedback
+        pitch = plant.pitch.angle if measured else plant.pitch.target
         noise = math.radians(self._options.noise_deg)
         self._last = GimbalState(
             t,
-            yaw + self._bias.yaw + self._rng.gauss(0.0, noise),
+            plant.yaw.angle + self._bias.yaw + self._rng.gauss(0.0, noise),
             pitch + self._bias.pitch + self._rng.gauss(0.0, noise),
             0.0,
             Reference.BODY,
+            pitch_measured=measured,
         )
         return self._last

@@ -37,13 +37,18 @@ class GroundStation:
         link: ByteLink,
         *,
         destination: Vec3 | None = None,
+        speed_mps: float | None = None,
         take_off_m: float | None = None,
         system_id: int = 1,
     ) -> None:
-        """Destination: local NED, m; None: stay. take_off_m: None if the vehicle flies already."""
+        """Destination: local NED, m; None: stay. take_off_m: None if the vehicle flies already.
+
+        speed_mps: on the way; None: the autopilot's own.
+        """
         self.texts: list[Text] = []
         self._link = link
         self._destination = destination
+        self._speed_mps = speed_mps
         self._take_off_m = take_off_m
         self._vehicle = system_id
         self._codec = MavlinkCodec(_SYSTEM, _COMPONENT)
@@ -85,6 +90,13 @@ class GroundStation:
             await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
             await self._command(mavlink.MAV_CMD_NAV_TAKEOFF, *(0.0,) * 6, self._take_off_m)
             await self._in_air.wait()  # any set-point before would cancel the take-off
+        if self._speed_mps is not None:
+            await self._command(
+                mavlink.MAV_CMD_DO_CHANGE_SPEED,
+                float(mavlink.SPEED_TYPE_GROUNDSPEED),
+                self._speed_mps,
+                -1.0,  # the throttle stays
+            )
         if self._destination is not None:
             self._send(
                 mavlink.MAVLink_set_position_target_local_ned_message(

@@ -24,7 +24,10 @@ class StartOptions(_Options):
     bearings: Annotated[int, Field(ge=1, le=360)] = 1  # seeds start from so many sides in turn
     spread_m: NotNegative = 0.0  # each seed starts up to this far away north and east
     heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 0.0
-    with_pad: bool = False  # at the pad's velocity, as a drone that follows its truck
+    # Behind a pad this fast or faster it starts on the pad's course and at its velocity, as a drone
+    # that follows its truck; heading_deg then counts from the course.
+    follow_from_mps: NotNegative = 5.0
+    follow_m: NotNegative = 15.0  # so far behind
 
 
 class WindOptions(_Options):
@@ -32,7 +35,7 @@ class WindOptions(_Options):
 
     model: Literal["steady", "thesis"] = "steady"  # thesis: 3.8, the other keys do nothing
     speed_mps: Annotated[float, Field(ge=0, le=40)] = 0.0
-    from_deg: Finite = 0.0  # direction the mean wind comes from
+    from_deg: Finite | None = 0.0  # direction the mean wind comes from; null: by seed
     gust_mps: Annotated[float, Field(ge=0, le=20)] = 0.0
     gust_s: Annotated[float, Field(gt=0, le=60)] = 5.0  # how long one gust lasts
 
@@ -51,7 +54,7 @@ class PadOptions(_Options):
     sway_m: Annotated[float, Field(ge=0, le=3)] = 0.0  # amplitude, to the pad's east
     sway_hz: Annotated[float, Field(ge=0, le=2)] = 0.2
     tilt_deg: Annotated[float, Field(ge=0, le=30)] = 0.0
-    tilt_azimuth_deg: Finite = 0.0  # which way it slopes down, from the pad's north
+    tilt_azimuth_deg: Finite | None = 0.0  # where it slopes down, from pad north; null: by seed
 
 
 class SimGimbalOptions(_Options):
@@ -60,8 +63,9 @@ class SimGimbalOptions(_Options):
     lag_s: Annotated[float, Field(ge=0.02, le=0.5)] = 0.08  # behind a moving set-point
     rate_limit_deg_s: Positive = 120.0
     bias_deg: Annotated[float, Field(ge=0, le=10)] = 0.5  # of reported angles; sign by seed
+    pitch_bias_deg: Annotated[float, Field(ge=0, le=10)] | None = None  # of pitch; null: bias_deg
     noise_deg: NotNegative = 0.05
-    feedback: Literal["measured", "commanded"] = "measured"  # commanded: a servo without an encoder
+    pitch_feedback: bool = True  # false: a servo without an encoder, reported is what was ordered
 
 
 class SimCameraOptions(_Options):
@@ -87,7 +91,7 @@ class EkfOptions(_Options):
 class SimOptions(_Options):
     """The whole simulated world."""
 
-    vehicle: Literal["default", "fast"] = "default"
+    vehicle: Literal["reference", "fast"] = "reference"
     yaw_response: Literal["measured", "damped"] = "measured"
     start: StartOptions = StartOptions()
     wind: WindOptions = WindOptions()

@@ -5,7 +5,19 @@ from dataclasses import dataclass
 from random import Random
 
 from hw.sim.options import PadOptions
-from landerd.geometry import Mat3, Vec3, add, cross, matmul, rot_y, rot_z, rotate, sub, transpose
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    cross,
+    heading_of,
+    matmul,
+    rot_y,
+    rot_z,
+    rotate,
+    sub,
+    transpose,
+)
 from landerd.pad import Plate
 
 
@@ -17,7 +29,7 @@ class PadState:
     R_local_pad: Mat3
     velocity: Vec3  # of the landing point, m/s
     turn_rate: float  # about local down, rad/s
-    heading: float  # of the pad's north, rad
+    heading: float  # of the pad's north, seen from above, rad
 
     def velocity_at(self, point: Vec3) -> Vec3:
         """Return the velocity (m/s) of the plate's material at a point in local."""
@@ -42,10 +54,13 @@ class PadMotion:
         self._sway, self._sway_omega = options.sway_m, 2.0 * math.pi * options.sway_hz
         self._heave_phase = rng.uniform(-math.pi, math.pi)
         self._sway_phase = rng.uniform(-math.pi, math.pi)
-        downhill = math.radians(options.tilt_azimuth_deg)
+        azimuth = options.tilt_azimuth_deg
+        downhill = rng.uniform(-math.pi, math.pi) if azimuth is None else math.radians(azimuth)
         self._R_tilt = matmul(
             matmul(rot_z(downhill), rot_y(-math.radians(options.tilt_deg))), rot_z(-downhill)
         )
+        # A tilted plate's north lies a little off the heading it was turned to.
+        self._north_off = heading_of((self._R_tilt[0][0], self._R_tilt[1][0], 0.0))
         # The plate never dips into the ground: it stands as high as its lowest corner needs.
         lowest = max(
             rotate(self._R_tilt, (x, y, 0.0))[2]
@@ -81,5 +96,9 @@ class PadMotion:
             n, e = n - s * aside, e + c * aside
             vn, ve = vn - s * rate + c * along, ve + c * rate + s * along
         return PadState(
-            (n, e, d), matmul(rot_z(heading), self._R_tilt), (vn, ve, vd), self._turn_rate, heading
+            (n, e, d),
+            matmul(rot_z(heading), self._R_tilt),
+            (vn, ve, vd),
+            self._turn_rate,
+            heading + self._north_off,
         )

@@ -18,6 +18,7 @@ from landerd.geometry import Vec3, horizontal, rot_z, rotate
 _HEADER = 10  # bytes of a MAVLink 2 header
 _SLACK = 1.02  # of the limits: the set-points travel as 32-bit floats
 _CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
+_BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL = 1e-3  # m/s and rad/s that count as zero on the wire
 
 
@@ -60,7 +61,7 @@ class Truth:
 
     t: float
     distance: float  # centre of the feet to the landing point, horizontal, m
-    height: float  # of the feet over the pad, m
+    height: float  # of the feet's centre over the landing point, m
     heading_error: float  # pad minus vehicle, rad
     yaw: float  # rad
     pad_velocity: Vec3
@@ -89,7 +90,9 @@ class Rules:
         self._last: tuple[float, Vec3, float] | None = None  # time, velocity, yaw rate
         self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
         self._flown_t: float | None = None  # last set-point under granted authority
-        self._contact_t: float | None = None
+        self._contact = False  # a foot was down, and the vehicle has not climbed away since
+        self._touched_t = -math.inf  # when a foot was last seen down,
+        self._touching_since = 0.0  # and since when but for bounces
         self._on_ground_t: float | None = None
         self._lost_since: float | None = None
         self._free_t = 0.0  # last time landerd was not bound to stream set-points
@@ -106,11 +109,6 @@ class Rules:
     def on_gimbal(self, t: float) -> None:
         """Gimbal angles measured at t were delivered."""
         self._gimbal_t = t
-
-    def on_contact(self, t: float) -> None:
-        """The first foot touched the ground or the pad."""
-        if self._contact_t is None:
-            self._contact_t = t
 
     def to_landerd(self, t: float, data: bytes) -> None:
         """Bytes of the autopilot arrive at landerd."""
@@ -176,7 +174,7 @@ class Rules:
             self._authority_lost_t = t
         if self._armed and not armed:
             # The next flight is judged afresh.
-            self._contact_t = self._on_ground_t = None
+            self._contact, self._on_ground_t = False, None
         self._armed, self._guided, self._beat_t = armed, guided, t
 
     def _on_rc(self, t: float, message: mavlink.MAVLink_message) -> None:
@@ -204,14 +202,25 @@ class Rules:
         if message.coordinate_frame in (mavlink.MAV_FRAME_BODY_NED, 9):
             velocity = rotate(rot_z(truth.yaw), velocity)
         zero = math.hypot(*velocity) < _STILL and abs(yaw_rate) < _STILL
+        self._feel(t, truth)
         tick = 1.05 * self._b.control_period_s
         self._who_flies(t, zero, tick)
-        if not zero and truth.feet_down == 0 and self._contact_t is None:
+        if not zero and not self._contact:
             self._never_blind(t, velocity, yaw_rate, truth, tick)
         self._limits(t, velocity, yaw_rate)
-        if self._contact_t is not None:
+        if truth.feet_down:
             self._after_contact(t, velocity)
         self._last = (t, velocity, yaw_rate)
+
+    def _feel(self, t: float, truth: Truth) -> None:
+        """Note what the feet touch."""
+        if truth.feet_down:
+            self._contact = True
+            if t - self._touched_t > _BOUNCE_S:
+                self._touching_since = t
+            self._touched_t = t
+        elif truth.height > self._b.commit_height_m:
+            self._contact = False
 
     def _who_flies(self, t: float, zero: bool, tick: float) -> None:
         b = self._b
@@ -319,8 +328,7 @@ class Rules:
         self._acceleration = (ah[0], ah[1], 0.0 if stop_v else a[2])
 
     def _after_contact(self, t: float, velocity: Vec3) -> None:
-        assert self._contact_t is not None
-        waited = t - self._contact_t
+        waited = t - self._touching_since
         pressed = self._on_ground_t is None and _CONTACT_LATE_S < waited < self._b.settle_s
         is_open = self._gate_closed_t is None
         granted = is_open and self._armed and self._guided and not self._latched

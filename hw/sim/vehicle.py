@@ -37,11 +37,11 @@ class VehicleModel:
     """What differs between airframes."""
 
     angle_max: float  # rad
-    drag: float  # times the default's
+    drag: float  # times the reference's
 
 
-MODELS: dict[Literal["default", "fast"], VehicleModel] = {
-    "default": VehicleModel(math.radians(30.0), 1.0),
+MODELS: dict[Literal["reference", "fast"], VehicleModel] = {
+    "reference": VehicleModel(math.radians(30.0), 1.0),
     # Leans 30 degrees at 20 m/s, an ordinary 7-inch or hexacopter set-up.
     "fast": VehicleModel(
         math.radians(45.0),

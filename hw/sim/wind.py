@@ -30,7 +30,8 @@ class SteadyWind:
     """
 
     def __init__(self, options: WindOptions, rng: Random) -> None:
-        self._towards = math.radians(options.from_deg) + math.pi
+        whence = rng.uniform(-180.0, 180.0) if options.from_deg is None else options.from_deg
+        self._towards = math.radians(whence) + math.pi
         self._mean = options.speed_mps
         self._gust, self._duration = options.gust_mps, options.gust_s
         self._rng = rng

@@ -129,14 +129,24 @@ class World:
         start = self.options.start
         pad = self._motion.at(0.0)
         spread = start.spread_m
-        side = 2.0 * math.pi * (seed % start.bearings) / start.bearings
-        x, y, _ = rotate(rot_z(side), (*start.position_m, 0.0))
+        vn, ve, _ = pad.velocity
+        if self.follows:
+            side = math.radians(self.options.pad.course_deg)
+            x, y, _ = rotate(rot_z(side), (-start.follow_m, 0.0, 0.0))
+        else:
+            side = 2.0 * math.pi * (seed % start.bearings) / start.bearings
+            x, y, _ = rotate(rot_z(side), (*start.position_m, 0.0))
         n = pad.position[0] + x + rng.uniform(-spread, spread)
         e = pad.position[1] + y + rng.uniform(-spread, spread)
         d = -self._motion.mean_height - start.altitude_m
         turned = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
-        velocity = (pad.velocity[0], pad.velocity[1]) if start.with_pad else (0.0, 0.0)
+        velocity = (vn, ve) if self.follows else (0.0, 0.0)
         self.vehicle.start((n, e, d), velocity, wrap(math.radians(turned) + side), self._wind_now)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the vehicle starts behind the pad and at its velocity."""
+        return self.options.pad.speed_mps >= self.options.start.follow_from_mps
 
     @property
     def t(self) -> float:
@@ -196,8 +206,8 @@ class World:
 
     @property
     def height(self) -> float:
-        """Height of the footprint's centre over the plane of the pad, m."""
-        return -self.pad.in_pad(self.footprint_centre)[2]
+        """Height of the footprint's centre over the landing point, m."""
+        return self.pad.position[2] - self.footprint_centre[2]
 
     @property
     def offset(self) -> tuple[float, float]:

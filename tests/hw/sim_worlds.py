@@ -17,7 +17,7 @@ def world(seed: int = 1, **options: Any) -> World:
 
 def over_pad(seed: int = 1, altitude_m: float = 0.8, **options: Any) -> World:
     """Return a world in which the vehicle hovers close over the landing point."""
-    start = {"position_m": (0.0, 0.0), "altitude_m": altitude_m, "with_pad": True}
+    start = {"altitude_m": altitude_m, "follow_from_mps": 0.0, "follow_m": 0.0}
     return world(seed, start=start, **options)
 
 

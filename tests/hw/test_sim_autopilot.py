@@ -200,6 +200,25 @@ def test_a_position_target_is_reached_at_no_more_than_5_mps() -> None:
     fly(scene)
 
 
+def test_the_speed_to_a_position_target_can_be_changed_until_the_mode_is() -> None:
+    async def scene(f: Flight) -> None:
+        change = mavlink.MAV_CMD_DO_CHANGE_SPEED
+        assert await f.client.do(change, 1.0, 12.0, -1.0) != ACCEPTED  # not in LOITER
+        await guided(f)
+        assert await f.client.do(change, 1.0, -1.0, -1.0) != ACCEPTED
+        assert await f.client.do(change, 1.0, 12.0, -1.0) == ACCEPTED
+        f.client.fly(500.0, 0.0, -10.0, mask=3576)
+        await asyncio.sleep(0.1)
+        assert f.airframe.velocity[0] == pytest.approx(12.0)
+        f.autopilot.copter.set_mode(LOITER)
+        await guided(f)
+        f.client.fly(500.0, 0.0, -10.0, mask=3576)
+        await asyncio.sleep(0.1)
+        assert f.airframe.velocity[0] == pytest.approx(5.0)
+
+    fly(scene)
+
+
 def test_take_off_and_its_refusals() -> None:
     async def scene(f: Flight) -> None:
         await guided(f)

@@ -55,9 +55,11 @@ def test_a_lateral_order_keeps_the_detector_from_landing(
     assert (landed is not None) == detected
 
 
-@pytest.mark.parametrize("speed_mps", [1.0, 5.0])
-def test_a_moving_pad_carries_the_vehicle_along(speed_mps: float) -> None:
-    w = over_pad(pad={"speed_mps": speed_mps, "course_deg": 30.0})
+@pytest.mark.parametrize(
+    ("speed_mps", "vehicle"), [(1.0, "reference"), (5.0, "reference"), (15.0, "fast")]
+)
+def test_a_moving_pad_carries_the_vehicle_along(speed_mps: float, vehicle: str) -> None:
+    w = over_pad(vehicle=vehicle, pad={"speed_mps": speed_mps, "course_deg": 30.0})
     landed = descend(w, 0.3, 6.0)
     assert landed is not None
     w.vehicle.motors_off()
@@ -85,6 +87,33 @@ def test_stands_flush_on_a_tilted_heaving_pad() -> None:
     w.advance(14.0)  # nothing slides down
     assert w.relative_velocity == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
     assert all(v.feet)
+
+
+@pytest.mark.parametrize("seed", range(4))  # each a phase of its own
+def test_touchdown_speed_is_that_against_the_heaving_pad(seed: int) -> None:
+    w = over_pad(seed, altitude_m=1.2, pad={"heave_m": 0.3, "heave_hz": 0.2})
+    w.vehicle.order((0.0, 0.0, 0.4), 0.0)
+    before = w.relative_velocity
+    while w.vehicle.touchdown is None:
+        before = w.relative_velocity
+        w.advance(w.t + 0.0025)
+    touchdown = w.vehicle.touchdown
+    pad_sinks = w.pad.velocity[2]
+    assert touchdown.velocity[2] == pytest.approx(before[2], abs=0.02)
+    assert touchdown.velocity[2] == pytest.approx(0.4 - pad_sinks, abs=0.05)
+
+
+def test_a_turning_pad_passes_under_a_vehicle_aside_of_its_middle() -> None:
+    w = over_pad(pad={"turn_rate_deg_s": 30.0})
+    w.vehicle.order((0.4, 0.0, 0.0), 0.0)
+    while w.offset[0] < 0.5:
+        w.advance(w.t + 0.02)
+    omega, (n, e) = math.radians(30.0), w.offset
+    surface = (-omega * e, omega * n)
+    velocity = w.vehicle.velocity
+    assert w.relative_velocity[:2] == pytest.approx(
+        (velocity[0] - surface[0], velocity[1] - surface[1]), abs=1e-9
+    )
 
 
 def test_sets_down_one_side_first_and_then_the_other_in_wind() -> None:

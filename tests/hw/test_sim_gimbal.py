@@ -95,9 +95,24 @@ def test_without_an_encoder_it_reports_what_was_commanded() -> None:
         gimbal.command(GimbalCommand(0.0, -1.5))
         state = await gimbal.state()
         assert state.pitch == pytest.approx(-1.5, abs=1e-9)
+        assert not state.pitch_measured
         assert w.gimbal.pitch.angle > -1.0
+        gimbal.command(GimbalCommand(0.5, -1.5))
+        assert (await gimbal.state()).yaw < 0.4  # yaw is measured all the same
 
-    run_device(scenario, SimGimbalOptions(feedback="commanded", bias_deg=0.0, noise_deg=0.0))
+    run_device(scenario, SimGimbalOptions(pitch_feedback=False, bias_deg=0.0, noise_deg=0.0))
+
+
+def test_pitch_may_stand_further_beside_than_yaw() -> None:
+    async def scenario(w: World, gimbal: SimGimbal) -> None:
+        state = await gimbal.state()
+        assert state.pitch_measured
+        yaw_off = math.degrees(state.yaw - w.gimbal.yaw.angle)
+        pitch_off = math.degrees(state.pitch - w.gimbal.pitch.angle)
+        assert abs(yaw_off) == pytest.approx(0.5, abs=1e-6)
+        assert abs(pitch_off) == pytest.approx(3.0, abs=1e-6)
+
+    run_device(scenario, SimGimbalOptions(pitch_bias_deg=3.0, noise_deg=0.0))
 
 
 def test_faults() -> None:

@@ -27,6 +27,7 @@ class Scene:
         flying: bool,
         destination: Vec3 | None,
         take_off_m: float | None = None,
+        speed_mps: float | None = None,
     ) -> None:
         self.airframe = airframe
         self.ground_link, far = memory_pair()
@@ -35,7 +36,10 @@ class Scene:
             airframe, [far, driver_far], rng=random.Random(1), flying=flying
         )
         self.station = GroundStation(
-            self.ground_link, destination=destination, take_off_m=take_off_m
+            self.ground_link,
+            destination=destination,
+            take_off_m=take_off_m,
+            speed_mps=speed_mps,
         )
         self.driver = MavlinkAutopilot(link)
         self.sent: list[Message] = []
@@ -72,6 +76,15 @@ def test_it_flies_the_vehicle_to_the_destination_with_one_target() -> None:
         assert heartbeats[0].get_srcSystem() == 255
 
     Scene(PlainAirframe(), flying=True, destination=(20.0, 10.0, -10.0)).play(script)
+
+
+def test_it_follows_a_fast_pad_at_the_pads_speed() -> None:
+    async def script(s: Scene) -> None:
+        await asyncio.sleep(5.0)
+        assert s.airframe.velocity[0] == pytest.approx(15.0)
+        assert len(s.targets) == 1
+
+    Scene(PlainAirframe(), flying=True, destination=(5e3, 0.0, -10.0), speed_mps=15.0).play(script)
 
 
 def test_it_lets_landerd_take_over() -> None:

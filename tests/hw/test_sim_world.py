@@ -79,10 +79,34 @@ def test_the_lens_looks_where_body_and_gimbal_point_it() -> None:
     assert offset == pytest.approx((0.0, 0.10, 0.04), abs=0.002)
 
 
-def test_height_is_from_the_feet_to_the_plane_of_the_pad() -> None:
+def test_height_is_from_the_feet_to_the_landing_point() -> None:
     w = over_pad(altitude_m=3.0)
     assert w.height == pytest.approx(3.0 - 0.20, abs=0.01)
     assert w.offset == pytest.approx((0.0, 0.0), abs=0.01)
+
+
+def test_a_tilted_pad_aside_is_as_far_down_as_a_level_one() -> None:
+    w = world(pad={"tilt_deg": 15.0}, start={"position_m": (-5.0, 0.0), "altitude_m": 4.0})
+    assert w.height == pytest.approx(4.0 - 0.20, abs=1e-6)
+
+
+@pytest.mark.parametrize("course_deg", [0.0, 130.0])
+def test_starts_behind_a_fast_pad_and_at_its_speed(course_deg: float) -> None:
+    w = world(pad={"speed_mps": 5.0, "course_deg": course_deg}, start={"position_m": (-30.0, 0.0)})
+    assert w.follows
+    assert math.degrees(w.vehicle.yaw) == pytest.approx(course_deg)
+    w.vehicle.order(w.pad.velocity, 0.0)
+    w.advance(3.0)
+    assert math.hypot(*w.offset) == pytest.approx(15.0, abs=0.2)
+    along = dot(sub(w.pad.position, w.vehicle.position), w.pad.velocity)
+    assert along == pytest.approx(15.0 * 5.0, rel=0.02)
+
+
+def test_a_slow_pad_is_not_followed() -> None:
+    w = world(pad={"speed_mps": 4.9}, start={"position_m": (-30.0, 0.0)})
+    assert not w.follows
+    assert w.offset[0] == pytest.approx(-30.0, abs=1e-6)
+    assert w.vehicle.velocity == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -127,6 +151,30 @@ def test_tilt_slopes_down_where_it_says() -> None:
     assert rotate(R, (0.0, 1.0, 0.0))[2] == pytest.approx(math.sin(math.radians(10.0)))
     assert norm(cross(R[0], R[1])) == pytest.approx(1.0)
     assert dot(transpose(R)[2], (0.0, 0.0, 1.0)) == pytest.approx(math.cos(math.radians(10.0)))
+
+
+def test_where_a_pad_slopes_and_the_wind_comes_from_may_be_left_to_the_seed() -> None:
+    slopes, winds = set(), set()
+    for seed in range(8):
+        w = world(
+            seed,
+            pad={"tilt_deg": 10.0, "tilt_azimuth_deg": None},
+            wind={"speed_mps": 6.0, "from_deg": None},
+        )
+        n, e, d = (row[2] for row in w.pad.R_local_pad)
+        assert math.degrees(math.acos(d)) == pytest.approx(10.0)
+        assert math.hypot(*w.wind) == pytest.approx(6.0)
+        slopes.add(round(math.atan2(e, n), 3))
+        winds.add(round(math.atan2(*w.wind), 3))
+    assert len(slopes) == len(winds) == 8
+    assert max(slopes) - min(slopes) > 2.0
+
+
+def test_heading_of_a_tilted_pad_is_where_its_north_points_from_above() -> None:
+    w = world(pad={"tilt_deg": 15.0, "tilt_azimuth_deg": 45.0, "turn_rate_deg_s": 10.0})
+    w.advance(2.0)
+    north = rotate(w.pad.R_local_pad, (1.0, 0.0, 0.0))
+    assert w.pad.heading == pytest.approx(math.atan2(north[1], north[0]))
 
 
 def test_gusts_reach_their_speed_and_no_more() -> None:
