@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Gain = Annotated[float, Field(ge=0, le=10)]
 
 
 class Section(BaseModel):
@@ -94,9 +95,9 @@ class EstimationSection(Section):
 class PidGains(Section):
     """Gains of one controller; output = kp e + ki int(e) + kd de/dt, all positive here."""
 
-    kp: NotNegative
-    ki: NotNegative = 0.0
-    kd: NotNegative = 0.0
+    kp: Gain
+    ki: Gain = 0.0
+    kd: Gain = 0.0
 
 
 class PidSection(Section):
@@ -112,20 +113,22 @@ class PidSection(Section):
     final: PidGains = PidGains(kp=0.8, ki=0.3, kd=0.4)  # YAW_CORRECTION and DESCENT
     up: PidGains = PidGains(kp=0.9, kd=0.5)
     yaw: PidGains = PidGains(kp=1.5, kd=0.1)
-    integral_limit_mps: NotNegative = 1.0  # of the integral's share of the output
+    integral_limit_mps: Annotated[float, Field(ge=0, le=5)] = 1.0  # of the integral's share
 
 
 class DescentSection(Section):
     """Where descent is allowed (thesis eq. 2.3) and when it is committed."""
 
-    k1_m: Positive = 0.12
-    k2_per_m: NotNegative = 0.36
-    close_factor: Annotated[float, Field(gt=1)] = 3.0  # CLOSE_APPROACH within this times delta
-    alignment_height_m: Positive = 2.0  # not below this while the heading is off
+    k1_m: Annotated[float, Field(gt=0, le=1)] = 0.12
+    k2_per_m: Annotated[float, Field(ge=0, le=1)] = 0.36
+    close_factor: Annotated[float, Field(gt=1, le=10)] = 3.0  # CLOSE_APPROACH in this times delta
+    # not below this while the heading is off
+    alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
     align_deg: Positive = 2.0  # the heading counts as aligned within this,
     realign_deg: Positive = 4.0  # and as off again beyond this
     commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.12
-    slowest_mps: Positive = 0.15  # where descent is allowed it is not slower than this
+    # where descent is allowed it is not slower than this
+    slowest_mps: Annotated[float, Field(gt=0, le=0.5)] = 0.15
 
     @model_validator(mode="after")
     def _hysteresis(self) -> "DescentSection":
@@ -137,23 +140,23 @@ class DescentSection(Section):
 class LimitsSection(Section):
     """What is ever asked of the vehicle."""
 
-    speed_mps: Positive = 5.0
-    climb_mps: Positive = 1.0
-    descent_mps: Positive = 1.0
-    acceleration_mps2: Positive = 2.5
-    vertical_acceleration_mps2: Positive = 1.0
-    jerk_mps3: Positive = 15.0
-    yaw_rate_deg_s: Positive = 30.0
+    speed_mps: Annotated[float, Field(gt=0, le=20)] = 5.0
+    climb_mps: Annotated[float, Field(gt=0, le=5)] = 1.0
+    descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.0
+    acceleration_mps2: Annotated[float, Field(gt=0, le=10)] = 2.5
+    vertical_acceleration_mps2: Annotated[float, Field(gt=0, le=5)] = 1.0
+    jerk_mps3: Annotated[float, Field(gt=0, le=50)] = 15.0
+    yaw_rate_deg_s: Annotated[float, Field(gt=0, le=180)] = 30.0
 
 
 class LostSection(Section):
     """What is done after the pad went out of sight."""
 
     after_s: Annotated[float, Field(gt=0, le=0.5)] = 0.5  # thesis: abort time
-    hold_s: NotNegative = 3.0  # hover and look
-    climb_mps: NotNegative = 0.5
-    climb_m: NotNegative = 5.0  # at most this far up to see more; 0: do not climb
-    give_up_s: Positive = 30.0  # then hand back to the pilot
+    hold_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # hover and look
+    climb_mps: Annotated[float, Field(ge=0, le=3)] = 0.5
+    climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # at most this far up; 0: do not climb
+    give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # then hand back to the pilot
 
 
 class GuidanceSection(Section):

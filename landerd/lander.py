@@ -31,6 +31,7 @@ from landerd.messages import (
     LandedState,
     LocalPosition,
     PadPrior,
+    ParameterChange,
     Phase,
     PhaseChange,
     PoseSolution,
@@ -43,6 +44,7 @@ from landerd.messages import (
     Tick,
 )
 from landerd.pad import PadLayout
+from landerd.parameters import with_value
 
 LARGEST = 1e6  # a number beyond this in a pose comes from a fit that failed
 SAY_AGAIN_S = 1.0  # the same line is not told to the pilot more often
@@ -100,6 +102,8 @@ class Lander:
                 self._on_restart()
             case Shutdown():
                 self._gate.latch()
+            case ParameterChange():
+                self._configure(with_value(self._config, message.key, message.value))
             case Battery():
                 pass
         return self._out
@@ -146,6 +150,17 @@ class Lander:
             self._sighting_t = sightings.t
         if self.needs_sight:
             self._aim.on_sightings(sightings, self._placement.gimbal.at(sightings.t))
+
+    def _configure(self, config: Config) -> None:
+        """Go on with changed parameters; only `guidance` and `rc` have any."""
+        guidance = config.guidance
+        self._config = config
+        self._gate.configure(config.rc)
+        self._phases.configure(guidance.descent)
+        self._method.configure(guidance)
+        self._limiter.configure(guidance.limits)
+        self._lost.configure(guidance.lost)
+        self._touchdown.configure(guidance.touchdown_timeout_s)
 
     def _on_restart(self) -> None:
         self._gate.on_restart()

@@ -148,6 +148,15 @@ class LandedState:
 
 
 @dataclass(frozen=True, slots=True)
+class ParameterChange:
+    """The ground station has changed a number of the configuration; it was found good."""
+
+    t: float
+    key: str  # dotted, as "guidance.pid.up.kp"
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
 class Battery:
     """Battery as the autopilot measures it; None: not reported."""
 
@@ -256,7 +265,14 @@ class PhaseChange:
 
 
 AutopilotMessage = (
-    Heartbeat | AutopilotRestarted | Attitude | LocalPosition | RcChannels | LandedState | Battery
+    Heartbeat
+    | AutopilotRestarted
+    | Attitude
+    | LocalPosition
+    | RcChannels
+    | LandedState
+    | Battery
+    | ParameterChange
 )
 Input = AutopilotMessage | GimbalState | Sightings | Tick | Shutdown
 Command = Setpoint | GimbalCommand | StatusText | Disarm | PhaseChange

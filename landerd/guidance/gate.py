@@ -23,13 +23,20 @@ class Gate:
     """
 
     def __init__(self, rc: RcSection, freshness: FreshnessSection) -> None:
-        self._channel = rc.gate_channel
-        self._threshold_us = rc.gate_threshold_us
+        self._rc: RcSection | None = None
+        self.configure(rc)
         self._freshness = freshness
         self._heartbeat: Heartbeat | None = None
         self._rc_t = -math.inf
-        self._pulse_us = 0
-        self._latched = True  # we have just started
+
+    def configure(self, rc: RcSection) -> None:
+        """Take the channel and its threshold; another switch must be seen low first."""
+        if rc != self._rc:
+            self._rc = rc
+            self._channel = rc.gate_channel
+            self._threshold_us = rc.gate_threshold_us
+            self._pulse_us = 0
+            self._latched = True  # as when just started
 
     @property
     def disarmed(self) -> bool:

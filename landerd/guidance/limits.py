@@ -19,9 +19,13 @@ class Limiter:
     """Turns wanted velocities into a sequence of set-points within the limits."""
 
     def __init__(self, limits: LimitsSection) -> None:
+        self.configure(limits)
+        self.reset((0.0, 0.0, 0.0))
+
+    def configure(self, limits: LimitsSection) -> None:
+        """Take new limits; the velocity goes over to them within its acceleration."""
         self._limits = limits
         self._yaw_rate_limit = math.radians(limits.yaw_rate_deg_s)
-        self.reset((0.0, 0.0, 0.0))
 
     def reset(self, velocity: Vec3) -> None:
         """Begin from a velocity already flown, cut to the speed limits, without acceleration."""

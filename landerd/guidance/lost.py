@@ -8,10 +8,14 @@ class LostPlan:
     """Hold, then climb to see more, then hand back; every step has its time."""
 
     def __init__(self, options: LostSection) -> None:
-        self._options = options
+        self.configure(options)
         self._since = 0.0
         self._start_down = 0.0
         self._hold_s = 0.0
+
+    def configure(self, options: LostSection) -> None:
+        """Take new options."""
+        self._options = options
 
     def begin(self, now: float, down_m: float, *, low: bool = False) -> None:
         """Start at time now with the vehicle at local z down_m; low: climb without holding first.

@@ -19,11 +19,15 @@ class Phases:
     """Moves from APPROACH to LANDED by distance, height and heading."""
 
     def __init__(self, options: DescentSection, *, has_heading: bool) -> None:
-        self._options = options
+        self.configure(options)
         self._has_heading = has_heading
+        self.restart()
+
+    def configure(self, options: DescentSection) -> None:
+        """Take new bounds."""
+        self._options = options
         self._align = math.radians(options.align_deg)
         self._realign = math.radians(options.realign_deg)
-        self.restart()
 
     def restart(self) -> None:
         """Begin a landing."""

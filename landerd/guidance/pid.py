@@ -8,10 +8,13 @@ class Pid:
     """output = kp e + integral + kd de/dt, positive gains (thesis 2.4.3).
 
     New gains are faded in over `blend_s`, so that a change of phase does not step the output.
+
+    Attributes:
+        integral_limit: largest share of the integral in the output.
     """
 
     def __init__(self, gains: PidGains, *, integral_limit: float, blend_s: float = 1.0) -> None:
-        self._integral_limit = integral_limit
+        self.integral_limit = integral_limit
         self._blend_s = blend_s
         self._from = self._to = (gains.kp, gains.ki, gains.kd)
         self._faded = 1.0
@@ -43,7 +46,7 @@ class Pid:
         kp, ki, kd = self._gains()
         change = ki * error * dt
         if not saturated or change * self._integral < 0.0:
-            limit = self._integral_limit
+            limit = self.integral_limit
             self._integral = clamp(self._integral + change, -limit, limit)
         return kp * error + self._integral + kd * error_rate
 

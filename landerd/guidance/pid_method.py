@@ -12,6 +12,17 @@ class PidMethod:
 
     def __init__(self, options: GuidanceSection) -> None:
         pid = options.pid
+        limit = pid.integral_limit_mps
+        self._north = Pid(pid.approach, integral_limit=limit)
+        self._east = Pid(pid.approach, integral_limit=limit)
+        self._up = Pid(pid.up, integral_limit=limit)
+        self._yaw = Pid(pid.yaw, integral_limit=limit)
+        self._saturated = self._down_saturated = False
+        self.configure(options)
+
+    def configure(self, options: GuidanceSection) -> None:
+        """Take new gains, which fade in, and limits."""
+        pid = options.pid
         self._gains: dict[Phase, PidGains] = {
             Phase.APPROACH: pid.approach,
             Phase.CLOSE_APPROACH: pid.close_approach,
@@ -19,15 +30,13 @@ class PidMethod:
             Phase.DESCENT: pid.final,
             Phase.LANDED: pid.final,
         }
-        limit = pid.integral_limit_mps
-        self._north = Pid(pid.approach, integral_limit=limit)
-        self._east = Pid(pid.approach, integral_limit=limit)
-        self._up = Pid(pid.up, integral_limit=limit)
-        self._yaw = Pid(pid.yaw, integral_limit=limit)
+        self._up.set_gains(pid.up)
+        self._yaw.set_gains(pid.yaw)
+        for controller in (self._north, self._east, self._up, self._yaw):
+            controller.integral_limit = pid.integral_limit_mps
         self._speed = options.limits.speed_mps
         self._descent = options.limits.descent_mps
         self._slowest = options.descent.slowest_mps
-        self._saturated = self._down_saturated = False
 
     def restart(self) -> None:
         """Begin a landing: integrals at zero."""

@@ -24,8 +24,12 @@ class Touchdown:
     """Watches for contact, for the land detector, and for the time that each may take."""
 
     def __init__(self, timeout_s: float) -> None:
-        self._timeout_s = timeout_s
+        self.configure(timeout_s)
         self.begin(-math.inf)
+
+    def configure(self, timeout_s: float) -> None:
+        """Take a new time limit."""
+        self._timeout_s = timeout_s
 
     def begin(self, now: float) -> None:
         """Start at commit, at time now."""
