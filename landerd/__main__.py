@@ -4,4 +4,5 @@ import sys
 
 from landerd.cli import main
 
-sys.exit(main())
+if __name__ == "__main__":  # processes of a campaign import this too
+    sys.exit(main())

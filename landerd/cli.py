@@ -177,9 +177,9 @@ def _summary(result: dict[str, Any]) -> str:
 
 
 def _scenarios() -> dict[str, Path]:
-    from landerd.config_file import config_dir
+    from landerd.config_file import config_files
 
-    return {path.stem: path for path in sorted((config_dir() / "scenarios").glob("*.yaml"))}
+    return config_files("scenarios")
 
 
 def _seed(text: str) -> int:
@@ -199,6 +199,22 @@ def _detect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _detect(args: argparse.Namespace) -> int:
     from landerd.detect_command import run
+
+    return run(args)
+
+
+# ---- campaign ----------------------------------------------------------------------------------
+
+
+def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
+    from landerd.campaign_command import add_arguments
+
+    add_arguments(parser)
+    _add_config(parser)
+
+
+def _campaign(args: argparse.Namespace) -> int:
+    from landerd.campaign_command import run
 
     return run(args)
 
@@ -317,6 +333,12 @@ _COMMANDS = {
         "landerd detect photos/ --camera config/cameras/thesis.yaml --pad config/pads/thesis.yaml",
         _detect_arguments,
         _detect,
+    ),
+    "campaign": _Command(
+        "fly many landings in the simulator and print a table of results",
+        "landerd campaign guidance --runs 5 --jobs 2",
+        _campaign_arguments,
+        _campaign,
     ),
     "run": _Command(
         "fly: drive camera, gimbal and autopilot until stopped",

@@ -42,6 +42,24 @@ def config_dir() -> Path:
     return installed if installed.is_dir() else package.parent / "config"
 
 
+def config_files(kind: str) -> dict[str, Path]:
+    """Return the files of a folder of `config_dir()`, as "scenarios", by name."""
+    return {path.stem: path for path in sorted((config_dir() / kind).glob("*.yaml"))}
+
+
+def read_model(path: Path, model: type[M]) -> M:
+    """Read a YAML file of its own kind.
+
+    Raises:
+        ConfigError: it cannot be read, or a key is unknown, missing, of another type or range.
+    """
+    faults: list[Fault] = []
+    read = _validated(model, read_file(path, faults), faults)
+    if read is None or faults:
+        raise ConfigError([str(fault) for fault in sorted(faults)])
+    return read
+
+
 def load(
     path: Path,
     *,

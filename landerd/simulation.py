@@ -33,7 +33,7 @@ from landerd.clock import run_realtime, run_virtual
 from landerd.config import Config
 from landerd.config_file import Loaded
 from landerd.daemon import Daemon, Devices
-from landerd.geometry import Vec3, add, horizontal, rotate, scale, sub, transpose, unit
+from landerd.geometry import Vec3, add, horizontal, norm, rotate, scale, sub, transpose, unit
 from landerd.messages import (
     Command,
     Frame,
@@ -56,6 +56,7 @@ LONGEST_S = 150.0
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
 FOLLOWED_M = 5000.0  # and along the way of one that it follows
 SAMPLE_S = 0.1
+KNOWN_AFTER_S = 2.0  # from the first sighting to when the pad's velocity is to be known
 
 
 class Simulation:
@@ -208,6 +209,7 @@ class Recording:
         self.views: dict[Phase, tuple[float, Frame, Sightings]] = {}
         self.progress: Callable[[str], None] | None = None
         self.frames = 0  # searched
+        self.pad_velocity_error_mps: float | None = None  # KNOWN_AFTER_S after the first sighting
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Count, and keep the first picture with a marker of each phase."""
@@ -224,6 +226,20 @@ class Recording:
         if isinstance(message, Tick) and now - self._sampled_t >= SAMPLE_S:
             self._sampled_t = now
             self._sample(now)
+            self._compare_velocity(now)
+
+    def _compare_velocity(self, now: float) -> None:
+        simulation = self._simulation
+        first = simulation.score.first_sighting_t
+        if (
+            self.pad_velocity_error_mps is None
+            and first is not None
+            and now > first + KNOWN_AFTER_S
+        ):
+            relative = simulation.daemon.lander.relative(now)
+            if relative is not None:
+                difference = sub(relative.pad_velocity, simulation.world.pad.velocity)
+                self.pad_velocity_error_mps = norm(difference)
 
     def _sample(self, now: float) -> None:
         simulation = self._simulation
@@ -267,8 +283,11 @@ def simulate(
     simulation = Simulation(loaded, seed, realtime=realtime)
     simulation.recording.progress = progress
     gc.freeze()  # collections then look only at what the flight makes
-    run = run_realtime if realtime else run_virtual
-    run(simulation.run())
+    try:
+        run = run_realtime if realtime else run_virtual
+        run(simulation.run())
+    finally:
+        gc.unfreeze()
     result = _result(simulation, scenario, seed)
     if picture is not None:
         write_picture(_trace(simulation, result), picture)
@@ -295,6 +314,7 @@ def _result(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
         "time_s": since_sighting(disarm),
         "time_to_touchdown_s": since_sighting(contact.t if contact else None),
         "energy_hj": None if score.energy_j is None else score.energy_j / 100.0,
+        "pad_velocity_error_mps": simulation.recording.pad_velocity_error_mps,
         "aborts": lander.aborts,
         "phases": _phases(simulation),
         "rules_broken": [f"{rule} (at {t:.2f} s)" for rule, t in simulation.rules.broken.items()],

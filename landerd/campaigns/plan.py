@@ -1,0 +1,72 @@
+"""Which landings a campaign flies, and what is asked of them; read from config/campaigns/."""
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, field_validator
+
+from landerd.config import Positive, Section
+from landerd.config_file import ConfigError, config_files, read_model
+
+
+class Needed(Section):
+    """What a row must reach; each key but the first is a maximum of the row's figure."""
+
+    landed_percent: Annotated[float, Field(ge=0, le=100)] = 100.0  # no rule broken meanwhile
+    time_s_mean: Positive | None = None
+    touchdown_error_m_p95: Positive | None = None
+    touchdown_vertical_mps_p95: Positive | None = None
+    yaw_error_deg_p95: Positive | None = None
+
+
+class Row(Section):
+    """One scenario, flown with every seed."""
+
+    scenario: str
+    needed: Needed = Needed()
+
+
+class Campaign(Section):
+    """Rows, and with how many seeds each is flown: 1, 2, 3 and so on."""
+
+    runs: Annotated[int, Field(ge=1)] = 50
+    rows: tuple[Row, ...]
+
+    @field_validator("rows")
+    @classmethod
+    def _some(cls, rows: tuple[Row, ...]) -> tuple[Row, ...]:
+        if not rows:
+            raise ValueError("found no rows, expected at least one")
+        return rows
+
+
+def load_campaign(name: str) -> Campaign:
+    """Return a campaign by name; a scenario's name is a campaign of that row alone.
+
+    Raises:
+        ConfigError: there is none of that name, or its file cannot be used.
+    """
+    campaigns, scenarios = config_files("campaigns"), config_files("scenarios")
+    if name in campaigns:
+        campaign = read_model(campaigns[name], Campaign)
+        _check_scenarios(campaign, scenarios, campaigns[name])
+        return campaign
+    if name in scenarios:
+        return Campaign(rows=(Row(scenario=name),))
+    near = difflib.get_close_matches(name, [*campaigns, *scenarios], n=1, cutoff=0.0)
+    raise ConfigError(
+        [
+            f"campaign {name!r} is not known; nearest: {near[0]}; all: {', '.join(campaigns)}, "
+            "and every scenario"
+        ]
+    )
+
+
+def _check_scenarios(campaign: Campaign, scenarios: Mapping[str, Path], path: Path) -> None:
+    unknown = [row.scenario for row in campaign.rows if row.scenario not in scenarios]
+    if unknown:
+        raise ConfigError(
+            [f"{path.name}: scenario {name!r} is not known" for name in dict.fromkeys(unknown)]
+        )

@@ -1,0 +1,65 @@
+from pathlib import Path
+
+import pytest
+
+from hw import registry
+from landerd.campaigns import plan
+from landerd.campaigns.plan import load_campaign
+from landerd.config import Config
+from landerd.config_file import ConfigError, config_dir, config_files, load
+
+
+@pytest.mark.parametrize("name", list(config_files("campaigns")))
+def test_every_campaign_can_be_flown(name: str) -> None:
+    campaign = load_campaign(name)
+    scenarios = [row.scenario for row in campaign.rows]
+    assert len(set(scenarios)) == len(scenarios)
+
+
+def test_scenarios_leave_landerds_own_configuration_as_it_is() -> None:
+    configs: list[Config] = []
+    for path in [*config_files("scenarios").values(), None]:
+        loaded = load(
+            config_dir() / "default.yaml",
+            options_models=registry.options_models(),
+            overlays=[path] if path else [],
+        )
+        own = {name: getattr(loaded.config, name) for name in Config.model_fields}
+        configs.append(Config.model_construct(**own))
+    assert all(config == configs[-1] for config in configs)
+
+
+def test_a_scenario_is_a_campaign_of_one_row() -> None:
+    (row,) = load_campaign("hover").rows
+    assert row.scenario == "hover"
+    assert row.needed.landed_percent == 100.0
+
+
+def test_an_unknown_campaign_is_told_with_the_nearest() -> None:
+    with pytest.raises(ConfigError, match="'guidence' is not known; nearest: guidance; all: "):
+        load_campaign("guidence")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("rows: []", "mine.yaml:1: rows: found no rows, expected at"),
+        ("runs: 0\nrows: [{scenario: hover}]", "mine.yaml:1: runs: found 0, expected a whole"),
+        ("rows: [{scenario: hoover}]", "mine.yaml: scenario 'hoover' is not known"),
+        (
+            "rows:\n  - scenario: hover\n    needed: {time_mean: 3}",
+            "mine.yaml:3: rows.0.needed.time_mean: unknown key",
+        ),
+    ],
+)
+def test_a_wrong_campaign_is_told_with_its_place(
+    text: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(text)
+    monkeypatch.chdir(tmp_path)
+    folders = {"campaigns": {"mine": mine}, "scenarios": config_files("scenarios")}
+    monkeypatch.setattr(plan, "config_files", folders.__getitem__)
+    with pytest.raises(ConfigError) as e:
+        load_campaign("mine")
+    assert e.value.lines[0].startswith(says)

@@ -1,0 +1,86 @@
+import pytest
+
+from landerd.campaigns.plan import Needed, Row
+from landerd.campaigns.pool import Run
+from landerd.campaigns.table import as_text, make_row, percentile
+from tests.campaigns.landings import landing
+
+
+def runs(*changes: dict[str, object]) -> list[Run]:
+    return [Run("radial", n, landing("radial", n, **c)) for n, c in enumerate(changes, start=1)]
+
+
+def test_a_row_counts_and_averages() -> None:
+    row = make_row(
+        Row(scenario="radial"),
+        [
+            *runs(
+                {"time_s": 16.0, "energy_hj": 50.0, "touchdown_error_m": 0.01},
+                {"time_s": 20.0, "energy_hj": 70.0, "touchdown_error_m": 0.03, "aborts": 2},
+                {"landed": False, "outcome": "handed_back", "time_s": None, "energy_hj": None}
+                | {"touchdown_error_m": 0.05, "yaw_error_deg": 7.0},
+                {"rules_broken": ["3: too fast (at 4.21 s)"], "touchdown_error_m": None},
+            ),
+            Run("radial", 5, None, "ValueError: no (world.py:1)"),
+        ],
+    )
+    assert (row["runs"], row["landed"], row["exceptions"], row["aborts"]) == (5, 3, 1, 2)
+    assert row["time_s_mean"] == pytest.approx((16.0 + 20.0 + 18.0) / 3)
+    assert row["energy_hj_mean"] == pytest.approx(60.0)
+    assert row["touchdown_error_m_median"] == pytest.approx(0.03)
+    assert row["touchdown_error_m_p95"] == pytest.approx(0.048)
+    assert row["yaw_error_deg_max"] == 7.0
+    assert row["rules_broken"] == 1
+    assert row["breaches"] == {"3: too fast": [4]}
+    assert row["errors"] == {"5": "ValueError: no (world.py:1)"}
+    assert row["failed_seeds"] == [3, 4, 5]
+
+
+def test_figures_of_nothing_are_unknown() -> None:
+    row = make_row(Row(scenario="radial"), [Run("radial", 1, None, "ValueError: no (x.py:1)")])
+    assert row["time_s_mean"] is None
+    assert row["touchdown_error_m_p95"] is None
+    assert " - " in as_text([row])
+
+
+@pytest.mark.parametrize(
+    ("needed", "changes", "missed"),
+    [
+        ({"time_s_mean": 18.5}, {}, None),
+        ({"time_s_mean": 17.5}, {}, "time_s_mean 18, needed at most 17.5"),
+        ({"touchdown_error_m_p95": 0.1}, {"touchdown_error_m": 0.2}, "touchdown_error_m_p95 0.2"),
+        ({"touchdown_error_m_p95": 0.1}, {"touchdown_error_m": None}, "unknown, needed at most"),
+        ({"yaw_error_deg_p95": 1.0}, {}, "yaw_error_deg_p95 2, needed at most 1"),
+        ({}, {"landed": False}, "0 % landed by the rules, needed 100 %"),
+        ({"landed_percent": 0.0}, {"landed": False}, None),
+        ({"landed_percent": 0.0}, {"rules_broken": ["3: too fast"]}, "needed none"),
+    ],
+)
+def test_what_a_row_needs(
+    needed: dict[str, float], changes: dict[str, object], missed: str | None
+) -> None:
+    row = make_row(Row(scenario="radial", needed=Needed(**needed)), runs(changes))
+    if missed is None:
+        assert row["missed"] == []
+    else:
+        (text,) = row["missed"]
+        assert missed in text
+
+
+def test_the_table_names_failed_seeds_below() -> None:
+    good = make_row(Row(scenario="radial"), runs({}, {}))
+    bad = make_row(Row(scenario="moving"), runs({}, {"rules_broken": ["3: too fast (at 1.00 s)"]}))
+    head, first, second, *notes = as_text([good, bad]).splitlines()
+    assert head.split()[:2] == ["scenario", "landed"]
+    assert first.split()[:3] == ["radial", "2/2", "18.0"]
+    assert len(head) == len(first) == len(second)
+    assert "moving: failed with seeds 2" in notes
+    assert "moving: rule 3: too fast (seeds 2)" in notes
+    assert not any(note.startswith("radial") for note in notes)
+
+
+def test_percentiles_lie_between_the_values() -> None:
+    assert percentile([3.0, 1.0, 2.0], 50.0) == 2.0
+    assert percentile([0.0, 10.0], 95.0) == pytest.approx(9.5)
+    assert percentile([4.0], 95.0) == 4.0
+    assert percentile([], 50.0) is None
