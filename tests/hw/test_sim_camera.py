@@ -41,6 +41,7 @@ FRUSTUM = Frustum(CAMERA)
 PAD = load_pad(CONFIG / "pads/thesis.yaml")
 RING_ONLY = PadLayout(name="ring", markers=PAD.rings, plate=PAD.plate)
 AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
+FAR = PadPose((1e4, 0.0, 0.0), IDENTITY)
 CLEAN = RenderOptions(
     noise_sigma=0.0, gradient=0.0, ground="plain", vehicle_shadow=False, legs=False
 )
@@ -167,6 +168,41 @@ def test_opencv_reads_the_tag_with_its_top_to_the_pads_north(
     bottom_right, bottom_left = (0.75 - half, half, 0.0), (0.75 - half, -half, 0.0)
     true = projected(pose, top_left, top_right, bottom_right, bottom_left)
     assert np.abs(corners - true).max() < 1.5  # whole-pixel corners of OpenCV's contours
+
+
+@pytest.mark.parametrize("lens", [(-6.0, 2.0, -5.0), (-0.4, 0.3, -2.2)])
+def test_a_tilted_turned_and_raised_pad_is_the_level_one_seen_from_elsewhere(
+    clean: Renderer, lens: Vec3
+) -> None:
+    angles = [math.radians(a) for a in (70.0, -9.0, 12.0)]
+    tilted = PadPose((0.0, 0.0, -0.6), rot_zyx(*angles))
+    to_pad = transpose(tilted.R_local_pad)
+    way = sub(tilted.position, lens)
+    down = math.degrees(math.atan2(way[2], math.hypot(way[0], way[1])))
+    pose = looking(lens, math.degrees(math.atan2(way[1], way[0])), -down)
+    from_pad = CameraPose(
+        rotate(to_pad, sub(lens, tilted.position)), matmul(to_pad, pose.R_local_camera)
+    )
+    seen = clean.render(0, pose, pose, tilted, None).astype(np.int16)
+    level = picture(clean, from_pad).astype(np.int16)
+    plate = [(1.0, 0.6, 0.0), (1.0, -0.6, 0.0), (-0.6, -0.6, 0.0), (-0.6, 0.6, 0.0)]
+    inside = np.zeros(seen.shape, np.uint8)
+    cv2.fillConvexPoly(inside, projected(from_pad, *plate).round().astype(np.int32), 1)
+    assert inside.sum() > 3000
+    assert np.abs(seen - level)[inside == 1].max() <= 1
+    assert visible_markers(PAD, FRUSTUM, pose, tilted) == visible_markers(
+        PAD, FRUSTUM, from_pad, AT_ORIGIN
+    )
+
+
+def test_nothing_is_seen_of_a_pad_from_below_its_plane(clean: Renderer) -> None:
+    steep = PadPose((0.0, 0.0, -1.0), rot_zyx(0.0, math.radians(-30.0), 0.0))  # its south is high
+    lens = (-12.0, 0.0, -4.0)  # above the landing point, but below the plane
+    pose = looking(lens, 0.0, -14.0)
+    assert visible_markers(PAD, FRUSTUM, pose, steep) == []
+    assert visible_markers(PAD, FRUSTUM, pose, PadPose((0.0, 0.0, -1.0), IDENTITY)) != []
+    image = clean.render(0, pose, pose, steep, None)
+    assert set(np.unique(image)) <= set(np.unique(clean.render(0, pose, pose, FAR, None)))
 
 
 def test_own_leg_hides_the_tag_when_the_heading_is_wrong(usual: Renderer) -> None:
