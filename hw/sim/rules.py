@@ -95,6 +95,7 @@ class Rules:
         self._touching_since = 0.0  # and since when but for bounces
         self._on_ground_t: float | None = None
         self._lost_since: float | None = None
+        self._loss_told_t: float | None = None  # when the pilot was last told during a loss
         self._free_t = 0.0  # last time landerd was not bound to stream set-points
         self._handed_back_t = math.inf
         self._boot_ms = 0
@@ -282,7 +283,11 @@ class Rules:
         braking_s = b.speed_mps / b.acceleration_mps2 + 5.0 * b.acceleration_mps2 / b.jerk_mps3
         if horizontal(velocity) > 0.02 and t - self._lost_since > braking_s + tick:
             self._break(t, "1d: not hovering while the pad is out of sight or data are stale")
-        said = any(at >= self._lost_since - 1.0 for at, _ in self.texts)
+        said_t = self.texts[-1][0] if self.texts else -math.inf
+        if said_t > self._lost_since:
+            self._loss_told_t = said_t
+        # Nothing new is to be told of a marker that came in sight and went without being taken.
+        said = said_t >= self._lost_since - 1.0 or said_t == self._loss_told_t
         if t - self._lost_since > 1.0 and not said:
             self._break(t, "6: an abort that the pilot was not told of")
 

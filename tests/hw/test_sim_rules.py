@@ -53,7 +53,7 @@ class Court:
         for pulse in (1100, 1900):  # the gate was low once, and is high
             self.listen(pulse)
 
-    def listen(self, pulse: int = 1900) -> None:
+    def listen(self, pulse: int = 1900, *, sees: bool = True) -> None:
         """Let the autopilot and the sensors report."""
         self.t += 0.025
         mode = mavlink.MAV_MODE_FLAG_SAFETY_ARMED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -67,11 +67,17 @@ class Court:
         ):
             self.rules.to_landerd(self.t, self._autopilot.encode(message))
         self.rules.on_gimbal(self.t)
-        self.rules.on_sighting(self.t)
+        if sees:
+            self.rules.on_sighting(self.t)
 
-    def order(self, down_mps: float) -> None:
+    def say(self, text: str) -> None:
+        """Let landerd tell the pilot something."""
+        message = mavlink.MAVLink_statustext_message(4, text.encode())
+        self.rules.from_landerd(self.t, self._landerd.encode(message))
+
+    def order(self, down_mps: float, *, sees: bool = True) -> None:
         """Let landerd order a descent."""
-        self.listen()
+        self.listen(sees=sees)
         message = mavlink.MAVLink_set_position_target_local_ned_message(
             *(int(1e3 * self.t), 1, 1, mavlink.MAV_FRAME_LOCAL_NED, 0x5C7),
             *(0.0, 0.0, 0.0, 0.0, 0.0, down_mps, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -121,3 +127,36 @@ def test_once_a_foot_was_down_descent_must_be_ordered(order_mps: float, broken: 
         court.order(order_mps)
     rule = "4: no descent ordered after contact"
     assert list(court.rules.broken) == ([rule] if broken else [])
+
+
+UNTOLD = "6: an abort that the pilot was not told of"
+
+
+def lose(court: Court, seconds: float) -> None:
+    for _ in range(round(seconds / 0.025)):
+        court.order(-0.005, sees=False)  # zero would be the end of flying
+
+
+def test_a_loss_of_sight_must_be_told() -> None:
+    court = Court()
+    court.order(0.0)
+    lose(court, 1.4)
+    assert court.rules.broken == {}
+    lose(court, 0.4)
+    assert list(court.rules.broken) == [UNTOLD]
+
+
+@pytest.mark.parametrize("resumes", [False, True])
+def test_a_loss_is_told_again_only_if_the_pilot_was_told_better_news(resumes: bool) -> None:
+    court = Court()
+    court.order(0.0)
+    lose(court, 1.0)
+    court.say("landerd: pad not in sight, holding")
+    lose(court, 3.0)
+    court.order(0.0)  # a marker is in one frame
+    if resumes:
+        court.say("landerd: approach: pad in sight")
+        for _ in range(60):
+            court.order(0.0)
+    lose(court, 3.0)
+    assert list(court.rules.broken) == ([UNTOLD] if resumes else [])
