@@ -118,7 +118,9 @@ def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
 
 
 class _Progress:
-    """Says on stderr how far the campaign is: a line that changes, or one for every failure."""
+    """Says on stderr how far the campaign is: a line for every failure and, on a terminal, one
+    that changes, elsewhere one whenever another tenth is flown.
+    """
 
     def __init__(self, total: int) -> None:
         self._total = total
@@ -134,11 +136,16 @@ class _Progress:
             why = ended.error or _why(ended.result or {})
             self.clear()
             print(f"{ended.scenario}, seed {ended.seed}: {why}", file=sys.stderr)
+        left_min = (time.monotonic() - self._started) / self._done * self._left / 60.0
+        line = f"{self._done} of {self._total}, {self._failed} failed, {left_min:.0f} min left"
         if self._terminal:
-            passed = time.monotonic() - self._started
-            left_min = passed / self._done * (self._total - self._done) / 60.0
-            line = f"{self._done} of {self._total}, {self._failed} failed, {left_min:.0f} min left"
             print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+        elif self._left and 10 * self._done // self._total > 10 * (self._done - 1) // self._total:
+            print(line, file=sys.stderr, flush=True)
+
+    @property
+    def _left(self) -> int:
+        return self._total - self._done
 
     def clear(self) -> None:
         """Take the line off the terminal."""

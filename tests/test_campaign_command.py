@@ -53,7 +53,7 @@ def test_an_exception_is_counted_with_its_seed_and_makes_the_campaign_bad(
     captured = capsys.readouterr()
     (row,) = as_json(captured.out)["rows"]
     assert (row["landed"], row["exceptions"], row["failed_seeds"]) == (2, 1, [2])
-    assert captured.err == "radial, seed 2: ValueError: no (world.py:1)\n"
+    assert "radial, seed 2: ValueError: no (world.py:1)\n" in captured.err
 
 
 def test_a_landing_that_fails_is_told_while_the_others_fly(
@@ -63,9 +63,18 @@ def test_a_landing_that_fails_is_told_while_the_others_fly(
     flown["radial", 1] = Run("radial", 1, lost)
     assert main(["campaign", "radial", "--runs", "2"]) == 1
     captured = capsys.readouterr()
-    assert captured.err == "radial, seed 1: did not land: handed_back\n"
+    assert captured.err.startswith("radial, seed 1: did not land: handed_back\n")
     assert "1/2" in captured.out
     assert "radial: 50 % landed by the rules, needed 100 %" in captured.out
+
+
+def test_a_long_campaign_says_in_a_log_how_far_it_is(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["campaign", "radial", "--runs", "40"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 9
+    assert lines[0] == "4 of 40, 0 failed, 0 min left"
 
 
 def test_ctrl_c_shows_what_was_flown(

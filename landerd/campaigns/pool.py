@@ -4,6 +4,7 @@ concurrent.futures gives up all its work when one process dies, so the pool is o
 that dies is one failed run, and another worker takes its place.
 """
 
+import contextlib
 import multiprocessing
 import signal
 import traceback
@@ -106,17 +107,15 @@ def _first(tasks: Iterator[Task], count: int) -> Iterator[Task]:
 
 def _work(run_one: RunOne, connection: Connection) -> None:
     """Run tasks in a child process until the parent goes."""
-    while True:
-        try:
-            task = connection.recv()
-        except EOFError:
-            return
-        result, error = None, None
-        try:
-            result = run_one(*task)
-        except Exception as e:
-            error = _in_a_line(e)
-        connection.send((result, error))
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            task: Task = connection.recv()
+            result, error = None, None
+            try:
+                result = run_one(*task)
+            except Exception as e:
+                error = _in_a_line(e)
+            connection.send((result, error))
 
 
 def _in_a_line(error: BaseException) -> str:
