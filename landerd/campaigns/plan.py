@@ -19,6 +19,7 @@ class Needed(Section):
     touchdown_error_m_p95: Positive | None = None
     touchdown_vertical_mps_p95: Positive | None = None
     yaw_error_deg_p95: Positive | None = None
+    pad_velocity_error_mps_p95: Positive | None = None
 
 
 class Row(Section):
