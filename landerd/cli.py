@@ -224,10 +224,18 @@ def _campaign(args: argparse.Namespace) -> int:
 
 def _run_arguments(parser: argparse.ArgumentParser) -> None:
     _add_config(parser, required=True)
+    parser.add_argument(
+        "--overlay",
+        type=Path,
+        metavar="FILE",
+        help="laid over the configuration if it exists, and where parameters that a ground station "
+        "saves are written; without it: NAME.saved.yaml beside the configuration",
+    )
 
 
 def _run(args: argparse.Namespace) -> int:
-    loaded = _load(args)
+    overlay = args.overlay or args.config.with_suffix(".saved.yaml")
+    loaded = _load(args, overlays=[overlay] if overlay.exists() else [])
 
     import asyncio
     import logging
@@ -238,6 +246,7 @@ def _run(args: argparse.Namespace) -> int:
     from landerd.camera_model import CalibrationError, load_camera
     from landerd.daemon import Daemon, Devices
     from landerd.pad import PadError, load_pad
+    from landerd.parameters import ParameterSet
     from landerd.service import ServiceNotifier
 
     def make(section: str, driver: str, *arguments: object, **options: object) -> Any:
@@ -258,6 +267,8 @@ def _run(args: argparse.Namespace) -> int:
                 open_link(config.autopilot.url),
                 system_id=config.autopilot.system_id,
                 setpoint_frame=config.autopilot.setpoint_frame,
+                ground_stations=config.autopilot.ground_stations,
+                parameters=ParameterSet(config, overlay),
             ),
         )
         layout = load_pad(config.pad.layout)
@@ -265,6 +276,8 @@ def _run(args: argparse.Namespace) -> int:
     except (CalibrationError, PadError, ValueError) as e:
         raise InputError(str(e)) from None
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    if overlay.exists():
+        logging.getLogger("landerd").info("saved parameters of %s are laid over", overlay)
 
     async def serve() -> None:
         daemon = Daemon(config, layout, camera_model, devices, observers=(ServiceNotifier(),))

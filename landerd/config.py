@@ -57,6 +57,8 @@ class AutopilotSection(Section):
     url: str = "memory:"
     setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    # whose parameter changes and commands are taken
+    ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
 
 
 class RcSection(Section):
@@ -163,6 +165,7 @@ class GuidanceSection(Section):
     """How the vehicle is led onto the pad."""
 
     method: Literal["pid"] = "pid"
+    output: Literal["velocity", "landing_target"] = "velocity"
     pid: PidSection = PidSection()
     descent: DescentSection = DescentSection()
     limits: LimitsSection = LimitsSection()

@@ -27,6 +27,8 @@ from landerd.messages import (
     Frame,
     GimbalCommand,
     Input,
+    LandingTarget,
+    Phase,
     PhaseChange,
     Prior,
     Setpoint,
@@ -42,10 +44,12 @@ from landerd.vision import Vision
 log = logging.getLogger("landerd")
 
 HEARTBEAT_S = 1.0
+PLOT_S = 0.2
+PHASES = list(Phase)  # a phase is plotted as its place here
 FUTURE_S = 0.05  # a time stamp farther ahead than this is false
 OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
 IDLE_S = 0.1  # how often it is looked whether pictures are needed again
-BACK_OFF_S = (0.1, 2.0)  # first and longest wait before a lost device is opened again
+BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
 
 
 @dataclass(frozen=True)
@@ -189,7 +193,7 @@ class Daemon:
         loop = asyncio.get_running_loop()
         period = 1.0 / self._config.control.rate_hz
         due = loop.time()
-        beat = -math.inf
+        beat = plotted = -math.inf
         while True:
             due = max(due + period, loop.time())
             await asyncio.sleep(due - loop.time())
@@ -198,6 +202,17 @@ class Daemon:
                 beat = now
                 self._devices.autopilot.heartbeat()
             self._take(Tick(now))
+            if now - plotted >= PLOT_S:
+                plotted = now
+                self._devices.autopilot.plot(self._figures(now))
+
+    def _figures(self, now: float) -> dict[str, float]:
+        """What the pilot may watch in the ground station's plots."""
+        figures = {"phase": float(PHASES.index(self.lander.phase))}
+        pad = self.lander.relative(now)
+        if pad is not None:
+            figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
+        return figures
 
     def _take(self, message: Input) -> None:
         """Give the core a message and carry out what it orders."""
@@ -219,6 +234,8 @@ class Daemon:
                 autopilot.tell(command)
             case Disarm():
                 autopilot.disarm()
+            case LandingTarget():
+                autopilot.show_target(command)
             case PhaseChange():
                 log.info("%s: %s", command.phase.value, command.reason)
 

@@ -8,10 +8,11 @@ import math
 
 from landerd.config import Config
 from landerd.estimation.pad_filter import PadEstimate, PadFilter
-from landerd.estimation.placement import Placement
+from landerd.estimation.placement import PlacedPad, Placement
 from landerd.geometry import Vec3, rotate, sub, transpose
 from landerd.guidance.aim import Aim
 from landerd.guidance.gate import Authority, Gate
+from landerd.guidance.landing_target import landing_target
 from landerd.guidance.limits import Limiter
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.phases import Phases
@@ -148,8 +149,17 @@ class Lander:
         ]
         if self._filter.update(candidates):
             self._sighting_t = sightings.t
+            self._show_target(candidates)
         if self.needs_sight:
             self._aim.on_sightings(sightings, self._placement.gimbal.at(sightings.t))
+
+    def _show_target(self, candidates: list[PlacedPad]) -> None:
+        if self._config.guidance.output != "landing_target":
+            return
+        estimate = self._filter.estimate(self._sighting_t, self._sighting_t)
+        if estimate is not None:
+            target = landing_target(self._placement, estimate, candidates)
+            self._out += [target] if target is not None else []
 
     def _configure(self, config: Config) -> None:
         """Go on with changed parameters; only `guidance` and `rc` have any."""
@@ -178,6 +188,9 @@ class Lander:
             return
         self._aim.on_tick(now)
         self._out.append(self._aim.command)
+        if self._config.guidance.output == "landing_target":
+            self._enter(Phase.NOT_LANDING, "the autopilot's precision landing flies")
+            return
         authority, why = self._gate.authority(now)
         if authority is Authority.SILENT:
             self._go_silent(why)

@@ -241,6 +241,14 @@ class StatusText:
 
 
 @dataclass(frozen=True, slots=True)
+class LandingTarget:
+    """Where the pad is, for the autopilot's own precision landing."""
+
+    t: float  # exposure of the picture, s
+    position: Vec3  # landing point from the autopilot's position, body frame, m
+
+
+@dataclass(frozen=True, slots=True)
 class Disarm:
     """Stop the motors by the ordinary command, never forced."""
 
@@ -275,4 +283,4 @@ AutopilotMessage = (
     | ParameterChange
 )
 Input = AutopilotMessage | GimbalState | Sightings | Tick | Shutdown
-Command = Setpoint | GimbalCommand | StatusText | Disarm | PhaseChange
+Command = Setpoint | LandingTarget | GimbalCommand | StatusText | Disarm | PhaseChange

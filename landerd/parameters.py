@@ -19,6 +19,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from landerd.config import Config
+from landerd.ports import ParameterRefused
 
 NAME_LENGTH = 16  # param_id of MAVLink
 SECTIONS = ("guidance", "rc")
@@ -59,10 +60,6 @@ _SHORT = {
 _OTHER_NAMES = {"guidance.lost.climb_mps": "LOST_CLIMB_V"}  # where the rule gives a name twice
 
 M = TypeVar("M", bound=BaseModel)
-
-
-class Refused(Exception):
-    """A change is not made; the text says why in at most 50 characters with the name."""
 
 
 @dataclass(frozen=True)
@@ -133,27 +130,27 @@ class ParameterSet:
 
         Raises:
             KeyError: there is no such parameter.
-            Refused: it is locked or out of range; nothing has changed.
+            ParameterRefused: it is locked or out of range; nothing has changed.
         """
         parameter = self._table[name]
         if not (disarmed or parameter.in_flight):
-            raise Refused(f"{name}: only while disarmed")
+            raise ParameterRefused(f"{name}: only while disarmed")
         try:
             if not math.isfinite(value) or (parameter.whole and value != int(value)):
-                raise Refused(f"{name}: {value:g} is no {_kind(parameter)}")
+                raise ParameterRefused(f"{name}: {value:g} is no {_kind(parameter)}")
             self._config = with_value(self._config, parameter.key, value)
         except ValidationError as e:
             error = e.errors(include_url=False)[0]
             if error["type"] == "value_error":  # of several keys together
-                raise Refused(f"{name}: {error['ctx']['error']}") from None
-            raise Refused(f"{name}: expected {_range(parameter)}") from None
+                raise ParameterRefused(f"{name}: {error['ctx']['error']}") from None
+            raise ParameterRefused(f"{name}: {_range(parameter)}") from None
         self._unsaved[parameter.key] = int(value) if parameter.whole else value
         return parameter.key
 
     def save(self) -> None:
-        """Write what was changed into the overlay file. Raises Refused."""
+        """Write what was changed into the overlay file. Raises ParameterRefused."""
         if self._overlay is None:
-            raise Refused("no overlay file to save to")
+            raise ParameterRefused("no overlay file to save to")
         try:
             old = self._overlay.read_text("utf-8") if self._overlay.exists() else ""
             tree = yaml.safe_load(old) or {}
@@ -167,7 +164,9 @@ class ParameterSet:
                 os.fsync(file.fileno())
             new.replace(self._overlay)
         except (OSError, yaml.YAMLError) as e:
-            raise Refused(f"not saved: {getattr(e, 'strerror', None) or 'bad YAML'}") from None
+            raise ParameterRefused(
+                f"not saved: {getattr(e, 'strerror', None) or 'bad YAML'}"
+            ) from None
         self._unsaved.clear()
 
 
@@ -219,7 +218,7 @@ def _kind(parameter: Parameter) -> str:
 
 
 def _range(parameter: Parameter) -> str:
-    return " and ".join(f"{word} {bound:g}" for word, bound in parameter.bounds) or "a number"
+    return ", ".join(f"{word} {bound:g}" for word, bound in parameter.bounds) or "a number"
 
 
 def _put(tree: dict[str, Any], path: list[str], value: float) -> None:
@@ -236,7 +235,7 @@ def markdown() -> str:
         "|---|---|---|---|---|---|",
     ]
     for p in parameters().values():
-        kind = "whole, " if p.whole else ""
+        kind = "whole number, " if p.whole else ""
         lines.append(
             f"| `{p.name}` | `{p.key}` | {kind}{_range(p)} | {p.default:g} | {p.unit} "
             f"| {'yes' if p.in_flight else 'no'} |"

@@ -4,6 +4,7 @@ Devices raise `DeviceLost` when they are gone; the daemon opens them again with 
 here may block the event loop.
 """
 
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from landerd.messages import (
@@ -11,6 +12,7 @@ from landerd.messages import (
     Frame,
     GimbalCommand,
     GimbalState,
+    LandingTarget,
     Setpoint,
     StatusText,
 )
@@ -76,8 +78,38 @@ class Autopilot(Protocol):
     def disarm(self) -> None:
         """Ask for disarming; the autopilot refuses in the air."""
 
+    def show_target(self, target: LandingTarget) -> None:
+        """Tell the autopilot where the pad is, for its own precision landing."""
+
+    def plot(self, values: Mapping[str, float]) -> None:
+        """Send figures by name (at most 10 characters) for the ground station's plots."""
+
     async def close(self) -> None:
         """Close the link; safe to call twice."""
+
+
+class ParameterRefused(Exception):
+    """A parameter is not changed or not saved; the text says why in one short line."""
+
+
+class Parameters(Protocol):
+    """The numbers of the configuration that a ground station may read and change."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """All names, at most 16 characters each, in a fixed order."""
+        ...
+
+    def value(self, name: str) -> float:
+        """Return a value."""
+        ...
+
+    def change(self, name: str, value: float, *, disarmed: bool) -> str:
+        """Change a value and return its key of the configuration. Raises ParameterRefused."""
+        ...
+
+    def save(self) -> None:
+        """Keep the changed values for the next start. Raises ParameterRefused."""
 
 
 class ByteLink(Protocol):

@@ -46,6 +46,7 @@ from landerd.messages import (
     Tick,
 )
 from landerd.pad import load_pad
+from landerd.parameters import ParameterSet
 from landerd.vision.draw import draw
 
 VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
@@ -122,6 +123,8 @@ class Simulation:
                     self.link,
                     system_id=config.autopilot.system_id,
                     setpoint_frame=config.autopilot.setpoint_frame,
+                    ground_stations=config.autopilot.ground_stations,
+                    parameters=ParameterSet(config),
                 ),
             ),
             vision_latency_s=None if realtime else VISION_LATENCY_S,

@@ -11,7 +11,8 @@ from landerd import parameters as module
 from landerd.config import Config
 from landerd.config_file import config_dir, load
 from landerd.messages import ParameterChange, Phase
-from landerd.parameters import ParameterSet, Refused, markdown, parameters, value_of, with_value
+from landerd.parameters import ParameterSet, markdown, parameters, value_of, with_value
+from landerd.ports import ParameterRefused
 from tests.scripted_flight import DT, Flight
 
 ROOT = Path(__file__).parents[1]
@@ -45,20 +46,20 @@ def test_every_value_within_the_range_is_taken_and_every_one_outside_refused() -
             inside = bound + step if word in ("above", "at least") else bound - step
             outside = bound - step if word in ("above", "at least") else bound + step
             assert with_value(Config(), parameter.key, parameter.default) == Config()
-            with pytest.raises(Refused, match=name):
+            with pytest.raises(ParameterRefused, match=name):
                 tuned.change(name, outside, disarmed=True)
             assert tuned.value(name) == parameter.default
             if not name.startswith(("DESC_ALIGN", "DESC_REALIGN")):  # bound to each other
                 assert tuned.change(name, inside, disarmed=True) == parameter.key
                 assert tuned.value(name) == inside
         for bad in (math.nan, math.inf, -math.inf):
-            with pytest.raises(Refused):
+            with pytest.raises(ParameterRefused):
                 tuned.change(name, bad, disarmed=True)
 
 
 def test_a_channel_is_a_whole_number() -> None:
     tuned = ParameterSet(Config())
-    with pytest.raises(Refused, match="whole"):
+    with pytest.raises(ParameterRefused, match="whole"):
         tuned.change("RC_GATE_CH", 7.5, disarmed=True)
     tuned.change("RC_GATE_CH", 7.0, disarmed=True)
     assert tuned.value("RC_GATE_CH") == 7
@@ -66,7 +67,7 @@ def test_a_channel_is_a_whole_number() -> None:
 
 def test_keys_that_depend_on_each_other_are_checked_together() -> None:
     tuned = ParameterSet(Config())
-    with pytest.raises(Refused, match="align_deg < realign_deg"):
+    with pytest.raises(ParameterRefused, match="align_deg < realign_deg"):
         tuned.change("DESC_ALIGN", 4.5, disarmed=True)
 
 
@@ -78,7 +79,7 @@ def test_while_armed_gains_change_and_the_gate_and_limits_do_not() -> None:
     for name in parameters():
         if name.startswith(("RC_", "LIM_", "LOST_", "TD_", "DESC_COMMIT", "DESC_ALIGN")):
             before = tuned.value(name)
-            with pytest.raises(Refused, match="disarmed"):
+            with pytest.raises(ParameterRefused, match="disarmed"):
                 tuned.change(name, before, disarmed=False)
 
 
@@ -110,7 +111,7 @@ def test_what_is_saved_is_laid_over_the_configuration_next_time(tmp_path: Path) 
 
 def test_saving_without_a_place_is_refused(tmp_path: Path) -> None:
     for overlay in (None, tmp_path / "no-such-folder" / "saved.yaml"):
-        with pytest.raises(Refused, match="save"):
+        with pytest.raises(ParameterRefused, match="save"):
             ParameterSet(Config(), overlay).save()
 
 

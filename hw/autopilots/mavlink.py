@@ -4,28 +4,27 @@ import asyncio
 import logging
 import math
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots.arducopter import VEHICLE_TYPES, Mode, mode_name
+from hw.autopilots import telemetry
 from hw.autopilots.boot_clock import BootClock
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.autopilots.parameter_protocol import ParameterProtocol
+from hw.autopilots.streams import Streams
+from landerd.geometry import norm
 from landerd.messages import (
-    Attitude,
     AutopilotMessage,
     AutopilotRestarted,
-    Battery,
-    Heartbeat,
-    Landed,
-    LandedState,
-    LocalPosition,
-    RcChannels,
+    LandingTarget,
     Setpoint,
+    Severity,
     StatusText,
 )
-from landerd.ports import ByteLink
+from landerd.ports import ByteLink, Parameters
 
 log = logging.getLogger(__name__)
 
@@ -33,34 +32,56 @@ COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 _VELOCITY_AND_YAW_RATE = 1479  # type_mask: ignore position, acceleration, yaw
 
-# Asked of the autopilot, Hz.
-STREAMS_HZ = {
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,
-    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 20.0,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 2.0,
-}
-_RATE_WINDOW_S = 2.0  # a stream slower than half its rate over this long is asked for again
 _TIMESYNC_PERIOD_S = 0.2
 _RESTART_S = 1.0  # boot time going back by more than this is a restart
+_HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
 _STATUSTEXT_LENGTH = 50
+_TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry
 
-# Beyond these a field is damaged, not flown.
-_FARTHEST_M = 1e5
-_FASTEST_MPS = 100.0
-_FASTEST_TURN_RADPS = 35.0
-_PULSE_US = (800, 2200)  # ArduPilot's own limits of a valid pulse
-_CHANNELS = 18
+_GROUND_STATION_MESSAGES = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+        mavlink.MAVLINK_MSG_ID_PARAM_SET,
+        mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+        mavlink.MAVLINK_MSG_ID_COMMAND_INT,
+    }
+)
+_OUR_COMMANDS = {
+    mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: "a message rate",
+    mavlink.MAV_CMD_COMPONENT_ARM_DISARM: "to disarm",
+}
+_RESULTS = {
+    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "not now",
+    mavlink.MAV_RESULT_DENIED: "denied",
+    mavlink.MAV_RESULT_UNSUPPORTED: "not supported",
+    mavlink.MAV_RESULT_FAILED: "failed",
+}
+_READERS: Mapping[int, Callable[[Message, float], AutopilotMessage | None]] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: telemetry.heartbeat,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: telemetry.attitude,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: telemetry.local_position,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: telemetry.rc_channels,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: telemetry.landed_state,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: telemetry.battery,
+}
+_STAMPED = frozenset(  # with time_boot_ms; the others count as of their arrival
+    {
+        mavlink.MAVLINK_MSG_ID_ATTITUDE,
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
+    }
+)
 
 
 class MavlinkAutopilot:
     """An ArduCopter behind a byte stream; an Autopilot.
 
-    landerd is an onboard computer (component 191) of the vehicle's own system. Only messages of
-    that system's autopilot (component 1) are taken; all others are counted and ignored. Messages
-    stamped with time_boot_ms are placed on the loop's clock by TIMESYNC; the others get their
-    time of arrival. A message that is not newer than the last of its kind is dropped.
+    landerd is an onboard computer (component 191) of the vehicle's own system. Telemetry is taken
+    of that system's autopilot (component 1) only, parameter messages and commands of the ground
+    stations named; all else is counted and ignored. Messages stamped with time_boot_ms are placed
+    on the loop's clock by TIMESYNC; the others get their time of arrival. A message that is not
+    newer than the last of its kind is dropped.
 
     Attributes:
         counters: what was dropped, lost on the way or refused, by kind.
@@ -72,39 +93,38 @@ class MavlinkAutopilot:
         *,
         system_id: int = 1,
         setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned",
+        ground_stations: Collection[int] = (255,),
+        parameters: Parameters | None = None,
     ) -> None:
+        """Parameters: what ground stations may read and change; None: nothing."""
         self.counters: Counter[str] = Counter()
         self._link = link
         self._system = system_id
         self._frame = setpoint_frame
+        self._ground_stations = frozenset(ground_stations)
         self._codec = MavlinkCodec(system_id, COMPONENT)
+        self._parameters: ParameterProtocol | None = None
+        if parameters is not None:
+            self._parameters = ParameterProtocol(parameters, self._send, self._warn)
+        self._streams = Streams(self._ask_stream)
         self._pending: deque[AutopilotMessage] = deque()
         self._logged: dict[str, float] = {}
+        self._refused: set[tuple[int, int]] = set()  # commands and results told already
+        self._texts_left, self._texts_t = _TEXTS_AT_ONCE, 0.0
         self._yaw: float | None = None
+        self._disarmed_until = -math.inf
         self._clock = BootClock()
         self._last_boot_s = -math.inf
         self._last_t: dict[int, float] = {}  # by message id
         self._timesync_sent: deque[int] = deque(maxlen=10)  # ns, the newest requests
         self._timesync_due = 0.0
-        self._received: Counter[int] = Counter()  # streams in this window, by message id
-        self._window_start: float | None = None  # None: the streams were not asked for yet
-        self._handlers: dict[int, Callable[[Message, float], None]] = {
-            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
-            mavlink.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
-            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._on_local_position,
-            mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._on_rc_channels,
-            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_sys_state,
-            mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._on_battery_status,
-            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
-            mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
-            mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._on_command_ack,
-        }
 
     async def open(self) -> None:
         """Open the link. Raises DeviceLost."""
         await self._link.open()
         self._codec.reset()
-        self._window_start = None
+        self._streams.restart()
+        self._refused.clear()
 
     async def close(self) -> None:
         """Close the link; safe to call twice."""
@@ -127,84 +147,37 @@ class MavlinkAutopilot:
 
     def _take(self, message: Message, now: float) -> None:
         source = (message.get_srcSystem(), message.get_srcComponent())
-        if source != (self._system, _AUTOPILOT_COMPONENT):
+        kind = message.get_msgId()
+        if source == (self._system, _AUTOPILOT_COMPONENT):
+            self._take_autopilots(message, kind, now)
+            self._keep(now)
+        elif source[0] in self._ground_stations and kind in _GROUND_STATION_MESSAGES:
+            self._take_ground_stations(message, kind, now)
+        else:
             self.counters["foreign"] += 1
-            return
-        message_id = message.get_msgId()
-        if message_id in STREAMS_HZ:
-            self._received[message_id] += 1
-        handler = self._handlers.get(message_id)
-        if handler is not None:
-            handler(message, now)
-        self._keep_streams(now)
 
-    def _on_heartbeat(self, m: Message, now: float) -> None:
-        if m.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or m.type not in VEHICLE_TYPES:
-            self._drop("not ArduCopter", now)
-            return
-        has_mode = m.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        self._pending.append(
-            Heartbeat(
-                now,
-                armed=bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
-                guided=bool(has_mode) and m.custom_mode == Mode.GUIDED,
-                mode=mode_name(m.custom_mode) if has_mode else "unknown",
-            )
-        )
-
-    def _on_attitude(self, m: Message, now: float) -> None:
-        rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
-        if not (
-            _within(math.pi + 1e-3, m.roll, m.yaw)
-            and _within(math.pi / 2 + 1e-3, m.pitch)
-            and _within(_FASTEST_TURN_RADPS, *rates)
-        ):
-            self._drop("bad attitude", now)
-            return
-        t = self._place(m, now)
-        if t is not None:
-            self._yaw = m.yaw
-            self._pending.append(Attitude(t, m.roll, m.pitch, m.yaw, rates))
-
-    def _on_local_position(self, m: Message, now: float) -> None:
-        position, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
-        if not (_within(_FARTHEST_M, *position) and _within(_FASTEST_MPS, *velocity)):
-            self._drop("bad position", now)
-            return
-        t = self._place(m, now)
-        if t is not None:
-            self._pending.append(LocalPosition(t, position, velocity))
-
-    def _on_rc_channels(self, m: Message, now: float) -> None:
-        raw = [getattr(m, f"chan{i}_raw") for i in range(1, _CHANNELS + 1)]
-        low, high = _PULSE_US
-        pulses = tuple(
-            us if i < m.chancount and low <= us <= high else 0 for i, us in enumerate(raw)
-        )
-        t = self._place(m, now)
-        if t is not None:
-            self._pending.append(RcChannels(t, pulses))
-
-    def _on_extended_sys_state(self, m: Message, now: float) -> None:
+    def _take_autopilots(self, m: Message, kind: int, now: float) -> None:
+        self._streams.received(kind)
         try:
-            state = Landed(m.landed_state)
-        except ValueError:
-            self._drop("bad landed state", now)
+            read = _READERS.get(kind)
+            message = read(m, now) if read is not None else None
+            t = self._place(m, now) if kind in _STAMPED else now
+            if message is not None and t is not None:
+                self._pending.append(replace(message, t=t))
+        except telemetry.BadMessage as e:
+            self._drop(str(e), now)
             return
-        self._pending.append(LandedState(now, state))
-
-    def _on_battery_status(self, m: Message, now: float) -> None:
-        if m.id != 0:
-            return
-        # One entry a cell, or all in the first; 65535 is none.
-        cells_mv = [mv for mv in m.voltages if mv != 0xFFFF]
-        self._pending.append(
-            Battery(
-                now,
-                voltage_v=1e-3 * sum(cells_mv) if cells_mv else None,
-                energy_consumed_j=100.0 * m.energy_consumed if m.energy_consumed >= 0 else None,
-            )
-        )
+        if kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
+            self._yaw = m.yaw
+        elif kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            is_armed = m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+            self._disarmed_until = -math.inf if is_armed else now + _HEARTBEAT_S
+        elif kind == mavlink.MAVLINK_MSG_ID_TIMESYNC:
+            self._on_timesync(m, now)
+        elif kind == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+            log.info("autopilot says: %s", m.text)
+        elif kind == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
+            self._on_command_ack(m)
 
     def _on_timesync(self, m: Message, now: float) -> None:
         if m.tc1 == 0:  # the autopilot asks for our time
@@ -214,12 +187,40 @@ class MavlinkAutopilot:
             self._watch_restart(boot_s, now)
             self._clock.exchanged(1e-9 * m.ts1, boot_s, now)
 
-    def _on_statustext(self, m: Message, now: float) -> None:
-        log.info("autopilot says: %s", m.text)
+    def _on_command_ack(self, m: Message) -> None:
+        """Say once what the autopilot does not do."""
+        addressee = (m.target_system, m.target_component)
+        if addressee not in ((self._system, COMPONENT), (0, 0)):
+            return
+        if m.result in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
+            return
+        self.counters["command refused"] += 1
+        if (m.command, m.result) not in self._refused:
+            self._refused.add((m.command, m.result))
+            what = _OUR_COMMANDS.get(m.command, f"command {m.command}")
+            self._warn(f"autopilot refuses {what}: {_RESULTS.get(m.result, m.result)}")
 
-    def _on_command_ack(self, m: Message, now: float) -> None:
-        if m.result not in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
-            self._drop(f"command {m.command} refused, result {m.result}", now)
+    def _take_ground_stations(self, m: Message, kind: int, now: float) -> None:
+        if m.target_system != self._system or m.target_component not in (0, COMPONENT):
+            return  # to the autopilot, or to another vehicle
+        if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
+            if m.target_component == COMPONENT:  # not what is meant for every component
+                self._on_command(m)
+        elif self._parameters is not None:
+            disarmed = now < self._disarmed_until
+            change = self._parameters.take(m, now, disarmed=disarmed)
+            if change is not None:
+                self._pending.append(change)
+
+    def _on_command(self, m: Message) -> None:
+        result: int = mavlink.MAV_RESULT_UNSUPPORTED
+        if m.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE and self._parameters is not None:
+            result = self._parameters.save(m.param1)
+        self._send(
+            mavlink.MAVLink_command_ack_message(
+                m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()
+            )
+        )
 
     # ---- time ----
 
@@ -239,25 +240,22 @@ class MavlinkAutopilot:
             log.warning("the autopilot has restarted")
             self._pending.append(AutopilotRestarted(now))
             self._clock = BootClock()
-            self._window_start = None
+            self._streams.restart()
+            self._refused.clear()
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
 
-    def _keep_streams(self, now: float) -> None:
+    def _keep(self, now: float) -> None:
         """Ask for the time, and for the streams that are missing."""
         if now >= self._timesync_due:
             self._timesync_due = now + _TIMESYNC_PERIOD_S
             stamp = _nanoseconds(now)
             self._timesync_sent.append(stamp)
             self._send(mavlink.MAVLink_timesync_message(0, stamp))
-        window = math.inf if self._window_start is None else now - self._window_start
-        if window < _RATE_WINDOW_S:
-            return
-        for message_id, rate in STREAMS_HZ.items():
-            if self._window_start is None or self._received[message_id] < 0.5 * rate * window:
-                self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate)
-        self._received.clear()
-        self._window_start = now
+        self._streams.keep(now)
+
+    def _ask_stream(self, message_id: int, rate_hz: float) -> None:
+        self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
 
     # ---- out ----
 
@@ -279,8 +277,8 @@ class MavlinkAutopilot:
         now = asyncio.get_running_loop().time()
         north, east, down = setpoint.velocity
         if not (
-            _within(_FASTEST_MPS, north, east, down)
-            and _within(_FASTEST_TURN_RADPS, setpoint.yaw_rate)
+            telemetry.within(telemetry.FASTEST_MPS, north, east, down)
+            and telemetry.within(telemetry.FASTEST_TURN_RADPS, setpoint.yaw_rate)
         ):
             self._drop("set-point refused: not finite or beyond any vehicle", now)
             return
@@ -307,10 +305,56 @@ class MavlinkAutopilot:
             )
         )
 
+    def show_target(self, target: LandingTarget) -> None:
+        """Send LANDING_TARGET: body FRD, time of exposure on landerd's clock.
+
+        ArduPilot finds the difference of the clocks itself from the quickest messages, so that
+        what is left is the shortest time from exposure to arrival: its PLND_LAG.
+        """
+        now = asyncio.get_running_loop().time()
+        x, y, z = target.position
+        distance = norm(target.position)
+        if not telemetry.within(telemetry.FARTHEST_M, x, y, z):
+            self._drop("landing target refused: not finite", now)
+            return
+        self._send(
+            mavlink.MAVLink_landing_target_message(
+                int(target.t * 1e6),
+                0,
+                mavlink.MAV_FRAME_BODY_FRD,
+                *(math.atan2(y, z), math.atan2(-x, z)),  # for readers of the old fields
+                distance,
+                *(0.0, 0.0),
+                *(x, y, z),
+                (1.0, 0.0, 0.0, 0.0),
+                mavlink.LANDING_TARGET_TYPE_VISION_FIDUCIAL,
+                1,
+            )
+        )
+
+    def plot(self, values: Mapping[str, float]) -> None:
+        """Send NAMED_VALUE_FLOATs."""
+        boot_ms = int(asyncio.get_running_loop().time() * 1e3) & 0xFFFFFFFF
+        for name, value in values.items():
+            self._send(
+                mavlink.MAVLink_named_value_float_message(boot_ms, name.encode("ascii"), value)
+            )
+
     def tell(self, text: StatusText) -> None:
-        """Show the pilot a line, cut to 50 characters."""
+        """Show the pilot a line, cut to 50 characters; too many, not critical, are held back."""
+        now = asyncio.get_running_loop().time()
+        left = self._texts_left + _TEXTS_PER_S * (now - self._texts_t)
+        self._texts_left, self._texts_t = min(left, _TEXTS_AT_ONCE), now
+        if self._texts_left < 1.0 and text.severity > Severity.CRITICAL:
+            self._drop("texts held back", now)
+            return
+        self._texts_left -= 1.0
         line = text.text.encode("ascii", "replace")[:_STATUSTEXT_LENGTH]
         self._send(mavlink.MAVLink_statustext_message(int(text.severity), line))
+
+    def _warn(self, text: str) -> None:
+        log.warning("%s", text)
+        self.tell(StatusText(Severity.WARNING, f"landerd: {text}"))
 
     def disarm(self) -> None:
         """Ask for disarming; the autopilot refuses in the air."""
@@ -332,11 +376,6 @@ class MavlinkAutopilot:
         if now - self._logged.get(kind, -math.inf) >= 1.0:
             self._logged[kind] = now
             log.warning("%s (%d so far)", kind, self.counters[kind])
-
-
-def _within(limit: float, *values: float) -> bool:
-    """Tell whether all values are finite and at most limit in size; NaN is not."""
-    return all(-limit <= v <= limit for v in values)
 
 
 def _nanoseconds(t: float) -> int:

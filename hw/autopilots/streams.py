@@ -1,0 +1,61 @@
+"""Which messages are asked of the autopilot, how often, and whether they come that often."""
+
+import logging
+import math
+from collections import Counter
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+log = logging.getLogger(__name__)
+
+# Asked of the autopilot, Hz.
+STREAMS_HZ = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 20.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 2.0,
+}
+_WINDOW_S = 1.0  # rates are measured over this long
+_ENOUGH = 0.75  # a stream slower than this part of its rate is asked for again
+
+
+class Streams:
+    """Asks for the streams, measures them, and asks again for those that are too slow."""
+
+    def __init__(self, ask: Callable[[int, float], None]) -> None:
+        """Ask: orders a message by its id at a rate in Hz."""
+        self._ask = ask
+        self._received: Counter[int] = Counter()  # in this window, by message id
+        self._slow: set[int] = set()
+        self.restart()
+
+    def restart(self) -> None:
+        """Take it that none was asked for: the link or the autopilot is new."""
+        self._window_start = -math.inf
+
+    def received(self, message_id: int) -> None:
+        """Count a message."""
+        self._received[message_id] += 1
+
+    def keep(self, now: float) -> None:
+        """Ask for what does not come; called often."""
+        window = now - self._window_start
+        if window < _WINDOW_S:
+            return
+        for message_id, wanted in STREAMS_HZ.items():
+            # One may have come just before or after the window.
+            if self._received[message_id] + 1 < _ENOUGH * wanted * window:
+                self._ask(message_id, wanted)
+                self._tell(message_id, self._received[message_id] / window, wanted)
+            else:
+                self._slow.discard(message_id)
+        self._received.clear()
+        self._window_start = now
+
+    def _tell(self, message_id: int, rate: float, wanted: float) -> None:
+        if math.isfinite(self._window_start) and message_id not in self._slow:
+            self._slow.add(message_id)
+            name = mavlink.mavlink_map[message_id].msgname
+            log.warning("%s comes at %.0f Hz, %.0f Hz are needed", name, rate, wanted)

@@ -1,0 +1,99 @@
+"""ArduCopter's telemetry as the core's messages; what cannot be true is refused."""
+
+import math
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.arducopter import VEHICLE_TYPES, Mode, mode_name
+from hw.autopilots.mavlink_codec import Message
+from landerd.messages import (
+    Attitude,
+    Battery,
+    Heartbeat,
+    Landed,
+    LandedState,
+    LocalPosition,
+    RcChannels,
+)
+
+# Beyond these a field is damaged, not flown.
+FARTHEST_M = 1e5
+FASTEST_MPS = 100.0
+FASTEST_TURN_RADPS = 35.0
+_PULSE_US = (800, 2200)  # ArduPilot's own limits of a valid pulse
+_CHANNELS = 18
+
+
+class BadMessage(Exception):
+    """A message says what cannot be; the text names the kind of fault."""
+
+
+def heartbeat(m: Message, t: float) -> Heartbeat:
+    """HEARTBEAT; other autopilots and vehicles have other modes and are refused."""
+    if m.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or m.type not in VEHICLE_TYPES:
+        raise BadMessage("not ArduCopter")
+    has_mode = m.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    return Heartbeat(
+        t,
+        armed=bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
+        guided=bool(has_mode) and m.custom_mode == Mode.GUIDED,
+        mode=mode_name(m.custom_mode) if has_mode else "unknown",
+    )
+
+
+def attitude(m: Message, t: float) -> Attitude:
+    """ATTITUDE."""
+    rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
+    if not (
+        within(math.pi + 1e-3, m.roll, m.yaw)
+        and within(math.pi / 2 + 1e-3, m.pitch)
+        and within(FASTEST_TURN_RADPS, *rates)
+    ):
+        raise BadMessage("bad attitude")
+    return Attitude(t, m.roll, m.pitch, m.yaw, rates)
+
+
+def local_position(m: Message, t: float) -> LocalPosition:
+    """LOCAL_POSITION_NED."""
+    position, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
+    if not (within(FARTHEST_M, *position) and within(FASTEST_MPS, *velocity)):
+        raise BadMessage("bad position")
+    return LocalPosition(t, position, velocity)
+
+
+def rc_channels(m: Message, t: float) -> RcChannels:
+    """RC_CHANNELS; a channel without a sound pulse reads 0."""
+    raw = [getattr(m, f"chan{i}_raw") for i in range(1, _CHANNELS + 1)]
+    low, high = _PULSE_US
+    return RcChannels(
+        t,
+        tuple(us if i < m.chancount and low <= us <= high else 0 for i, us in enumerate(raw)),
+    )
+
+
+def landed_state(m: Message, t: float) -> LandedState:
+    """EXTENDED_SYS_STATE."""
+    try:
+        return LandedState(t, Landed(m.landed_state))
+    except ValueError:
+        raise BadMessage("bad landed state") from None
+
+
+def battery(m: Message, t: float) -> Battery | None:
+    """BATTERY_STATUS of the first battery, None for others.
+
+    It has one entry a cell, or all in the first; 65535 is none.
+    """
+    if m.id != 0:
+        return None
+    cells_mv = [mv for mv in m.voltages if mv != 0xFFFF]
+    return Battery(
+        t,
+        voltage_v=1e-3 * sum(cells_mv) if cells_mv else None,
+        energy_consumed_j=100.0 * m.energy_consumed if m.energy_consumed >= 0 else None,
+    )
+
+
+def within(limit: float, *values: float) -> bool:
+    """Tell whether all values are finite and at most limit in size; NaN is not."""
+    return all(-limit <= v <= limit for v in values)

@@ -1,0 +1,26 @@
+"""The second output: the pad for the autopilot's own precision landing."""
+
+from collections.abc import Sequence
+
+from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.placement import PlacedPad, Placement
+from landerd.geometry import norm, rot_zyx, rotate, sub, transpose
+from landerd.messages import LandingTarget
+
+
+def landing_target(
+    placement: Placement, estimate: PadEstimate, seen: Sequence[PlacedPad]
+) -> LandingTarget | None:
+    """Return what one frame shows as LANDING_TARGET wants it; None where a history is missing.
+
+    The autopilot has a filter of its own, so it gets the measurement and not the estimate; the
+    estimate decides between the poses that explain the frame. The angles of gimbal and airframe at
+    exposure are in it already.
+    """
+    pad = min(seen, key=lambda s: norm(sub(s.position, estimate.position)))
+    position, attitude = placement.position.at(pad.t), placement.attitude.at(pad.t)
+    if position is None or attitude is None:
+        return None
+    roll, pitch, yaw = attitude[:3]
+    arm = sub(pad.position, (position[0], position[1], position[2]))
+    return LandingTarget(pad.t, rotate(transpose(rot_zyx(yaw, pitch, roll)), arm))
