@@ -242,6 +242,7 @@ def _run(args: argparse.Namespace) -> int:
     import signal
 
     from hw import registry
+    from hw.autopilots.signing import Signing
     from hw.links import open_link
     from landerd.camera_model import CalibrationError, load_camera
     from landerd.daemon import Daemon, Devices
@@ -269,6 +270,9 @@ def _run(args: argparse.Namespace) -> int:
                 setpoint_frame=config.autopilot.setpoint_frame,
                 ground_stations=config.autopilot.ground_stations,
                 parameters=ParameterSet(config, overlay),
+                signing=Signing(key, config.autopilot.signing_time or key.with_suffix(".time"))
+                if (key := config.autopilot.signing_key)
+                else None,
             ),
         )
         layout = load_pad(config.pad.layout)

@@ -59,6 +59,8 @@ class AutopilotSection(Section):
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
+    signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
+    signing_time: Path | None = None  # where their time stamp is kept; None: beside the key
 
 
 class RcSection(Section):

@@ -14,6 +14,7 @@ from hw.autopilots import telemetry
 from hw.autopilots.boot_clock import BootClock
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.autopilots.parameter_protocol import ParameterProtocol
+from hw.autopilots.signing import Signing
 from hw.autopilots.streams import Streams
 from landerd.geometry import norm
 from landerd.messages import (
@@ -95,14 +96,24 @@ class MavlinkAutopilot:
         setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned",
         ground_stations: Collection[int] = (255,),
         parameters: Parameters | None = None,
+        signing: Signing | None = None,
     ) -> None:
-        """Parameters: what ground stations may read and change; None: nothing."""
+        """Make it; the link is opened by `open`.
+
+        Args:
+            link: to the autopilot.
+            system_id: the vehicle's.
+            setpoint_frame: of the velocities sent.
+            ground_stations: system ids whose parameter messages and commands are taken.
+            parameters: what they may read and change; None: nothing.
+            signing: key for signed messages; None: unsigned.
+        """
         self.counters: Counter[str] = Counter()
         self._link = link
         self._system = system_id
         self._frame = setpoint_frame
         self._ground_stations = frozenset(ground_stations)
-        self._codec = MavlinkCodec(system_id, COMPONENT)
+        self._codec = MavlinkCodec(system_id, COMPONENT, signing)
         self._parameters: ParameterProtocol | None = None
         if parameters is not None:
             self._parameters = ParameterProtocol(parameters, self._send, self._warn)
@@ -368,7 +379,7 @@ class MavlinkAutopilot:
         )
 
     def _send(self, message: Message) -> None:
-        self._link.write(self._codec.encode(message))
+        self._link.write(self._codec.encode(message, asyncio.get_running_loop().time()))
 
     def _drop(self, kind: str, now: float, count: int = 1) -> None:
         """Count what is dropped or refused, and log each kind once a second."""

@@ -11,13 +11,16 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from hw.autopilots.signing import LENGTH as _SIGNATURE
+from hw.autopilots.signing import Signing
+
 Message = Any  # pymavlink's message classes carry no types
 
 _MARKER = re.compile(rb"[\xfd\xfe]")
 _V2 = 0xFD
 _SIGNED = 0x01
 # Frame bytes beside the payload: header and checksum.
-_OVERHEAD_V1, _OVERHEAD_V2, _SIGNATURE = 8, 12, 13
+_OVERHEAD_V1, _OVERHEAD_V2 = 8, 12
 
 
 class MavlinkCodec:
@@ -25,18 +28,29 @@ class MavlinkCodec:
 
     Attributes:
         counters: "garbled bytes" skipped; of them what looked like "unknown" messages; messages
-            "messages lost" by the gaps in their senders' sequence numbers.
+            "badly signed" or not at all; "messages lost" by the gaps in their senders' sequence
+            numbers.
     """
 
-    def __init__(self, system: int, component: int) -> None:
-        """Messages go out as from this system and component."""
+    def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
+        """Messages go out as from this system and component.
+
+        With signing all are signed, and only signed ones come in.
+        """
         self.counters: Counter[str] = Counter()
         self._mavlink = mavlink.MAVLink(None, system, component)
+        self._parser = mavlink.MAVLink(None)  # without the key: `signing` checks what comes in
+        self._signing = signing
+        if signing is not None:
+            self._mavlink.signing.secret_key = signing.key
+            self._mavlink.signing.sign_outgoing = True
         self._buffer = bytearray()
         self._last_seq: dict[tuple[int, int], int] = {}
 
-    def encode(self, message: Message) -> bytes:
-        """Return the frame of a message, with the next sequence number."""
+    def encode(self, message: Message, now: float = 0.0) -> bytes:
+        """Return the frame of a message, with the next sequence number, sent at loop time now."""
+        if self._signing is not None:
+            self._mavlink.signing.timestamp = self._signing.stamp(now)
         frame: bytes = message.pack(self._mavlink)
         self._mavlink.seq = (self._mavlink.seq + 1) & 0xFF
         return frame
@@ -69,6 +83,11 @@ class MavlinkCodec:
                 self.counters["garbled bytes"] += at - done
             at += size
             done, unfinished = at, None
+            if self._signing is not None and not self._signing.accepts(
+                bytes(message.get_msgbuf()), message.get_srcSystem(), message.get_srcComponent()
+            ):
+                self.counters["badly signed"] += 1
+                continue
             self._note_sequence(message)
             messages.append(message)
         keep = len(buffer) if unfinished is None else unfinished
@@ -89,7 +108,7 @@ class MavlinkCodec:
 
     def _decode_frame(self, frame: bytearray) -> Message | None:
         try:
-            message = self._mavlink.decode(frame)
+            message = self._parser.decode(frame)
         except mavlink.MAVError:
             return None
         if message.get_msgId() < 0:

@@ -207,12 +207,68 @@ def test_a_restart_of_the_autopilot_is_told_and_its_streams_come_back() -> None:
 def test_streams_that_stop_are_asked_for_again() -> None:
     async def scene(f: Flight) -> None:
         f.autopilot._channels[1].streams.pop(mavlink.MAVLINK_MSG_ID_RC_CHANNELS)
-        await asyncio.sleep(4.5)
+        await asyncio.sleep(2.1)
         f.messages.clear()
         await asyncio.sleep(1.0)
         assert len(f.got(RcChannels)) >= 19
 
     fly(scene)
+
+
+def test_a_stream_that_comes_too_slowly_is_asked_for_again_and_said_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def scene(f: Flight) -> None:
+        streams = f.autopilot._channels[1].streams
+        streams[mavlink.MAVLINK_MSG_ID_ATTITUDE] = (0.1, 0.0)
+        await asyncio.sleep(2.1)
+        f.messages.clear()
+        await asyncio.sleep(1.0)
+        assert len(f.got(Attitude)) >= 49
+
+    with caplog.at_level(logging.WARNING):
+        fly(scene)
+    assert caplog.text.count("ATTITUDE comes at") == 1
+
+
+def test_after_a_restart_everything_is_asked_again_with_the_first_message() -> None:
+    """Only heartbeats come then: the answer to TIMESYNC shows at once that the clock went back."""
+
+    async def scene(f: Flight) -> None:
+        f.autopilot.reboot()
+        start = asyncio.get_running_loop().time()
+        while not f.got(AutopilotRestarted):
+            await asyncio.sleep(0.005)
+        told = f.got(AutopilotRestarted)[0].t
+        (first,) = [m.t for m in f.got(Heartbeat) if start < m.t <= told][:1]
+        assert told - first < 0.05
+        f.messages.clear()
+        await asyncio.sleep(0.2)
+        assert {type(m) for m in f.messages} >= {Attitude, LocalPosition, RcChannels}
+
+    fly(scene)
+
+
+def test_what_the_autopilot_refuses_is_said_once_in_plain_words(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def scene(f: Flight) -> None:
+        for _ in range(5):
+            f.driver.disarm()  # in the air
+            await asyncio.sleep(0.5)
+        assert f.client.texts.count("landerd: autopilot refuses to disarm: failed") == 1
+        assert f.driver.counters["command refused"] == 5
+
+    with caplog.at_level(logging.WARNING):
+        fly(scene)
+    assert caplog.text.count("autopilot refuses to disarm: failed") == 1
+
+
+def test_acknowledgements_for_others_are_not_ours() -> None:
+    _, driver = received_bytes(
+        lambda codec: codec.encode(mavlink.MAVLink_command_ack_message(400, 4, 0, 0, 255, 190))
+    )
+    assert not driver.counters
 
 
 # ---- what is not taken ----
@@ -378,6 +434,49 @@ def test_the_pilot_reads_at_most_50_characters() -> None:
         assert heard.severity == 4
 
     fly(scene)
+
+
+def test_a_flood_of_texts_is_held_back_but_never_a_critical_one() -> None:
+    async def scene(f: Flight) -> None:
+        for i in range(100):
+            f.driver.tell(StatusText(Severity.NOTICE, f"descent: {i}"))
+            await asyncio.sleep(0.025)
+        f.driver.tell(StatusText(Severity.CRITICAL, "pilot, take over"))
+        await asyncio.sleep(0.05)
+        assert 8 <= len(f.client.texts) <= 14
+        assert f.client.texts[-1] == "pilot, take over"
+        await asyncio.sleep(5.0)
+        f.driver.tell(StatusText(Severity.NOTICE, "later"))
+        await asyncio.sleep(0.05)
+        assert f.client.texts[-1] == "later"
+
+    fly(scene)
+
+
+def test_figures_are_sent_by_name_for_plots() -> None:
+    async def scene(f: Flight) -> None:
+        f.driver.plot({"pad_dist": 2.5, "phase": 3.0})
+        await asyncio.sleep(0.05)
+        heard = [(m.name, m.value) for _, m in f.client.of("NAMED_VALUE_FLOAT")]
+        assert heard == [("pad_dist", 2.5), ("phase", 3.0)]
+
+    fly(scene)
+
+
+def test_the_thesis_type_mask_selects_the_same_fields_as_ours() -> None:
+    """1991 has the force bit besides, which has no meaning without acceleration."""
+    assert mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET == 1479 ^ 1991
+    flown: list[tuple[float, ...]] = []
+    for mask in (1479, 1991):
+
+        async def scene(f: Flight, mask: int = mask) -> None:
+            await f.client.mode(GUIDED)
+            f.client.fly(1.0, -2.0, 0.5, mask=mask, yaw_rate=0.3)
+            await asyncio.sleep(0.02)
+            flown.append((*f.airframe.velocity, f.airframe.yaw_rate))
+
+        fly(scene)
+    assert flown[0] == flown[1] == pytest.approx((1.0, -2.0, 0.5, 0.3))
 
 
 def test_disarming_is_never_forced() -> None:

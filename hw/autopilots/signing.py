@@ -1,0 +1,115 @@
+"""Signatures of MAVLink 2 messages: https://mavlink.io/en/guide/message_signing.html.
+
+pymavlink signs what goes out; what comes in is checked here, because pymavlink notes the time stamp
+of a message before it checks the signature: one forged message shuts a sender out for ever.
+"""
+
+import hashlib
+import hmac
+import logging
+import stat
+import time
+from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+LENGTH = 13  # of a signature: link, time stamp (6), hash (6)
+_EPOCH_S = 1_420_070_400  # 1 January 2015, UTC
+_TICKS_PER_S = 100_000
+_LATE = 60 * _TICKS_PER_S  # a new sender's time stamp may be behind ours by this
+# The file is ahead of what was sent, so that it is right after a crash, and written in good time,
+# so that it is also after a loss of power with the last write not on the disk.
+_AHEAD, _REST = 60 * _TICKS_PER_S, 30 * _TICKS_PER_S
+
+
+class Signing:
+    """The key, and a time stamp that never goes back, not over a restart either."""
+
+    def __init__(self, key_file: Path, time_file: Path) -> None:
+        """Read the key and the time stamp reached.
+
+        Args:
+            key_file: 64 hexadecimal digits, or a pass phrase, whose SHA-256 is the key.
+            time_file: where the time stamp is kept; made if it is not there.
+
+        Raises:
+            ValueError: a file cannot be used or the key may be read by others; one line.
+        """
+        self.key = _read_key(key_file)
+        self._time_file = time_file
+        clock = int((time.time() - _EPOCH_S) * _TICKS_PER_S)
+        self._last = max(clock, _read_time(time_file), 0)
+        self._begin: tuple[float, int] | None = None  # loop time and time stamp then
+        self._streams: dict[tuple[int, int, int], int] = {}  # newest stamp by link and sender
+        self._kept = self._last
+        try:
+            self._keep()
+        except OSError as e:
+            raise ValueError(f"{time_file}: cannot be written: {e.strerror}") from None
+
+    def stamp(self, now: float) -> int:
+        """Return the time stamp of the next message, sent at loop time now."""
+        if self._begin is None:
+            self._begin = (now, self._last)
+        started, base = self._begin
+        self._last = max(self._last + 1, base + int((now - started) * _TICKS_PER_S))
+        if self._last > self._kept - _REST:
+            try:
+                self._keep()
+            except OSError as e:
+                self._kept = self._last + _AHEAD  # do not try at every message
+                log.warning("%s: cannot be written: %s", self._time_file, e.strerror)
+        return self._last
+
+    def accepts(self, frame: bytes, system: int, component: int) -> bool:
+        """Tell whether a frame with sound checksum is signed with the key, and is not a repetition.
+
+        Frames without signature are not accepted.
+        """
+        if frame[0] != 0xFD or not frame[2] & 0x01:
+            return False
+        link, stamp = frame[-LENGTH], int.from_bytes(frame[-LENGTH + 1 : -6], "little")
+        sender = (link, system, component)
+        oldest = self._streams.get(sender, self._last - _LATE)
+        expected = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
+        if stamp <= oldest or not hmac.compare_digest(expected, frame[-6:]):
+            return False
+        self._streams[sender] = stamp
+        self._last = max(self._last, stamp)
+        return True
+
+    def _keep(self) -> None:
+        new = self._time_file.with_name(f".{self._time_file.name}.new")
+        new.write_text(f"{self._last + _AHEAD}\n", encoding="ascii")
+        new.replace(self._time_file)
+        self._kept = self._last + _AHEAD
+
+
+def _read_key(path: Path) -> bytes:
+    try:
+        mode = path.stat().st_mode
+        text = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as e:
+        reason = e.strerror if isinstance(e, OSError) else "not text"
+        raise ValueError(f"{path}: cannot be read: {reason}") from None
+    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise ValueError(f"{path}: others may read the key; expected: chmod 600 {path}")
+    if not text:
+        raise ValueError(f"{path}: empty, expected a key of 64 hexadecimal digits or a pass phrase")
+    try:
+        key = bytes.fromhex(text)
+    except ValueError:
+        key = b""
+    return key if len(key) == 32 else hashlib.sha256(text.encode("utf-8")).digest()
+
+
+def _read_time(path: Path) -> int:
+    try:
+        text = path.read_text(encoding="ascii").strip()
+    except FileNotFoundError:
+        return 0
+    except (OSError, UnicodeDecodeError) as e:
+        raise ValueError(f"{path}: cannot be read: {e}") from None
+    if not (text.isdecimal() and int(text) < 1 << 47):
+        raise ValueError(f"{path}: found {text[:20]!r}, expected the time stamp kept there")
+    return int(text)
