@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
-.PHONY: sim test check bench mutants clean
+.PHONY: sim test check bench mutants golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
@@ -25,6 +25,9 @@ bench: $(SETUP)  ## print the figures quoted in docs
 
 mutants: $(SETUP)  ## break each safety rule in turn and show the test that catches it
 	$(BIN)/python tests/mutants.py
+
+golden: $(SETUP)  ## fly the golden flights again after an intended change of the core
+	$(BIN)/python -m tests.renew_golden
 
 clean:
 	rm -rf .venv build dist

@@ -18,7 +18,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from landerd import __version__
 
 if TYPE_CHECKING:
+    from landerd.camera_model import CameraModel
+    from landerd.config import Config
     from landerd.config_file import Loaded
+    from landerd.flightlog.recorder import Recorder
+    from landerd.pad import PadLayout
 
 
 class InputError(Exception):
@@ -98,6 +102,7 @@ def _sim_arguments(parser: argparse.ArgumentParser) -> None:
     _add_config(parser)
     parser.add_argument("--realtime", action="store_true", help="no faster than a real flight")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
+    parser.add_argument("--log", type=Path, metavar="FILE.mcap", help="record the flight")
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
 
@@ -112,6 +117,10 @@ def _sim(args: argparse.Namespace) -> int:
         args.picture.suffix == ".png" and args.picture.absolute().parent.is_dir()
     ):
         raise InputError(f"--picture {args.picture}: expected a .png in a folder that exists")
+    if args.log is not None and not (
+        args.log.suffix == ".mcap" and args.log.absolute().parent.is_dir()
+    ):
+        raise InputError(f"--log {args.log}: expected a .mcap in a folder that exists")
     if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
         raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
     loaded = _load(args, overlays=[known[args.scenario]])
@@ -131,6 +140,7 @@ def _sim(args: argparse.Namespace) -> int:
             args.seed,
             realtime=args.realtime,
             picture=args.picture,
+            log=args.log,
             progress=_show_progress if shows_progress else None,
         )
     except (CalibrationError, PadError) as e:
@@ -140,6 +150,8 @@ def _sim(args: argparse.Namespace) -> int:
     print(json.dumps(result, allow_nan=False) if args.json else _summary(result))
     if args.picture is not None and not args.json:
         print(f"  picture: {args.picture}")
+    if args.log is not None and not args.json:
+        print(f"  flight log: {args.log}")
     return 0 if result["landed"] and not result["rules_broken"] else 1
 
 
@@ -219,6 +231,21 @@ def _campaign(args: argparse.Namespace) -> int:
     return run(args)
 
 
+# ---- replay ------------------------------------------------------------------------------------
+
+
+def _replay_arguments(parser: argparse.ArgumentParser) -> None:
+    from landerd.replay_command import add_arguments
+
+    add_arguments(parser)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    from landerd.replay_command import run
+
+    return run(args)
+
+
 # ---- run ---------------------------------------------------------------------------------------
 
 
@@ -244,6 +271,7 @@ def _run(args: argparse.Namespace) -> int:
     from hw import registry
     from hw.autopilots.signing import Signing
     from hw.links import open_link
+    from hw.links.tapped import TappedLink
     from landerd.camera_model import CalibrationError, load_camera
     from landerd.daemon import Daemon, Devices
     from landerd.pad import PadError, load_pad
@@ -259,13 +287,17 @@ def _run(args: argparse.Namespace) -> int:
 
     config = loaded.config
     try:
+        layout = load_pad(config.pad.layout)
+        camera_model = load_camera(config.camera.calibration)
+        recorder = _recorder(config, layout, camera_model)
+        link = open_link(config.autopilot.url)
         devices = Devices(
             make("camera", config.camera.driver),
             make("gimbal", config.gimbal.driver),
             make(
                 "autopilot",
                 config.autopilot.driver,
-                open_link(config.autopilot.url),
+                link if recorder is None else TappedLink(link, recorder.raw),
                 system_id=config.autopilot.system_id,
                 setpoint_frame=config.autopilot.setpoint_frame,
                 ground_stations=config.autopilot.ground_stations,
@@ -275,8 +307,6 @@ def _run(args: argparse.Namespace) -> int:
                 else None,
             ),
         )
-        layout = load_pad(config.pad.layout)
-        camera_model = load_camera(config.camera.calibration)
     except (CalibrationError, PadError, ValueError) as e:
         raise InputError(str(e)) from None
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
@@ -284,7 +314,8 @@ def _run(args: argparse.Namespace) -> int:
         logging.getLogger("landerd").info("saved parameters of %s are laid over", overlay)
 
     async def serve() -> None:
-        daemon = Daemon(config, layout, camera_model, devices, observers=(ServiceNotifier(),))
+        observers = (ServiceNotifier(),) if recorder is None else (ServiceNotifier(), recorder)
+        daemon = Daemon(config, layout, camera_model, devices, observers=observers)
         ended = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, ended.set)
@@ -297,8 +328,29 @@ def _run(args: argparse.Namespace) -> int:
         with contextlib.suppress(asyncio.CancelledError):
             await flying
 
-    asyncio.run(serve())
+    try:
+        asyncio.run(serve())
+    finally:
+        if recorder is not None:
+            recorder.close()
     return 0
+
+
+def _recorder(config: "Config", layout: "PadLayout", camera: "CameraModel") -> "Recorder | None":
+    """Return what records the flights; None if nothing says where."""
+    import time
+
+    from hw.links.tapped import TlogEncoder
+    from landerd.flightlog.contents import Head
+    from landerd.flightlog.recorder import Recorder
+
+    state = os.environ.get("STATE_DIRECTORY")
+    folder = config.log.folder or (Path(state) if state else None)
+    if folder is None:
+        print("flights are not recorded: log.folder is not set", file=sys.stderr)
+        return None
+    head = Head(config, layout, camera, wall_offset_s=time.time() - time.monotonic())
+    return Recorder(head, config.log, folder, background=True, mavlink=TlogEncoder)
 
 
 # ---- shared ------------------------------------------------------------------------------------
@@ -356,6 +408,12 @@ _COMMANDS = {
         "landerd campaign guidance --runs 5 --jobs 2",
         _campaign_arguments,
         _campaign,
+    ),
+    "replay": _Command(
+        "run a flight log through today's code and compare",
+        "landerd replay flight.mcap --set guidance.limits.speed_mps=2",
+        _replay_arguments,
+        _replay,
     ),
     "run": _Command(
         "fly: drive camera, gimbal and autopilot until stopped",

@@ -192,6 +192,16 @@ class ControlSection(Section):
     rate_hz: Annotated[float, Field(ge=20, le=100)] = 40.0
 
 
+class LogSection(Section):
+    """What is recorded of a flight, and how much of the disk it may take."""
+
+    folder: Path | None = None  # None: $STATE_DIRECTORY, which the systemd unit sets
+    images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
+    every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
+    most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
+    keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
+
+
 class Config(Section):
     """All sections that are not a driver's own."""
 
@@ -207,3 +217,4 @@ class Config(Section):
     guidance: GuidanceSection = GuidanceSection()
     aim: AimSection = AimSection()
     control: ControlSection = ControlSection()
+    log: LogSection = LogSection()

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, Field, ValidationError, create_model
 
 from landerd.config import Config
-from landerd.yaml_tree import Fault, Loc, Node, read_file, read_override, shown
+from landerd.yaml_tree import Fault, Loc, Node, Place, from_plain, read_file, read_override, shown
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -108,6 +108,52 @@ def load(
         elif _at(config, parent).driver == driver:
             raise ConfigError([f"{shown(path)}: {section}: missing, driver {driver} needs it"])
     return Loaded(config, options)
+
+
+def from_record(
+    data: Any, source: str, *, others: Collection[str] = (), overrides: Sequence[str] = ()
+) -> tuple[Config, list[str]]:
+    """Return the configuration that a flight log has, and the keys that are no longer known.
+
+    Args:
+        data: of the log, plain values.
+        source: the log's name, for what is said about it.
+        others: blocks of drivers and simulator ("camera.v4l2"), which decide nothing here.
+        overrides: KEY=VALUE, as `load` takes them.
+
+    Raises:
+        ConfigError: a value cannot be used.
+    """
+    unknown: list[str] = []
+    faults: list[Fault] = []
+    tree = from_plain(_known(Config, data, "", set(others), unknown), Place(source))
+    for override in overrides:
+        tree = tree.under(read_override(override, faults))
+    config = _validated(Config, tree, faults)
+    if config is None or faults:
+        raise ConfigError([str(fault) for fault in sorted(faults)])
+    return config, unknown
+
+
+def _known(
+    model: type[BaseModel], data: Any, at: str, others: Collection[str], unknown: list[str]
+) -> Any:
+    """Return the part of plain data that the model has keys for; the others' names are added."""
+    if not isinstance(data, dict):
+        return data
+    kept = {}
+    for key, value in data.items():
+        field, dotted = model.model_fields.get(key), f"{at}{key}"
+        if field is None:
+            if dotted not in others:
+                unknown.append(dotted)
+            continue
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            kept[key] = _known(inner, value, f"{dotted}.", others, unknown)
+        else:
+            kept[key] = value
+    return kept
 
 
 def _with_options(

@@ -26,6 +26,7 @@ from landerd.messages import (
     Disarm,
     Frame,
     GimbalCommand,
+    Heartbeat,
     Input,
     LandingTarget,
     Phase,
@@ -64,6 +65,9 @@ class Devices:
 class Observer(Protocol):
     """Sees all that happens and changes nothing: the flight log, a progress line."""
 
+    def on_flight(self, lander: Lander) -> None:
+        """A flight begins, with a core that knows of no other."""
+
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """A frame was searched."""
 
@@ -100,17 +104,21 @@ class Daemon:
         self._config = config
         self._devices = devices
         self._shape = (camera_model.height, camera_model.width)
+        self._layout, self._camera_model = layout, camera_model
         self._vision = Vision(layout, camera_model, config.vision)
         self._vision_latency_s = vision_latency_s
         self._observers = observers
         self._logged: dict[str, float] = {}
         self._frame_t = -math.inf
+        self._armed = True  # as far as is known: an unknown vehicle may be flying
         self.lander = Lander(config, layout)
         self.faults: Counter[str] = Counter()  # bad input by kind
 
     async def run(self) -> NoReturn:
         """Drive the devices until cancelled; a lost device is opened again, with back-off."""
         devices = self._devices
+        for observer in self._observers:
+            observer.on_flight(self.lander)
         executor = ThreadPoolExecutor(1) if self._vision_latency_s is None else None
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -249,7 +257,18 @@ class Daemon:
         elif message.t > now + FUTURE_S:
             self._fault(f"{source} sent a time in the future", type(message).__name__)
         else:
+            if isinstance(message, Heartbeat):
+                self._watch_arming(message)
             self._take(message)
+
+    def _watch_arming(self, heartbeat: Heartbeat) -> None:
+        """Begin each flight with a new core, so that its log alone replays."""
+        if heartbeat.armed and not self._armed:
+            self.lander = Lander(self.lander.config, self._layout)
+            self._vision = Vision(self._layout, self._camera_model, self._config.vision)
+            for observer in self._observers:
+                observer.on_flight(self.lander)
+        self._armed = heartbeat.armed
 
     def _usable(self, frame: Frame, now: float) -> bool:
         image = frame.image

@@ -125,6 +125,11 @@ class Lander:
         return Prior(down=down, pad=PadPrior(position, estimate.sigma_m, north))
 
     @property
+    def config(self) -> Config:
+        """The configuration with all changes so far."""
+        return self._config
+
+    @property
     def needs_sight(self) -> bool:
         """Whether pictures still decide anything: not once the vehicle stands on the pad."""
         return not (self.phase is Phase.LANDED and self._touchdown.in_contact)

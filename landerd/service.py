@@ -3,6 +3,7 @@
 import os
 import socket
 
+from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, PhaseChange, Prior, Sightings, Tick
 
 ALIVE_EVERY_S = 0.5  # well inside the unit's WatchdogSec
@@ -24,6 +25,9 @@ class ServiceNotifier:
 
     def __init__(self) -> None:
         self._told_t: float | None = None
+
+    def on_flight(self, lander: Lander) -> None:
+        """A new flight changes nothing here."""
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Frames do not matter here: a daemon without a camera is alive."""

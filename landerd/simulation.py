@@ -16,6 +16,7 @@ import numpy as np
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
+from hw.links.tapped import TappedLink, TlogEncoder
 from hw.sim.autopilot import SimAutopilot
 from hw.sim.camera import SimCamera
 from hw.sim.gimbal import SimGimbal
@@ -33,7 +34,10 @@ from landerd.clock import run_realtime, run_virtual
 from landerd.config import Config
 from landerd.config_file import Loaded
 from landerd.daemon import Daemon, Devices
+from landerd.flightlog.contents import Head
+from landerd.flightlog.recorder import Recorder
 from landerd.geometry import Vec3, add, horizontal, norm, rotate, scale, sub, transpose, unit
+from landerd.lander import Lander
 from landerd.messages import (
     Command,
     Frame,
@@ -63,8 +67,21 @@ KNOWN_AFTER_S = 2.0  # from the first sighting to when the pad's velocity is to 
 class Simulation:
     """A world, its devices, the daemon that flies in it, and the judge."""
 
-    def __init__(self, loaded: Loaded, seed: int, *, realtime: bool = False) -> None:
+    def __init__(
+        self,
+        loaded: Loaded,
+        seed: int,
+        *,
+        realtime: bool = False,
+        log: Path | None = None,
+    ) -> None:
         """Build everything; nothing runs yet.
+
+        Args:
+            loaded: the configuration.
+            seed: of everything random.
+            realtime: it will run on the wall's clock.
+            log: where to record the flight.
 
         Raises:
             CalibrationError: the camera's calibration cannot be used.
@@ -112,6 +129,7 @@ class Simulation:
         self.link.tap = self.rules.from_landerd
         self.link.heard = self.rules.to_landerd
         self.recording = Recording(self)
+        self.recorder = _recorder(self, log, realtime=realtime) if log is not None else None
         self.daemon = Daemon(
             config,
             self.layout,
@@ -120,7 +138,7 @@ class Simulation:
                 self.camera,
                 self.gimbal,
                 MavlinkAutopilot(
-                    self.link,
+                    TappedLink(self.link, self.recorder.raw) if self.recorder else self.link,
                     system_id=config.autopilot.system_id,
                     setpoint_frame=config.autopilot.setpoint_frame,
                     ground_stations=config.autopilot.ground_stations,
@@ -128,7 +146,7 @@ class Simulation:
                 ),
             ),
             vision_latency_s=None if realtime else VISION_LATENCY_S,
-            observers=(self.recording,),
+            observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
         )
 
     async def run(
@@ -214,6 +232,9 @@ class Recording:
         self.frames = 0  # searched
         self.pad_velocity_error_mps: float | None = None  # KNOWN_AFTER_S after the first sighting
 
+    def on_flight(self, lander: Lander) -> None:
+        """One flight is all there is."""
+
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Count, and keep the first picture with a marker of each phase."""
         self.frames += 1
@@ -273,6 +294,7 @@ def simulate(
     *,
     realtime: bool = False,
     picture: Path | None = None,
+    log: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Fly one landing and return the object that `landerd sim --json` prints.
@@ -283,7 +305,7 @@ def simulate(
         ImportError: a picture is wanted and matplotlib is not installed.
     """
     started = time.perf_counter()
-    simulation = Simulation(loaded, seed, realtime=realtime)
+    simulation = Simulation(loaded, seed, realtime=realtime, log=log)
     simulation.recording.progress = progress
     gc.freeze()  # collections then look only at what the flight makes
     try:
@@ -291,6 +313,8 @@ def simulate(
         run(simulation.run())
     finally:
         gc.unfreeze()
+        if simulation.recorder is not None:
+            simulation.recorder.close()
     result = _result(simulation, scenario, seed)
     if picture is not None:
         write_picture(_trace(simulation, result), picture)
@@ -351,6 +375,18 @@ def _trace(simulation: Simulation, result: dict[str, Any]) -> Trace:
         image = draw(frame.image, sightings, simulation.camera_model, simulation.layout)
         trace.views.append((f"{t:.1f} s, {phase.value}", np.asarray(image)))
     return trace
+
+
+def _recorder(simulation: Simulation, path: Path, *, realtime: bool) -> Recorder:
+    path.unlink(missing_ok=True)
+    path.with_suffix(".tlog").unlink(missing_ok=True)
+    return Recorder(
+        Head(simulation.config, simulation.layout, simulation.camera_model),
+        simulation.config.log,
+        path,
+        background=realtime,
+        mavlink=TlogEncoder,
+    )
 
 
 def _bounds(config: Config, *, has_heading: bool, jitter_s: float) -> RuleBounds:

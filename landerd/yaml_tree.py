@@ -148,6 +148,15 @@ def read_override(override: str, faults: list[Fault]) -> Node:
     return node
 
 
+def from_plain(value: Any, place: Place) -> Node:
+    """Return a tree of values that come from no YAML file."""
+    if isinstance(value, dict):
+        value = {key: from_plain(inner, place) for key, inner in value.items()}
+    elif isinstance(value, list):
+        value = [from_plain(inner, place) for inner in value]
+    return Node(place, Path(), value)
+
+
 def shown(path: Path) -> str:
     """Return the path as it is shortest to read from the working directory."""
     absolute = path.absolute()

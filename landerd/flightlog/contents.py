@@ -1,0 +1,83 @@
+"""What a flight log holds beside the core's messages, and the names of its topics.
+
+| topic | what |
+|---|---|
+| `/in/TYPE` | a message as the core took it; its number counts the core's steps |
+| `/out/TYPE` | a command, with the number of the step that gave it |
+| `/core/state` | phase, outcome, and the pad relative to the vehicle |
+| `/vision/searched` | a frame that was searched and what was expected in it |
+| `/camera/image`, `/camera/calibration`, `/camera/markers`, `/tf`, `/events` | for Foxglove |
+| `/log/dropped` | how much could not be recorded so far, by kind |
+"""
+
+import typing
+from dataclasses import dataclass
+
+from landerd.camera_model import CameraModel
+from landerd.config import Config
+from landerd.guidance.relative import Relative
+from landerd.messages import Command, Input, Phase, Prior
+from landerd.pad import PadLayout
+
+IN, OUT = "/in/", "/out/"
+STATE, SEARCHED, DROPPED = "/core/state", "/vision/searched", "/log/dropped"
+IMAGE, CALIBRATION, MARKERS = "/camera/image", "/camera/calibration", "/camera/markers"
+TRANSFORMS, EVENTS = "/tf", "/events"
+
+INPUTS: dict[str, type] = {kind.__name__: kind for kind in typing.get_args(Input)}
+COMMANDS: dict[str, type] = {kind.__name__: kind for kind in typing.get_args(Command)}
+
+# Attachments that a replay needs.
+CONFIG_JSON, PAD_JSON, CAMERA_JSON = "config.json", "pad.json", "camera.json"
+VERSIONS = "versions"  # metadata
+
+
+@dataclass(frozen=True)
+class Head:
+    """What was fixed before the flight."""
+
+    config: Config
+    layout: PadLayout
+    camera: CameraModel
+    wall_offset_s: float = 0.0  # what makes Unix time of the event loop's; 0: simulated time
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """One frame given to vision."""
+
+    t: float  # exposure, s
+    seq: int
+    prior: Prior
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """How the core sees the landing."""
+
+    t: float
+    phase: Phase
+    reason: str
+    outcome: str | None
+    aborts: int
+    relative: Relative | None  # None while pad or vehicle is unknown
+
+
+@dataclass(frozen=True, slots=True)
+class Dropped:
+    """What could not be recorded since the log's beginning."""
+
+    images: int
+    detail: int  # states, transforms, annotations
+    messages: int  # of the core: the log replays up to the first gap only
+    errors: int  # could not be written as JSON
+
+
+OWN: dict[str, type] = {STATE: State, SEARCHED: Searched, DROPPED: Dropped}
+FOXGLOVE = {  # topics in Foxglove's schemas
+    IMAGE: "foxglove.CompressedImage",
+    CALIBRATION: "foxglove.CameraCalibration",
+    MARKERS: "foxglove.ImageAnnotations",
+    TRANSFORMS: "foxglove.FrameTransform",
+    EVENTS: "foxglove.Log",
+}

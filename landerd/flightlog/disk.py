@@ -1,0 +1,113 @@
+"""Files that lose at most what was not synced, and a folder of logs that leaves the disk room."""
+
+import contextlib
+import os
+from pathlib import Path
+
+
+class SyncedFile:
+    """A new file whose bytes wait in memory until `sync`; a full disk only makes them wait longer.
+
+    What is on the disk is at all times the beginning of what was written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the file.
+
+        Raises:
+            OSError: it exists or cannot be made.
+        """
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._waiting = bytearray()
+        self._length = 0
+        self.path = path
+        self.error: str | None = None  # why bytes are waiting, None while they need not
+        with contextlib.suppress(OSError):  # so that the name, too, outlives a power cut
+            folder = os.open(path.parent, os.O_RDONLY)
+            os.fsync(folder)
+            os.close(folder)
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that the disk has not taken."""
+        return len(self._waiting)
+
+    def write(self, data: bytes) -> int:
+        """Take bytes for the next `sync`."""
+        self._waiting += data
+        self._length += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Return how much was written, on the disk or waiting."""
+        return self._length
+
+    def flush(self) -> None:
+        """Do nothing: the disk's turn comes with `sync`."""
+
+    def sync(self) -> bool:
+        """Bring what waits safely onto the disk; False if the disk does not take it (now)."""
+        try:
+            while self._waiting:
+                done = os.write(self._fd, self._waiting)
+                del self._waiting[:done]
+            os.fsync(self._fd)
+        except OSError as e:
+            self.error = e.strerror
+            return False
+        self.error = None
+        return True
+
+    def close(self) -> None:
+        """Sync and close; what the disk does not take is lost."""
+        self.sync()
+        os.close(self._fd)
+
+
+def free_bytes(folder: Path) -> int:
+    """Return how much the folder's disk has room for."""
+    disk = os.statvfs(folder)
+    return disk.f_bavail * disk.f_frsize
+
+
+def next_number(folder: Path) -> int:
+    """Return the number of the next log: clocks of boards without battery cannot order logs."""
+    return 1 + max(
+        (n for log in folder.glob("*.mcap") if (n := _number(log)) is not None), default=0
+    )
+
+
+def rotate(folder: Path, most_bytes: int, keep: Path) -> list[Path]:
+    """Delete the oldest logs until all together have at most this many bytes.
+
+    Args:
+        folder: of numbered logs; files of other names are left alone.
+        most_bytes: that may stay.
+        keep: the log in progress, never deleted.
+
+    Returns:
+        What was deleted.
+    """
+    logs = sorted(
+        (number, path)
+        for path in folder.iterdir()
+        if path.suffix in (".mcap", ".tlog") and (number := _number(path)) is not None
+    )
+    sizes = {path: path.stat().st_size for _, path in logs}
+    total = 0
+    for size in sizes.values():
+        total += size
+    deleted = []
+    for _, path in logs:
+        if total <= most_bytes:
+            break
+        if path.stem != keep.stem:
+            path.unlink()
+            total -= sizes[path]
+            deleted.append(path)
+    return deleted
+
+
+def _number(path: Path) -> int | None:
+    digits, dash, _ = path.stem.partition("-")
+    return int(digits) if dash and len(digits) == 5 and digits.isdecimal() else None

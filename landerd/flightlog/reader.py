@@ -1,0 +1,213 @@
+"""Reads flight logs, also those that end in the middle of anything.
+
+The file is read from front to back; neither its index nor its end is needed. A part that is
+damaged is left out and told; reading ends where the next part's beginning is not known any more.
+"""
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from pydantic import ValidationError
+from zstandard import ZstdError
+
+from landerd.camera_model import CameraModel
+from landerd.flightlog import codec, contents, foxglove
+from landerd.flightlog.contents import Dropped, Searched, State
+from landerd.messages import Command, Frame, Input
+from landerd.pad import PadLayout
+
+_MAGIC = b"\x89MCAP0\r\n"
+_MOST_BYTES = 1 << 28  # of one record: a length beyond this is damage
+# What the library raises over damaged bytes, beside its own errors.
+_DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, MemoryError, RuntimeError)
+
+
+class LogError(Exception):
+    """A log cannot be used; the text names the file, the place and what is missing."""
+
+
+@dataclass
+class Step:
+    """One step of the core as logged."""
+
+    number: int
+    now: float  # when it was taken, s on the event loop's clock
+    message: Input
+    commands: list[Command] = field(default_factory=list)
+    json: list[tuple[str, bytes]] = field(default_factory=list)  # the commands' type and bytes
+
+
+@dataclass
+class FlightLog:
+    """What could be read of one flight."""
+
+    path: Path
+    config: dict[str, Any]  # plain; landerd.config_file.from_record makes a Config of it
+    layout: PadLayout
+    camera: CameraModel
+    versions: dict[str, str]
+    wall_offset_s: float
+    steps: list[Step] = field(default_factory=list)
+    replayable: int = 0  # so many steps from the first without a gap
+    searched: list[Searched] = field(default_factory=list)
+    states: list[State] = field(default_factory=list)
+    dropped: Dropped | None = None
+    images: int = 0
+    notes: list[str] = field(default_factory=list)  # what is wrong with the file, a line each
+
+
+def read_log(path: Path) -> FlightLog:
+    """Read a flight log as far as it goes.
+
+    Raises:
+        LogError: no file, no log, or what a replay needs is not in it.
+    """
+    notes: list[str] = []
+    head: dict[str, bytes] = {}
+    versions: dict[str, str] = {}
+    log: FlightLog | None = None
+    for topic, record in records(path, notes):
+        if isinstance(record, Metadata) and record.name == contents.VERSIONS:
+            versions = dict(record.metadata)
+        elif isinstance(record, Attachment):
+            head[record.name] = record.data
+        elif isinstance(record, Message):
+            if log is None:
+                log = _with_head(path, head, versions)
+            try:
+                _take(log, topic, record)
+            except codec.CodecError as e:
+                notes.append(f"{path}: {topic}, message {record.sequence}: {e}")
+    if log is None:
+        log = _with_head(path, head, versions)
+    log.notes = notes
+    if not log.steps:
+        raise LogError("; ".join([f"{path}: no message of the core in it", *notes]))
+    if log.replayable < len(log.steps):
+        t = log.steps[log.replayable].now
+        notes.append(f"{path}: steps of the core are missing before {t:.2f} s; it replays to there")
+    return log
+
+
+def read_images(path: Path) -> Iterator[tuple[Frame, str]]:
+    """Yield the recorded frames and their format, in order; times to the nanosecond only."""
+    for topic, record in records(path, []):
+        if topic != contents.IMAGE or not isinstance(record, Message):
+            continue
+        message = json.loads(record.data)
+        stamp = message["timestamp"]
+        data = np.frombuffer(foxglove.image_bytes(message), np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+        if image is not None:
+            t = stamp["sec"] + 1e-9 * stamp["nsec"]
+            yield Frame(t, record.sequence, np.asarray(image, dtype=np.uint8)), message["format"]
+
+
+def records(path: Path, notes: list[str]) -> Iterator[tuple[str, McapRecord]]:
+    """Yield a file's records with their topic ("" without one); damage is added to notes.
+
+    Raises:
+        LogError: it cannot be read, or is no MCAP file.
+    """
+    try:
+        stream = path.open("rb")
+        size = path.stat().st_size
+    except OSError as e:
+        raise LogError(f"{path}: cannot be read: {e.strerror}") from None
+    with stream:
+        try:
+            magic = stream.read(len(_MAGIC))
+        except OSError as e:
+            raise LogError(f"{path}: cannot be read: {e.strerror}") from None
+        if magic != _MAGIC:
+            what = "empty" if not magic else "not an MCAP file"
+            raise LogError(f"{path}: {what}, expected a flight log")
+        reader = StreamReader(
+            stream, skip_magic=True, emit_chunks=True, record_size_limit=_MOST_BYTES
+        )
+        topics: dict[int, str] = {}
+        at = stream.tell()
+        parts = reader.records
+        while True:
+            try:
+                record = next(parts)
+                # The library takes fewer bytes than asked for at the end of a file.
+                inner = _inner(record)
+            except StopIteration:
+                return
+            except _DAMAGE as e:
+                if _is_lost(e, stream.tell(), size):
+                    notes.append(f"{path}: ends in the middle of a part, at byte {at} of {size}")
+                    return
+                notes.append(f"{path}: damaged, bytes {at} to {stream.tell()} are left out")
+                at = stream.tell()
+                parts = reader.records
+                continue
+            at = stream.tell()
+            for part in inner:
+                if isinstance(part, Channel):
+                    topics[part.id] = part.topic
+                elif isinstance(part, Message):
+                    if part.channel_id in topics:
+                        yield topics[part.channel_id], part
+                elif not isinstance(part, Schema):
+                    yield "", part
+
+
+def _inner(record: McapRecord) -> list[McapRecord]:
+    return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+
+
+def _is_lost(error: Exception, at: int, size: int) -> bool:
+    """Tell whether the beginning of the next part is unknown after an error."""
+    return isinstance(error, McapError) or at >= size
+
+
+def _with_head(path: Path, head: dict[str, bytes], versions: dict[str, str]) -> FlightLog:
+    for name in (contents.CONFIG_JSON, contents.PAD_JSON, contents.CAMERA_JSON):
+        if name not in head:
+            raise LogError(f"{path}: the attachment {name} is missing, expected a log of landerd's")
+    try:
+        config = json.loads(head[contents.CONFIG_JSON])
+        layout = PadLayout.model_validate_json(head[contents.PAD_JSON])
+        camera = codec.decode(CameraModel, head[contents.CAMERA_JSON])
+        offset = float(versions.get("wall_offset_s", "0.0"))
+    except (ValueError, ValidationError) as e:
+        reason = str(e).splitlines()[0]
+        raise LogError(f"{path}: configuration, pad or camera is damaged: {reason}") from None
+    return FlightLog(path, config, layout, camera, versions, offset)
+
+
+def _take(log: FlightLog, topic: str, record: Message) -> None:
+    kind = topic.rpartition("/")[2]
+    steps = log.steps
+    if topic.startswith(contents.IN):
+        if kind not in contents.INPUTS:
+            raise codec.CodecError(f"a {kind} is not known to this version")
+        now = 1e-9 * record.log_time - log.wall_offset_s
+        steps.append(Step(record.sequence, now, codec.decode(contents.INPUTS[kind], record.data)))
+        if record.sequence == log.replayable == len(steps) - 1:
+            log.replayable += 1
+    elif topic.startswith(contents.OUT):
+        if kind not in contents.COMMANDS:
+            raise codec.CodecError(f"a {kind} is not known to this version")
+        if steps and steps[-1].number == record.sequence:
+            steps[-1].commands.append(codec.decode(contents.COMMANDS[kind], record.data))
+            steps[-1].json.append((kind, record.data))
+    elif topic == contents.SEARCHED:
+        log.searched.append(codec.decode(Searched, record.data))
+    elif topic == contents.STATE:
+        log.states.append(codec.decode(State, record.data))
+    elif topic == contents.DROPPED:
+        log.dropped = codec.decode(Dropped, record.data)
+    elif topic == contents.IMAGE:
+        log.images += 1

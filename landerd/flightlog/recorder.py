@@ -1,0 +1,295 @@
+"""Records a flight while it happens, without the control task waiting for it.
+
+The control task only appends to a queue; a thread turns what is in it into bytes and brings them
+to the disk twice a second. When thread or disk cannot follow, images are dropped first, then what
+only people look at, and the core's messages last; all is counted, nothing is waited for.
+"""
+
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from landerd.config import Config, LogSection
+from landerd.flightlog.contents import Dropped, Head, Searched, State
+from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, rotate
+from landerd.flightlog.writer import LogWriter
+from landerd.lander import Lander
+from landerd.messages import Command, Frame, Input, Prior, Sightings, Tick
+
+log = logging.getLogger("landerd")
+
+SYNC_S = 0.5  # what was not synced is lost with the power
+POLL_S = 0.05
+STATE_S = 0.1
+MOST_IMAGES, MOST_DETAIL, MOST_MESSAGES = 8, 2000, 20000  # waiting in the queue
+MOST_WAITING = 16 << 20  # bytes that the disk has not taken
+_MB = 1_000_000
+
+
+class MavlinkLog(Protocol):
+    """Turns the link's bytes into those of a .tlog."""
+
+    def encode(self, epoch_us: int, data: bytes, *, outgoing: bool) -> bytes:
+        """Return the frames that are complete, each behind its time."""
+        ...
+
+
+@dataclass
+class _Files:
+    """The files of one flight."""
+
+    mcap: SyncedFile
+    writer: LogWriter
+    tlog: SyncedFile | None
+    mavlink: MavlinkLog | None
+
+
+class Recorder:
+    """An observer of the daemon that keeps the flight log; never raises in flight."""
+
+    def __init__(
+        self,
+        head: Head,
+        options: LogSection,
+        target: Path,
+        *,
+        background: bool,
+        mavlink: Callable[[], MavlinkLog] | None = None,
+    ) -> None:
+        """Prepare; the files are made when the flight begins.
+
+        Args:
+            head: what was fixed before.
+            options: images, limits.
+            target: a folder of numbered logs; or the file, FILE.mcap, of a single flight.
+            background: write in a thread; else at once, as on a virtual clock.
+            mavlink: makes what the bytes given to `raw` go through; None: no .tlog.
+        """
+        self._head = head
+        self._options = options
+        self._target = target
+        self._mavlink = mavlink
+        self._files: _Files | None = None
+        self._queue: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
+        self._images_put = self._images_done = 0  # counted on either side of the queue
+        self._frames = 0
+        self._number = 0
+        self._flights = 0
+        self._lander: Lander | None = None
+        self._now = 0.0  # of the newest step, loop time
+        self._state_t = 0.0
+        self._synced_t = 0.0
+        self._low = 0  # 1: the disk is nearly full, 2: it does not take what it is given
+        self._dropped: Counter[str] = Counter()
+        self._told = Dropped(0, 0, 0, 0)
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+        if background:
+            self._thread = threading.Thread(target=self._work, name="log", daemon=True)
+            self._thread.start()
+
+    # ---- seen by the control task: must not wait -----------------------------------------------
+
+    def on_flight(self, lander: Lander) -> None:
+        """A new flight with a new core: begin a new file."""
+        self._lander = lander
+        self._number = self._frames = 0
+        self._put(self._begin, (lander.config,))
+
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
+        """Record a frame that was searched."""
+        if self._takes_detail():
+            self._put(self._searched, (self._now, Searched(frame.t, frame.seq, prior)))
+        wanted = self._options.images != "none" and self._frames % self._options.every_nth == 0
+        self._frames += 1
+        if not wanted:
+            return
+        if self._low or self._images_put - self._images_done >= MOST_IMAGES:
+            self._dropped["images"] += 1
+        else:
+            self._images_put += 1
+            self._put(self._image, (self._now, frame))
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        """Record what the core took and gave."""
+        self._now = now
+        number = self._number
+        self._number += 1  # also of what is dropped: the gap shows
+        if not self._takes_messages():
+            self._dropped["messages"] += 1
+        else:
+            self._put(self._step, (number, now, message, commands, self._takes_detail()))
+        if isinstance(message, Tick) and now - self._state_t >= STATE_S:
+            self._state_t = now
+            self._watch(now)
+        if self._thread is None and now - self._synced_t >= SYNC_S:
+            self._synced_t = now
+            self._sync(now)
+
+    def raw(self, now: float, data: bytes, *, outgoing: bool) -> None:
+        """Record bytes of the MAVLink link."""
+        if self._mavlink is None:
+            return
+        if self._takes_messages():
+            self._put(self._raw, (now, data, outgoing))
+        else:
+            self._dropped["messages"] += 1
+
+    def _watch(self, now: float) -> None:
+        lander = self._lander
+        if lander is None or not self._takes_detail():
+            return
+        state = State(
+            now, lander.phase, lander.reason, lander.outcome, lander.aborts, lander.relative(now)
+        )
+        self._put(self._state, (state,))
+
+    def _takes_detail(self) -> bool:
+        takes = self._low < 2 and len(self._queue) < MOST_DETAIL
+        if not takes:
+            self._dropped["detail"] += 1
+        return takes
+
+    def _takes_messages(self) -> bool:
+        files = self._files
+        waiting = files.mcap.waiting if files is not None else 0
+        return len(self._queue) < MOST_MESSAGES and waiting < MOST_WAITING
+
+    def _put(self, write: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        self._queue.append((write, arguments))
+        if self._thread is None:
+            self._drain()
+
+    # ---- the thread ----------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Write what is left, and the index."""
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._drain()
+        self._end()
+
+    def _work(self) -> None:
+        synced = time.monotonic()
+        while not self._ended.wait(POLL_S):
+            self._drain()
+            if time.monotonic() - synced >= SYNC_S:
+                self._sync(self._now)
+                synced = time.monotonic()
+
+    def _drain(self) -> None:
+        for _ in range(len(self._queue)):
+            write, arguments = self._queue.popleft()
+            try:
+                write(*arguments)
+            except OSError as e:
+                self._give_up(e)
+            except Exception:  # a message that cannot be written must not end the others' log
+                if not self._dropped["errors"]:
+                    log.exception("a message was not recorded")
+                self._dropped["errors"] += 1
+
+    def _begin(self, config: Config) -> None:
+        self._end()
+        path = self._path()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        mcap = SyncedFile(path)
+        tlog = SyncedFile(path.with_suffix(".tlog")) if self._mavlink is not None else None
+        mavlink = self._mavlink() if self._mavlink is not None else None
+        self._files = _Files(mcap, LogWriter(mcap, replace(self._head, config=config)), tlog, mavlink)
+        self._files.writer.calibration(self._now)
+        self._sync(self._now)
+        log.info("recording to %s", path)
+
+    def _path(self) -> Path:
+        self._flights += 1
+        if self._target.suffix == ".mcap":
+            if self._flights == 1:
+                return self._target
+            return self._target.with_stem(f"{self._target.stem}-{self._flights}")
+        self._target.mkdir(parents=True, exist_ok=True)
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        return self._target / f"{next_number(self._target):05d}-{stamp}.mcap"
+
+    def _end(self) -> None:
+        files, self._files = self._files, None
+        if files is None:
+            return
+        self._tell_dropped(files, self._now)
+        files.writer.finish()
+        files.mcap.close()
+        if files.tlog is not None:
+            files.tlog.close()
+
+    def _give_up(self, e: OSError) -> None:
+        """The files of a flight cannot be made: fly without."""
+        self._files = None
+        log.error("this flight is not recorded: %s: %s", e.filename, e.strerror)
+
+    def _sync(self, now: float) -> None:
+        """Bring what there is to the disk, and see how much room is left."""
+        files = self._files
+        if files is None:
+            return
+        self._tell_dropped(files, now)
+        files.writer.flush()
+        taken = files.mcap.sync() & (files.tlog is None or files.tlog.sync())
+        folder = files.mcap.path.parent
+        try:
+            if folder == self._target:
+                for path in rotate(folder, int(self._options.most_mb * _MB), files.mcap.path):
+                    log.info("deleted the old log %s", path.name)
+            free = free_bytes(folder)
+        except OSError:
+            free = 0
+        low = 0 if free >= self._options.keep_free_mb * _MB else 1
+        low = low if taken else 2
+        if low > self._low:
+            what = files.mcap.error or "nearly full"
+            log.warning("%s: %s, images are no longer recorded", folder, what)
+        self._low = low
+
+    def _tell_dropped(self, files: _Files, now: float) -> None:
+        count = self._dropped
+        dropped = Dropped(count["images"], count["detail"], count["messages"], count["errors"])
+        if dropped != self._told:
+            self._told = dropped
+            files.writer.dropped(now, dropped)
+
+    # ---- what is in the queue; without files it goes nowhere -----------------------------------
+
+    def _step(
+        self, number: int, now: float, message: Input, commands: list[Command], detail: bool
+    ) -> None:
+        if self._files is None:
+            return
+        self._files.writer.step(number, now, message, commands)
+        if detail:
+            self._files.writer.events(now, commands)
+            self._files.writer.scene(now, message)
+
+    def _searched(self, now: float, searched: Searched) -> None:
+        if self._files is not None:
+            self._files.writer.searched(now, searched)
+
+    def _image(self, now: float, frame: Frame) -> None:
+        self._images_done += 1
+        if self._files is not None:
+            self._files.writer.image(now, frame, self._options.images)
+
+    def _state(self, state: State) -> None:
+        if self._files is not None:
+            self._files.writer.state(state)
+
+    def _raw(self, now: float, data: bytes, outgoing: bool) -> None:
+        files = self._files
+        if files is None or files.tlog is None or files.mavlink is None:
+            return
+        epoch_us = max(0, round(1e6 * (now + self._head.wall_offset_s)))
+        files.tlog.write(files.mavlink.encode(epoch_us, data, outgoing=outgoing))
