@@ -313,6 +313,9 @@ def _run(args: argparse.Namespace) -> int:
     if overlay.exists():
         logging.getLogger("landerd").info("saved parameters of %s are laid over", overlay)
 
+    if recorder is None:
+        logging.getLogger("landerd").warning("flights are not recorded: log.folder is not set")
+
     async def serve() -> None:
         observers = (ServiceNotifier(),) if recorder is None else (ServiceNotifier(), recorder)
         daemon = Daemon(config, layout, camera_model, devices, observers=observers)
@@ -347,7 +350,6 @@ def _recorder(config: "Config", layout: "PadLayout", camera: "CameraModel") -> "
     state = os.environ.get("STATE_DIRECTORY")
     folder = config.log.folder or (Path(state) if state else None)
     if folder is None:
-        print("flights are not recorded: log.folder is not set", file=sys.stderr)
         return None
     head = Head(config, layout, camera, wall_offset_s=time.time() - time.monotonic())
     return Recorder(head, config.log, folder, background=True, mavlink=TlogEncoder)

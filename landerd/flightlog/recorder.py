@@ -202,8 +202,9 @@ class Recorder:
         mcap = SyncedFile(path)
         tlog = SyncedFile(path.with_suffix(".tlog")) if self._mavlink is not None else None
         mavlink = self._mavlink() if self._mavlink is not None else None
-        self._files = _Files(mcap, LogWriter(mcap, replace(self._head, config=config)), tlog, mavlink)
-        self._files.writer.calibration(self._now)
+        writer = LogWriter(mcap, replace(self._head, config=config))
+        self._files = _Files(mcap, writer, tlog, mavlink)
+        writer.calibration(self._now)
         self._sync(self._now)
         log.info("recording to %s", path)
 

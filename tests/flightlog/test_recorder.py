@@ -1,0 +1,215 @@
+"""The recorder in flight: it never waits, never raises, and says what it could not keep."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from landerd.config import Config, LogSection
+from landerd.flightlog.disk import SyncedFile
+from landerd.flightlog.reader import read_images, read_log
+from landerd.flightlog.recorder import MOST_IMAGES, MOST_MESSAGES
+from landerd.flightlog.replay import replay
+from landerd.messages import Tick
+from tests.recorded_flight import PLENTY, RecordedFlight, recorder
+
+ROOT = Path(__file__).parents[2]
+NOISE = np.random.default_rng(1).integers(0, 256, (480, 640)).astype(np.uint8)
+
+
+def test_lossless_images_come_back_as_they_were(tmp_path: Path) -> None:
+    options = LogSection(images="lossless", every_nth=2, keep_free_mb=0.0)
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap", options), NOISE)
+    flight.run(0.5)
+    flight.recorder.close()
+    images = list(read_images(tmp_path / "a.mcap"))
+    assert len(images) == -(-len(read_log(tmp_path / "a.mcap").searched) // 2)
+    for frame, form in images:
+        assert form == "png"
+        assert np.array_equal(frame.image, NOISE)
+
+
+class StuckDisk:
+    """os.fsync of a disk that answers when the test lets it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.stuck = False
+        monkeypatch.setattr("landerd.flightlog.disk.os.fsync", self._fsync)
+
+    def _fsync(self, fd: int) -> None:
+        while self.stuck:
+            time.sleep(0.01)
+
+
+def test_a_stuck_disk_does_not_stop_the_flight_and_costs_images_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stuck = StuckDisk(monkeypatch)
+    options = LogSection(images="jpeg", every_nth=1, keep_free_mb=0.0)
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap", options, background=True), NOISE)
+    time.sleep(0.8)  # the thread has begun the file
+    stuck.stuck = True
+    time.sleep(0.8)  # it waits for the disk now
+    flight.run(2.0)  # 80 frames, 400 messages: returns although nobody writes
+    stuck.stuck = False
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    assert [step.message for step in log.steps] == flight.inputs
+    assert log.images <= MOST_IMAGES
+    assert log.dropped is not None
+    assert log.dropped.images >= len(log.searched) - log.images > 0
+    assert log.dropped.messages == 0
+    assert replay(log, Config()).comparison.identical
+
+
+def test_a_disk_stuck_for_minutes_costs_messages_and_the_log_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stuck = StuckDisk(monkeypatch)
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap", background=True))
+    flight.run(0.5)
+    time.sleep(0.8)
+    stuck.stuck = True
+    time.sleep(0.8)
+    for _ in range(MOST_MESSAGES + 5):
+        flight.recorder.on_step(flight.t, Tick(flight.t), [])
+    stuck.stuck = False
+    time.sleep(0.1)
+    while flight.recorder._queue:
+        time.sleep(0.05)
+    flight.give(Tick(flight.t + 1.0))
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    assert log.dropped is not None
+    assert log.dropped.messages >= 5
+    assert log.dropped.detail > 0
+    assert log.replayable < len(log.steps)
+    assert any("steps of the core are missing" in note for note in log.notes)
+
+
+def test_a_full_disk_keeps_what_it_took_and_goes_on_when_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = [40_000]
+
+    def write(fd: int, data: bytes) -> int:
+        done = min(room[0], len(data))
+        if not done:
+            raise OSError(28, "No space left on device")
+        room[0] -= done
+        return real_write(fd, bytes(data[:done]))
+
+    real_write = os.write
+    monkeypatch.setattr("landerd.flightlog.disk.os.write", write)
+    options = LogSection(images="jpeg", every_nth=1, keep_free_mb=0.0)
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap", options), NOISE)
+    flight.engaged().run(2.0)
+    full = read_log(tmp_path / "a.mcap")
+    assert full.notes
+    assert replay(full, Config()).comparison.identical
+    room[0] = 10**9
+    flight.run(1.0)
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    assert [step.message for step in log.steps] == flight.inputs  # the core's messages waited
+    assert log.dropped is not None
+    assert log.dropped.images > 0
+    assert log.dropped.messages == 0
+
+
+def test_with_little_room_left_images_are_not_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("landerd.flightlog.recorder.free_bytes", lambda folder: 100_000_000)
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap", LogSection(images="jpeg")), NOISE)
+    flight.run(0.5)
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    assert log.images == 0
+    assert log.dropped is not None
+    assert log.dropped.images > 0
+    assert [step.message for step in log.steps] == flight.inputs
+
+
+def test_a_folder_that_cannot_be_made_only_costs_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").touch()
+    flight = RecordedFlight(recorder(tmp_path / "file" / "logs"))
+    flight.run(0.2)
+    flight.recorder.close()
+    assert "this flight is not recorded" in caplog.text
+
+
+def test_a_message_that_cannot_be_written_costs_only_itself(tmp_path: Path) -> None:
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap"))
+    flight.run(0.2)
+    flight.recorder.on_step(flight.t, Tick(1j), [])  # type: ignore[arg-type]
+    flight.run(0.2)
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    assert log.dropped is not None
+    assert log.dropped.errors == 1
+    assert log.replayable < len(log.steps) == len(flight.inputs)
+
+
+def test_the_oldest_logs_make_room_but_nothing_else_is_touched(tmp_path: Path) -> None:
+    for number in range(1, 6):
+        for suffix in (".mcap", ".tlog"):
+            (tmp_path / f"{number:05d}-20260101-000000{suffix}").write_bytes(bytes(1_000_000))
+    (tmp_path / "notes.txt").write_bytes(bytes(9_000_000))
+    (tmp_path / "mine.mcap").write_bytes(bytes(9_000_000))
+    options = PLENTY.model_copy(update={"most_mb": 4.5})
+    flight = RecordedFlight(recorder(tmp_path, options))
+    flight.run(1.0)
+    flight.recorder.close()
+    left = sorted(path.name for path in tmp_path.iterdir())
+    kept = ["00004", "00004", "00005", "00005", "00006", "mine.", "notes"]
+    assert [name[:5] for name in left] == kept
+
+
+def test_what_is_not_synced_is_not_on_the_disk(tmp_path: Path) -> None:
+    file = SyncedFile(tmp_path / "a")
+    file.write(b"one")
+    assert file.sync()
+    file.write(b"two")
+    assert (tmp_path / "a").read_bytes() == b"one"  # all that a power cut leaves
+    assert (file.tell(), file.waiting) == (6, 3)
+    file.close()
+    assert (tmp_path / "a").read_bytes() == b"onetwo"
+
+
+_FLY = """
+import sys, time
+from pathlib import Path
+from tests.recorded_flight import RecordedFlight, recorder
+flight = RecordedFlight(recorder(Path(sys.argv[1]), background=True))
+start, t0 = time.monotonic(), flight.t
+while True:
+    while flight.t - t0 < time.monotonic() - start:
+        flight.tick()
+    print(flight.t, flush=True)
+    time.sleep(0.02)
+"""
+
+
+def test_killed_in_flight_it_loses_at_most_the_last_second(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with subprocess.Popen(
+        [sys.executable, "-c", _FLY, str(path)], stdout=subprocess.PIPE, text=True, cwd=ROOT
+    ) as process:
+        assert process.stdout is not None
+        last = 0.0
+        for line in process.stdout:
+            last = float(line)
+            if last > 102.7:
+                break
+        process.send_signal(signal.SIGKILL)
+    log = read_log(path)
+    assert log.steps[-1].now > last - 1.0 - 1.0  # a second of grace for a loaded machine
+    assert replay(log, Config()).comparison.identical
