@@ -276,6 +276,7 @@ def _run(args: argparse.Namespace) -> int:
     from landerd.daemon import Daemon, Devices
     from landerd.pad import PadError, load_pad
     from landerd.parameters import ParameterSet
+    from landerd.ports import ByteLink
     from landerd.service import ServiceNotifier
 
     def make(section: str, driver: str, *arguments: object, **options: object) -> Any:
@@ -285,19 +286,21 @@ def _run(args: argparse.Namespace) -> int:
         block = loaded.options.get(f"{section}.{driver}")
         return factory(*arguments, **({"options": block} if block else {}), **options)
 
+    def tapped(link: ByteLink) -> ByteLink:
+        return link if recorder is None else TappedLink(link, recorder.raw)
+
     config = loaded.config
     try:
         layout = load_pad(config.pad.layout)
         camera_model = load_camera(config.camera.calibration)
         recorder = _recorder(config, layout, camera_model)
-        link = open_link(config.autopilot.url)
         devices = Devices(
             make("camera", config.camera.driver),
             make("gimbal", config.gimbal.driver),
             make(
                 "autopilot",
                 config.autopilot.driver,
-                link if recorder is None else TappedLink(link, recorder.raw),
+                tapped(open_link(config.autopilot.url)),
                 system_id=config.autopilot.system_id,
                 setpoint_frame=config.autopilot.setpoint_frame,
                 ground_stations=config.autopilot.ground_stations,
