@@ -19,6 +19,8 @@ _HEADER = 10  # bytes of a MAVLink 2 header
 _SLACK = 1.02  # of the limits: the set-points travel as 32-bit floats
 _CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
 _BOUNCE_S = 0.2  # feet up for longer than this end a contact
+_PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
+_LOSS_NEWS = ("not in sight", "stale", "no pictures")
 _STILL = 1e-3  # m/s and rad/s that count as zero on the wire
 
 
@@ -95,7 +97,6 @@ class Rules:
         self._touching_since = 0.0  # and since when but for bounces
         self._on_ground_t: float | None = None
         self._lost_since: float | None = None
-        self._loss_told_t: float | None = None  # when the pilot was last told during a loss
         self._free_t = 0.0  # last time landerd was not bound to stream set-points
         self._handed_back_t = math.inf
         self._boot_ms = 0
@@ -283,13 +284,19 @@ class Rules:
         braking_s = b.speed_mps / b.acceleration_mps2 + 5.0 * b.acceleration_mps2 / b.jerk_mps3
         if horizontal(velocity) > 0.02 and t - self._lost_since > braking_s + tick:
             self._break(t, "1d: not hovering while the pad is out of sight or data are stale")
-        said_t = self.texts[-1][0] if self.texts else -math.inf
-        if said_t > self._lost_since:
-            self._loss_told_t = said_t
         # Nothing new is to be told of a marker that came in sight and went without being taken.
-        said = said_t >= self._lost_since - 1.0 or said_t == self._loss_told_t
+        said = self._last_news_is_bad() or any(at >= self._lost_since - 1.0 for at, _ in self.texts)
         if t - self._lost_since > 1.0 and not said:
             self._break(t, "6: an abort that the pilot was not told of")
+
+    def _last_news_is_bad(self) -> bool:
+        """Tell whether the pilot was last told that the pad is lost, not of a phase."""
+        for _, text in reversed(self.texts):
+            if any(words in text for words in _PHASE_NEWS):
+                return False
+            if any(words in text for words in _LOSS_NEWS):
+                return True
+        return False
 
     def _limits(self, t: float, velocity: Vec3, yaw_rate: float) -> None:
         b = self._b
