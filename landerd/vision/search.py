@@ -8,9 +8,10 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
-from landerd.pad import PadLayout, Ring
-from landerd.vision.pose import circle, rotation_from
+from landerd.pad import PadLayout, Ring, Square
+from landerd.vision.pose import Pose, circle, rotation_from
 from landerd.vision.square import FoundSquare, Image, SquareFinder
+from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
@@ -51,7 +52,13 @@ class Expected:
 class Search:
     """Looks for the markers of one pad in the images of one camera."""
 
-    def __init__(self, layout: PadLayout, camera: CameraModel, min_ring_px: float) -> None:
+    def __init__(
+        self,
+        layout: PadLayout,
+        camera: CameraModel,
+        min_ring_px: float,
+        prints: dict[Square, SquarePrint],
+    ) -> None:
         """Prepare the search; rings smaller than min_ring_px across are not reported.
 
         Raises:
@@ -62,6 +69,7 @@ class Search:
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._min_ring_px = min_ring_px
         self._finder = SquareFinder(layout)
+        self._prints = prints
         self._squares_wait = 0  # frames in which a ring is enough
         self._lost_frames = 0  # in which nothing was found where it was expected
 
@@ -92,7 +100,7 @@ class Search:
             waiting = bool(rings)
             if not waiting:
                 squares = self._squares_expected(image, expected)
-                if not any(_side_px(s) > _LARGE_SIDE_PX for s in squares):
+                if not any(_side_px(s.corners) > _LARGE_SIDE_PX for s in squares):
                     rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
         self._squares_wait = _SQUARES_WAIT if rings and squares else self._squares_wait - 1
         if waiting:
@@ -162,12 +170,21 @@ class Search:
         return self._finder.find(image) if whole_image else []
 
     def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
+        """Look for squares where they should be: a fit that starts there, else the detector."""
+        found = []
         by_size: dict[float, list[F64]] = {}
         for s in self._layout.squares:
             points = expected.points(s.position_m, _turned(square_points(s.size_m), s.heading_deg))
-            if points is not None:
+            if points is None:
+                continue
+            tracked = self._tracked(image, s, points, expected)
+            if tracked is not None:
+                found.append(tracked)
+            else:
                 by_size.setdefault(s.size_m, []).append(points)
-        found = []
+        if any(_side_px(s.corners) > _LARGE_SIDE_PX for s in found):
+            return found
+        known = {f.square for f in found}
         for size, outlines in by_size.items():
             points = np.concatenate(outlines)
             window = self._window(points, expected)
@@ -176,9 +193,30 @@ class Search:
                 found += [
                     f
                     for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
-                    if f.square.size_m == size
+                    if f.square.size_m == size and f.square not in known
                 ]
         return found
+
+    def _tracked(
+        self, image: Image, square: Square, corners: F64, expected: Expected
+    ) -> FoundSquare | None:
+        """Return a square if it is where its corners (4, 3), camera frame, are expected."""
+        if expected.north is None or float(corners[:, 2].min()) < 0.05:
+            return None
+        px = self._camera.pixels(corners)
+        out_of_sight = (px.max(axis=0) < 0).any() or (
+            px.min(axis=0) > (self._camera.width, self._camera.height)
+        ).any()
+        if out_of_sight or _side_px(px) < _SMALLEST_SIDE_PX:
+            return None
+        normal = expected.normal
+        north = corners[:2].sum(axis=0) - corners[2:].sum(axis=0)
+        start = Pose(rotation_from(normal, north), corners.mean(axis=0), np.zeros((6, 6)), 0.0)
+        fit = self._prints[square].track(image, self._camera, start)
+        if fit is None:
+            return None
+        at = fit.pose.t + square_points(square.size_m) @ fit.pose.R[:, :2].T
+        return FoundSquare(square, self._camera.pixels(at), fit)
 
     def _squares_near(
         self, image: Image, ring: Ring, sighting: MarkerSighting
@@ -247,9 +285,8 @@ class Search:
         return Window(int(x0), int(y0), int(x1), int(y1))
 
 
-def _side_px(found: FoundSquare) -> float:
-    """Return the shortest side of a square in the image."""
-    corners = found.corners
+def _side_px(corners: F64) -> float:
+    """Return the shortest side of a square with corners (4, 2) in the image."""
     return float(np.sqrt(((corners - np.roll(corners, 1, axis=0)) ** 2).sum(axis=1)).min())
 
 

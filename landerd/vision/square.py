@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64
 from landerd.pad import PadLayout, Square
+from landerd.vision.square_fit import Fit
 from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]
@@ -21,6 +22,7 @@ class FoundSquare:
 
     square: Square
     corners: F64  # (4, 2) px, top left first, clockwise as its makers print it
+    fit: Fit | None = None  # that found it where it was expected; None: it was detected
 
 
 class SquareFinder:

@@ -31,7 +31,10 @@ _MARGIN_CELLS = 2  # white round the print
 _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
 _LARGEST_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
 _STEPS = 8
-_CONVERGED = 0.3  # squared length of the last step of the pose, in sigmas
+# A last step moves the corners by less than this and gains less than this in chi-square: along the
+# way to the other solution corners hardly move.
+_CONVERGED_PX = 0.03
+_CONVERGED = 3.0
 _BLUR_CHANGED = 0.1  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
@@ -43,11 +46,16 @@ _UNSHARP_BIAS = 0.05  # and as a share of the blur beyond a sharp lens's, which 
 _INFLATION = 1.15
 
 
+# Between two solutions the errors of light, blur and motion in the model tell as much as the pixels
+# do: their difference in chi-square is worth a tenth, and gravity decides where that is not enough.
+_RIVALS = 10.0
+
 # A solution whose corners are off by this much is told from the true one by the pixels for sure.
 _TOLD_PX = 0.5
 _CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 # A fit that explains less of the pixels' variance is no better than the corners.
 _EXPLAINED = 0.85
+_TRACKED = 0.93  # and one that nothing decoded must explain more
 # Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
 # lean by 15 degrees at most.
 _LEVEL = math.cos(math.radians(6.0))
@@ -84,6 +92,7 @@ class SquarePrint:
         self._size = square.size_m
         self._cells = cells.shape[0]
         self._per_m = self._cells * _PER_CELL / self._size
+        self._corners = square_points(self._size)
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
         n = fine.shape[0]
@@ -100,6 +109,7 @@ class SquarePrint:
         corners: F64,
         down: Vec3 | None = None,
         last_normal: Vec3 | None = None,
+        first: Fit | None = None,
     ) -> list[Pose]:
         """Return the one or two poses that explain the pixels, best first.
 
@@ -114,18 +124,19 @@ class SquarePrint:
                 worth its fit.
             last_normal: into the pad as the frame before told it, camera frame; a pose that agrees
                 needs no second one beside it.
+            first: a fit that found the square; None: it is made from the corners.
         """
-        starts = planar_poses(camera.rays(corners), self._size)
-        first = self.fit(image, camera, starts[0][0]) if starts else None
+        if first is None:
+            starts = planar_poses(camera.rays(corners), self._size)
+            first = self.fit(image, camera, starts[0][0]) if starts else None
         if first is None or first.explained < _EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
         if last_normal is not None and first.pose.normal @ np.array(last_normal) > _CONTINUED:
             return [first.pose]
         fits = [first]
         # The other solution, of the corners as they are now known.
-        p = first.pose.t + square_points(self._size) @ first.pose.R[:, :2].T
         focal = 0.5 * (camera.fx + camera.fy)
-        for start, error in planar_poses(p[:, :2] / p[:, 2:], self._size):
+        for start, error in planar_poses(self._corner_rays(first.pose), self._size):
             if down is not None and _is_told_by_gravity(first.pose, start, np.array(down)):
                 continue
             if float(start.normal @ first.pose.normal) < _SAME_NORMAL and error * focal < _TOLD_PX:
@@ -133,11 +144,19 @@ class SquarePrint:
                 if other is not None and other.pose.normal @ first.pose.normal < _SAME_NORMAL:
                     fits.append(other)
         fits.sort(key=lambda f: f.squares)
-        unit = _INFLATION * fits[0].variance
+        unit = _RIVALS * _INFLATION * fits[0].variance
         return [
             Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
             for f in fits
         ]
+
+    def track(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | None:
+        """Return the fit of the square where it is expected, to a cell; None: it is not there.
+
+        The whole print must be explained, so that nothing else is taken for it.
+        """
+        fit = self.fit(image, camera, expected)
+        return fit if fit is not None and fit.explained > _TRACKED else None
 
     def fit(self, image: Image, camera: CameraModel, start: Pose) -> Fit | None:
         """Return the pose that explains the pixels round a start near it; None if none does."""
@@ -174,12 +193,15 @@ class SquarePrint:
                 step = np.linalg.solve(normal, gradient)
             except np.linalg.LinAlgError:
                 return None
-            pose = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
+            gain = float(step @ gradient)
+            moved = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
+            motion_px = np.abs(self._corner_rays(moved) - self._corner_rays(pose)) / patch.pixel
+            pose = moved
             blur = min(max(blur + float(step[6]), 0.5 * blur, 0.05), 2.0 * blur)
             light = light + step[7:]
             if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
                 return None
-            if float(step[:6] @ normal[:6, :6] @ step[:6]) < _CONVERGED * sigma**2:
+            if float(motion_px.max()) < _CONVERGED_PX and gain < _CONVERGED * sigma**2:
                 break
         bias = _EDGE_BIAS_PX + _UNSHARP_BIAS * math.sqrt(max(0.0, blur - patch.blur))
         squares = float(weight @ residual**2)
@@ -191,6 +213,12 @@ class SquarePrint:
         scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
         fitted = Pose(pose.R, pose.t, information, 0.0)
         return Fit(fitted, 1.0 - squares / max(scatter, 1e-9), squares, variance)
+
+    def _corner_rays(self, pose: Pose) -> F64:
+        """Return the rays (4, 2) of the corners under a pose, on z = 1."""
+        p = pose.t + self._corners @ pose.R[:, :2].T
+        rays: F64 = p[:, :2] / p[:, 2:]
+        return rays
 
     def _information(self, normal: F64, variance: float, pose: Pose, bias: float) -> F64:
         """Return the information of (dt, w) from the normal matrix (11, 11) of the fit.

@@ -39,8 +39,8 @@ class Vision:
         self._camera = camera
         self._options = options
         self._focal = 0.5 * (camera.fx + camera.fy)
-        self._search = Search(layout, camera, options.min_ring_px)
         self._prints = {s: SquarePrint(s, printed_cells(s)) for s in layout.squares}
+        self._search = Search(layout, camera, options.min_ring_px, self._prints)
         self._last: tuple[float, PoseSolution] | None = None
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
@@ -118,7 +118,7 @@ class Vision:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
         poses = self._prints[square].poses(
-            image, self._camera, found.corners, prior.down, self._last_normal(t)
+            image, self._camera, found.corners, prior.down, self._last_normal(t), found.fit
         )
         level = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in level if (s := solution(p)) and self._is_certain(s))
