@@ -17,7 +17,7 @@ GroundKind = Literal["grass", "asphalt", "plain"]
 TILE = 1024  # texels; the texture repeats
 TEXEL_M = 0.015
 LEVELS = 7
-BANDS = 8  # rows of the image drawn from one level of detail
+BANDS = 5  # rows of the image drawn from one level of detail
 SKY = 205
 LEAST_DESCENT = 0.02  # of a ray, per unit of depth, that still meets visible ground
 

@@ -85,8 +85,15 @@ class Frustum:
     def outlines(self, polygons: list[F64]) -> list[F64]:
         """Return the convex polygons (n, 3), camera frame, as seen: pixels (m, 2), m may be 0."""
         everything = np.concatenate(polygons)
-        if not self.contains(everything):
-            polygons = [self.clip(p) for p in polygons]
+        outside = self._distances(everything) < 0.0
+        if outside.any():
+            starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
+            beyond = np.logical_and.reduceat(outside, starts).any(axis=1)
+            across = np.logical_or.reduceat(outside, starts).any(axis=1)
+            polygons = [
+                p[:0] if gone else self.clip(p) if cut else p
+                for p, gone, cut in zip(polygons, beyond.tolist(), across.tolist(), strict=True)
+            ]
             everything = np.concatenate(polygons)
         if not len(everything):
             return [p[:, :2] for p in polygons]

@@ -21,7 +21,7 @@ _SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched 
 _SMALLEST_SIDE_PX = 14.0  # and at least this size
 _LARGEST_SCALE = 4.0
 _THOROUGH_EVERY = 5  # frames in which nothing is found: the search is thorough in every fifth
-_SQUARES_WAIT = 4  # frames after one with small squares and a ring
+_SQUARES_WAIT = 4  # frames after one in which small squares were looked for beside a ring
 _LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
 _SMALLEST_FULL_PX = 10.0  # smaller squares are not found in the whole image
 
@@ -102,7 +102,7 @@ class Search:
                 squares = self._squares_expected(image, expected)
                 if not any(_side_px(s.corners) > _LARGE_SIDE_PX for s in squares):
                     rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
-        self._squares_wait = _SQUARES_WAIT if rings and squares else self._squares_wait - 1
+        self._squares_wait = _SQUARES_WAIT if rings and not waiting else self._squares_wait - 1
         if waiting:
             return rings, squares
         thorough = self._lost_frames % _THOROUGH_EVERY == 0

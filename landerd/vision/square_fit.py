@@ -93,6 +93,7 @@ class SquarePrint:
         self._cells = cells.shape[0]
         self._per_m = self._cells * _PER_CELL / self._size
         self._corners = square_points(self._size)
+        self._blur = 1.0  # of the last fit, in a sharp lens's: the next is likely alike
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
         n = fine.shape[0]
@@ -155,19 +156,28 @@ class SquarePrint:
 
         The whole print must be explained, so that nothing else is taken for it.
         """
-        fit = self.fit(image, camera, expected)
+        fit = self.fit(image, camera, expected, has_rival=False)
         return fit if fit is not None and fit.explained > _TRACKED else None
 
-    def fit(self, image: Image, camera: CameraModel, start: Pose) -> Fit | None:
-        """Return the pose that explains the pixels round a start near it; None if none does."""
+    def fit(
+        self, image: Image, camera: CameraModel, start: Pose, *, has_rival: bool = True
+    ) -> Fit | None:
+        """Return the pose that explains the pixels round a start near it; None if none does.
+
+        With a rival it will be compared with another fit by how well each explains the pixels.
+        """
         patch = self._patch(image, camera, start)
         if patch is None:
             return None
-        grey, pose, blur = patch.grey, start, patch.blur
-        dark, bright = np.percentile(grey, (10.0, 90.0))
+        n = len(patch.grey)
+        grey, pose = patch.grey, start
+        blur = max(patch.blur, self._blur * patch.blur)
+        tenth = n // 10
+        ordered = np.partition(grey, (tenth, n - 1 - tenth))
+        dark, bright = ordered[tenth], ordered[n - 1 - tenth]
         light = np.array([dark, bright - dark, 0.0, 0.0])  # black, contrast, gradients
         x, y = _normalised(patch.rays[0]), _normalised(patch.rays[1])
-        J = np.empty((11, len(grey)))
+        J = np.empty((11, n))
         for _ in range(_STEPS):
             layers = self._layers(blur * self._spread(patch, pose), blur)
             north, east = _plane(patch.rays, pose)
@@ -183,7 +193,7 @@ class SquarePrint:
             np.multiply(y, level, out=J[10])
             residual = grey - shade * level
             size = np.abs(residual)
-            sigma = max(_READ_NOISE, 1.4826 * float(np.median(size)))
+            sigma = max(_READ_NOISE, 1.4826 * float(np.partition(size, n // 2)[n // 2]))
             weight = np.minimum(1.0, _ROBUST * sigma / np.maximum(size, 1e-9))
             JW = J * weight
             normal = JW @ J.T
@@ -201,8 +211,10 @@ class SquarePrint:
             light = light + step[7:]
             if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
                 return None
-            if float(motion_px.max()) < _CONVERGED_PX and gain < _CONVERGED * sigma**2:
+            settled = float(motion_px.max()) < _CONVERGED_PX
+            if settled and (gain < _CONVERGED * sigma**2 or not has_rival):
                 break
+        self._blur = blur / patch.blur
         bias = _EDGE_BIAS_PX + _UNSHARP_BIAS * math.sqrt(max(0.0, blur - patch.blur))
         squares = float(weight @ residual**2)
         variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - 11.0))
