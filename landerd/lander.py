@@ -48,6 +48,7 @@ from landerd.pad import PadLayout
 from landerd.parameters import with_value
 
 LARGEST = 1e6  # a number beyond this in a pose comes from a fit that failed
+CONTINUES_S = 0.5  # set-points go on from the last one if it is not older
 SAY_AGAIN_S = 1.0  # the same line is not told to the pilot more often
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 
@@ -70,6 +71,7 @@ class Lander:
         self._sighting_t = -math.inf  # exposure of the last accepted sighting
         self._frame_t = -math.inf
         self._tick_t: float | None = None
+        self._ordered_t = -math.inf  # when the last set-point was made
         self._release_until: float | None = None  # zero velocity is streamed until then
         self._flown = False  # a set-point was sent since authority was granted
         self._searching = False  # the pad went out of sight while flying
@@ -223,6 +225,7 @@ class Lander:
             self._release_until = now + self._config.guidance.release_s
             self._finish("released")
         if self._release_until is not None and now < self._release_until:
+            self._ordered_t = now
             self._out.append(self._limiter.stop())
         self._enter(Phase.NOT_LANDING, why)
 
@@ -237,7 +240,7 @@ class Lander:
             self._fly_blind(now, dt, vehicle)
             return
         if not self._flown or self._searching:
-            self._engage(vehicle, resume=self._flown)
+            self._engage(vehicle, now)
         rel = self._relative(vehicle, estimate)
         self._low = rel.height < self._config.guidance.descent.alignment_height_m
         if self.phase is not Phase.LANDED:
@@ -257,8 +260,8 @@ class Lander:
         sigma_direction = math.radians(self._config.estimation.gimbal_sigma_deg)
         return relative(vehicle, pad, sigma_direction)
 
-    def _engage(self, vehicle: VehicleNow, *, resume: bool) -> None:
-        if not resume:
+    def _engage(self, vehicle: VehicleNow, now: float) -> None:
+        if now - self._ordered_t > CONTINUES_S:
             self._limiter.reset(vehicle.velocity)
         self._flown, self._searching = True, False
         self.outcome = None
@@ -350,6 +353,7 @@ class Lander:
     # ---- outputs -------------------------------------------------------------------------------
 
     def _send(self, velocity: Vec3, yaw_rate: float, dt: float, *, may_descend: bool) -> None:
+        self._ordered_t = self._tick_t or 0.0
         self._out.append(self._limiter.step(velocity, yaw_rate, dt, may_descend=may_descend))
 
     def _enter(self, phase: Phase, reason: str) -> None:

@@ -337,7 +337,9 @@ class Rules:
             if jerk > b.jerk_mps3 * _SLACK + wobble * b.vertical_acceleration_mps2 + 0.2:
                 self._break(t, "3: vertical jerk")
         ah = (0.0, 0.0) if stop_h else (a[0], a[1])
-        self._acceleration = (ah[0], ah[1], 0.0 if stop_v else a[2])
+        # Over a gap between set-points it is a mean, from which no jerk can be told.
+        gap = dt > b.stream_s
+        self._acceleration = None if gap else (ah[0], ah[1], 0.0 if stop_v else a[2])
 
     def _after_contact(self, t: float, velocity: Vec3) -> None:
         waited = t - self._touching_since
