@@ -124,7 +124,7 @@ class Renderer:
         """
         options = self._options
         pose = middle(start, end)
-        image = self._background(pose, pad)
+        image, is_sharp = self._background(pose, pad)
         if options.vehicle_shadow and vehicle is not None:
             plane = self._shaded_plane(vehicle, pad)
             shadow = vehicle_shadow(self._frustum, pose, vehicle, plane, self._sunlight)
@@ -132,7 +132,8 @@ class Renderer:
                 shade(image, shadow, options.shadow_darkness)
         if options.shadow_edge:
             shade(image, self._edge_shadow(pose, pad), options.shadow_darkness)
-        image = self._blurred(image, start, end, pose, pad)
+        defocus = options.defocus_px if is_sharp else 0.0
+        image = _blurred(image, defocus, self._motion(start, end, pose, pad))
         if options.legs and vehicle is not None:
             draw_legs(image, self._frustum, pose, vehicle)
         cv2.multiply(image, self._gain, dst=image, dtype=cv2.CV_8U)
@@ -145,22 +146,26 @@ class Renderer:
 
     # ---- pad and ground ------------------------------------------------------------------------
 
-    def _background(self, pose: CameraPose, pad: PadPose) -> U8:
-        """Ground with the pad on it."""
+    def _background(self, pose: CameraPose, pad: PadPose) -> tuple[U8, bool]:
+        """Ground with the pad on it, and whether it has yet to be brought out of focus."""
         w, h = self._camera.width, self._camera.height
         H = plane_homography(pose, pad)
         box = self._pad_box(pose, pad) if H is not None else None
         if H is not None and box == (0, 0, w, h) and self._covers(H, self._rays):
             image = np.empty((h, w), np.uint8)
             self._draw_pad(image, H, box)
-            return image
+            return image, _samples(box) == 1
         level = PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
         small = self._ground.draw(plane_homography(pose, level))
         image = np.empty((h, w), np.uint8)
         cv2.resize(small, (w, h), dst=image, interpolation=cv2.INTER_LINEAR)
-        if H is not None and box is not None:
-            self._draw_pad(image, H, box)
-        return image
+        if H is None or box is None:
+            return image, True
+        samples = _samples(box)
+        if samples > 1:
+            _defocus(image, self._options.defocus_px)
+        self._draw_pad(image, H, box)
+        return image, samples == 1
 
     def _pad_box(self, pose: CameraPose, pad: PadPose) -> tuple[int, int, int, int] | None:
         """Left, top, right, bottom of the pad in the image, None when it is out of sight."""
@@ -196,10 +201,13 @@ class Renderer:
         )
 
     def _draw_pad(self, image: U8, H: F64, box: tuple[int, int, int, int]) -> None:
-        """Draw the pad, which lies within the box (left, top, right, bottom) of the image."""
+        """Draw the pad, which lies within the box (left, top, right, bottom) of the image.
+
+        A small one is drawn out of focus: a lens blurs before the pixels average, and the other
+        way round edges of a far ring would be off by some hundredths of a pixel.
+        """
         left, top, right, bottom = box
-        area = (right - left) * (bottom - top)
-        samples = next((s for s in SAMPLINGS if s * s * area <= SAMPLES), 1)
+        samples = _samples(box)
         pitch = 1.0 / math.sqrt(self._camera.fx * self._camera.fy) / samples
         bands = max(round((bottom - top) / BAND_ROWS), 1)
         rows = [top + (bottom - top) * i // bands for i in range(bands + 1)]
@@ -231,11 +239,12 @@ class Renderer:
             where[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
 
         def sampled(source: U8) -> U8:
-            fine = cv2.remap(source, where, NO_SECOND_MAP, cv2.INTER_LINEAR)
+            fine = cast(U8, cv2.remap(source, where, NO_SECOND_MAP, cv2.INTER_LINEAR))
             if samples > 1:
+                _defocus(fine, self._options.defocus_px * samples)
                 size = (columns + 2, rows + 2)
-                fine = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)[1:-1, 1:-1]
-            return cast(U8, fine)
+                fine = cast(U8, cv2.resize(fine, size, interpolation=cv2.INTER_AREA)[1:-1, 1:-1])
+            return fine
 
         grey = sampled(texture.grey)
         if covered:
@@ -276,28 +285,42 @@ class Renderer:
         outlines = self._frustum.outlines([in_camera(pose, on_pad(pad, corners))])
         return Shadow(outlines, [1.0], EDGE_SOFTNESS_M * self._camera.fx / depth)
 
-    def _blurred(
-        self, image: U8, start: CameraPose, end: CameraPose, pose: CameraPose, pad: PadPose
-    ) -> U8:
-        """Defocus and motion of the landing point, or of the image's middle, across the image."""
-        sigma = self._options.defocus_px
-        motion = np.zeros(2)
-        if start != end:
-            point = np.array([pad.position])
-            if not self._frustum.contains(in_camera(pose, point)):
-                ahead = np.array([[0.0, 0.0, max(-pose.position[2], 1.0)]])
-                point = ahead @ np.array(pose.R_local_camera).T + np.array(pose.position)
-            ends = np.concatenate([in_camera(start, point), in_camera(end, point)])
-            if (ends[:, 2] > 0.0).all():
-                first, last = self._camera.pixels(ends)
-                motion = last - first
-        if math.hypot(*motion) < STILL_PX:
-            if sigma < 0.1:
-                return image
-            size = 2 * math.ceil(2.5 * sigma) + 1
-            return cast(U8, cv2.GaussianBlur(image, (size, size), sigma))
-        kernel = motion_kernel(max(sigma, 0.3), float(motion[0]), float(motion[1]))
-        return cast(U8, cv2.filter2D(image, -1, kernel))
+    def _motion(self, start: CameraPose, end: CameraPose, pose: CameraPose, pad: PadPose) -> F64:
+        """Path (2,) in pixels of the landing point, or of the image's middle, while exposed."""
+        if start == end:
+            return np.zeros(2)
+        point = np.array([pad.position])
+        if not self._frustum.contains(in_camera(pose, point)):
+            ahead = np.array([[0.0, 0.0, max(-pose.position[2], 1.0)]])
+            point = ahead @ np.array(pose.R_local_camera).T + np.array(pose.position)
+        ends = np.concatenate([in_camera(start, point), in_camera(end, point)])
+        if not (ends[:, 2] > 0.0).all():
+            return np.zeros(2)
+        first, last = self._camera.pixels(ends)
+        return cast(F64, last - first)
+
+
+def _samples(box: tuple[int, int, int, int]) -> int:
+    """Return the samples a pixel, along x and along y, of a pad in a box of the image."""
+    left, top, right, bottom = box
+    area = (right - left) * (bottom - top)
+    return next((s for s in SAMPLINGS if s * s * area <= SAMPLES), 1)
+
+
+def _blurred(image: U8, sigma: float, motion: F64) -> U8:
+    """Return the image out of focus by sigma pixels and moved along a path (2,), pixels."""
+    if math.hypot(*motion) < STILL_PX:
+        _defocus(image, sigma)
+        return image
+    kernel = motion_kernel(max(sigma, 0.3), float(motion[0]), float(motion[1]))
+    return cast(U8, cv2.filter2D(image, -1, kernel))
+
+
+def _defocus(image: U8, sigma: float) -> None:
+    """Blur an image in place."""
+    if sigma >= 0.1:
+        size = 2 * math.ceil(2.5 * sigma) + 1
+        cv2.GaussianBlur(image, (size, size), sigma, dst=image, borderType=cv2.BORDER_REPLICATE)
 
 
 def motion_kernel(sigma: float, dx: float, dy: float) -> F32:

@@ -88,12 +88,8 @@ class Frustum:
         outside = self._distances(everything) < 0.0
         if outside.any():
             starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
-            beyond = np.logical_and.reduceat(outside, starts).any(axis=1)
-            across = np.logical_or.reduceat(outside, starts).any(axis=1)
-            polygons = [
-                p[:0] if gone else self.clip(p) if cut else p
-                for p, gone, cut in zip(polygons, beyond.tolist(), across.tolist(), strict=True)
-            ]
+            cut = np.logical_or.reduceat(outside.any(axis=1), starts)
+            polygons = [self.clip(p) if c else p for p, c in zip(polygons, cut, strict=True)]
             everything = np.concatenate(polygons)
         if not len(everything):
             return [p[:, :2] for p in polygons]
