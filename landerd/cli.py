@@ -246,6 +246,22 @@ def _replay(args: argparse.Namespace) -> int:
     return run(args)
 
 
+# ---- dry-run -----------------------------------------------------------------------------------
+
+
+def _dry_run_arguments(parser: argparse.ArgumentParser) -> None:
+    from landerd.dry_run_command import add_arguments
+
+    add_arguments(parser)
+    _add_config(parser)
+
+
+def _dry_run(args: argparse.Namespace) -> int:
+    from landerd.dry_run_command import run
+
+    return run(args, _load(args))
+
+
 # ---- run ---------------------------------------------------------------------------------------
 
 
@@ -419,6 +435,12 @@ _COMMANDS = {
         "landerd replay flight.mcap --set guidance.limits.speed_mps=2",
         _replay_arguments,
         _replay,
+    ),
+    "dry-run": _Command(
+        "say what landerd would have ordered on a recorded flight; sends nothing",
+        "landerd dry-run -c my.yaml --video flight.mp4 --telemetry flight.bin --gimbal 0,-90",
+        _dry_run_arguments,
+        _dry_run,
     ),
     "run": _Command(
         "fly: drive camera, gimbal and autopilot until stopped",

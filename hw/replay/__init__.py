@@ -1,0 +1,1 @@
+"""What others recorded: ArduPilot's logs and videos."""

@@ -1,0 +1,94 @@
+"""Frames with times from a video file or a folder of images."""
+
+import csv
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from landerd.messages import Frame
+
+TIMES = "times.csv"  # in a folder of images: NAME,SECONDS a line
+_IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"}
+
+
+class VideoError(Exception):
+    """There are no frames to be had; the text names the file."""
+
+
+def read_video(path: Path) -> Iterator[Frame]:
+    """Yield grey frames; times are s from the first.
+
+    A folder's images are taken in the order of their times, which are the numbers in `times.csv`
+    (NAME,SECONDS) or else in their names, as in `frame-12.345.png`.
+
+    Raises:
+        VideoError: unreadable, or no frames in it.
+    """
+    if path.is_dir():
+        yield from _folder(path)
+        return
+    if not path.is_file():
+        raise VideoError(f"{path}: no such file or folder")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise VideoError(f"{path}: not a video that can be read")
+        rate = capture.get(cv2.CAP_PROP_FPS) or 30.0
+        seq, last = 0, -1.0
+        while True:
+            ok, image = capture.read()
+            if not ok:
+                break
+            # Phones record at a changing rate: the time in the file counts where there is one.
+            t = 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC)
+            t = t if t > last else last + 1.0 / rate if seq else 0.0
+            grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+            yield Frame(t, seq, np.asarray(grey, dtype=np.uint8))
+            seq, last = seq + 1, t
+        if seq == 0:
+            raise VideoError(f"{path}: no frames in it")
+    finally:
+        capture.release()
+
+
+def _folder(path: Path) -> Iterator[Frame]:
+    times = _times(path)
+    first = times[0][0]
+    for seq, (t, image_path) in enumerate(times):
+        image = cv2.imdecode(np.fromfile(image_path, np.uint8), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise VideoError(f"{image_path}: not an image that can be read")
+        yield Frame(t - first, seq, np.asarray(image, dtype=np.uint8))
+
+
+def _times(path: Path) -> list[tuple[float, Path]]:
+    listed = path / TIMES
+    found: list[tuple[float, Path]] = []
+    if listed.exists():
+        with listed.open(newline="", encoding="utf-8") as file:
+            for number, row in enumerate(csv.reader(file), start=1):
+                try:
+                    found.append((float(row[1]), path / row[0]))
+                except (ValueError, IndexError):
+                    if number > 1:  # the first line may be a heading
+                        raise VideoError(f"{listed}:{number}: expected NAME,SECONDS") from None
+        for _, image in found:
+            if not image.is_file():
+                raise VideoError(f"{image}: named in {TIMES} and not there")
+    else:
+        for image in sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES):
+            digits = image.stem.rpartition("-")[2].rpartition("_")[2]
+            try:
+                found.append((float(digits), image))
+            except ValueError:
+                raise VideoError(
+                    f"{image}: expected its time in s at the end of its name, or {TIMES}"
+                ) from None
+    if not found:
+        raise VideoError(f"{path}: no images in this folder")
+    return sorted(found)
