@@ -38,7 +38,7 @@ def test_version() -> None:
 
 
 def test_help_lists_every_command_and_each_has_an_example() -> None:
-    listed = re.findall(r"^    (\w+)", landerd("--help").stdout, re.MULTILINE)
+    listed = re.findall(r"^    ([\w-]+)", landerd("--help").stdout, re.MULTILINE)
     assert {"sim", "detect", "campaign", "run"} <= set(listed)
     for command in listed:
         done = landerd(command, "--help")
