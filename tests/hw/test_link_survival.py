@@ -218,10 +218,8 @@ def test_a_real_link_with_damaged_bytes_and_lost_packets_keeps_its_times_and_val
         relay, _ = await loop.create_datagram_endpoint(Relay, local_addr=("127.0.0.1", far))
         driver = MavlinkAutopilot(open_link(f"udpin:127.0.0.1:{near}"))
         await driver.open()
-        world = PlainAirframe()
-        autopilot = SimAutopilot(
-            world, [open_link(f"udpout:127.0.0.1:{far}")], rng=random.Random(1), flying=True
-        )
+        peer = open_link(f"udpout:127.0.0.1:{far}")
+        autopilot = SimAutopilot(PlainAirframe(), [peer], rng=random.Random(1), flying=True)
         living = asyncio.create_task(autopilot.run())
         got: list[Any] = []
 
@@ -236,8 +234,10 @@ def test_a_real_link_with_damaged_bytes_and_lost_packets_keeps_its_times_and_val
         for task in (living, receiving):
             task.cancel()
         await asyncio.gather(living, receiving, return_exceptions=True)
-        relay.close()
+        await peer.close()
         await driver.close()
+        relay.close()
+        await asyncio.sleep(0.01)
         positions = [m for m in got if isinstance(m, LocalPosition)]
         assert len(positions) >= 20
         assert {m.position for m in positions} == {(0.0, 0.0, -10.0)}
