@@ -40,6 +40,7 @@ F32 = NDArray[np.float32]
 SAMPLES = 160_000  # of the pad's texture in one picture, unless one a pixel is more
 SAMPLINGS = (4, 2, 1)  # samples a pixel along x and along y; averages over 3 would be slow
 BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
+MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
 NOISE_MARGIN = 256  # offsets of the noise field to choose from, along x and along y
 EDGE_SOFTNESS_M = 0.02  # of the shadow's edge that something far away casts
@@ -124,7 +125,11 @@ class Renderer:
         """
         options = self._options
         pose = middle(start, end)
-        image, is_sharp = self._background(pose, pad)
+        motion = self._motion(start, end, pose, pad)
+        moves = math.hypot(*motion) >= STILL_PX
+        spot = MOTION_SPOT_PX if moves else 0.0
+        defocus = math.sqrt(max(options.defocus_px**2 - spot**2, 0.0))
+        image, is_sharp = self._background(pose, pad, defocus)
         if options.vehicle_shadow and vehicle is not None:
             plane = self._shaded_plane(vehicle, pad)
             shadow = vehicle_shadow(self._frustum, pose, vehicle, plane, self._sunlight)
@@ -132,8 +137,12 @@ class Renderer:
                 shade(image, shadow, options.shadow_darkness)
         if options.shadow_edge:
             shade(image, self._edge_shadow(pose, pad), options.shadow_darkness)
-        defocus = options.defocus_px if is_sharp else 0.0
-        image = _blurred(image, defocus, self._motion(start, end, pose, pad))
+        sigma = options.defocus_px if is_sharp else 0.0
+        if moves:
+            kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), float(motion[0]), float(motion[1]))
+            image = cast(U8, cv2.filter2D(image, -1, kernel))
+        else:
+            _defocus(image, sigma)
         if options.legs and vehicle is not None:
             draw_legs(image, self._frustum, pose, vehicle)
         cv2.multiply(image, self._gain, dst=image, dtype=cv2.CV_8U)
@@ -146,14 +155,17 @@ class Renderer:
 
     # ---- pad and ground ------------------------------------------------------------------------
 
-    def _background(self, pose: CameraPose, pad: PadPose) -> tuple[U8, bool]:
-        """Ground with the pad on it, and whether it has yet to be brought out of focus."""
+    def _background(self, pose: CameraPose, pad: PadPose, defocus: float) -> tuple[U8, bool]:
+        """Ground with the pad on it, and whether it has yet to be brought out of focus.
+
+        defocus is the sigma in pixels that a small pad is drawn with.
+        """
         w, h = self._camera.width, self._camera.height
         H = plane_homography(pose, pad)
         box = self._pad_box(pose, pad) if H is not None else None
         if H is not None and box == (0, 0, w, h) and self._covers(H, self._rays):
             image = np.empty((h, w), np.uint8)
-            self._draw_pad(image, H, box)
+            self._draw_pad(image, H, box, defocus)
             return image, _samples(box) == 1
         level = PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
         small = self._ground.draw(plane_homography(pose, level))
@@ -163,8 +175,8 @@ class Renderer:
             return image, True
         samples = _samples(box)
         if samples > 1:
-            _defocus(image, self._options.defocus_px)
-        self._draw_pad(image, H, box)
+            _defocus(image, defocus)
+        self._draw_pad(image, H, box, defocus)
         return image, samples == 1
 
     def _pad_box(self, pose: CameraPose, pad: PadPose) -> tuple[int, int, int, int] | None:
@@ -200,7 +212,7 @@ class Renderer:
             and east.min() > e0 + bend
         )
 
-    def _draw_pad(self, image: U8, H: F64, box: tuple[int, int, int, int]) -> None:
+    def _draw_pad(self, image: U8, H: F64, box: tuple[int, int, int, int], defocus: float) -> None:
         """Draw the pad, which lies within the box (left, top, right, bottom) of the image.
 
         A small one is drawn out of focus: a lens blurs before the pixels average, and the other
@@ -218,33 +230,40 @@ class Renderer:
             x, y = rays[rays.shape[0] // 2, rays.shape[1] // 2].tolist()
             descent = max(float(H[2] @ (x, y, 1.0)), 0.05)
             level = level_of_detail(H, descent, pitch, self._pad[0].texel_m, len(self._pad))
-            self._draw_band(part, H, rays, self._pad[level], samples)
+            self._draw_band(part, H, rays, self._pad[level], samples, defocus)
 
-    def _draw_band(self, part: U8, H: F64, rays: F32, texture: TextureLevel, samples: int) -> None:
+    def _draw_band(
+        self,
+        part: U8,
+        H: F64,
+        rays: F32,
+        texture: TextureLevel,
+        samples: int,
+        defocus: float,
+    ) -> None:
         """Draw the pad into part of the image, whose rays have one more on every side."""
         rows, columns = part.shape
         covered = self._covers(H, rays)
         if samples == 1:
             rays = np.ascontiguousarray(rays[1:-1, 1:-1])
-        else:
-            size = (rays.shape[1] * samples, rays.shape[0] * samples)
-            rays = cv2.resize(rays, size, interpolation=cv2.INTER_LINEAR).astype(
-                np.float32, copy=False
-            )
         where = cv2.perspectiveTransform(rays, texture.from_pad() @ H)
         corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
         plane = H[2].astype(np.float32)
         if (corners @ plane[:2] + plane[2]).min() < 0.02:
             # Rays that miss the plane would meet its mirror image behind the camera.
             where[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
+        if samples > 1:
+            # Within a pixel the way from ray to texel is straight.
+            size = (rays.shape[1] * samples, rays.shape[0] * samples)
+            where = cv2.resize(where, size, interpolation=cv2.INTER_LINEAR)
 
         def sampled(source: U8) -> U8:
-            fine = cast(U8, cv2.remap(source, where, NO_SECOND_MAP, cv2.INTER_LINEAR))
+            seen = cast(U8, cv2.remap(source, where, NO_SECOND_MAP, cv2.INTER_LINEAR))
             if samples > 1:
-                _defocus(fine, self._options.defocus_px * samples)
+                _defocus(seen, defocus * samples)
                 size = (columns + 2, rows + 2)
-                fine = cast(U8, cv2.resize(fine, size, interpolation=cv2.INTER_AREA)[1:-1, 1:-1])
-            return fine
+                seen = cast(U8, cv2.resize(seen, size, interpolation=cv2.INTER_AREA)[1:-1, 1:-1])
+            return seen
 
         grey = sampled(texture.grey)
         if covered:
@@ -305,15 +324,6 @@ def _samples(box: tuple[int, int, int, int]) -> int:
     left, top, right, bottom = box
     area = (right - left) * (bottom - top)
     return next((s for s in SAMPLINGS if s * s * area <= SAMPLES), 1)
-
-
-def _blurred(image: U8, sigma: float, motion: F64) -> U8:
-    """Return the image out of focus by sigma pixels and moved along a path (2,), pixels."""
-    if math.hypot(*motion) < STILL_PX:
-        _defocus(image, sigma)
-        return image
-    kernel = motion_kernel(max(sigma, 0.3), float(motion[0]), float(motion[1]))
-    return cast(U8, cv2.filter2D(image, -1, kernel))
 
 
 def _defocus(image: U8, sigma: float) -> None:
