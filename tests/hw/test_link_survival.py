@@ -27,8 +27,6 @@ from landerd.messages import (
     AutopilotRestarted,
     Command,
     Frame,
-    GimbalCommand,
-    GimbalState,
     Heartbeat,
     Input,
     LocalPosition,
@@ -39,22 +37,9 @@ from landerd.messages import (
 from landerd.pad import load_pad
 from landerd.ports import ByteLink
 from tests.hw.flight import PlainAirframe
+from tests.hw.idle import Idle
 
 NEEDED = (Heartbeat, Attitude, LocalPosition, RcChannels)
-
-
-class Idle:
-    """Camera and gimbal that say nothing."""
-
-    async def open(self) -> None: ...
-    async def close(self) -> None: ...
-    def command(self, command: GimbalCommand) -> None: ...
-
-    async def newest(self) -> Frame:
-        return await asyncio.Future[Frame]()
-
-    async def state(self) -> GimbalState:
-        return await asyncio.Future[GimbalState]()
 
 
 class Heard:
