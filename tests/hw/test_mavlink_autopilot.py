@@ -15,6 +15,7 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import memory_pair
 from landerd.clock import run_virtual
+from landerd.config import Config
 from landerd.messages import (
     Attitude,
     AutopilotMessage,
@@ -29,6 +30,7 @@ from landerd.messages import (
     Severity,
     StatusText,
 )
+from landerd.parameters import ParameterSet
 from landerd.ports import DeviceLost
 from tests.hw.flight import Flight, PlainAirframe, frame_of
 
@@ -64,7 +66,7 @@ def received_bytes(
 ) -> tuple[list[AutopilotMessage], MavlinkAutopilot]:
     got: list[AutopilotMessage] = []
     here, there = memory_pair()
-    driver = MavlinkAutopilot(here)
+    driver = MavlinkAutopilot(here, parameters=ParameterSet(Config()))
 
     async def receive() -> None:
         while True:
@@ -534,10 +536,22 @@ def test_with_bytes_damaged_and_writes_lost_only_sound_values_come_through() -> 
 @settings(max_examples=150, deadline=None)
 @given(
     st.lists(
-        st.tuples(st.sampled_from(sorted(mavlink.mavlink_map)), st.binary(max_size=255)), max_size=6
+        st.tuples(
+            st.sampled_from(sorted(mavlink.mavlink_map)),
+            st.binary(max_size=255),
+            st.sampled_from([(1, 1), (255, 190)]),
+        ),
+        max_size=6,
     )
 )
-def test_sound_frames_with_any_content_never_raise(contents: list[tuple[int, bytes]]) -> None:
+def test_sound_frames_with_any_content_never_raise(
+    contents: list[tuple[int, bytes, tuple[int, int]]],
+) -> None:
+    """Of the autopilot and of a ground station; those with parameters and commands to landerd."""
+    to_us = {20: b"\xff\xff\x01\xbf", 21: b"\x01\xbf", 23: b"\x00\x00\x80?\x01\xbf"}
     received_bytes(
-        lambda codec: b"".join(frame_of(*content, system=1, component=1) for content in contents)
+        lambda codec: b"".join(
+            frame_of(kind, to_us.get(kind, b"") + body, system=system, component=component)
+            for kind, body, (system, component) in contents
+        )
     )
