@@ -10,9 +10,12 @@ from hw import registry
 from landerd import parameters as module
 from landerd.config import Config
 from landerd.config_file import config_dir, load
+from landerd.flightlog.reader import read_log
+from landerd.flightlog.replay import replay
 from landerd.messages import ParameterChange, Phase
 from landerd.parameters import ParameterSet, markdown, parameters, value_of, with_value
 from landerd.ports import ParameterRefused
+from tests.recorded_flight import RecordedFlight, recorder
 from tests.scripted_flight import DT, Flight
 
 ROOT = Path(__file__).parents[1]
@@ -136,6 +139,17 @@ def test_gains_changed_in_flight_take_effect_without_a_bump() -> None:
     assert max(abs(a - b) for a, b in zip(plain, tuned, strict=True)) > 0.1
     steps = [abs(b - a) for a, b in itertools.pairwise(tuned)]
     assert max(steps) <= Config().guidance.limits.acceleration_mps2 * DT * 1.01
+
+
+def test_a_change_is_in_the_log_and_replays_identically(tmp_path: Path) -> None:
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap"))
+    flight.engaged().run(0.5)
+    flight.give(ParameterChange(flight.t, "guidance.pid.close_approach.kp", 0.1))
+    flight.run(1.0)
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    assert any(isinstance(step.message, ParameterChange) for step in log.steps)
+    assert replay(log, Config()).comparison.identical
 
 
 def test_another_gate_channel_must_be_seen_low_first() -> None:
