@@ -246,6 +246,21 @@ def _replay(args: argparse.Namespace) -> int:
     return run(args)
 
 
+# ---- report ------------------------------------------------------------------------------------
+
+
+def _report_arguments(parser: argparse.ArgumentParser) -> None:
+    from landerd.report_command import add_arguments
+
+    add_arguments(parser)
+
+
+def _report(args: argparse.Namespace) -> int:
+    from landerd.report_command import run
+
+    return run(args)
+
+
 # ---- dry-run -----------------------------------------------------------------------------------
 
 
@@ -435,6 +450,12 @@ _COMMANDS = {
         "landerd replay flight.mcap --set guidance.limits.speed_mps=2",
         _replay_arguments,
         _replay,
+    ),
+    "report": _Command(
+        "show what happened in a flight, as a page for the browser",
+        "landerd report flight.mcap -o report.html",
+        _report_arguments,
+        _report,
     ),
     "dry-run": _Command(
         "say what landerd would have ordered on a recorded flight; sends nothing",

@@ -56,9 +56,9 @@ def write_picture(trace: Trace, path: Path) -> None:
     FigureCanvasAgg(figure)
     figure.suptitle(trace.title, fontsize=14)
     grid = figure.add_gridspec(3, 6, height_ratios=(1.15, 0.9, 1.25))
-    _side(figure.add_subplot(grid[0, 0:3]), trace.samples)
-    _above(figure.add_subplot(grid[0, 3:6]), trace.samples)
-    _over_time(figure.add_subplot(grid[1, 0:6]), trace.samples)
+    side(figure.add_subplot(grid[0, 0:3]), trace.samples)
+    above(figure.add_subplot(grid[0, 3:6]), trace.samples)
+    over_time(figure.add_subplot(grid[1, 0:6]), trace.samples)
     for i, (caption, image) in enumerate(trace.views[:3]):
         view = figure.add_subplot(grid[2, 2 * i : 2 * i + 2])
         view.imshow(image[:, :, ::-1])
@@ -67,7 +67,7 @@ def write_picture(trace: Trace, path: Path) -> None:
     figure.savefig(path, dpi=80, format="png")
 
 
-def _runs(samples: list[Sample]) -> list[tuple[Phase, list[Sample]]]:
+def runs(samples: list[Sample]) -> list[tuple[Phase, list[Sample]]]:
     """Split into runs of one phase; each run begins with the last sample of the one before."""
     runs: list[tuple[Phase, list[Sample]]] = []
     for s in samples:
@@ -77,8 +77,9 @@ def _runs(samples: list[Sample]) -> list[tuple[Phase, list[Sample]]]:
     return runs
 
 
-def _side(axes: Any, samples: list[Sample]) -> None:
-    for phase, run in _runs(samples):
+def side(axes: Any, samples: list[Sample]) -> None:
+    """Draw the trajectory as seen from the east."""
+    for phase, run in runs(samples):
         axes.plot([s.vehicle[0] for s in run], [s.vehicle[2] for s in run], color=COLOURS[phase])
     pad = [s.pad for s in samples]
     axes.plot([p[0] for p in pad], [p[2] for p in pad], color="black", linewidth=3, label="pad")
@@ -87,8 +88,9 @@ def _side(axes: Any, samples: list[Sample]) -> None:
     axes.grid(alpha=0.3)
 
 
-def _above(axes: Any, samples: list[Sample]) -> None:
-    for phase, run in _runs(samples):
+def above(axes: Any, samples: list[Sample]) -> None:
+    """Draw the trajectory as seen from above, north up."""
+    for phase, run in runs(samples):
         axes.plot([s.vehicle[1] for s in run], [s.vehicle[0] for s in run], color=COLOURS[phase])
     pad = [s.pad for s in samples]
     axes.plot([p[1] for p in pad], [p[0] for p in pad], color="black", linewidth=3)
@@ -98,14 +100,15 @@ def _above(axes: Any, samples: list[Sample]) -> None:
     axes.grid(alpha=0.3)
 
 
-def _over_time(axes: Any, samples: list[Sample]) -> None:
+def over_time(axes: Any, samples: list[Sample]) -> None:
+    """Draw height, distance and phases over time."""
     t = [s.t for s in samples]
     height = [s.vehicle[2] - s.pad[2] for s in samples]
     distance = [float(np.hypot(s.vehicle[0] - s.pad[0], s.vehicle[1] - s.pad[1])) for s in samples]
     axes.plot(t, height, color="black", label="height over the pad (m)")
     axes.plot(t, distance, color="black", linestyle="--", label="distance to the pad (m)")
     named: set[Phase] = set()
-    for phase, run in _runs(samples):
+    for phase, run in runs(samples):
         label = None if phase in named else phase.value
         named.add(phase)
         axes.axvspan(run[0].t, run[-1].t, color=COLOURS[phase], alpha=0.25, label=label, lw=0)

@@ -29,7 +29,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> RecordedFlight:
             synced.append((size, flight.t))
 
     flight.after_step = note
-    flight.engaged().run(1.4)
+    flight.engaged().run(0.7)
     flight.recorder.close()
     flight.synced = synced  # type: ignore[attr-defined]
     return flight

@@ -1,0 +1,173 @@
+"""What a flight log says of a landing, as numbers and in sentences."""
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+
+from landerd.analysis.picture import Sample
+from landerd.flightlog.contents import State
+from landerd.flightlog.reader import FlightLog
+from landerd.flightlog.replay import phases
+from landerd.geometry import Vec3, add, norm, sub
+from landerd.messages import (
+    Battery,
+    Heartbeat,
+    LocalPosition,
+    Phase,
+    PhaseChange,
+    Setpoint,
+    Sightings,
+)
+
+SIGHT_M = 18.0  # slant range from which the thesis counts time and energy (3.6)
+
+
+@dataclass
+class Flight:
+    """The series of one log; times are s from its beginning."""
+
+    log: FlightLog
+    zero: float  # loop time of the beginning
+    positions: list[tuple[float, LocalPosition]] = field(default_factory=list)
+    setpoints: list[tuple[float, Setpoint]] = field(default_factory=list)
+    sightings: list[Sightings] = field(default_factory=list)
+    batteries: list[Battery] = field(default_factory=list)
+    changes: list[tuple[float, PhaseChange]] = field(default_factory=list)
+    disarmed_t: float | None = None
+
+    @property
+    def end(self) -> float:
+        """Length of the log, s."""
+        return self.log.steps[-1].now - self.zero
+
+    @property
+    def first_sight_t(self) -> float | None:
+        """When the pad was first seen within the range that counts, s."""
+        for s in self.sightings:
+            if s.pad and norm(s.pad[0].position) <= SIGHT_M:
+                return s.t - self.zero
+        return None
+
+    @property
+    def energy_j(self) -> float | None:
+        """Energy from first sight to disarming, None where the battery does not say."""
+        if self.first_sight_t is None or self.disarmed_t is None:
+            return None
+        a, b = self._energy_at(self.first_sight_t), self._energy_at(self.disarmed_t)
+        return None if a is None or b is None else b - a
+
+    def _energy_at(self, t: float) -> float | None:
+        known = [
+            (b.t - self.zero, b.energy_consumed_j)
+            for b in self.batteries
+            if b.energy_consumed_j is not None
+        ]
+        if len(known) < 2 or not known[0][0] <= t:
+            return None
+        i = min(len(known) - 1, max(1, bisect_right([k[0] for k in known], t)))
+        (t0, e0), (t1, e1) = known[i - 1], known[i]
+        return e0 + (e1 - e0) * (min(t, t1) - t0) / (t1 - t0)
+
+    def phase_at(self, t: float) -> Phase:
+        """Return the phase at a time."""
+        phase = Phase.NOT_LANDING
+        for start, change in self.changes:
+            if start > t:
+                break
+            phase = change.phase
+        return phase
+
+    def state_at(self, t: float) -> State | None:
+        """Return the last logged state before a time."""
+        before = [s for s in self.log.states if s.t - self.zero <= t + 1e-6]
+        return before[-1] if before else None
+
+    def samples(self) -> list[Sample]:
+        """Return vehicle and pad about the pad's last place: north, east, up, m."""
+        gear = float(self.log.config.get("vehicle", {}).get("gear_height_m", 0.0))
+        times = [t for t, _ in self.positions]
+        found: list[tuple[float, Vec3, Vec3, Phase]] = []
+        for state in self.log.states:
+            i = bisect_right(times, state.t - self.zero) - 1
+            if state.relative is None or i < 0:
+                continue
+            feet = add(self.positions[i][1].position, (0.0, 0.0, gear))
+            pad = add(feet, state.relative.error)
+            found.append((state.t - self.zero, feet, pad, state.phase))
+        if not found:
+            return []
+        origin = found[-1][2]
+
+        def place(p: Vec3) -> Vec3:
+            x, y, z = sub(p, origin)
+            return (x, y, -z)
+
+        return [Sample(t, place(feet), place(pad), phase) for t, feet, pad, phase in found]
+
+
+def flight_of(log: FlightLog) -> Flight:
+    """Return the series of a log."""
+    zero = log.steps[0].now
+    flight = Flight(log, zero)
+    armed = False
+    for step in log.steps:
+        t, message = step.now - zero, step.message
+        if isinstance(message, LocalPosition):
+            flight.positions.append((t, message))
+        elif isinstance(message, Sightings):
+            flight.sightings.append(message)
+        elif isinstance(message, Battery):
+            flight.batteries.append(message)
+        elif isinstance(message, Heartbeat):
+            if armed and not message.armed and flight.disarmed_t is None:
+                flight.disarmed_t = t
+            armed = armed or message.armed
+        flight.setpoints += [(t, c) for c in step.commands if isinstance(c, Setpoint)]
+    flight.changes = [(t - zero, c) for t, c in phases([(s.now, s.commands) for s in log.steps])]
+    return flight
+
+
+def sentences(flight: Flight) -> list[str]:
+    """Tell what happened."""
+    log = flight.log
+    seen = len([s for s in flight.sightings if s.pad])
+    rate = len(flight.sightings) / flight.end if flight.end > 0.0 else 0.0
+    told = [
+        f"The log covers {flight.end:.1f} s; {len(flight.sightings)} pictures were searched "
+        f"({rate:.0f} a second), and the pad was seen in {seen} of them."
+    ]
+    first = flight.first_sight_t
+    if first is not None:
+        told.append(f"The pad was first seen within {SIGHT_M:.0f} m at {first:.1f} s.")
+    for t, change in flight.changes:
+        told.append(f"At {t:.1f} s: {_phase(change)}{_where(flight, t)}.")
+    if not flight.changes:
+        told.append("landerd never took over.")
+    last = log.states[-1] if log.states else None
+    if last is not None:
+        lost = {0: "never", 1: "once"}.get(last.aborts, f"{last.aborts} times")
+        told.append(f"While flying, landerd lost sight of the pad {lost}.")
+        ended = last.outcome or "none yet: the log ends before the landing does"
+        told.append(f"Outcome: {ended.replace('_', ' ')}.")
+    if flight.disarmed_t is not None:
+        text = f"The motors were off at {flight.disarmed_t:.1f} s"
+        if first is not None:
+            text += f", {flight.disarmed_t - first:.1f} s after first sight"
+        if flight.energy_j is not None:
+            text += f", for {flight.energy_j / 100.0:.1f} hJ"
+        told.append(f"{text}.")
+    return told
+
+
+def _phase(change: PhaseChange) -> str:
+    return f"{change.phase.value} ({change.reason})"
+
+
+def _where(flight: Flight, t: float) -> str:
+    state = flight.state_at(t)
+    if state is None or state.relative is None:
+        return ""
+    relative = state.relative
+    return (
+        f"; {relative.distance:.1f} m from the pad and {relative.height:.1f} m over it, "
+        f"give or take {max(0.01, relative.sigma_m):.2f} m"
+    )

@@ -1,0 +1,290 @@
+"""One HTML file, with all in it, about one flight or several.
+
+Needs matplotlib, which is not part of the flight install (`pip install 'landerd[report]'`).
+"""
+
+import base64
+import html
+import io
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.analysis import picture
+from landerd.analysis.flight import Flight, sentences
+from landerd.analysis.picture import COLOURS
+from landerd.flightlog.reader import read_images
+from landerd.geometry import Vec3
+from landerd.messages import Frame, Sightings
+from landerd.vision.draw import draw
+
+NEAR_S = 1.0  # a recorded picture this close to a change of phase shows it
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 1100px; margin: 2em auto;
+       padding: 0 1em; }
+h1 { font-size: 1.6em; } h2 { font-size: 1.2em; margin: 2em 0 .3em; }
+figure { margin: .5em 0; } figure svg, figure img { width: 100%; height: auto; }
+figcaption, .small { color: #666; font-size: .9em; }
+.views { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1em; }
+.note { background: #fff3cd; padding: .3em .8em; border-left: 4px solid #e0a800; }
+table { border-collapse: collapse; } td { padding: .1em 1em .1em 0; vertical-align: top; }
+"""
+
+
+def report(flights: list[Flight]) -> str:
+    """Return the page.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+    """
+    parts = [_section(flight) for flight in flights]
+    names = ", ".join(flight.log.path.name for flight in flights)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>landerd: {html.escape(names)}</title><style>{_STYLE}</style></head><body>\n"
+        + "\n".join(parts)
+        + "\n</body></html>\n"
+    )
+
+
+def _section(flight: Flight) -> str:
+    log = flight.log
+    out = [f"<h1>{html.escape(log.path.name)}</h1>"]
+    out += [f'<p class="note">{html.escape(note)}</p>' for note in _notes(flight)]
+    out += ["<h2>What happened</h2>", "<ol>"]
+    out += [f"<li>{html.escape(text)}</li>" for text in sentences(flight)]
+    out.append("</ol>")
+    out += _views(flight)
+    samples = flight.samples()
+    if len(samples) > 1:
+        out += _figure(
+            "Way to the pad",
+            "Feet and landing point (black) as landerd believed them to be; colours are phases.",
+            (10, 3.6),
+            lambda figure: _way(figure, samples),
+        )
+        out += _figure(
+            "Phases, height and distance",
+            "",
+            (10, 3.4),
+            lambda figure: picture.over_time(figure.add_subplot(), samples),
+        )
+        out += _figure(
+            "Error and uncertainty",
+            "Pad minus vehicle; the band is one standard deviation of the estimate.",
+            (10, 5.2),
+            lambda figure: _errors(figure, flight),
+        )
+    if any(s.pad for s in flight.sightings):
+        out += _figure(
+            "Pointing of the camera",
+            "Where the pad stood in the camera's frame: x right, y down, z away (thesis figures "
+            "3.2 to 3.4); 0 in x and y is the middle of the picture.",
+            (10, 5.2),
+            lambda figure: _pointing(figure, flight),
+        )
+    if flight.positions:
+        out += _figure(
+            "Velocities asked and flown",
+            "Set-points are dashed; there are none while landerd is silent.",
+            (10, 5.2),
+            lambda figure: _velocities(figure, flight),
+        )
+    if len(flight.batteries) > 1:
+        out += _figure("Battery", "", (10, 2.6), lambda figure: _battery(figure, flight))
+    versions = "".join(
+        f"<tr><td>{html.escape(k)}</td><td>{html.escape(v)}</td></tr>"
+        for k, v in log.versions.items()
+    )
+    out += ["<h2>Recorded by</h2>", f'<table class="small">{versions}</table>']
+    return "\n".join(out)
+
+
+def _notes(flight: Flight) -> list[str]:
+    notes = list(flight.log.notes)
+    dropped = flight.log.dropped
+    if dropped is not None:
+        notes.append(
+            f"Not recorded: {dropped.images} images, {dropped.detail} details, "
+            f"{dropped.messages} messages of the core; {dropped.errors} could not be written."
+        )
+    return notes
+
+
+def _figure(
+    title: str, caption: str, size: tuple[float, float], fill: Callable[[Any], None]
+) -> list[str]:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasSVG(figure)
+    fill(figure)
+    data = io.StringIO()
+    figure.savefig(data, format="svg")
+    text = data.getvalue()
+    return [
+        f"<h2>{html.escape(title)}</h2>",
+        f"<figure>{text[text.index('<svg') :]}<figcaption>{html.escape(caption)}</figcaption>"
+        "</figure>",
+    ]
+
+
+# ---- pictures at the changes of phase ----------------------------------------------------------
+
+
+def _views(flight: Flight) -> list[str]:
+    log = flight.log
+    seen = {s.seq: s for s in flight.sightings}
+    wanted = flight.changes
+    nearest: list[tuple[float, Frame] | None] = [None] * len(wanted)
+    for frame, _ in read_images(log.path):
+        t = frame.t - log.wall_offset_s - flight.zero
+        for i, (change_t, _) in enumerate(wanted):
+            away = abs(t - change_t)
+            best = nearest[i]
+            if away < NEAR_S and (best is None or away < best[0]):
+                nearest[i] = (away, frame)
+    views = []
+    for (t, change), found in zip(wanted, nearest, strict=True):
+        if found is None:
+            continue
+        frame = found[1]
+        nothing = Sightings(frame.t, frame.seq, (), ())
+        image = draw(frame.image, seen.get(frame.seq, nothing), log.camera, log.layout)
+        caption = f"{t:.1f} s: {change.phase.value}, {change.reason}"
+        views.append(
+            f"<figure>{_image(image)}<figcaption>{html.escape(caption)}</figcaption></figure>"
+        )
+    if not views:
+        return []
+    return ["<h2>Where the phases changed</h2>", '<div class="views">', *views, "</div>"]
+
+
+def _image(image: NDArray[np.uint8]) -> str:
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 70])
+    text = base64.b64encode(data.tobytes()).decode()
+    return f'<img alt="" src="data:image/jpeg;base64,{text}">'
+
+
+# ---- plots -------------------------------------------------------------------------------------
+
+
+def _way(figure: Any, samples: list[picture.Sample]) -> None:
+    left, right = figure.subplots(1, 2)
+    pad = samples[-1].pad
+    north, east = (samples[0].vehicle[i] - pad[i] for i in (0, 1))
+    length = math.hypot(north, east) or 1.0
+
+    def out(p: Vec3) -> float:
+        return ((p[0] - pad[0]) * north + (p[1] - pad[1]) * east) / length
+
+    for phase, run in picture.runs(samples):
+        way = [(out(s.vehicle), s.vehicle[2]) for s in run]
+        left.plot([w[0] for w in way], [w[1] for w in way], color=COLOURS[phase])
+    left.plot([out(s.pad) for s in samples], [s.pad[2] for s in samples], color="black", lw=3)
+    left.set(xlabel="towards where it came from (m)", ylabel="up (m)", title="from the side")
+    left.grid(alpha=0.3)
+    picture.above(right, samples)
+
+
+def _errors(figure: Any, flight: Flight) -> None:
+    above, middle, below = figure.subplots(3, 1, sharex=True)
+    states = [s for s in flight.log.states if s.relative is not None]
+    t = [s.t - flight.zero for s in states]
+    relatives = [s.relative for s in states if s.relative is not None]
+    for axis, name, colour in ((0, "north", "tab:red"), (1, "east", "tab:green")):
+        values = np.array([r.error[axis] for r in relatives])
+        sigma = np.array([r.sigma_m for r in relatives])
+        above.plot(t, values, color=colour, label=name)
+        above.fill_between(t, values - sigma, values + sigma, color=colour, alpha=0.2, lw=0)
+    above.set(ylabel="error (m)")
+    above.set_yscale("symlog", linthresh=0.5)
+    above.set_yticks([-10, -1, -0.3, 0, 0.3, 1, 10], ["-10", "-1", "-.3", "0", ".3", "1", "10"])
+    above.legend(loc="upper right", fontsize=8)
+    middle.semilogy(t, [max(r.sigma_m, 1e-3) for r in relatives], color="black")
+    middle.set(ylabel="sigma (m)")
+    headings = [
+        (at, math.degrees(r.heading_error))
+        for at, r in zip(t, relatives, strict=True)
+        if r.heading_error is not None
+    ]
+    below.plot([h[0] for h in headings], [h[1] for h in headings], color="tab:purple")
+    below.set(ylabel="heading error (deg)")
+    _finish(figure, flight)
+
+
+def _pointing(figure: Any, flight: Flight) -> None:
+    poses = [(s.t - flight.zero, s.pad[0].position) for s in flight.sightings if s.pad]
+    for axes, i, name in zip(figure.subplots(3, 1, sharex=True), range(3), "xyz", strict=True):
+        axes.plot([t for t, _ in poses], [p[i] for _, p in poses], lw=1)
+        axes.set(ylabel=f"{name} (m)")
+        if i < 2:
+            axes.axhline(0.0, color="black", lw=0.6)
+    _finish(figure, flight)
+
+
+def _velocities(figure: Any, flight: Flight) -> None:
+    flown_t = [t for t, _ in flight.positions]
+    asked_t = [t for t, _ in flight.setpoints]
+    names = ("north", "east", "down")
+    for axes, i, name in zip(figure.subplots(3, 1, sharex=True), range(3), names, strict=True):
+        axes.plot(flown_t, [p.velocity[i] for _, p in flight.positions], label="flown")
+        asked = [s.velocity[i] for _, s in flight.setpoints]
+        axes.plot(*_broken(asked_t, asked), "--", color="tab:orange", label="asked")
+        axes.set(ylabel=f"{name} (m/s)")
+    axes.legend(loc="upper right", fontsize=8)
+    _finish(figure, flight)
+
+
+def _broken(t: list[float], values: list[float]) -> tuple[list[float], list[float]]:
+    """Break a line where nothing was sent."""
+    times, parts = list[float](), list[float]()
+    for at, value in zip(t, values, strict=True):
+        if times and at - times[-1] > 0.5:
+            times.append(times[-1])
+            parts.append(math.nan)
+        times.append(at)
+        parts.append(value)
+    return times, parts
+
+
+def _battery(figure: Any, flight: Flight) -> None:
+    axes = figure.add_subplot()
+    t = [b.t - flight.zero for b in flight.batteries]
+    axes.plot(t, [b.voltage_v if b.voltage_v is not None else math.nan for b in flight.batteries])
+    axes.set(ylabel="V")
+    energy = [b.energy_consumed_j for b in flight.batteries]
+    if any(e is not None for e in energy):
+        other = axes.twinx()
+        used = [math.nan if e is None else e / 100.0 for e in energy]
+        other.plot(t, used, color="tab:red")
+        other.set_ylabel("used (hJ)", color="tab:red")
+    _finish(figure, flight)
+
+
+def _finish(figure: Any, flight: Flight) -> None:
+    """Give all plots over time the same axis, and the phases as background."""
+    ends = [t for t, _ in flight.changes[1:]] + [flight.end]
+    for axes in figure.axes:
+        axes.set_xlim(0.0, flight.end)
+        axes.grid(alpha=0.3)
+        for (start, change), end in zip(flight.changes, ends, strict=False):
+            axes.axvspan(start, end, color=COLOURS[change.phase], alpha=0.12, lw=0)
+    figure.axes[-1].set_xlabel("time (s)")
+
+
+def write_report(flights: list[Flight], path: Path) -> None:
+    """Write the page into a file.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        OSError: the file cannot be written.
+    """
+    path.write_text(report(flights), encoding="utf-8")

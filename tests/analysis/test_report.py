@@ -1,0 +1,87 @@
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from landerd.analysis.flight import flight_of, sentences
+from landerd.cli import main
+from landerd.config import LogSection
+from landerd.flightlog.reader import read_log
+from tests.recorded_flight import RecordedFlight, recorder
+
+
+@pytest.fixture(scope="module")
+def landing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of a whole landing that once lost sight of the pad."""
+    path = tmp_path_factory.mktemp("report") / "landing.mcap"
+    options = LogSection(images="jpeg", every_nth=2, keep_free_mb=0.0)
+    flight = RecordedFlight(recorder(path, options), np.full((48, 64), 90, np.uint8))
+    flight.engaged().run(1.0)
+    flight.visible = False
+    flight.run(1.0)
+    flight.visible = True
+    flight.until_contact().run(6.0)
+    flight.recorder.close()
+    return path
+
+
+class Page(HTMLParser):
+    """What a browser would make of the page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text = ""
+        self.links: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [v for k, v in attrs if k in ("src", "href", "xlink:href") and v]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_page_tells_the_landing_and_needs_nothing_else(landing: Path, tmp_path: Path) -> None:
+    output = tmp_path / "report.html"
+    assert main(["report", str(landing), "-o", str(output)]) == 0
+    page = Page()
+    page.feed(output.read_text())
+    assert all(link.startswith(("data:", "#")) for link in page.links)
+    assert page.tags.count("svg") == 5  # no battery in this flight
+    assert page.tags.count("img") >= 4
+    for title in ("What happened", "Way to the pad", "Pointing of the camera", "Velocities asked"):
+        assert title in page.text
+    assert "LANDED" in page.text
+
+
+def test_sentences_say_when_and_where(landing: Path) -> None:
+    told = sentences(flight_of(read_log(landing)))
+    text = " ".join(told)
+    assert "landerd lost sight of the pad once" in text
+    assert "Outcome: landed" in text
+    (approach,) = [t for t in told if "APPROACH (pad in sight)" in t and "At 1.1" in t]
+    distance = re.search(r"([\d.]+) m from the pad and ([\d.]+) m over it", approach)
+    assert distance is not None
+    # The flight begins 0.85 m from the pad; its feet hang 1.8 m over it.
+    assert float(distance[1]) == pytest.approx(0.9, abs=0.15)
+    assert float(distance[2]) == pytest.approx(1.8, abs=0.2)
+
+
+def test_a_cut_log_is_reported_as_far_as_it_goes(landing: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    data = landing.read_bytes()
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    output = tmp_path / "report.html"
+    assert main(["report", str(landing), str(cut), "-o", str(output)]) == 0
+    text = output.read_text()
+    assert "ends in the middle of a part" in text
+    assert "the log ends before the landing does" in text
+
+
+def test_what_is_no_log_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "no.mcap").touch()
+    assert main(["report", str(tmp_path / "no.mcap"), "-o", str(tmp_path / "r.html")]) == 2
+    assert capsys.readouterr().err == f"{tmp_path / 'no.mcap'}: empty, expected a flight log\n"
