@@ -382,7 +382,7 @@ def _recorder(config: "Config", layout: "PadLayout", camera: "CameraModel") -> "
     from landerd.flightlog.recorder import Recorder
 
     state = os.environ.get("STATE_DIRECTORY")
-    folder = config.log.folder or (Path(state) if state else None)
+    folder = config.log.folder or (Path(state) / "logs" if state else None)
     if folder is None:
         return None
     head = Head(config, layout, camera, wall_offset_s=time.time() - time.monotonic())

@@ -195,7 +195,7 @@ class ControlSection(Section):
 class LogSection(Section):
     """What is recorded of a flight, and how much of the disk it may take."""
 
-    folder: Path | None = None  # None: $STATE_DIRECTORY, which the systemd unit sets
+    folder: Path | None = None  # None: $STATE_DIRECTORY/logs, which systemd sets
     images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
     every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
     most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
