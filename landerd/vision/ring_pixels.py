@@ -13,7 +13,7 @@ U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]  # of everything per pixel: half the time, and 1e-5 px is enough
 
 _FINE_PX = 36.0  # below this size a ring's edges bend within a pixel
-_MARGIN = 0.24  # white around a ring, in radii: the thesis's plate has 0.12 m round its 1 m
+MARGIN = 0.24  # white around a ring, in radii: the thesis's plate has 0.12 m round its 1 m
 _UNKNOWN = 30.0  # contrast of what lies beyond the margin, in sigmas of the noise
 
 
@@ -81,7 +81,7 @@ def pixels_near(
     g = PlaneView(v, focal, *(a[None].astype(np.float32) for a in pose))
     d_o, d_i = (g.rho[0] - radius) / g.scale[0], (g.rho[0] - radius * ratio) / g.scale[0]
     # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
-    beyond, _ = blurred_step((d_o - _MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
+    beyond, _ = blurred_step((d_o - MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
     trust = 1.0 / (1.0 + (_UNKNOWN * beyond) ** 2)
     near = np.flatnonzero(
         (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px)) & (trust > 0.02)
