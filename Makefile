@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
-.PHONY: sim test check bench mutants golden clean
+.PHONY: sim test check bench bench-vision mutants golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
@@ -19,7 +19,13 @@ check: $(SETUP)  ## lint, format, types, tests
 	$(BIN)/python -m pytest
 
 bench: $(SETUP)  ## print the figures quoted in docs
-	for file in bench/*.py; do \
+	for file in $(filter-out bench/vision_%,$(wildcard bench/*.py)); do \
+		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
+	done
+
+bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 library; takes long: IMAGES=20
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
+	for file in bench/vision_*.py; do \
 		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 

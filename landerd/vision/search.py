@@ -17,13 +17,13 @@ from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
 
 _MOST_ALIKE = 3  # rings looked at for one ring of the pad
-_SEARCH_SIDE_PX = 40.0  # squares whose size in the image is known are searched at about this
+_SEARCH_SIDE_PX = 28.0  # squares whose size in the image is known are searched at about this
 _SMALLEST_SIDE_PX = 14.0  # and at least this size
 _LARGEST_SCALE = 4.0
 _THOROUGH_EVERY = 5  # frames in which nothing is found: the search is thorough in every fifth
 _SQUARES_WAIT = 4  # frames after one in which small squares were looked for beside a ring
 _LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
-_SMALLEST_FULL_PX = 10.0  # smaller squares are not found in the whole image
+_SMALLEST_FULL_PX = 14.0  # smaller squares are often not found in the whole image
 
 FoundRing = tuple[Ring, MarkerSighting]
 
@@ -112,7 +112,7 @@ class Search:
                 rings = self._rings_anywhere(image, down, thorough=thorough)
         if not squares and self._layout.squares:
             whole_image = thorough and (expected is None or not rings)
-            squares = self._squares_unexpected(image, rings, expected, whole_image=whole_image)
+            squares = self._squares_unexpected(image, rings, whole_image=whole_image)
         return rings, squares
 
     def _rings_anywhere(
@@ -158,14 +158,14 @@ class Search:
         return large[:_MOST_ALIKE]
 
     def _squares_unexpected(
-        self, image: Image, rings: list[FoundRing], expected: Expected | None, *, whole_image: bool
+        self, image: Image, rings: list[FoundRing], *, whole_image: bool
     ) -> list[FoundSquare]:
         """Look for squares round the rings, else in the whole image if asked to."""
         for ring, sighting in rings:
             found = self._squares_near(image, ring, sighting)
             if found:
                 return found
-        if any(self._is_far(s, expected) for _, s in rings):
+        if any(self._is_far(s) for _, s in rings):
             return []
         return self._finder.find(image) if whole_image else []
 
@@ -244,15 +244,11 @@ class Search:
                 ]
         return found
 
-    def _is_far(self, ring: MarkerSighting, expected: Expected | None) -> bool:
-        """Tell whether a ring is where it is expected, too far off for squares to be found."""
-        if expected is None:
-            return False
-        position = np.array(ring.solutions[0].position)
-        off = float(np.linalg.norm(position - expected.position))
+    def _is_far(self, ring: MarkerSighting) -> bool:
+        """Tell whether a ring is too far off for squares to be found in the whole image."""
         size = max(s.size_m for s in self._layout.squares)
-        side_px = self._focal * size / float(position[2])
-        return off < 0.3 * float(position[2]) and side_px < _SMALLEST_FULL_PX
+        side_px = self._focal * size / float(ring.solutions[0].position[2])
+        return side_px < _SMALLEST_FULL_PX
 
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:
         distance = float(np.linalg.norm(position))

@@ -34,7 +34,7 @@ _STEPS = 8
 # A last step moves the corners by less than this and gains less than this in chi-square: along the
 # way to the other solution corners hardly move.
 _CONVERGED_PX = 0.03
-_CONVERGED = 3.0
+_CONVERGED = 20.0
 _BLUR_CHANGED = 0.1  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)

@@ -25,8 +25,8 @@ U8 = NDArray[np.uint8]
 _THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
 _HARD_TRIES = 3  # best doubtful fits that are tried again with shadow and motion
 _EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
-# What lies beyond the white margin shines into it: the more the narrower the margin is in the image.
-# Fitted to exact images of 20 to 30 m at 0 to 70 degrees.
+# What lies beyond the white margin shines into it, the more the narrower the margin is in the
+# image. Measured on exact images of 20 to 30 m at 0 to 70 degrees.
 _NARROW_BIAS_PX = 0.4
 _NARROW_PX = 0.33
 _LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on

@@ -1,0 +1,128 @@
+"""How long vision takes, beside the AprilTag 3 library in the same run.
+
+A pad with ring and tag is seen from several distances while the image drifts by a few pixels a
+frame. Times are medians over frames, each the least of a few repeats, on one core; ratios are to
+pupil-apriltags on the full frame (quad_decimate 2, one thread): pip install 'landerd[peers]'.
+"""
+
+import resource
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.config import VisionSection
+from landerd.messages import Frame, PadPrior, Prior
+from landerd.vision import Vision
+from tests.vision import scenes
+
+DISTANCES = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0)
+FRAMES = 12
+REPEATS = 3
+DRIFT_PX = 2.0
+FRAME_S = 1 / 30
+
+U8 = NDArray[np.uint8]
+
+
+def sequence(camera: scenes.CameraModel, distance: float) -> list[tuple[U8, scenes.View]]:
+    """Return frames of a pad that drifts through the image, and where it truly is."""
+    rng = np.random.default_rng(7)
+    k = camera.width / 640
+    frames = []
+    for i in range(FRAMES):
+        pixel = (camera.cx + k * DRIFT_PX * i, camera.cy - 20.0 * k)
+        view = scenes.look(camera, distance, 0.3, pixel=pixel, heading=0.4)
+        optics = scenes.Optics(background="grass")
+        frames.append((scenes.render(view, camera, optics, rng), view))
+    return frames
+
+
+def least_ms(make: Callable[[], Callable[[], object]]) -> float:
+    """Return the least time of a few calls of what is made anew for each."""
+    times = []
+    for _ in range(REPEATS):
+        work = make()
+        at = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - at)
+    return 1e3 * min(times)
+
+
+def prior_of(view: scenes.View, rng: np.random.Generator) -> Prior:
+    """Return what the estimate would know: the pad to a hundredth of its distance."""
+    position = np.array(view.position)
+    off = rng.normal(0.0, 0.002 * float(np.linalg.norm(position)), 3)
+    x, y, z = (position + off).tolist()
+    down, north = view.normal.tolist(), view.R_camera_pad[:, 0].tolist()
+    return Prior(tuple(down), PadPrior((x, y, z), 0.01 * z, tuple(north)))
+
+
+def tracking_ms(camera: scenes.CameraModel, frames: list[tuple[U8, scenes.View]]) -> list[float]:
+    """Return the time of each frame but the first with the pad in track."""
+    runs = []
+    for _ in range(REPEATS):
+        rng = np.random.default_rng(3)
+        vision = Vision(scenes.THESIS_PAD, camera, VisionSection())
+        times = []
+        for i, (image, view) in enumerate(frames):
+            prior = prior_of(view, rng)
+            at = time.perf_counter()
+            found = vision.process(Frame(FRAME_S * i, i, image), prior)
+            times.append(1e3 * (time.perf_counter() - at))
+            if not found.pad:
+                print(f"  not found: {np.linalg.norm(view.position):.1f} m, frame {i}")
+        runs.append(times)
+    return np.min(runs, axis=0)[1:].tolist()
+
+
+def searching_ms(camera: scenes.CameraModel, image: U8) -> float:
+    """Return the time of a full search with nothing known."""
+
+    def fresh() -> Callable[[], object]:
+        vision = Vision(scenes.THESIS_PAD, camera, VisionSection())
+        return lambda: vision.process(Frame(0.0, 0, image))
+
+    return least_ms(fresh)
+
+
+def main() -> None:
+    """Print the table."""
+    try:
+        from pupil_apriltags import Detector
+    except ImportError:
+        raise SystemExit("needs the AprilTag 3 library: pip install 'landerd[peers]'") from None
+    cv2.setNumThreads(1)
+    peer = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
+    small = scenes.THESIS_CAMERA
+    large = small.scaled(1920, 1440)
+    print(f"{'m':>5} {'peer ms':>8} {'track ms':>9} {'ratio':>6} {'search ms':>10} {'ratio':>6}")
+    medians: list[tuple[float, float, float]] = []
+    for distance in DISTANCES:
+        frames = sequence(small, distance)
+        unit = float(np.median([least_ms(lambda i=i: lambda: peer.detect(i)) for i, _ in frames]))
+        track = float(np.median(tracking_ms(small, frames)))
+        search = float(np.median([searching_ms(small, image) for image, _ in frames[:4]]))
+        medians.append((unit, track, search))
+        print(
+            f"{distance:5.1f} {unit:8.2f} {track:9.2f} {track / unit:6.2f} "
+            f"{search:10.2f} {search / unit:6.2f}"
+        )
+    unit, track, search = (float(np.median(column)) for column in zip(*medians, strict=True))
+    print(
+        f"{'all':>5} {unit:8.2f} {track:9.2f} {track / unit:6.2f} "
+        f"{search:10.2f} {search / unit:6.2f}"
+    )
+    print("tracking at 1920x1440 over 640x480:")
+    for distance in (2.0, 8.0):
+        wide = float(np.median(tracking_ms(large, sequence(large, distance))))
+        near = float(np.median(tracking_ms(small, sequence(small, distance))))
+        print(f"{distance:5.1f} {wide:8.2f} ms {wide / near:6.2f}")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"peak memory of this run, all images and the peer with it: {peak:.0f} MiB")
+
+
+if __name__ == "__main__":
+    main()
