@@ -20,6 +20,7 @@ class Driver(NamedTuple):
 
 DRIVERS: Mapping[str, Mapping[str, Driver]] = {
     "camera": {
+        "v4l2": Driver("hw.cameras.v4l2:V4l2Camera", "hw.cameras.v4l2:V4l2Options"),
         "sim": Driver(None),
     },
     "gimbal": {

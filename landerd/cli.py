@@ -5,7 +5,6 @@ the functions so that --help does not wait for numpy and OpenCV.
 """
 
 import argparse
-import contextlib
 import difflib
 import importlib.util
 import json
@@ -18,11 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from landerd import __version__
 
 if TYPE_CHECKING:
-    from landerd.camera_model import CameraModel
-    from landerd.config import Config
     from landerd.config_file import Loaded
-    from landerd.flightlog.recorder import Recorder
-    from landerd.pad import PadLayout
 
 
 class InputError(Exception):
@@ -282,111 +277,14 @@ def _dry_run(args: argparse.Namespace) -> int:
 
 def _run_arguments(parser: argparse.ArgumentParser) -> None:
     _add_config(parser, required=True)
-    parser.add_argument(
-        "--overlay",
-        type=Path,
-        metavar="FILE",
-        help="laid over the configuration if it exists, and where parameters that a ground station "
-        "saves are written; without it: NAME.saved.yaml beside the configuration",
-    )
+    _add_overlay(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
-    overlay = args.overlay or args.config.with_suffix(".saved.yaml")
-    loaded = _load(args, overlays=[overlay] if overlay.exists() else [])
+    from landerd.run_command import run
 
-    import asyncio
-    import logging
-    import signal
-
-    from hw import registry
-    from hw.autopilots.signing import Signing
-    from hw.links import open_link
-    from hw.links.tapped import TappedLink
-    from landerd.camera_model import CalibrationError, load_camera
-    from landerd.daemon import Daemon, Devices
-    from landerd.pad import PadError, load_pad
-    from landerd.parameters import ParameterSet
-    from landerd.ports import ByteLink
-    from landerd.service import ServiceNotifier
-
-    def make(section: str, driver: str, *arguments: object, **options: object) -> Any:
-        factory = registry.factory(section, driver)
-        if factory is None:
-            raise InputError(f"{section}.driver: {driver} is only flown by landerd sim")
-        block = loaded.options.get(f"{section}.{driver}")
-        return factory(*arguments, **({"options": block} if block else {}), **options)
-
-    def tapped(link: ByteLink) -> ByteLink:
-        return link if recorder is None else TappedLink(link, recorder.raw)
-
-    config = loaded.config
-    try:
-        layout = load_pad(config.pad.layout)
-        camera_model = load_camera(config.camera.calibration)
-        recorder = _recorder(config, layout, camera_model)
-        devices = Devices(
-            make("camera", config.camera.driver),
-            make("gimbal", config.gimbal.driver),
-            make(
-                "autopilot",
-                config.autopilot.driver,
-                tapped(open_link(config.autopilot.url)),
-                system_id=config.autopilot.system_id,
-                setpoint_frame=config.autopilot.setpoint_frame,
-                ground_stations=config.autopilot.ground_stations,
-                parameters=ParameterSet(config, overlay),
-                signing=Signing(key, config.autopilot.signing_time or key.with_suffix(".time"))
-                if (key := config.autopilot.signing_key)
-                else None,
-            ),
-        )
-    except (CalibrationError, PadError, ValueError) as e:
-        raise InputError(str(e)) from None
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
-    if overlay.exists():
-        logging.getLogger("landerd").info("saved parameters of %s are laid over", overlay)
-
-    if recorder is None:
-        logging.getLogger("landerd").warning("flights are not recorded: log.folder is not set")
-
-    async def serve() -> None:
-        observers = (ServiceNotifier(),) if recorder is None else (ServiceNotifier(), recorder)
-        daemon = Daemon(config, layout, camera_model, devices, observers=observers)
-        ended = asyncio.Event()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            asyncio.get_running_loop().add_signal_handler(number, ended.set)
-        flying = asyncio.create_task(daemon.run())
-        told = asyncio.create_task(ended.wait())
-        await asyncio.wait({flying, told}, return_when=asyncio.FIRST_COMPLETED)
-        if not flying.done():
-            await daemon.shut_down()
-            flying.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await flying
-
-    try:
-        asyncio.run(serve())
-    finally:
-        if recorder is not None:
-            recorder.close()
-    return 0
-
-
-def _recorder(config: "Config", layout: "PadLayout", camera: "CameraModel") -> "Recorder | None":
-    """Return what records the flights; None if nothing says where."""
-    import time
-
-    from hw.links.tapped import TlogEncoder
-    from landerd.flightlog.contents import Head
-    from landerd.flightlog.recorder import Recorder
-
-    state = os.environ.get("STATE_DIRECTORY")
-    folder = config.log.folder or (Path(state) / "logs" if state else None)
-    if folder is None:
-        return None
-    head = Head(config, layout, camera, wall_offset_s=time.time() - time.monotonic())
-    return Recorder(head, config.log, folder, background=True, mavlink=TlogEncoder)
+    overlay = _overlay(args)
+    return run(_load(args, overlays=[overlay] if overlay.exists() else []), overlay)
 
 
 # ---- shared ------------------------------------------------------------------------------------
@@ -408,6 +306,21 @@ def _add_config(parser: argparse.ArgumentParser, *, required: bool = False) -> N
         metavar="KEY=VALUE",
         help="set one key of the configuration; may be given again",
     )
+
+
+def _add_overlay(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--overlay",
+        type=Path,
+        metavar="FILE",
+        help="laid over the configuration if it exists, and where parameters that a ground station "
+        "saves are written; without it: NAME.saved.yaml beside the configuration",
+    )
+
+
+def _overlay(args: argparse.Namespace) -> Path:
+    path: Path = args.overlay or args.config.with_suffix(".saved.yaml")
+    return path
 
 
 def _load(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loaded":

@@ -1,0 +1,373 @@
+"""USB and other V4L2 cameras: always the newest picture, with the time it was exposed.
+
+The driver's queue is emptied whenever a picture arrives, whether anybody waits for one or not: a
+full queue drops the new pictures and keeps the old. One buffer, the newest, is held back until it
+is asked for or replaced.
+"""
+
+import asyncio
+import errno
+import logging
+import re
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from hw.cameras.v4l2_node import Filled, Layout, Mode, Stamp, VideoNode
+from landerd.messages import Frame
+from landerd.ports import DeviceLost
+
+log = logging.getLogger(__name__)
+
+FORMATS = ("GREY", "NV12", "YUYV", "MJPG")  # the less work and delay the earlier
+_BUFFERS = 4  # one held, one being filled, two for a loop that is late
+_FIRST_FRAME_S = 4.0  # USB cameras take their time to start
+_STALL_S = 1.0
+_EMPTY_WAKE_UPS = 100  # readable without a picture this often in a row: an error state
+
+# linux/v4l2-controls.h
+_AUTOGAIN, _GAIN, _ANALOGUE_GAIN = 0x00980912, 0x00980913, 0x009E0903
+_EXPOSURE_AUTO, _EXPOSURE, _EXPOSURE_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
+_FOCUS, _FOCUS_AUTO = 0x009A090A, 0x009A090C
+_EXPOSURE_UNIT_S = 1e-4
+_MANUAL_EXPOSURE, _AUTOMATIC_EXPOSURES = 1, (3, 0)  # aperture priority is what UVC cameras have
+
+_REASONS = {
+    errno.ENOENT: "is not there",
+    errno.EBUSY: "is used by another program",
+    errno.EACCES: "may not be opened: is the user in group video?",
+    errno.ENODEV: "has gone, or is no camera",
+    errno.ENXIO: "has gone, or is no camera",
+    errno.ENOSPC: "needs more USB bandwidth than there is: lower size or rate, or use MJPG",
+}
+
+
+class V4l2Options(BaseModel):
+    """The block `camera.v4l2` of the configuration."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    device: str = "/dev/video0"  # better a name of /dev/v4l/by-id, which stays the same
+    width: Annotated[int, Field(ge=16, le=8192)] = 640
+    height: Annotated[int, Field(ge=16, le=8192)] = 480
+    fps: Annotated[float, Field(gt=0, le=300)] = 30.0
+    format: Literal["auto", "GREY", "NV12", "YUYV", "MJPG"] = "auto"
+    exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = None  # null: automatic
+    gain: int | None = None  # in the camera's own units; null: left as it is
+    focus: int | None = None  # in the camera's own units; null: left as it is
+    # Added to the middle of the exposure as the kernel's time stamp gives it.
+    time_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
+
+
+class V4l2Camera:
+    """A V4L2 camera; a Camera.
+
+    Attributes:
+        counters: damaged and unreadable pictures.
+        remarks: what the camera does not do as it was asked; written by `open`.
+    """
+
+    def __init__(
+        self, *, options: V4l2Options, node: Callable[[str], VideoNode] = VideoNode
+    ) -> None:
+        """Make it; the device is opened by `open`.
+
+        Args:
+            options: its block of the configuration.
+            node: opens a video node.
+        """
+        self.counters: Counter[str] = Counter()
+        self.remarks: list[str] = []
+        self._options = options
+        self._open_node = node
+        self._node: VideoNode | None = None
+        self._layout = Layout("", 0, 0, 0)
+        self._exposure_s = 0.0
+        self._held: Filled | None = None  # the newest picture, not yet asked for
+        self._arrived = asyncio.Event()
+        self._lost: str | None = None
+        self._has_sent = False
+        self._empty_wake_ups = 0
+        self._decoder: ThreadPoolExecutor | None = None
+
+    # ---- open and close ----
+
+    async def open(self) -> None:
+        """Set the camera up and start its stream. Raises DeviceLost."""
+        await self.close()
+        self._lost, self._has_sent, self._empty_wake_ups = None, False, 0
+        self._arrived.clear()
+        # Control transfers over USB take tens of milliseconds each.
+        self._node = await asyncio.to_thread(self._set_up)
+        for remark in self.remarks:
+            log.warning("camera %s: %s", self._options.device, remark)
+        asyncio.get_running_loop().add_reader(self._node.fileno(), self._drain)
+
+    async def close(self) -> None:
+        """Stop the stream; safe to call twice."""
+        node, self._node = self._node, None
+        self._held = None
+        if node is not None:
+            asyncio.get_running_loop().remove_reader(node.fileno())
+            await asyncio.to_thread(node.close)
+        if self._decoder is not None:
+            self._decoder.shutdown(wait=False)
+            self._decoder = None
+
+    def _set_up(self) -> VideoNode:
+        options = self._options
+        self.remarks = []
+        try:
+            node = self._open_node(options.device)
+        except OSError as e:
+            raise DeviceLost(self._reason(e)) from None
+        try:
+            self._layout = self._choose_layout(node)
+            fps = node.set_rate(options.fps)
+            if fps and abs(fps - options.fps) > 0.05 * options.fps:
+                self.remarks.append(f"fps: asked for {options.fps:g}, it gives {fps:g}")
+            self._set_controls(node)
+            node.start(_BUFFERS)
+        except OSError as e:
+            node.close()
+            raise DeviceLost(self._reason(e)) from None
+        except DeviceLost:
+            node.close()
+            raise
+        return node
+
+    def _choose_layout(self, node: VideoNode) -> Layout:
+        options = self._options
+        modes = node.modes()
+        is_auto = options.format == "auto"
+        name: str = _best_format(modes, options) if is_auto else options.format
+        layout = node.set_format(name, options.width, options.height)
+        if layout[:3] != (name, options.width, options.height):
+            raise DeviceLost(
+                f"camera {options.device} has no {options.width}x{options.height} in {name}; "
+                f"it has {in_words(modes) or 'none that it lists'}"
+            )
+        return layout
+
+    def _set_controls(self, node: VideoNode) -> None:
+        options = self._options
+        self._exposure_s = 0.0
+        if node.range(_EXPOSURE_PRIORITY) is not None:
+            self._set(node, "constant rate", _EXPOSURE_PRIORITY, 0)
+        if options.exposure_s is None:
+            if node.range(_EXPOSURE_AUTO) is not None:
+                self._set_automatic(node)
+            self.remarks.append(
+                "exposure is automatic, so its middle is not known: set camera.v4l2.exposure_s"
+            )
+        else:
+            if node.range(_EXPOSURE_AUTO) is not None:
+                self._set(node, "manual exposure", _EXPOSURE_AUTO, _MANUAL_EXPOSURE)
+            wanted = max(1, round(options.exposure_s / _EXPOSURE_UNIT_S))
+            taken = self._set(node, "exposure (0.1 ms)", _EXPOSURE, wanted)
+            self._exposure_s = _EXPOSURE_UNIT_S * taken if taken else options.exposure_s
+        if options.gain is not None:
+            if node.range(_AUTOGAIN) is not None:
+                self._set(node, "manual gain", _AUTOGAIN, 0)
+            has_gain = node.range(_GAIN) is not None
+            self._set(node, "gain", _GAIN if has_gain else _ANALOGUE_GAIN, options.gain)
+        if options.focus is not None:
+            if node.range(_FOCUS_AUTO) is not None:
+                self._set(node, "manual focus", _FOCUS_AUTO, 0)
+            self._set(node, "focus", _FOCUS, options.focus)
+        elif node.range(_FOCUS_AUTO) is not None and node.control(_FOCUS_AUTO):
+            self.remarks.append(
+                "autofocus is on and changes the calibration: set camera.v4l2.focus"
+            )
+
+    def _set(self, node: VideoNode, name: str, control: int, wanted: int) -> int | None:
+        """Set a control; return what was read back, None if the camera has or allows none."""
+        limits = node.range(control)
+        if limits is None:
+            self.remarks.append(f"{name}: it has no such control")
+            return None
+        try:
+            taken = node.set_control(control, min(max(wanted, limits.low), limits.high))
+        except OSError as e:
+            if e.errno == errno.ENODEV:
+                raise
+            self.remarks.append(f"{name}: it refuses {wanted}: {e.strerror}")
+            return None
+        if taken != wanted:
+            self.remarks.append(
+                f"{name}: asked for {wanted}, it took {taken} (from {limits.low} to {limits.high})"
+            )
+        return taken
+
+    def _set_automatic(self, node: VideoNode) -> None:
+        for value in _AUTOMATIC_EXPOSURES:
+            try:
+                node.set_control(_EXPOSURE_AUTO, value)
+            except OSError as e:
+                if e.errno == errno.ENODEV:
+                    raise
+            else:
+                return
+
+    # ---- pictures ----
+
+    async def newest(self) -> Frame:
+        """Wait for a picture newer than the last and return the newest there is.
+
+        Its time is the middle of the exposure: the kernel's stamp half an exposure later if it
+        tells the start of the exposure, earlier if the end of the frame, plus
+        `time_offset_s`. Raises DeviceLost.
+        """
+        while True:
+            limit_s = _STALL_S if self._has_sent else _FIRST_FRAME_S
+            try:
+                async with asyncio.timeout(limit_s):
+                    await self._arrived.wait()
+            except TimeoutError:
+                raise DeviceLost(self._says(f"sent no picture for {limit_s:g} s")) from None
+            if self._lost is not None or self._node is None or self._held is None:
+                raise DeviceLost(self._lost or self._says("is closed"))
+            filled, self._held = self._held, None
+            self._arrived.clear()
+            data = self._node.copy(filled)
+            t = self._exposure_time(filled, self._node)
+            self._give_back(filled)
+            image = await self._grey(data)
+            if image is not None:
+                self._has_sent = True
+                return Frame(t, filled.sequence, image)
+            self.counters["pictures that cannot be read"] += 1
+
+    def _drain(self) -> None:
+        """Take all filled buffers and keep the newest sound one."""
+        node = self._node
+        assert node is not None
+        is_empty = True
+        try:
+            while (filled := node.dequeue()) is not None:
+                is_empty = False
+                if filled.damaged:
+                    self.counters["damaged pictures"] += 1
+                    node.queue(filled.buffer)
+                    continue
+                if self._held is not None:
+                    node.queue(self._held.buffer)
+                self._held = filled
+                self._arrived.set()
+        except OSError as e:
+            self._lose(self._reason(e))
+            return
+        self._empty_wake_ups = self._empty_wake_ups + 1 if is_empty else 0
+        if self._empty_wake_ups > _EMPTY_WAKE_UPS:
+            self._lose(self._says("reports an error"))
+
+    def _give_back(self, filled: Filled) -> None:
+        assert self._node is not None
+        try:
+            self._node.queue(filled.buffer)
+        except OSError as e:
+            self._lose(self._reason(e))  # after this picture, which is sound
+
+    def _lose(self, reason: str) -> None:
+        assert self._node is not None
+        asyncio.get_running_loop().remove_reader(self._node.fileno())
+        self._lost = reason
+        self._arrived.set()
+
+    def _exposure_time(self, filled: Filled, node: VideoNode) -> float:
+        """Return the middle of the exposure on the loop's clock."""
+        now = asyncio.get_running_loop().time()
+        half_s = 0.5 * self._exposure_s
+        if filled.stamp is Stamp.NONE:
+            age_s = half_s  # counted from when it is taken
+        elif filled.stamp is Stamp.END:
+            age_s = node.now() - filled.t + half_s
+        else:
+            age_s = node.now() - filled.t - half_s
+        return now - age_s + self._options.time_offset_s
+
+    async def _grey(self, data: bytes) -> NDArray[np.uint8] | None:
+        """Return the picture, (height, width); None if the bytes are not one."""
+        name, width, height, stride = self._layout
+        if name == "MJPG":
+            # Half a picture decodes too, with a grey rest: the end marker tells.
+            if not data.rstrip(b"\0").endswith(b"\xff\xd9"):
+                return None
+            if self._decoder is None:
+                self._decoder = ThreadPoolExecutor(1)
+            loop = asyncio.get_running_loop()
+            return await loop.run_in_executor(self._decoder, _decode_jpeg, data, (height, width))
+        if len(data) < stride * height:
+            return None
+        lines = np.frombuffer(data, np.uint8, stride * height).reshape(height, stride)
+        # The first plane of NV12 and every other byte of YUYV are the brightness.
+        grey = lines[:, : 2 * width : 2] if name == "YUYV" else lines[:, :width]
+        return np.ascontiguousarray(grey)
+
+    # ---- words ----
+
+    def _reason(self, e: OSError) -> str:
+        return self._says(_REASONS.get(e.errno or 0) or f"fails: {e.strerror or e}")
+
+    def _says(self, what: str) -> str:
+        return f"camera {self._options.device} {what}"
+
+
+def _decode_jpeg(data: bytes, shape: tuple[int, int]) -> NDArray[np.uint8] | None:
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        return None
+    return None if image is None or image.shape != shape else np.asarray(image, np.uint8)
+
+
+# ---- what there is ----
+
+
+def _best_format(modes: list[Mode], options: V4l2Options) -> str:
+    """Return the format of the size asked that is fast enough, the least work first."""
+    known = {
+        m.format: m.fps
+        for m in modes
+        if (m.width, m.height) == (options.width, options.height) and m.format in FORMATS
+    }
+    names = [name for name in FORMATS if name in known] or list(FORMATS)
+    for name in names:
+        fps = known.get(name, 0.0)
+        if fps == 0.0 or fps >= 0.95 * options.fps:
+            return name
+    return max(names, key=lambda name: known.get(name, 0.0))
+
+
+def in_words(modes: list[Mode]) -> str:
+    """Return the modes that landerd can use as one line: "640x480 YUYV 30/s, ..."."""
+    return ", ".join(
+        f"{m.width}x{m.height} {m.format}" + (f" {m.fps:.0f}/s" if m.fps else "")
+        for m in modes
+        if m.format in FORMATS
+    )
+
+
+def cameras() -> list[tuple[str, str, list[Mode]]]:
+    """Return device, name and modes of every V4L2 camera that can be opened."""
+    found = []
+    paths = Path("/dev").glob("video*")
+    for path in sorted(paths, key=lambda p: int(re.sub(r"\D", "", p.name) or "0")):
+        try:
+            node = VideoNode(str(path))
+        except OSError:
+            continue  # of another kind, or somebody else's
+        try:
+            found.append((str(path), node.name, node.modes()))
+        except OSError:
+            continue  # gone in the meantime
+        finally:
+            node.close()
+    return found
