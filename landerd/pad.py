@@ -5,10 +5,10 @@ markers lie in the plane z = 0. A square's north is its top as its makers print 
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -42,6 +42,66 @@ class Square(_Model):
     heading_deg: Finite = 0.0  # of the marker's top, clockwise from the pad's north
 
 
+class WhyCode(_Model):
+    """A WhyCode: a black ring that carries a number and a direction in teeth on its inner edge.
+
+    Its print is that of the generator whycode-gen (github.com/jiriUlr/whycode-gen; Lightbody,
+    Krajnik et al., "An Efficient Visual Fiducial Localisation System", 2017). In outer radii: white
+    core to 240/700, code band to 420/700, black ring to 1. The band is cut into `bits` equal cells;
+    the first half of a cell is black for a 0, the second half for a 1. The number's first (highest)
+    bit begins to the east of the upright print, and the others follow anticlockwise.
+
+    A necklace has no beginning, so numbers that are turns of one another are one code, and a number
+    that repeats itself within a turn has no direction. Therefore `id` must be the smallest number
+    among its own rotations, and every rotation another number: with 6 bits 1, 3, 5, 7, 11, 13, 15,
+    23 and 31. whycode-gen calls it the encoding, and counts these from 1 on its file names.
+    """
+
+    kind: Literal["whycode"]
+    outer_diameter_m: Positive
+    bits: Annotated[int, Field(ge=3, le=12)]
+    id: Annotated[int, Field(ge=0)]
+    position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
+    heading_deg: Finite = 0.0  # of the print's top, clockwise from the pad's north
+
+    @model_validator(mode="after")
+    def _reads_as_one_code(self) -> Self:
+        if self.id >= 2**self.bits:
+            raise ValueError(f"id {self.id} has more than {self.bits} bits")
+        turns = [rotated(self.id, self.bits, n) for n in range(1, self.bits)]
+        if self.id in turns:
+            degrees = 360.0 / self.bits * (1 + turns.index(self.id))
+            raise ValueError(
+                f"id {self.id} with {self.bits} bits is ambiguous: turned by {degrees:g} degrees "
+                f"it looks the same; {_usable(self.bits)}"
+            )
+        if min(turns) < self.id:
+            raise ValueError(
+                f"id {self.id} with {self.bits} bits is ambiguous: it is id {min(turns)} turned; "
+                f"{_usable(self.bits)}"
+            )
+        return self
+
+
+WHYCODE_CORE, WHYCODE_BAND = 240 / 700, 420 / 700  # edges of the code band in outer radii
+
+
+def rotated(word: int, bits: int, by: int) -> int:
+    """Return a number of so many bits after its highest `by` bits were moved to its end."""
+    return (word << by | word >> (bits - by)) & ((1 << bits) - 1)
+
+
+def whycode_ids(bits: int) -> list[int]:
+    """Return the numbers of so many bits that are smaller than all their rotations."""
+    return [w for w in range(2**bits) if all(w < rotated(w, bits, n) for n in range(1, bits))]
+
+
+def _usable(bits: int) -> str:
+    ids = [str(i) for i in whycode_ids(bits)]
+    shown = ids if len(ids) < 12 else [*ids[:10], "...", ids[-1]]
+    return f"usable: {', '.join(shown)}"
+
+
 class Plate(_Model):
     """The white plate the markers are printed on: its edges in the pad frame."""
 
@@ -51,7 +111,7 @@ class Plate(_Model):
     west_m: Positive
 
 
-Marker = Annotated[Ring | Square, Field(discriminator="kind")]
+Marker = Annotated[Ring | WhyCode | Square, Field(discriminator="kind")]
 
 
 class PadLayout(_Model):
@@ -72,9 +132,22 @@ class PadLayout(_Model):
         return tuple(m for m in self.markers if isinstance(m, Square))
 
     @property
+    def whycodes(self) -> tuple[WhyCode, ...]:
+        """The pad's WhyCodes."""
+        return tuple(m for m in self.markers if isinstance(m, WhyCode))
+
+    @property
     def has_heading(self) -> bool:
         """Whether any marker tells the pad's heading."""
-        return bool(self.squares) or len(self.rings) > 1
+        return bool(self.squares or self.whycodes) or len(self.rings) > 1
+
+    @model_validator(mode="after")
+    def _no_whycode_twice(self) -> Self:
+        seen = [(c.bits, c.id) for c in self.whycodes]
+        for bits, number in seen:
+            if seen.count((bits, number)) > 1:
+                raise ValueError(f"whycode id {number} with {bits} bits is on the pad twice")
+        return self
 
 
 def load_pad(path: Path) -> PadLayout:

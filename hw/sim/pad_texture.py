@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.geometry import Vec3
-from landerd.pad import PadLayout, Ring, Square
+from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, PadLayout, Ring, Square, WhyCode
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -23,6 +23,7 @@ BLACK = 24  # of the print: 12 % of white, as measured prints are (8 to 22 %)
 FINEST_PER_M = 1024  # texels; a pixel of the thesis camera at 0.4 m
 LARGEST = 4096  # texels along one side
 LEVELS = 7
+_HALVES = ((1.0, 0.0), (0.0, 1.0))  # of a WhyCode's cell for a 0 and a 1: black or not
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,9 @@ def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
     white = np.ones((rows, columns), np.float32)
     for marker in layout.markers:
         n, e = marker.position_m
-        size = marker.outer_diameter_m if isinstance(marker, Ring) else marker.size_m * math.sqrt(2)
+        size = (
+            marker.size_m * math.sqrt(2) if isinstance(marker, Square) else marker.outer_diameter_m
+        )
         reach = size / 2 + 2 / per_m
         window = np.ix_(np.abs(norths[:, 0] - n) < reach, np.abs(easts[0] - e) < reach)
         dn, de = norths[window[0][:, 0]] - np.float32(n), easts[:, window[1][0]] - np.float32(e)
@@ -102,6 +105,8 @@ def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
             black = outer - _covered(
                 marker.inner_ratio * marker.outer_diameter_m / 2 - radius, per_m
             )
+        elif isinstance(marker, WhyCode):
+            black = _whycode(marker, dn, de, per_m)
         else:
             black = _square(marker, dn, de, per_m)
         white[window] *= 1.0 - black
@@ -132,6 +137,27 @@ def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
 def _covered(inside_m: F32, per_m: float) -> F32:
     """Share of a texel on the inner side of an edge that lies inside_m beyond its centre."""
     return cast(F32, np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0))
+
+
+def _whycode(code: WhyCode, dn: F32, de: F32, per_m: float) -> F32:
+    """Black share of texels at dn (rows, 1), de (1, columns) from the code's centre, m."""
+    radius = cast(F32, np.sqrt(dn * dn + de * de))
+    disc, band, core = (
+        _covered(np.float32(k * code.outer_diameter_m / 2) - radius, per_m)
+        for k in (1.0, WHYCODE_BAND, WHYCODE_CORE)
+    )
+    # Anticlockwise from the print's east, in half cells: every second border between halves
+    # has black on one side; those between cells only where neighbouring bits are equal.
+    turn = np.arctan2(dn, de) + np.float32(math.radians(code.heading_deg))
+    at = (turn * np.float32(code.bits / math.pi)) % (2 * code.bits)
+    halves = [half for i in reversed(range(code.bits)) for half in _HALVES[code.id >> i & 1]]
+    black = np.array(halves, np.float32)
+    border = np.rint(at)
+    beyond = (at - border) * (radius * np.float32(math.pi / code.bits * per_m))  # texels
+    share = np.clip(np.float32(0.5) + beyond, 0.0, 1.0)
+    after = border.astype(np.intp) % len(black)
+    teeth = black[after] * share + black[after - 1] * (1.0 - share)
+    return cast(F32, disc - band + (band - core) * teeth)
 
 
 def _square(marker: Square, dn: F32, de: F32, per_m: float) -> F32:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hw.sim.snapshot import CameraPose, PadPose
 from landerd.camera_model import CameraModel
 from landerd.geometry import Mat3, Vec3
-from landerd.pad import PadLayout, Ring, Square
+from landerd.pad import PadLayout, Ring, Square, WhyCode
 
 F64 = NDArray[np.float64]
 
@@ -179,9 +179,9 @@ def visible_markers(
 
 
 @functools.cache
-def _outline(marker: Ring | Square) -> F64:
+def _outline(marker: Ring | WhyCode | Square) -> F64:
     """Return points (n, 3) of a marker's outline in the pad frame."""
-    if isinstance(marker, Ring):
+    if not isinstance(marker, Square):
         a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
         r = marker.outer_diameter_m / 2
     else:

@@ -10,7 +10,7 @@ import numpy as np
 
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution, Prior
-from landerd.pad import PadLayout, Ring, Square
+from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.pad_pose import Measured, pad_poses
 from landerd.vision.pose import circle, rotation_from
 
@@ -23,7 +23,7 @@ _SEEN_PX = 16.0  # a ring this wide and wholly in the image would have been foun
 class Candidate:
     """A marker of the pad, if what was found is that marker."""
 
-    marker: Ring | Square
+    marker: Ring | WhyCode | Square
     sighting: MarkerSighting
     measured: Measured
 

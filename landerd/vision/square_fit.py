@@ -89,13 +89,24 @@ class SquarePrint:
 
     def __init__(self, square: Square, cells: NDArray[np.bool_]) -> None:
         """Prepare from the print's cells (n, n): True is white, top row first, border included."""
-        self._size = square.size_m
-        self._cells = cells.shape[0]
-        self._per_m = self._cells * _PER_CELL / self._size
-        self._corners = square_points(self._size)
-        self._blur = 1.0  # of the last fit, in a sharp lens's: the next is likely alike
+        count, size = cells.shape[0], square.size_m
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
+        reach = 0.5 * size * (1.0 + 2.0 * _USED_MARGIN_CELLS / count)
+        self._prepare(fine, size, count * _PER_CELL / size, reach)
+
+    def _prepare(self, fine: NDArray[np.floating], size: float, per_m: float, reach: float) -> None:
+        """Take the print (n, n), 1 white and 0 black.
+
+        Args:
+            fine: samples of the print and of the white round it, its centre in the middle.
+            size: of the print, m.
+            per_m: samples a metre.
+            reach: how far from the centre print and image are compared, m.
+        """
+        self._size, self._per_m, self._reach = size, per_m, reach
+        self._corners = square_points(size)
+        self._blur = 1.0  # of the last fit, in a sharp lens's: the next is likely alike
         n = fine.shape[0]
         self._made: tuple[F64, NDArray[np.float32]] | None = None  # a spread and its blurred print
         self._centre = 0.5 * n - 0.5
@@ -251,15 +262,15 @@ class SquarePrint:
 
     def _patch(self, image: Image, camera: CameraModel, pose: Pose) -> _Patch | None:
         """Return the marker's pixels under a pose, reduced if they are many."""
-        reach = 0.5 * self._size * (1.0 + 2.0 * _USED_MARGIN_CELLS / self._cells)
-        corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * reach
+        corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * self._reach
         outline = pose.t + corners @ pose.R[:, :2].T
         if outline[:, 2].min() < 0.05:
             return None
         px = camera.pixels(outline)
         low = np.maximum(np.floor(px.min(axis=0)), 0).astype(int)
         high = np.minimum(np.ceil(px.max(axis=0)) + 1, (camera.width, camera.height)).astype(int)
-        area = cv2.contourArea(px.astype(np.float32))
+        in_image = float(np.prod(np.maximum(high - low, 0)))
+        area = min(cv2.contourArea(px.astype(np.float32)), in_image)
         reduce = max(1, round(math.sqrt(area) / _LARGEST_SIDE_PX))
         size = (int(high[0] - low[0]) // reduce, int(high[1] - low[1]) // reduce)
         if min(size) < 4:
@@ -269,12 +280,17 @@ class SquarePrint:
             crop = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         rays = _lens_grid(camera, low, size, reduce)
         north, east = _plane(rays, pose)
-        inside = (np.abs(north) < reach) & (np.abs(east) < reach)
+        inside = self._is_used(north, east)
         if np.count_nonzero(inside) < 50:
             return None
         pixel = reduce / (0.5 * (camera.fx + camera.fy))
         blur = 0.36 / reduce**2 + 1.0 / 12.0
         return _Patch(crop.reshape(-1)[inside].astype(np.float64), rays[:, inside], pixel, blur)
+
+    def _is_used(self, north: F64, east: F64) -> NDArray[np.bool_]:
+        """Tell which points (n,) of the plane are compared with the image."""
+        used: NDArray[np.bool_] = (np.abs(north) < self._reach) & (np.abs(east) < self._reach)
+        return used
 
     def _spread(self, patch: _Patch, pose: Pose) -> F64:
         """Return the covariance (2, 2) on the print (u, v) of a blur of one pixel's variance."""

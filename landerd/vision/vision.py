@@ -4,18 +4,19 @@ import math
 
 import numpy as np
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.config import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
-from landerd.pad import PadLayout
+from landerd.pad import PadLayout, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.pad_pose import Measured, measured_ring, with_gravity
-from landerd.vision.pose import solution
+from landerd.vision.pose import Pose, circle, solution
 from landerd.vision.search import Expected, Search
 from landerd.vision.square import FoundSquare, Image, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
+from landerd.vision.whycode import FoundCode, WhyCodeFinder
 
 _SAME_VIEW_S = 0.15  # so soon after, the camera looks nearly the same way
 _MEMORY_S = 0.5  # a sighting older than this says nothing about the next frame
@@ -41,6 +42,7 @@ class Vision:
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._prints = {s: SquarePrint(s, printed_cells(s)) for s in layout.squares}
         self._search = Search(layout, camera, options.min_ring_px, self._prints)
+        self._codes = WhyCodeFinder(layout, camera)
         self._last: tuple[float, PoseSolution] | None = None
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
@@ -73,6 +75,8 @@ class Vision:
             candidate = self._square(image, frame.t, found, prior)
             if candidate is not None:
                 candidates.append(candidate)
+        codes = self._codes.find(image, expected, self._last_normal(frame.t))
+        candidates += [c for found in codes if (c := self._code(found, prior)) is not None]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, prior, where)
         others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
@@ -120,16 +124,27 @@ class Vision:
         poses = self._prints[square].poses(
             image, self._camera, found.corners, prior.down, self._last_normal(t), found.fit
         )
+        return self._decoded(square, poses, square_points(square.size_m), prior)
+
+    def _code(self, found: FoundCode, prior: Prior) -> Candidate | None:
+        """Return a WhyCode with its pose; None if that is too uncertain."""
+        outline = circle(0.5 * found.code.outer_diameter_m)
+        return self._decoded(found.code, list(found.poses), outline, prior)
+
+    def _decoded(
+        self, marker: Square | WhyCode, poses: list[Pose], outline: F64, prior: Prior
+    ) -> Candidate | None:
+        """Return a marker that tells its id and heading; None if its pose is too uncertain."""
         level = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in level if (s := solution(p)) and self._is_certain(s))
         if not solutions:
             return None
-        corners = level[0].t + square_points(square.size_m) @ level[0].R[:, :2].T
-        outline = tuple((float(x), float(y)) for x, y in self._camera.pixels(corners))
-        sighting = MarkerSighting(square.kind, square.id, solutions, outline)
-        place = np.array([*square.position_m, 0.0])
+        points = level[0].t + outline @ level[0].R[:, :2].T
+        polygon = tuple((float(x), float(y)) for x, y in self._camera.pixels(points))
+        sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon)
+        place = np.array([*marker.position_m, 0.0])
         return Candidate(
-            square, sighting, Measured(place, math.radians(square.heading_deg), tuple(poses))
+            marker, sighting, Measured(place, math.radians(marker.heading_deg), tuple(poses))
         )
 
     def _is_certain(self, s: PoseSolution) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
-from landerd.pad import PadLayout, Plate, Ring, Square
+from landerd.pad import PadLayout, Plate, Ring, Square, WhyCode
 
 F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
@@ -120,7 +120,7 @@ def look(
     return View((float(t[0]), float(t[1]), float(t[2])), axes)
 
 
-def outline(view: View, camera: CameraModel, ring: Ring) -> F64:
+def outline(view: View, camera: CameraModel, ring: Ring | WhyCode) -> F64:
     """Return 64 pixels (64, 2) on the outer edge of a ring."""
     a = np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False)
     r = ring.outer_diameter_m / 2
@@ -129,7 +129,7 @@ def outline(view: View, camera: CameraModel, ring: Ring) -> F64:
     return camera.pixels(points.T)
 
 
-def in_view(view: View, camera: CameraModel, ring: Ring, margin_px: float = 2.0) -> bool:
+def in_view(view: View, camera: CameraModel, ring: Ring | WhyCode, margin_px: float = 2.0) -> bool:
     """Tell whether a ring lies wholly in the image."""
     p = outline(view, camera, ring)
     low, high = p.min(axis=0), p.max(axis=0)
@@ -177,7 +177,7 @@ def random_view(
     camera: CameraModel,
     distance: float,
     tilt: float,
-    ring: Ring,
+    ring: Ring | WhyCode,
     *,
     centred: bool = False,
 ) -> View | None:
@@ -412,6 +412,8 @@ def _sample(
             r2 = (dn * dn + de * de) / (marker.outer_diameter_m / 2) ** 2
             # The inner disc is printed too: a ring inside a ring's disc stays visible.
             white &= ~((r2 < 1.0) & (r2 > marker.inner_ratio**2))
+        elif isinstance(marker, WhyCode):
+            white &= ~_whycode_black(marker, dn, de)
         else:
             white &= ~_square_black(marker, dn, de)
     px, py = np.meshgrid((x0 + sx - 1.0).astype(np.float32), (y0 + sy - 1.0).astype(np.float32))
@@ -429,6 +431,21 @@ def _square_black(marker: Square, north: F64, east: F64) -> NDArray[np.bool_]:
     col = np.floor((0.5 + right / marker.size_m) * n).astype(np.int64)
     inside = (row >= 0) & (row < n) & (col >= 0) & (col < n)
     return cast(NDArray[np.bool_], inside & ~cells[np.clip(row, 0, n - 1), np.clip(col, 0, n - 1)])
+
+
+def _whycode_black(code: WhyCode, north: F64, east: F64) -> NDArray[np.bool_]:
+    """Tell black from white as whycode-gen draws: radii of 240, 420 and 700 units, sectors."""
+    radius = np.hypot(north, east) / (code.outer_diameter_m / 2) * 700.0
+    # Where the upright print has the point: its own angle from three o'clock, anticlockwise.
+    turn = np.degrees(np.arctan2(north, east)) + code.heading_deg
+    width = 360.0 / code.bits / 2.0
+    half = np.floor(turn % 360.0 / width).astype(np.int64) % (2 * code.bits)
+    bits = np.array([int(c) for c in f"{code.id:0{code.bits}b}"])
+    tooth = half % 2 == bits[half // 2]
+    return cast(
+        NDArray[np.bool_],
+        ((radius > 420.0) & (radius < 700.0)) | ((radius > 240.0) & (radius <= 420.0) & tooth),
+    )
 
 
 def marker_cells(marker: Square) -> NDArray[np.bool_]:

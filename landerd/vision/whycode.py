@@ -1,0 +1,270 @@
+"""WhyCodes: rings whose inner edge tells a number and a direction.
+
+A dark ring with a bright heart is looked for as a plain ring is. Under both poses of its outline
+the code band is read in the ring's own plane, so neither perspective nor lens distortion bends it;
+what does not carry a code of the pad is none of its rings. Then the whole print, its turn now
+known, is fitted to the pixels from both poses: the teeth, too long on one side and too short on the
+other under the wrong one, tell which is true.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64, CameraModel
+from landerd.geometry import Vec3
+from landerd.pad import PadLayout, WhyCode, rotated
+from landerd.vision.pose import Pose, rotation_from
+from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
+from landerd.vision.ring_segment import ring_candidates
+from landerd.vision.search import Expected
+from landerd.vision.square_fit import Fit
+from landerd.vision.whycode_print import WhyCodePrint
+
+Image = NDArray[np.uint8]
+
+_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
+_THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
+_PER_BIT = 16  # samples of the band along a cell
+_RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
+_LEAST_CONTRAST = 12.0  # along the band, grey levels
+_LEAST_SWING = 0.4  # of the mean bit, in the contrast along the band
+_LEAST_BIT = 0.45  # of a bit's swing, in mean swings of all bits
+_EXPLAINED = 0.85  # of the pixels' variance, by a print that is really there
+_CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
+_SAME_NORMAL = math.cos(math.radians(1.0))
+_LARGE_PX = 60.0  # a code this large tells all that smaller ones could
+_SMALLEST_PX = 9.0  # across; smaller rings have no teeth to be seen
+
+
+@dataclass(frozen=True)
+class FoundCode:
+    """A WhyCode of the pad seen in an image."""
+
+    code: WhyCode
+    poses: tuple[Pose, ...]  # one or two, best first; the print's top is their x axis
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a code band says, read in the frame of some pose."""
+
+    word: int
+    begins: float  # angle of the first bit's beginning, anticlockwise from the frame's east, rad
+    clearness: float  # swing of the least clear bit in swings of the mean bit
+
+
+class WhyCodeFinder:
+    """Finds the WhyCodes of one pad in the images of one camera; other numbers are not reported."""
+
+    def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
+        """Prepare the prints of a pad's codes."""
+        self._camera = camera
+        self._focal = 0.5 * (camera.fx + camera.fy)
+        codes = sorted(layout.whycodes, key=lambda c: -c.outer_diameter_m)
+        self._prints = {code: WhyCodePrint(code) for code in codes}
+
+    def find(
+        self,
+        image: Image,
+        expected: Expected | None,
+        last_normal: Vec3 | None,
+    ) -> list[FoundCode]:
+        """Return the pad's codes: first where they are expected, then anywhere.
+
+        Args:
+            image: grey image (height, width).
+            expected: where the pad should be.
+            last_normal: into the pad as the frame before told it, camera frame; a pose that agrees
+                needs no second one beside it.
+        """
+        if not self._prints:
+            return []
+        found: list[FoundCode] = []
+        if expected is not None and expected.north is not None:
+            for code in self._prints:
+                start = _as_expected(code, expected)
+                size = self._size_px(code, start)
+                if size < _SMALLEST_PX:
+                    continue
+                poses = self._poses(image, code, start, last_normal)
+                if poses:
+                    found.append(FoundCode(code, poses))
+                    if size > _LARGE_PX:
+                        break
+        return found or self._anywhere(image, last_normal)
+
+    def _anywhere(self, image: Image, last_normal: Vec3 | None) -> list[FoundCode]:
+        """Look in ever larger images; return the codes of the first that shows any."""
+        for threshold in _THRESHOLDS:
+            for halvings in range(max(0, math.ceil(math.log2(max(image.shape) / 100.0))), -1, -1):
+                found: dict[WhyCode, tuple[Pose, ...]] = {}
+                for outline in _outlines(image, halvings, threshold):
+                    start = self._recognised(image, outline)
+                    if start is not None and start[0] not in found:
+                        poses = self._poses(image, *start, last_normal)
+                        if poses:
+                            found[start[0]] = poses
+                if found:
+                    return [FoundCode(code, poses) for code, poses in found.items()]
+        return []
+
+    def _recognised(self, image: Image, outline: F64) -> tuple[WhyCode, Pose] | None:
+        """Return the code that an outline carries, and its pose; None if it carries none."""
+        cone = cone_through(self._camera.rays(outline))
+        poses = None if cone is None else poses_of_cone(cone, 1.0)
+        best: tuple[float, WhyCode, Pose] | None = None
+        for position, normal in poses or ():
+            R = rotation_from(normal, np.array([0.0, -1.0, 0.0]))
+            for bits in {c.bits for c in self._prints}:
+                reading = read(
+                    image, self._camera, Pose(R, position, np.zeros((6, 6)), 0.0), 1.0, bits
+                )
+                if reading is None or (best is not None and reading.clearness < best[0]):
+                    continue
+                for code in self._prints:
+                    turn = _turn(reading, code)
+                    if code.bits == bits and turn is not None:
+                        scale = 0.5 * code.outer_diameter_m
+                        start = Pose(_turned(R, turn), scale * position, np.zeros((6, 6)), 0.0)
+                        best = reading.clearness, code, start
+        return best[1:] if best else None
+
+    def _poses(
+        self,
+        image: Image,
+        code: WhyCode,
+        start: Pose,
+        last_normal: Vec3 | None,
+    ) -> tuple[Pose, ...]:
+        """Return the poses of a code near a start, best first; empty if it is not there."""
+        printed, camera = self._prints[code], self._camera
+        fits = [f for f in [printed.fit(image, camera, start)] if f is not None]
+        if not fits or fits[0].explained < _EXPLAINED:
+            return ()
+        if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < _CONTINUED:
+            other = _mirrored(fits[0].pose, 0.5 * code.outer_diameter_m)
+            fit = None if other is None else printed.fit(image, camera, other)
+            if fit is not None and fit.pose.normal @ fits[0].pose.normal < _SAME_NORMAL:
+                fits.append(fit)
+        poses = _ranked(fits)
+        return poses if self._carries(image, code, poses[0]) else ()
+
+    def _carries(self, image: Image, code: WhyCode, pose: Pose) -> bool:
+        """Tell whether the band under a pose reads as the code, not turned."""
+        reading = read(image, self._camera, pose, 0.5 * code.outer_diameter_m, code.bits)
+        turn = None if reading is None else _turn(reading, code)
+        return turn is not None and abs(turn) < math.pi / (2 * code.bits)
+
+    def _size_px(self, code: WhyCode, pose: Pose) -> float:
+        """Return a code's diameter in the image."""
+        return self._focal * code.outer_diameter_m / max(float(pose.t[2]), 0.05)
+
+
+def _outlines(image: Image, halvings: int, threshold: float) -> list[F64]:
+    """Return outlines (16, 2), px, of what may be a code's ring in an image halved so often."""
+    size = (image.shape[1] >> halvings, image.shape[0] >> halvings)
+    if halvings > 0:
+        whole = image[: size[1] << halvings, : size[0] << halvings]
+        image = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    candidates = ring_candidates(image, _RATIO, threshold)
+    return [(ellipse.points() + 0.5) * 2**halvings - 0.5 for ellipse in candidates]
+
+
+def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int) -> Reading | None:
+    """Return what the code band of a ring at a pose says; None if it says nothing clear.
+
+    Each bit is the difference of its cell's halves. A wrong beginning is half a cell off: then
+    cells of two unlike neighbours have halves alike, so the sum of all differences is less.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        pose: of the ring; its x axis is the north that angles count from.
+        radius: of the ring's outer edge, m.
+        bits: cells in the band.
+    """
+    samples = bits * _PER_BIT
+    a = (np.arange(samples) + 0.5) * (2.0 * math.pi / samples)
+    way = np.column_stack([np.sin(a), np.cos(a)]) @ pose.R[:, :2].T
+    points = pose.t + (radius * np.array(_RADII))[:, None, None] * way
+    if points[..., 2].min() < 0.02 * radius:
+        return None
+    px = camera.pixels(points.reshape(-1, 3)).astype(np.float32)
+    if not (px.min() >= 0.0 and (px <= (camera.width - 1, camera.height - 1)).all()):
+        return None
+    grey = cv2.remap(image, px[None, :, 0], px[None, :, 1], cv2.INTER_LINEAR)
+    level = grey.reshape(len(_RADII), samples).mean(axis=0)
+    contrast = float(np.ptp(level))
+    if contrast < _LEAST_CONTRAST:
+        return None
+    doublet = np.sin((np.arange(_PER_BIT) + 0.5) * (2.0 * math.pi / _PER_BIT))
+    doublet *= 2.0 / float(np.abs(doublet).sum())
+    turned = np.stack([np.roll(level, -s) for s in range(_PER_BIT)])
+    swings = -(turned.reshape(_PER_BIT, bits, _PER_BIT) @ doublet)  # bright after dark: a 0
+    total = np.abs(swings).sum(axis=1)
+    best = int(np.argmax(total))
+    mean = float(total[best]) / bits
+    least = float(np.abs(swings[best]).min()) / max(mean, 1e-9)
+    if mean < _LEAST_SWING * contrast or least < _LEAST_BIT:
+        return None
+    word = 0
+    for swing in swings[best]:
+        word = word * 2 + int(swing < 0.0)
+    return Reading(word, best * 2.0 * math.pi / samples, least)
+
+
+def _turn(reading: Reading, code: WhyCode) -> float | None:
+    """Return the angle of the code's top, clockwise from the frame's north; None: another code."""
+    for n in range(code.bits):
+        if rotated(reading.word, code.bits, n) == code.id:
+            turn = -(reading.begins + n * 2.0 * math.pi / code.bits)
+            return math.remainder(turn, 2.0 * math.pi)
+    return None
+
+
+def _turned(R: F64, turn: float) -> F64:
+    """Return a frame turned clockwise about its z axis by an angle (rad)."""
+    c, s = math.cos(turn), math.sin(turn)
+    turned: F64 = R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turned
+
+
+def _ranked(fits: list[Fit]) -> tuple[Pose, ...]:
+    """Return the poses, best first; its cost is 0, another's how much worse it explains a pixel.
+
+    The fits are of pixels that differ a little, so their sums cannot be compared.
+    """
+    fits = sorted(fits, key=lambda f: f.variance)
+    pixels = fits[0].squares / fits[0].variance
+    return tuple(
+        Pose(
+            f.pose.R,
+            f.pose.t,
+            f.pose.information,
+            pixels * (f.variance / fits[0].variance - 1.0),
+        )
+        for f in fits
+    )
+
+
+def _mirrored(pose: Pose, radius: float) -> Pose | None:
+    """Return the other pose whose outline is the same ellipse, its top at the same pixel."""
+    other = mirrored(pose.t, pose.normal, radius)
+    if other is None:
+        return None
+    t, normal = other
+    sight = pose.t + radius * pose.R[:, 0]
+    top = sight * (float(normal @ t) / float(normal @ sight))
+    return Pose(rotation_from(normal, top - t), t, pose.information, 0.0)
+
+
+def _as_expected(code: WhyCode, expected: Expected) -> Pose:
+    """Return the pose of a code on a pad whose heading is known."""
+    assert expected.north is not None
+    R = rotation_from(expected.normal, expected.north)
+    t = expected.position + R[:, :2] @ np.array(code.position_m)
+    return Pose(_turned(R, math.radians(code.heading_deg)), t, np.zeros((6, 6)), 0.0)

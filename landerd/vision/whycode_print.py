@@ -1,0 +1,51 @@
+"""The print of a WhyCode, to be fitted to its pixels as a square marker's is."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64
+from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
+from landerd.vision.square_fit import SquarePrint
+
+_PER_RADIUS = 48  # samples of the print
+_FINER = 8  # points in a sample along each axis
+_MARGIN = 16  # samples of white round the print
+_REACH = 1.12  # outer radii within which print and image are compared,
+_HEART = 0.26  # and without which: another marker may stand in the white heart
+
+
+class WhyCodePrint(SquarePrint):
+    """The print of one WhyCode, ready to be compared with images."""
+
+    def __init__(self, code: WhyCode) -> None:
+        """Draw the print."""
+        self._radius = 0.5 * code.outer_diameter_m
+        self._prepare(
+            _drawn(code),
+            code.outer_diameter_m,
+            _PER_RADIUS / self._radius,
+            _REACH * self._radius,
+        )
+
+    def _is_used(self, north: F64, east: F64) -> NDArray[np.bool_]:
+        rho = np.hypot(north, east) / self._radius
+        used: NDArray[np.bool_] = (rho < _REACH) & (rho > _HEART)
+        return used
+
+
+def _drawn(code: WhyCode) -> F64:
+    """Return the print (n, n), its top up, 1 white and 0 black; edges are grey in proportion."""
+    half = _PER_RADIUS + _MARGIN
+    p = (np.arange(2 * half * _FINER) + 0.5) / (_FINER * _PER_RADIUS) - half / _PER_RADIUS
+    east, north = np.meshgrid(p, -p)
+    rho = np.hypot(north, east)
+    # Anticlockwise from the east, in half cells.
+    at = (np.arctan2(north, east) * (code.bits / math.pi)) % (2 * code.bits)
+    slot = np.floor(at).astype(np.intp) % (2 * code.bits)
+    ones = np.array([code.id >> i & 1 for i in reversed(range(code.bits))])
+    tooth = slot % 2 == ones[slot // 2]
+    black = (rho < 1.0) & (rho > WHYCODE_CORE) & ((rho > WHYCODE_BAND) | tooth)
+    white: F64 = 1.0 - black.reshape(2 * half, _FINER, 2 * half, _FINER).mean(axis=(1, 3))
+    return white

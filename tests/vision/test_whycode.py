@@ -1,0 +1,150 @@
+"""WhyCodes in made images: number, direction and pose; nothing else is taken for one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from landerd.config import VisionSection
+from landerd.messages import Frame, MarkerSighting, Prior, Sightings
+from landerd.pad import PadLayout, Plate, Ring, WhyCode
+from landerd.vision import Vision
+from tests.vision import scenes
+
+CAMERA = scenes.THESIS_CAMERA
+PLATE = Plate(north_m=0.62, south_m=0.62, east_m=0.62, west_m=0.62)
+
+
+def pad(number: int = 5, bits: int = 6, heading_deg: float = 0.0) -> PadLayout:
+    code = WhyCode(
+        kind="whycode", outer_diameter_m=1.0, bits=bits, id=number, heading_deg=heading_deg
+    )
+    return PadLayout(name="code", markers=(code,), plate=PLATE)
+
+
+def look(distance: float, tilt_deg: float, heading_deg: float = 25.0) -> scenes.View:
+    return scenes.look(
+        CAMERA,
+        distance,
+        math.radians(tilt_deg),
+        pixel=(330, 250),
+        tilt_towards=0.7,
+        heading=math.radians(heading_deg),
+    )
+
+
+def seen(
+    view: scenes.View | None,
+    printed: PadLayout,
+    wanted: PadLayout | None = None,
+    optics: scenes.Optics | None = None,
+    prior: Prior | None = None,
+    seed: int = 1,
+) -> Sightings:
+    rng = np.random.default_rng(seed)
+    image = scenes.render(view, CAMERA, optics or scenes.Optics(), rng, printed)
+    vision = Vision(wanted or printed, CAMERA, VisionSection())
+    return vision.process(Frame(0.0, 0, image), prior)
+
+
+def yaw_error_deg(marker: MarkerSighting, view: scenes.View) -> float:
+    north = marker.solutions[0].north
+    assert north is not None
+    axes = view.R_camera_pad
+    return math.degrees(math.atan2(float(north @ axes[:, 1]), float(north @ axes[:, 0])))
+
+
+def normal_error_deg(marker: MarkerSighting, view: scenes.View) -> float:
+    cosine = float(np.dot(marker.solutions[0].normal, view.normal))
+    return math.degrees(math.acos(min(1.0, cosine)))
+
+
+@pytest.mark.parametrize("distance", [2.0, 5.0, 10.0, 12.0, 18.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 45.0])
+def test_one_code_tells_place_number_and_north(distance: float, tilt_deg: float) -> None:
+    view = look(distance, tilt_deg)
+    found = seen(view, pad())
+    (marker,) = found.markers
+    assert (marker.kind, marker.id) == ("whycode", 5)
+    assert math.dist(found.pad[0].position, view.position) < 0.001 + 0.001 * distance
+    assert abs(yaw_error_deg(marker, view)) < 0.5
+    # Nearly frontal, the tilt itself is hardly seen from far off.
+    assert normal_error_deg(marker, view) < (2.0 if tilt_deg else 8.0)
+
+
+@pytest.mark.parametrize(("number", "bits"), [(1, 6), (31, 6), (1, 3), (23, 8), (127, 8)])
+@pytest.mark.parametrize("heading_deg", [-170.0, -65.0, 0.0, 100.0])
+def test_every_turn_of_every_code_is_read(number: int, bits: int, heading_deg: float) -> None:
+    view = look(8.0, 20.0, heading_deg)
+    (marker,) = seen(view, pad(number, bits)).markers
+    assert marker.id == number
+    assert abs(yaw_error_deg(marker, view)) < 0.5
+
+
+def test_a_code_turned_on_its_pad_tells_the_pads_north() -> None:
+    view = look(4.0, 20.0)
+    found = seen(view, pad(heading_deg=70.0))
+    north = found.pad[0].north
+    assert north is not None
+    assert float(np.dot(north, view.R_camera_pad[:, 0])) > math.cos(math.radians(0.3))
+    assert abs(yaw_error_deg(found.markers[0], view) - 70.0) < 0.3
+
+
+@pytest.mark.parametrize("number", [1, 3, 7, 11, 13, 15, 23, 31])
+def test_other_codes_are_never_taken_for_the_pads(number: int) -> None:
+    for distance in (3.0, 10.0, 16.0, 24.0):
+        for tilt_deg in (10.0, 45.0):
+            found = seen(look(distance, tilt_deg), pad(number), wanted=pad(5))
+            assert found.markers == ()
+            assert found.pad == ()
+
+
+def test_a_plain_ring_is_no_code() -> None:
+    ring = Ring(kind="whycon", outer_diameter_m=1.0)
+    plain = PadLayout(name="ring", markers=(ring,), plate=PLATE)
+    for distance in (3.0, 8.0, 15.0):
+        assert seen(look(distance, 20.0), plain, wanted=pad()).markers == ()
+
+
+def test_nothing_is_seen_where_no_pad_is() -> None:
+    assert seen(None, pad()).markers == ()
+
+
+def test_shadow_and_motion_do_not_change_what_is_read() -> None:
+    view = look(6.0, 30.0)
+    x, y = CAMERA.pixels(np.array([view.position]))[0]
+    shadow = scenes.Shadow(0.45, (float(x) + 6.0, float(y)), (0.8, 0.6))
+    for optics in (
+        replace(scenes.Optics(), shadow=shadow),
+        replace(scenes.Optics(), motion_px=(3.0, 2.0)),
+    ):
+        (marker,) = seen(view, pad(), optics=optics).markers
+        assert marker.id == 5
+        assert abs(yaw_error_deg(marker, view)) < 1.5
+        assert normal_error_deg(marker, view) < 5.0
+
+
+def test_the_true_one_of_both_normals_is_first_without_gravity() -> None:
+    for towards in np.arange(6) * math.pi / 3.0:
+        view = scenes.look(
+            CAMERA, 10.0, math.radians(30), pixel=(250, 200), tilt_towards=float(towards)
+        )
+        (marker,) = seen(view, pad()).markers
+        assert len(marker.solutions) == 2
+        assert normal_error_deg(marker, view) < 5.0
+        assert marker.solutions[1].cost > 9.0
+
+
+def test_a_descent_keeps_number_north_and_normal() -> None:
+    vision = Vision(pad(), CAMERA, VisionSection())
+    rng = np.random.default_rng(4)
+    for i in range(24):
+        view = look(12.0 - 0.4 * i, 30.0 - i, 10.0 + i)
+        image = scenes.render(view, CAMERA, scenes.Optics(), rng, pad())
+        found = vision.process(Frame(i / 30.0, i, image), None)
+        (marker,) = found.markers
+        assert marker.id == 5
+        assert normal_error_deg(marker, view) < 5.0
+        assert abs(yaw_error_deg(marker, view)) < 0.5
+        assert math.dist(found.pad[0].position, view.position) < 0.03
