@@ -11,6 +11,7 @@ import pytest
 from landerd.cli import main
 from landerd.detect_command import yaw_deg
 from landerd.geometry import Vec3
+from landerd.pad import load_pad
 from landerd.vision.pose import vec3
 from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render
 
@@ -50,6 +51,23 @@ def test_json_is_one_object_an_image(folder: Path, capsys: pytest.CaptureFixture
     assert all(m["yaw_deg"] is None for m in first["markers"] if m["kind"] == "whycon")
     assert first["ms"] > 0
     assert (second["markers"], second["pad"]) == ([], None)
+
+
+def test_a_whycode_is_printed_with_number_and_yaw(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = CONFIG / "pads" / "whycode.yaml"
+    image = render(VIEW, THESIS_CAMERA, Optics(), np.random.default_rng(1), load_pad(file))
+    cv2.imwrite(str(tmp_path / "code.png"), image)
+    source = ["detect", str(tmp_path / "code.png"), *FILES[:2], "--pad", str(file)]
+    assert main([*source, "--json"]) == 0
+    (marker,) = json.loads(capsys.readouterr().out)["markers"]
+    assert (marker["kind"], marker["id"]) == ("whycode", 5)
+    assert marker["yaw_deg"] == pytest.approx(
+        yaw_deg(vec3(VIEW.normal), vec3(VIEW.R_camera_pad[:, 0])), abs=0.5
+    )
+    assert main(source) == 0
+    assert "whycode 5 at" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ ROOT = Path(__file__).parents[1]
 PLATE = "plate: {north_m: 1, south_m: 1, east_m: 1, west_m: 1}\n"
 RING = "  - {kind: whycon, outer_diameter_m: 1.0}\n"
 TAG = "  - {kind: apriltag, dictionary: APRILTAG_36h11, id: 0, size_m: 0.3}\n"
+CODE = "  - {kind: whycode, outer_diameter_m: 1.0, bits: 6, id: 5}\n"
 GOOD = "name: test\nmarkers:\n" + RING + TAG + PLATE
 
 
@@ -35,7 +36,7 @@ def test_the_thesis_pad_is_that_of_its_section_2_3_5() -> None:
 
 @pytest.mark.parametrize(
     ("markers", "has_heading"),
-    [(RING, False), (TAG, True), (RING + TAG, True), (RING + RING, True)],
+    [(RING, False), (TAG, True), (RING + TAG, True), (RING + RING, True), (CODE, True)],
 )
 def test_a_pad_has_a_heading_unless_it_is_one_plain_ring(
     tmp_path: Path, markers: str, has_heading: bool
@@ -70,6 +71,49 @@ def test_a_wrong_pad_is_told_with_file_key_and_what_was_expected(
     assert key in line
     assert expected in line
     assert "\n" not in line
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        ("bits: 6, id: 21", "looks the same"),  # 010101
+        ("bits: 6, id: 9", "180 degrees"),  # 001001
+        ("bits: 6, id: 0", "looks the same"),
+        ("bits: 6, id: 63", "looks the same"),
+        ("bits: 6, id: 2", "id 1 turned"),
+        ("bits: 8, id: 254", "id 127 turned"),
+        ("bits: 6, id: 64", "more than 6 bits"),
+        ("bits: 2, id: 1", "greater than or equal to 3"),
+        ("id: 1", "bits"),
+    ],
+)
+def test_an_ambiguous_whycode_is_refused_in_one_line(
+    tmp_path: Path, code: str, expected: str
+) -> None:
+    text = f"name: test\nmarkers:\n{CODE.replace('bits: 6, id: 5', code)}{PLATE}"
+    with pytest.raises(PadError) as e:
+        load(tmp_path, text)
+    line = str(e.value)
+    assert expected in line
+    assert "markers.0" in line
+    assert "\n" not in line
+
+
+def test_of_six_bits_nine_codes_are_told_apart_at_every_turn(tmp_path: Path) -> None:
+    usable = []
+    for number in range(64):
+        text = f"name: test\nmarkers:\n{CODE.replace('id: 5', f'id: {number}')}{PLATE}"
+        try:
+            usable.append(load(tmp_path, text).whycodes[0].id)
+        except PadError:
+            continue
+    # As many as there are aperiodic necklaces: (2^6 - 2^3 - 2^2 + 2) / 6.
+    assert usable == [1, 3, 5, 7, 11, 13, 15, 23, 31]
+
+
+def test_a_whycode_twice_on_a_pad_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PadError, match="id 5 with 6 bits is on the pad twice"):
+        load(tmp_path, f"name: test\nmarkers:\n{CODE}{CODE}{PLATE}")
 
 
 def test_all_faults_of_a_pad_are_told_at_once(tmp_path: Path) -> None:

@@ -2,17 +2,19 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from landerd.config import VisionSection
 from landerd.messages import Frame, MarkerSighting, Prior, Sightings
-from landerd.pad import PadLayout, Plate, Ring, WhyCode
+from landerd.pad import PadLayout, Plate, Ring, WhyCode, load_pad
 from landerd.vision import Vision
 from tests.vision import scenes
 
-CAMERA = scenes.THESIS_CAMERA
+# The thesis camera's middle: large images are slow to make.
+CAMERA = replace(scenes.THESIS_CAMERA, width=200, height=180, cx=100.0, cy=90.0)
 PLATE = Plate(north_m=0.62, south_m=0.62, east_m=0.62, west_m=0.62)
 
 
@@ -28,7 +30,7 @@ def look(distance: float, tilt_deg: float, heading_deg: float = 25.0) -> scenes.
         CAMERA,
         distance,
         math.radians(tilt_deg),
-        pixel=(330, 250),
+        pixel=(104, 88),
         tilt_towards=0.7,
         heading=math.radians(heading_deg),
     )
@@ -60,7 +62,7 @@ def normal_error_deg(marker: MarkerSighting, view: scenes.View) -> float:
     return math.degrees(math.acos(min(1.0, cosine)))
 
 
-@pytest.mark.parametrize("distance", [2.0, 5.0, 10.0, 12.0, 18.0])
+@pytest.mark.parametrize("distance", [4.0, 10.0, 12.0, 18.0])
 @pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 45.0])
 def test_one_code_tells_place_number_and_north(distance: float, tilt_deg: float) -> None:
     view = look(distance, tilt_deg)
@@ -73,8 +75,8 @@ def test_one_code_tells_place_number_and_north(distance: float, tilt_deg: float)
     assert normal_error_deg(marker, view) < (2.0 if tilt_deg else 8.0)
 
 
-@pytest.mark.parametrize(("number", "bits"), [(1, 6), (31, 6), (1, 3), (23, 8), (127, 8)])
-@pytest.mark.parametrize("heading_deg", [-170.0, -65.0, 0.0, 100.0])
+@pytest.mark.parametrize(("number", "bits"), [(31, 6), (1, 3), (23, 8)])
+@pytest.mark.parametrize("heading_deg", [-170.0, -65.0, 100.0])
 def test_every_turn_of_every_code_is_read(number: int, bits: int, heading_deg: float) -> None:
     view = look(8.0, 20.0, heading_deg)
     (marker,) = seen(view, pad(number, bits)).markers
@@ -93,11 +95,10 @@ def test_a_code_turned_on_its_pad_tells_the_pads_north() -> None:
 
 @pytest.mark.parametrize("number", [1, 3, 7, 11, 13, 15, 23, 31])
 def test_other_codes_are_never_taken_for_the_pads(number: int) -> None:
-    for distance in (3.0, 10.0, 16.0, 24.0):
-        for tilt_deg in (10.0, 45.0):
-            found = seen(look(distance, tilt_deg), pad(number), wanted=pad(5))
-            assert found.markers == ()
-            assert found.pad == ()
+    for distance, tilt_deg in ((6.0, 10.0), (14.0, 45.0), (24.0, 30.0)):
+        found = seen(look(distance, tilt_deg), pad(number), wanted=pad(5))
+        assert found.markers == ()
+        assert found.pad == ()
 
 
 def test_a_plain_ring_is_no_code() -> None:
@@ -105,6 +106,23 @@ def test_a_plain_ring_is_no_code() -> None:
     plain = PadLayout(name="ring", markers=(ring,), plate=PLATE)
     for distance in (3.0, 8.0, 15.0):
         assert seen(look(distance, 20.0), plain, wanted=pad()).markers == ()
+
+
+def test_the_small_code_in_the_heart_tells_the_pad_when_the_large_one_is_out_of_the_image() -> None:
+    nested = load_pad(Path(__file__).parents[2] / "config/pads/whycode-nested.yaml")
+    large, small = (c.id for c in nested.whycodes)
+    vision = Vision(nested, CAMERA, VisionSection())
+    rng = np.random.default_rng(6)
+    ids = set()
+    for i, distance in enumerate((8.0, 7.7, 3.0, 2.9, 1.6, 1.5, 0.7, 0.65)):
+        view = look(distance, 12.0)
+        image = scenes.render(view, CAMERA, scenes.Optics(), rng, nested)
+        found = vision.process(Frame(i / 30.0, i, image), None)
+        ids.add(tuple(m.id for m in found.markers))
+        assert math.dist(found.pad[0].position, view.position) < 0.02
+        assert all(abs(yaw_error_deg(m, view)) < 0.5 for m in found.markers)
+    assert (large,) in ids
+    assert (small,) in ids
 
 
 def test_nothing_is_seen_where_no_pad_is() -> None:
@@ -126,9 +144,9 @@ def test_shadow_and_motion_do_not_change_what_is_read() -> None:
 
 
 def test_the_true_one_of_both_normals_is_first_without_gravity() -> None:
-    for towards in np.arange(6) * math.pi / 3.0:
+    for towards in np.arange(4) * math.pi / 2.0:
         view = scenes.look(
-            CAMERA, 10.0, math.radians(30), pixel=(250, 200), tilt_towards=float(towards)
+            CAMERA, 10.0, math.radians(30), pixel=(95, 93), tilt_towards=float(towards)
         )
         (marker,) = seen(view, pad()).markers
         assert len(marker.solutions) == 2
@@ -139,8 +157,8 @@ def test_the_true_one_of_both_normals_is_first_without_gravity() -> None:
 def test_a_descent_keeps_number_north_and_normal() -> None:
     vision = Vision(pad(), CAMERA, VisionSection())
     rng = np.random.default_rng(4)
-    for i in range(24):
-        view = look(12.0 - 0.4 * i, 30.0 - i, 10.0 + i)
+    for i in range(12):
+        view = look(12.0 - 0.6 * i, 30.0 - 2.0 * i, 10.0 + 2.0 * i)
         image = scenes.render(view, CAMERA, scenes.Optics(), rng, pad())
         found = vision.process(Frame(i / 30.0, i, image), None)
         (marker,) = found.markers
