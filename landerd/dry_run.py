@@ -1,6 +1,6 @@
 """The core and vision over a recording: what would have been ordered; nothing hears it."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from landerd.camera_model import CameraModel
@@ -26,7 +26,7 @@ GATE_LOW_S = 1.0  # the pretended switch is low before it is high
 HEARTBEAT_S, RC_S = 1.0, 0.05
 LOW_US, HIGH_US = 1100, 1900
 
-Measure = Callable[[float], list[Input]]
+Measure = Callable[[float], Sequence[Input]]
 Expose = Callable[[float], Frame | None]
 
 

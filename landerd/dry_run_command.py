@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.replay.align import SURE, find_offset, picture_motion, turning_motion
+from hw.replay.pictures import DrawnPictures, VideoPictures
 from hw.replay.telemetry import Telemetry, TelemetryError, read_telemetry
+from hw.replay.vehicle import RecordedVehicle
 from hw.replay.video import VideoError, read_video
 from hw.sim.options import SimOptions
-from hw.sim.renderer import Renderer
-from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 from landerd.camera_model import CalibrationError, CameraModel, load_camera
 from landerd.config import Config
 from landerd.config_file import Loaded
@@ -27,34 +26,20 @@ from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.flightlog.replay import phases
 from landerd.geometry import (
-    R_GIMBAL_CAMERA,
-    Mat3,
     Vec3,
-    add,
-    matmul,
-    rot_z,
-    rot_zyx,
-    rotate,
 )
 from landerd.lander import Lander
 from landerd.messages import (
-    Attitude,
-    Battery,
     Command,
     Frame,
-    GimbalState,
     Input,
-    LocalPosition,
     Prior,
-    Reference,
     Sightings,
 )
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.vision.draw import draw
 
-MEASURE_S = 0.02  # period of attitude, position and gimbal angles given to the core
 GOOD_RATE_HZ = 20.0
-GIMBAL_LAG_S = 0.08  # of the pretended gimbal
 LEAST_RATE_HZ = 2.0  # slower telemetry says too little between its measurements
 
 
@@ -138,16 +123,26 @@ def _dry_run(args: argparse.Namespace, loaded: Loaded) -> dict[str, Any]:
         )
     offset = None
     pretended = args.video is None and args.gimbal is None and not telemetry.gimbal.times
-    vehicle = _Vehicle(telemetry, args.gimbal, pretended=pretended, start=start)
+    vehicle = RecordedVehicle(telemetry, args.gimbal, pretended=pretended, start=start)
     if args.video is not None:
         camera = _fitting(camera, args.video, config)
         offset, sure = _offset(args, camera, vehicle, telemetry)
         start = max(start, telemetry.start + offset)
-        expose = _Video(args.video, telemetry.start + offset).expose
+        expose = VideoPictures(args.video, telemetry.start + offset).expose
     else:
         sure = None
-        drawn = _Drawn(loaded, layout, camera, vehicle, _pad(args, telemetry, config), args.fps)
-        expose = drawn.from_time(start)
+        options = loaded.options["sim"]
+        assert isinstance(options, SimOptions)
+        expose = DrawnPictures(
+            layout,
+            camera,
+            options.render,
+            vehicle,
+            config.vehicle,
+            _pad(args, telemetry, config),
+            start=start,
+            fps=args.fps,
+        ).expose
     observers: list[Observer] = []
     recorder = _recorder(args.log, config, layout, camera)
     if recorder is not None:
@@ -156,7 +151,7 @@ def _dry_run(args: argparse.Namespace, loaded: Loaded) -> dict[str, Any]:
     if drawing is not None:
         observers.append(drawing)
     dry = DryRun(config, layout, camera, observers)
-    vehicle.dry = dry
+    vehicle.ordered = lambda: dry.gimbal
     if drawing is not None:
         drawing.dry = dry
     try:
@@ -186,170 +181,6 @@ def _dry_run(args: argparse.Namespace, loaded: Loaded) -> dict[str, Any]:
     }
 
 
-# ---- what the vehicle measured -----------------------------------------------------------------
-
-
-class _Vehicle:
-    """The recording as messages for the core, interpolated to a steady rate."""
-
-    def __init__(
-        self,
-        telemetry: Telemetry,
-        fixed_deg: tuple[float, float] | None,
-        *,
-        pretended: bool,
-        start: float,
-    ) -> None:
-        self._telemetry = telemetry
-        self._fixed = None if fixed_deg is None else tuple(map(math.radians, fixed_deg))
-        self._pretended = pretended
-        self._t = start
-        self._battery = 0
-        self.dry: DryRun | None = None
-        self._angles = [(start, 0.0, math.radians(-23.0))]  # of the pretended gimbal: t yaw pitch
-
-    def measure(self, now: float) -> list[Input]:
-        """Return what was measured since the last call."""
-        telemetry = self._telemetry
-        messages: list[Input] = []
-        while self._t <= now:
-            t = self._t
-            self._t += MEASURE_S
-            position, attitude = telemetry.position.at(t), telemetry.attitude.at(t)
-            if position is not None:
-                n, e, d, vn, ve, vd = position
-                messages.append(LocalPosition(t, (n, e, d), (vn, ve, vd)))
-            if attitude is not None:
-                roll, pitch, yaw, p, q, r = attitude
-                messages.append(Attitude(t, roll, pitch, yaw, (p, q, r)))
-            if self._pretended:
-                self._turn(t)
-            gimbal = self.gimbal(t)
-            if gimbal is not None:
-                messages.append(gimbal)
-        battery = telemetry.battery
-        while self._battery < len(battery.times) and battery.times[self._battery] <= now:
-            volts, joules = battery.values[self._battery]
-            if self._battery % 5 == 0:
-                t = battery.times[self._battery]
-                messages.append(Battery(t, volts, joules or None))
-            self._battery += 1
-        return messages
-
-    def gimbal(self, t: float) -> GimbalState | None:
-        """Return the camera's angles at a time."""
-        if self._fixed is not None:
-            return GimbalState(t, self._fixed[0], self._fixed[1], 0.0, Reference.BODY)
-        if self._pretended:
-            at = max(0, min(len(self._angles) - 1, round((t - self._angles[0][0]) / MEASURE_S)))
-            return GimbalState(t, self._angles[at][1], self._angles[at][2], 0.0, Reference.BODY)
-        angles = self._telemetry.gimbal.at(t)
-        if angles is None:
-            return None
-        yaw, pitch, roll = angles
-        return GimbalState(t, yaw, pitch, roll, self._telemetry.gimbal_reference)
-
-    def _turn(self, t: float) -> None:
-        """Let the pretended gimbal follow its last order."""
-        _, yaw, pitch = self._angles[-1]
-        k = MEASURE_S / GIMBAL_LAG_S
-        order = self.dry.gimbal if self.dry is not None else None
-        if order is not None:
-            yaw, pitch = yaw + k * (order.yaw - yaw), pitch + k * (order.pitch - pitch)
-        self._angles.append((t, yaw, pitch))
-
-    def look(self, t: float) -> Mat3 | None:
-        """Return R_local_camera at a time."""
-        attitude, gimbal = self._telemetry.attitude.at(t), self.gimbal(t)
-        if attitude is None or gimbal is None:
-            return None
-        roll, pitch, yaw = attitude[:3]
-        by_body = gimbal.reference is Reference.BODY
-        base = rot_zyx(yaw, pitch, roll) if by_body else rot_z(yaw)
-        turned = rot_zyx(gimbal.yaw, gimbal.pitch, gimbal.roll)
-        return matmul(matmul(base, turned), R_GIMBAL_CAMERA)
-
-    def body(self, t: float) -> tuple[Vec3, Mat3] | None:
-        """Return position and R_local_body at a time."""
-        position, attitude = self._telemetry.position.at(t), self._telemetry.attitude.at(t)
-        if position is None or attitude is None:
-            return None
-        roll, pitch, yaw = attitude[:3]
-        return (position[0], position[1], position[2]), rot_zyx(yaw, pitch, roll)
-
-
-# ---- pictures ----------------------------------------------------------------------------------
-
-
-class _Video:
-    """A video's frames on the recording's clock."""
-
-    def __init__(self, path: Path, begins: float) -> None:
-        self._frames: Iterator[Frame] = read_video(path)
-        self._begins = begins
-        self._next: Frame | None = None
-        self._ended = False
-
-    def expose(self, t: float) -> Frame | None:
-        """Return the oldest frame up to time t."""
-        if self._next is None and not self._ended:
-            frame = next(self._frames, None)
-            self._ended = frame is None
-            if frame is not None:
-                self._next = Frame(frame.t + self._begins, frame.seq, frame.image)
-        if self._next is None or self._next.t > t:
-            return None
-        frame, self._next = self._next, None
-        return frame
-
-
-class _Drawn:
-    """Pictures of a pad as the recorded flight's camera would have taken them."""
-
-    def __init__(
-        self,
-        loaded: Loaded,
-        layout: PadLayout,
-        camera: CameraModel,
-        vehicle: _Vehicle,
-        pad: Vec3,
-        fps: float,
-    ) -> None:
-        options = loaded.options["sim"]
-        assert isinstance(options, SimOptions)
-        render = options.render.model_copy(update={"ground_down_m": pad[2]})
-        self._renderer = Renderer(layout, camera, render, 1)
-        self._config = loaded.config.vehicle
-        self._vehicle = vehicle
-        self._pad = PadPose(pad, rot_z(0.0))
-        self._period = 1.0 / fps
-        self._seq = 0
-        self._next = 0.0
-
-    def from_time(self, start: float) -> Any:
-        """Begin, and return what gives the frames."""
-        self._next = start
-        return self.expose
-
-    def expose(self, t: float) -> Frame | None:
-        """Return the oldest frame up to time t."""
-        while self._next <= t:
-            at = self._next
-            self._next += self._period
-            self._seq += 1
-            body, look = self._vehicle.body(at), self._vehicle.look(at)
-            if body is None or look is None:
-                continue
-            position, R = body
-            lens = CameraPose(add(position, rotate(R, self._config.camera_offset_m)), look)
-            airframe = VehiclePose(
-                position, R, self._config.footprint_m, self._config.gear_height_m
-            )
-            image = self._renderer.render(self._seq, lens, lens, self._pad, airframe)
-            return Frame(at, self._seq, image)
-        return None
-
-
 def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3:
     """Return where the pad is drawn: as asked, or under the recording's last position."""
     north, east, _, *_ = telemetry.position.values[-1]
@@ -372,7 +203,7 @@ def _fitting(camera: CameraModel, video: Path, config: Config) -> CameraModel:
 
 
 def _offset(
-    args: argparse.Namespace, camera: CameraModel, vehicle: _Vehicle, telemetry: Telemetry
+    args: argparse.Namespace, camera: CameraModel, vehicle: RecordedVehicle, telemetry: Telemetry
 ) -> tuple[float, float | None]:
     """Return when the video begins, s after the telemetry, and how sure that is."""
     if args.gimbal is None and not telemetry.gimbal.times:

@@ -107,7 +107,7 @@ def _in_words(
         *_first(logic),
         f"  vision: {vision}"
         if isinstance(vision, str)
-        else f"  vision: {_verdict(vision.comparison, vision.comparison.compared, 'frames')}",
+        else f"  vision: {_verdict(vision.comparison, vision.comparison.compared, ' frames')}",
     ]
     if isinstance(vision, VisionReplayed):
         lines += _first(vision.comparison)
@@ -123,9 +123,9 @@ def _in_words(
 
 def _verdict(comparison: Comparison, count: int, what: str = "") -> str:
     if comparison.identical:
-        return f"all {count} {what}identical".replace("  ", " ")
+        return f"all {count}{what} identical"
     size = f", by at most {comparison.largest:.3g}" if math.isfinite(comparison.largest) else ""
-    return f"{comparison.differing} of {count} {what} differ{size}".replace("  ", " ")
+    return f"{comparison.differing} of {count}{what} differ{size}"
 
 
 def _first(comparison: Comparison) -> list[str]:

@@ -9,11 +9,13 @@ import cv2
 import pytest
 
 from hw import registry
+from hw.replay.pictures import DrawnPictures
 from hw.replay.telemetry import read_telemetry
+from hw.replay.vehicle import RecordedVehicle
+from hw.sim.options import SimOptions
 from landerd.camera_model import load_camera
 from landerd.cli import main
 from landerd.config_file import config_dir, load
-from landerd.dry_run_command import _Drawn, _Vehicle
 from landerd.flightlog.reader import read_log
 from landerd.pad import load_pad
 from tests.recordings import ORIGIN, write_bin, write_tlog
@@ -34,13 +36,23 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         options_models=registry.options_models(),
         drivers=registry.names(),
     )
-    vehicle = _Vehicle(telemetry, FIXED, pretended=False, start=telemetry.start)
+    options = loaded.options["sim"]
+    assert isinstance(options, SimOptions)
+    vehicle = RecordedVehicle(telemetry, FIXED, pretended=False, start=telemetry.start)
     camera = load_camera(loaded.config.camera.calibration)
-    drawn = _Drawn(loaded, load_pad(loaded.config.pad.layout), camera, vehicle, PAD, FPS)
-    expose = drawn.from_time(telemetry.start + 6.3)
+    drawn = DrawnPictures(
+        load_pad(loaded.config.pad.layout),
+        camera,
+        options.render,
+        vehicle,
+        loaded.config.vehicle,
+        PAD,
+        start=telemetry.start + 6.3,
+        fps=FPS,
+    )
     code = cv2.VideoWriter.fourcc(*"MJPG")
     writer = cv2.VideoWriter(str(folder / "video.avi"), code, FPS, (640, 480), False)
-    while (frame := expose(telemetry.start + 17.0)) is not None:
+    while (frame := drawn.expose(telemetry.start + 17.0)) is not None:
         writer.write(frame.image)
     writer.release()
     return folder

@@ -146,7 +146,8 @@ def records(path: Path, notes: list[str]) -> Iterator[tuple[str, McapRecord]]:
                 return
             except _DAMAGE as e:
                 if _is_lost(e, stream.tell(), size):
-                    notes.append(f"{path}: ends in the middle of a part, at byte {at} of {size}")
+                    left = f"the last {size - at} of {size} bytes are an unfinished part"
+                    notes.append(f"{path}: recording was cut off; {left}")
                     return
                 notes.append(f"{path}: damaged, bytes {at} to {stream.tell()} are left out")
                 at = stream.tell()

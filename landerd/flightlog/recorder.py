@@ -27,6 +27,7 @@ SYNC_S = 0.5  # what was not synced is lost with the power
 POLL_S = 0.05
 STATE_S = 0.1
 MOST_IMAGES, MOST_DETAIL, MOST_MESSAGES = 8, 2000, 20000  # waiting in the queue
+NO_DETAIL = 0.25  # of keep_free_mb: with less room only the core's messages are recorded
 MOST_WAITING = 16 << 20  # bytes that the disk has not taken
 _MB = 1_000_000
 
@@ -84,7 +85,7 @@ class Recorder:
         self._now = 0.0  # of the newest step, loop time
         self._state_t = 0.0
         self._synced_t = 0.0
-        self._low = 0  # 1: the disk is nearly full, 2: it does not take what it is given
+        self._low = 0  # 1: no room for images, 2: none for detail, or the disk takes nothing
         self._dropped: Counter[str] = Counter()
         self._told = Dropped(0, 0, 0, 0)
         self._ended = threading.Event()
@@ -249,11 +250,12 @@ class Recorder:
             free = free_bytes(folder)
         except OSError:
             free = 0
-        low = 0 if free >= self._options.keep_free_mb * _MB else 1
+        keep = self._options.keep_free_mb * _MB
+        low = 0 if free >= keep else 1 if free >= NO_DETAIL * keep else 2
         low = low if taken else 2
         if low > self._low:
-            what = files.mcap.error or "nearly full"
-            log.warning("%s: %s, images are no longer recorded", folder, what)
+            lost = "images are" if low == 1 else "images and detail are"
+            log.warning("%s: %s, %s not recorded", folder, files.mcap.error or "nearly full", lost)
         self._low = low
 
     def _tell_dropped(self, files: _Files, now: float) -> None:

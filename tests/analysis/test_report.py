@@ -77,7 +77,7 @@ def test_a_cut_log_is_reported_as_far_as_it_goes(landing: Path, tmp_path: Path) 
     output = tmp_path / "report.html"
     assert main(["report", str(landing), str(cut), "-o", str(output)]) == 0
     text = output.read_text()
-    assert "ends in the middle of a part" in text
+    assert "recording was cut off" in text
     assert "the log ends before the landing does" in text
 
 

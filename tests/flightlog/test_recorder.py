@@ -122,17 +122,21 @@ def test_a_full_disk_keeps_what_it_took_and_goes_on_when_there_is_room(
     assert log.dropped.messages == 0
 
 
-def test_with_little_room_left_images_are_not_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("free_mb", "has_detail"), [(100, True), (40, False)])
+def test_with_little_room_left_images_go_first_then_detail(
+    free_mb: int, has_detail: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("landerd.flightlog.recorder.free_bytes", lambda folder: 100_000_000)
+    free = free_mb * 1_000_000
+    monkeypatch.setattr("landerd.flightlog.recorder.free_bytes", lambda folder: free)
     flight = RecordedFlight(recorder(tmp_path / "a.mcap", LogSection(images="jpeg")), NOISE)
     flight.run(0.5)
     flight.recorder.close()
     log = read_log(tmp_path / "a.mcap")
     assert log.images == 0
+    assert bool(log.states) is has_detail
     assert log.dropped is not None
     assert log.dropped.images > 0
+    assert bool(log.dropped.detail) is not has_detail
     assert [step.message for step in log.steps] == flight.inputs
 
 
