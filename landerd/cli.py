@@ -8,6 +8,7 @@ import argparse
 import difflib
 import importlib.util
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -96,6 +97,18 @@ def _sim_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_config(parser)
     parser.add_argument("--realtime", action="store_true", help="no faster than a real flight")
+    parser.add_argument(
+        "--autopilot",
+        metavar="URL",
+        help="an ArduCopter in SITL flies, reached as autopilot.url says (tcp:127.0.0.1:5760); "
+        "camera, gimbal and pad are simulated around it",
+    )
+    parser.add_argument(
+        "--takeoff",
+        type=_height,
+        metavar="ALT",
+        help="with --autopilot: arm it, take off to ALT metres, fly to the start, open the gate",
+    )
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
     parser.add_argument("--log", type=Path, metavar="FILE.mcap", help="record the flight")
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
@@ -118,6 +131,10 @@ def _sim(args: argparse.Namespace) -> int:
         raise InputError(f"--log {args.log}: expected a .mcap in a folder that exists")
     if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
         raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
+    if args.autopilot is None and args.takeoff is not None:
+        raise InputError("--takeoff: only with --autopilot URL; the stand-in flies already")
+    if args.autopilot is not None and args.realtime:
+        raise InputError("--realtime: not with --autopilot; the autopilot keeps the clock")
     loaded = _load(args, overlays=[known[args.scenario]])
 
     import logging
@@ -125,20 +142,34 @@ def _sim(args: argparse.Namespace) -> int:
     from landerd.camera_model import CalibrationError
     from landerd.pad import PadError
     from landerd.simulation import simulate
+    from landerd.sitl import AutopilotError, simulate_sitl
 
     logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
     shows_progress = sys.stdout.isatty() and not args.json
+    progress = _show_progress if shows_progress else None
     try:
-        result = simulate(
-            loaded,
-            args.scenario,
-            args.seed,
-            realtime=args.realtime,
-            picture=args.picture,
-            log=args.log,
-            progress=_show_progress if shows_progress else None,
-        )
-    except (CalibrationError, PadError) as e:
+        if args.autopilot is None:
+            result = simulate(
+                loaded,
+                args.scenario,
+                args.seed,
+                realtime=args.realtime,
+                picture=args.picture,
+                log=args.log,
+                progress=progress,
+            )
+        else:
+            result = simulate_sitl(
+                loaded,
+                args.scenario,
+                args.seed,
+                args.autopilot,
+                take_off_m=args.takeoff,
+                picture=args.picture,
+                log=args.log,
+                progress=progress,
+            )
+    except (AutopilotError, CalibrationError, PadError) as e:
         raise InputError(str(e)) from None
     if shows_progress:
         _show_progress("")
@@ -187,6 +218,16 @@ def _scenarios() -> dict[str, Path]:
     from landerd.config_file import config_files
 
     return config_files("scenarios")
+
+
+def _height(text: str) -> float:
+    try:
+        height = float(text)
+    except ValueError:
+        height = math.nan
+    if not 2.0 <= height <= 100.0:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected metres from 2 to 100")
+    return height
 
 
 def _seed(text: str) -> int:

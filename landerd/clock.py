@@ -1,4 +1,4 @@
-"""The clocks that a simulation runs on: a virtual one that jumps to the next timer, the wall's.
+"""The clocks a simulation runs on: one that jumps to the next timer, the wall's, an autopilot's.
 
 The daemon reads time from its event loop only, so the very tasks that fly the aircraft run as
 fast as the machine allows and in the same order every time. Only in-memory links work on it:
@@ -71,6 +71,99 @@ class WallLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         """Return seconds since the loop was made."""
         return time.monotonic() - self._start
+
+
+class _PacedSelector(selectors.DefaultSelector):
+    """Waits as long on the wall's clock as the loop's clock needs for the wait asked for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rate = 1.0  # seconds of the loop's clock in one of the wall's
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        if timeout is not None and timeout > 0.0:
+            timeout = max(timeout / self.rate, _SHORTEST_WAIT_S)
+        return super().select(timeout)
+
+
+_SHORTEST_WAIT_S = 2e-4  # while the clock stands still the loop does not spin
+_WINDOW_S = 0.5  # the least late of the times told within this long is believed; wall's clock
+_AHEAD_S = 0.25  # the loop's clock never runs farther ahead of the last time told than this
+_GONE_S = 2.0  # told nothing for this long on the wall's clock it goes on alone, at its pace
+_RATES = (0.02, 1000.0)
+
+
+class SlavedLoop(asyncio.SelectorEventLoop):
+    """Event loop on a clock kept elsewhere, say a simulated autopilot's, fast or slow.
+
+    It starts at 0 s on the wall's clock, and follows the other one from the first `place` on.
+    Its time never goes back and does not jump: only its rate is changed.
+    """
+
+    def __init__(self) -> None:
+        self._paced = _PacedSelector()
+        self._anchor_t, self._anchor_wall = 0.0, time.monotonic()
+        self._offset: float | None = None  # loop's clock minus the other one
+        self._told_wall = 0.0
+        self._latest = float("inf")  # the time may not pass this
+        self._window_wall = 0.0  # when the window began
+        self._best: tuple[float, float, float] | None = None  # lead, wall, loop's time told
+        self._before = (0.0, 0.0)  # wall, loop's time told: the last window's
+        super().__init__(self._paced)
+
+    @property
+    def rate(self) -> float:
+        """How many of its seconds pass in one of the wall's."""
+        return self._paced.rate
+
+    def time(self) -> float:
+        """Return seconds since the loop was made, on the other clock's pace."""
+        wall = time.monotonic()
+        t = self._anchor_t + self.rate * (wall - self._anchor_wall)
+        if t <= self._latest:
+            return t
+        return self._latest + max(0.0, wall - self._told_wall - _GONE_S)
+
+    def place(self, other_s: float) -> float:
+        """Say that the other clock shows this now, or showed it a moment ago.
+
+        Returns:
+            The loop's time at which it shows that.
+        """
+        wall, now = time.monotonic(), self.time()
+        if self._offset is None:
+            self._offset = now - other_s
+            self._window_wall = wall
+            self._before = (wall, now)
+        told = other_s + self._offset
+        if now > self._latest:  # it stood still
+            self._anchor_t, self._anchor_wall = now, wall
+        self._told_wall, self._latest = wall, max(now, told + _AHEAD_S)
+        if self._best is None or told - now > self._best[0]:
+            self._best = (told - now, wall, told)
+        if wall - self._window_wall >= _WINDOW_S:
+            self._steer(wall, now, told)
+        return told
+
+    def _steer(self, wall: float, now: float, told: float) -> None:
+        """Choose the rate that meets the other clock at the end of the next window."""
+        assert self._best is not None
+        _, best_wall, best_t = self._best
+        before_wall, before_t = self._before
+        if best_wall - before_wall < 0.5 * _WINDOW_S:  # too near for a rate
+            best_wall, best_t = wall, told
+        rate = max(0.0, best_t - before_t) / (best_wall - before_wall)
+        meets = best_t + rate * (wall + _WINDOW_S - best_wall)
+        self._anchor_t, self._anchor_wall = now, wall
+        self._paced.rate = min(max((meets - now) / _WINDOW_S, _RATES[0]), _RATES[1])
+        self._before, self._best = (best_wall, best_t), None
+        self._window_wall = wall
+
+
+def run_slaved(main: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine to its end on a `SlavedLoop`."""
+    with asyncio.Runner(loop_factory=SlavedLoop) as runner:
+        return runner.run(main)
 
 
 def run_realtime(main: Coroutine[Any, Any, T]) -> T:

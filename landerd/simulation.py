@@ -9,13 +9,14 @@ import gc
 import math
 import time
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hw.autopilots.mavlink import MavlinkAutopilot
-from hw.links.memory import memory_pair
+from hw.links.memory import MemoryLink, memory_pair
 from hw.links.tapped import TappedLink, TlogEncoder
 from hw.sim.autopilot import SimAutopilot
 from hw.sim.camera import SimCamera
@@ -26,6 +27,7 @@ from hw.sim.renderer import Renderer
 from hw.sim.renderer_view import Frustum, visible_markers
 from hw.sim.rules import RuleBounds, Rules, Truth
 from hw.sim.score import Score
+from hw.sim.shared_link import SharedLink
 from hw.sim.snapshot import Snapshot
 from hw.sim.world import World, stream
 from landerd.analysis.picture import Sample, Trace, write_picture
@@ -64,8 +66,28 @@ SAMPLE_S = 0.1
 KNOWN_AFTER_S = 2.0  # from the first sighting to when the pad's velocity is to be known
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """A vehicle of somebody else's to fly in, in place of the stand-in."""
+
+    world: World
+    link: SharedLink
+    ground_station: GroundStation
+    jitter_s: float  # of the control task on the loop's clock
+    ends_at_contact: bool  # what comes after it is not simulated
+
+
 class Simulation:
-    """A world, its devices, the daemon that flies in it, and the judge."""
+    """A world, its devices, the daemon that flies in it, and the judge.
+
+    Attributes:
+        over: set it to end the flight.
+    """
+
+    # Of the stand-in; not there if it flies in other surroundings.
+    autopilot: SimAutopilot
+    link: MemoryLink
+    autopilot_end: MemoryLink
 
     def __init__(
         self,
@@ -74,13 +96,15 @@ class Simulation:
         *,
         realtime: bool = False,
         log: Path | None = None,
+        surroundings: Surroundings | None = None,
     ) -> None:
         """Build everything; nothing runs yet.
 
         Args:
             loaded: the configuration.
-            seed: of everything random.
-            realtime: it will run on the wall's clock.
+            seed: of all that is random.
+            realtime: the loop's clock does not wait for the machine: vision in a thread.
+            surroundings: None: the stand-in flies, sent on its way by a fake ground station.
             log: where to record the flight.
 
         Raises:
@@ -93,25 +117,21 @@ class Simulation:
         self.layout = load_pad(config.pad.layout)
         self.camera_model = load_camera(config.camera.calibration)
         self._frustum = Frustum(self.camera_model)
-        self.world = World(options, config.vehicle, self.layout.plate, seed)
+        link: MemoryLink | SharedLink
+        self._outside: list[Callable[[], Awaitable[None]]] = []  # all but the daemon
+        self.over = False
+        self.ends_at_contact = False
+        jitter_s = WALL_JITTER_S if realtime else 0.0
+        if surroundings is None:
+            self.world = World(options, config.vehicle, self.layout.plate, seed)
+            link = self.link = self._make_autopilot(seed)
+        else:
+            self.world, link = surroundings.world, surroundings.link
+            self.ground_station = surroundings.ground_station
+            self.ends_at_contact = surroundings.ends_at_contact
+            jitter_s = surroundings.jitter_s
+        self.began = self.world.t
         self._start_pad = self.world.pad
-        self._start = self.world.vehicle.position
-
-        self.link, self.autopilot_end = memory_pair()
-        ground_end, autopilot_ground_end = memory_pair()
-        self.autopilot = SimAutopilot(
-            self.world,
-            [self.autopilot_end, autopilot_ground_end],
-            rng=stream(seed, "autopilot"),
-            flying=True,
-            system_id=config.autopilot.system_id,
-        )
-        self.ground_station = GroundStation(
-            ground_end,
-            destination=self._destination(),
-            speed_mps=self._speed(),
-            system_id=config.autopilot.system_id,
-        )
         renderer = Renderer(self.layout, self.camera_model, options.render, seed)
         self.camera = SimCamera(
             renderer, self.world.snapshot, options.camera, delivered=self._on_delivered
@@ -119,15 +139,11 @@ class Simulation:
         self.gimbal = SimGimbal(self.world, options.gimbal, stream(seed, "gimbal"))
         self.score = Score(self.world, config.vehicle, self.layout.plate)
         self.rules = Rules(
-            _bounds(
-                config,
-                has_heading=self.layout.has_heading,
-                jitter_s=WALL_JITTER_S if realtime else 0.0,
-            ),
+            _bounds(config, has_heading=self.layout.has_heading, jitter_s=jitter_s),
             self._truth,
         )
-        self.link.tap = self.rules.from_landerd
-        self.link.heard = self.rules.to_landerd
+        link.tap = self.rules.from_landerd
+        link.heard = self.rules.to_landerd
         self.recording = Recording(self)
         self.recorder = _recorder(self, log, realtime=realtime) if log is not None else None
         self.daemon = Daemon(
@@ -138,7 +154,7 @@ class Simulation:
                 self.camera,
                 self.gimbal,
                 MavlinkAutopilot(
-                    TappedLink(self.link, self.recorder.raw) if self.recorder else self.link,
+                    TappedLink(link, self.recorder.raw) if self.recorder else link,
                     system_id=config.autopilot.system_id,
                     setpoint_frame=config.autopilot.setpoint_frame,
                     ground_stations=config.autopilot.ground_stations,
@@ -163,40 +179,47 @@ class Simulation:
         """
         loop = asyncio.get_running_loop()
         async with asyncio.TaskGroup() as tasks:
-            running = [
-                tasks.create_task(self.autopilot.run()),
-                tasks.create_task(self.ground_station.run()),
-                tasks.create_task(_forever(self.daemon.run())),
-                tasks.create_task(self._open_gate()),
-            ]
+            running = [tasks.create_task(_forever(work())) for work in self._outside]
+            running.append(tasks.create_task(_forever(self.daemon.run())))
             if script is not None:
                 running.append(tasks.create_task(_forever(script(self))))
-            while loop.time() < longest_s:
+            end = loop.time() + longest_s
+            while loop.time() < end and not self.over:
                 await asyncio.sleep(0.1)
-                disarmed = self.score.disarm_t
-                if disarmed is None:
+                over_t = self.score.disarm_t
+                if self.ends_at_contact and self.score.contact is not None:
+                    over_t = self.score.contact.t
+                if over_t is None:
                     continue
-                if self.daemon.lander.outcome or loop.time() > disarmed + AFTER_LANDING_S:
+                if self.daemon.lander.outcome or loop.time() > over_t + AFTER_LANDING_S:
                     break
             for task in running:
                 task.cancel()
 
+    def _make_autopilot(self, seed: int) -> MemoryLink:
+        """Make the stand-in, and a ground station that sends it on its way and opens the gate."""
+        system_id = self.config.autopilot.system_id
+        link, self.autopilot_end = memory_pair()
+        ground_end, autopilot_ground_end = memory_pair()
+        self.autopilot = SimAutopilot(
+            self.world,
+            [self.autopilot_end, autopilot_ground_end],
+            rng=stream(seed, "autopilot"),
+            flying=True,
+            system_id=system_id,
+        )
+        self.ground_station = GroundStation(
+            ground_end,
+            destination=beyond_pad(self.world),
+            speed_mps=speed_on_the_way(self.world),
+            system_id=system_id,
+        )
+        self._outside = [self.autopilot.run, self.ground_station.run, self._open_gate]
+        return link
+
     async def _open_gate(self) -> None:
         await asyncio.sleep(GATE_OPENS_S)
         self.autopilot.pilot.set(self.config.rc.gate_channel, 1900)
-
-    def _destination(self) -> Vec3 | None:
-        """A point beyond the pad on the vehicle's way, at its height; None above the pad."""
-        way = sub(self._start_pad.position, self._start)
-        level = (way[0], way[1], 0.0)
-        if math.hypot(*level) < 1.0:
-            return None
-        beyond = FOLLOWED_M if self.world.follows else BEYOND_M
-        return add(add(self._start, level), scale(unit(level), beyond))
-
-    def _speed(self) -> float | None:
-        """Return the pad's speed where the vehicle follows it, m/s; else the autopilot's own."""
-        return horizontal(self._start_pad.velocity) if self.world.follows else None
 
     # ---- truth for camera and judge ------------------------------------------------------------
 
@@ -217,6 +240,22 @@ class Simulation:
         if visible_markers(self.layout, self._frustum, snapshot.camera, snapshot.pad):
             self.rules.on_sighting(snapshot.t)
             self.score.on_sighting(snapshot.t)
+
+
+def beyond_pad(world: World) -> Vec3 | None:
+    """Return a point beyond the pad on the vehicle's way, at its height; None above the pad."""
+    start = world.vehicle.position
+    way = sub(world.pad.position, start)
+    level = (way[0], way[1], 0.0)
+    if math.hypot(*level) < 1.0:
+        return None
+    beyond = FOLLOWED_M if world.follows else BEYOND_M
+    return add(add(start, level), scale(unit(level), beyond))
+
+
+def speed_on_the_way(world: World) -> float | None:
+    """Return the pad's speed where the vehicle follows it, m/s; else None: the autopilot's own."""
+    return horizontal(world.pad.velocity) if world.follows else None
 
 
 class Recording:
@@ -240,7 +279,7 @@ class Recording:
         self.frames += 1
         phase = self._simulation.daemon.lander.phase
         if sightings.markers and phase not in self.views:
-            self.views[phase] = (frame.t, frame, sightings)
+            self.views[phase] = (frame.t - self._simulation.began, frame, sightings)
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Sample the truth, note changes of phase."""
@@ -276,13 +315,19 @@ class Recording:
             x, y, z = rotate(to_pad, sub(p, origin.position))
             return (x, y, -z)
 
+        flown_s = now - simulation.began
         self.samples.append(
-            Sample(now, place(world.footprint_centre), place(world.pad.position), lander.phase)
+            Sample(
+                flown_s,
+                place(world.footprint_centre),
+                place(world.pad.position),
+                lander.phase,
+            )
         )
         if self.progress is not None:
             distance = math.hypot(*world.offset)
             self.progress(
-                f"{now:5.1f} s  {lander.phase.value:14}  {distance:5.1f} m away  "
+                f"{flown_s:5.1f} s  {lander.phase.value:14}  {distance:5.1f} m away  "
                 f"{world.height:5.2f} m up  {lander.reason}"
             )
 
@@ -315,16 +360,20 @@ def simulate(
         gc.unfreeze()
         if simulation.recorder is not None:
             simulation.recorder.close()
-    result = _result(simulation, scenario, seed)
+    result = result_of(simulation, scenario, seed)
     if picture is not None:
-        write_picture(_trace(simulation, result), picture)
+        write_picture(trace_of(simulation, result), picture)
     result["wall_s"] = time.perf_counter() - started
     return result
 
 
-def _result(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
+def result_of(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
+    """Return the object that `landerd sim --json` prints, but for wall_s."""
     score, lander = simulation.score, simulation.daemon.lander
     first, contact, disarm = score.first_sighting_t, score.contact, score.disarm_t
+
+    began = simulation.began
+    flown_s = simulation.world.t - began
 
     def since_sighting(t: float | None) -> float | None:
         return t - first if t is not None and first is not None else None
@@ -332,7 +381,7 @@ def _result(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
     return {
         "scenario": scenario,
         "seed": seed,
-        "landed": score.landed,
+        "landed": contact.on_plate if simulation.ends_at_contact and contact else score.landed,
         "outcome": lander.outcome or lander.reason,
         "touchdown_error_m": contact.error_m if contact else None,
         "touchdown_vertical_mps": contact.vertical_mps if contact else None,
@@ -344,9 +393,11 @@ def _result(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
         "pad_velocity_error_mps": simulation.recording.pad_velocity_error_mps,
         "aborts": lander.aborts,
         "phases": _phases(simulation),
-        "rules_broken": [f"{rule} (at {t:.2f} s)" for rule, t in simulation.rules.broken.items()],
-        "simulated_s": simulation.world.t,
-        "frames_per_s": simulation.recording.frames / simulation.world.t,
+        "rules_broken": [
+            f"{rule} (at {t - began:.2f} s)" for rule, t in simulation.rules.broken.items()
+        ],
+        "simulated_s": flown_s,
+        "frames_per_s": simulation.recording.frames / flown_s,
         "faults": dict(simulation.daemon.faults),
     }
 
@@ -354,13 +405,15 @@ def _result(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
 def _phases(simulation: Simulation) -> list[dict[str, Any]]:
     changes = simulation.recording.phases
     ends = [t for t, _ in changes[1:]] + [simulation.world.t]
+    began = simulation.began
     return [
-        {"name": c.phase.value, "reason": c.reason, "start": t, "end": end}
+        {"name": c.phase.value, "reason": c.reason, "start": t - began, "end": end - began}
         for (t, c), end in zip(changes, ends, strict=True)
     ]
 
 
-def _trace(simulation: Simulation, result: dict[str, Any]) -> Trace:
+def trace_of(simulation: Simulation, result: dict[str, Any]) -> Trace:
+    """Return the drawing of a flight."""
     landed = "landed" if result["landed"] else "did not land"
     error = result["touchdown_error_m"]
     trace = Trace(

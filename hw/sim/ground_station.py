@@ -1,19 +1,27 @@
 """A fake ground station that brings the vehicle towards the pad, and then only listens."""
 
 import asyncio
+import math
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, norm, sub, wrap
 from landerd.ports import ByteLink
 
 _SYSTEM, _COMPONENT = 255, 190  # MAV_COMP_ID_MISSIONPLANNER
 _AUTOPILOT_COMPONENT = 1
 _POSITION_ONLY = 3576  # type_mask
+_POSITION_AND_YAW = 2552
 _ACK_TIMEOUT_S = 1.0
+_RC_PERIOD_S = 0.5  # ArduPilot takes an override back after 3 s
+_FIRST_LATE_CHANNEL = 9  # from here on 0 leaves a channel alone, below 65535 does
+_LAST_CHANNEL = 18
+_THERE_M, _STILL_MPS, _HEADED = 0.5, 0.1, math.radians(3.0)
+_FORCED = 21196.0
+_LANDS_S = 30.0  # time to come down before it is disarmed by force
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +62,123 @@ class GroundStation:
         self._codec = MavlinkCodec(_SYSTEM, _COMPONENT)
         self._acks: dict[int, asyncio.Future[int]] = {}  # by command
         self._in_air = asyncio.Event()
+        self._armed = False
+        self._rc: dict[int, int] = {}  # overridden channels, us
+        self._position: Vec3 | None = None
+        self._velocity: Vec3 = (0.0, 0.0, 0.0)
+        self._yaw = 0.0
 
     async def run(self) -> None:
         """Serve the link, for ever. Raises DeviceLost (in an ExceptionGroup)."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self.serve())
+            tasks.create_task(self._send_off())
+
+    async def serve(self) -> None:
+        """Serve the link without any order, for ever. Raises DeviceLost (in an ExceptionGroup)."""
         await self._link.open()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._listen())
             tasks.create_task(self._live())
-            tasks.create_task(self._send_off())
+            tasks.create_task(self._hold_rc())
+
+    # ---- orders --------------------------------------------------------------------------------
+
+    def set_rc(self, channel: int, us: int) -> None:
+        """Override a channel of the pilot's radio from now on; channels count from 1."""
+        self._rc[channel] = us
+        self._send_rc()
+
+    async def set_mode(self, mode: Mode) -> None:
+        """Change the mode; returns when the autopilot has accepted."""
+        await self._command(
+            mavlink.MAV_CMD_DO_SET_MODE,
+            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+            float(mode),
+        )
+
+    async def set_speed(self, speed_mps: float) -> None:
+        """Set the speed at which it flies to places."""
+        await self._command(
+            mavlink.MAV_CMD_DO_CHANGE_SPEED,
+            float(mavlink.SPEED_TYPE_GROUNDSPEED),
+            speed_mps,
+            -1.0,  # the throttle stays
+        )
+
+    async def take_off(self, height_m: float) -> None:
+        """Arm and take off in GUIDED; returns in the air, for any set-point before cancels it."""
+        self._in_air.clear()
+        extended = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+        await self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(extended), 2e5)
+        await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        await self._command(mavlink.MAV_CMD_NAV_TAKEOFF, *(0.0,) * 6, height_m)
+        await self._in_air.wait()
+
+    async def bring_to(self, position: Vec3, heading: float) -> None:
+        """Fly to a place (local NED, m; heading in rad); returns when hovering there."""
+        for kind in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE):
+            await self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind), 2e4)
+        while not self._hovers_at(position, heading):
+            self._target(_POSITION_AND_YAW, position, heading)
+            await asyncio.sleep(1.0)
+
+    def send_to(self, destination: Vec3) -> None:
+        """Send the vehicle to a place, local NED, m."""
+        self._target(_POSITION_ONLY, destination, 0.0)
+
+    async def put_down(self) -> None:
+        """Bring an armed vehicle to the ground with its motors off, by force if it must be."""
+        loop = asyncio.get_running_loop()
+        if self._armed:
+            await self.set_mode(Mode.LAND)
+        give_up = loop.time() + _LANDS_S
+        while self._armed:
+            if loop.time() > give_up:
+                await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCED)
+            await asyncio.sleep(0.5)
+
+    def _hovers_at(self, position: Vec3, heading: float) -> bool:
+        return (
+            self._position is not None
+            and norm(sub(self._position, position)) < _THERE_M
+            and norm(self._velocity) < _STILL_MPS
+            and abs(wrap(self._yaw - heading)) < _HEADED
+        )
+
+    def _target(self, type_mask: int, position: Vec3, yaw: float) -> None:
+        self._send(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                int(asyncio.get_running_loop().time() * 1e3),
+                self._vehicle,
+                _AUTOPILOT_COMPONENT,
+                mavlink.MAV_FRAME_LOCAL_NED,
+                type_mask,
+                *position,
+                *(0.0,) * 6,
+                yaw,
+                0.0,
+            )
+        )
+
+    # ---- tasks ---------------------------------------------------------------------------------
+
+    async def _hold_rc(self) -> None:
+        while True:
+            if self._rc:
+                self._send_rc()
+            await asyncio.sleep(_RC_PERIOD_S)
+
+    def _send_rc(self) -> None:
+        pulses = [
+            self._rc.get(channel, 0xFFFF if channel < _FIRST_LATE_CHANNEL else 0)
+            for channel in range(1, _LAST_CHANNEL + 1)
+        ]
+        self._send(
+            mavlink.MAVLink_rc_channels_override_message(
+                self._vehicle, _AUTOPILOT_COMPONENT, *pulses
+            )
+        )
 
     async def _live(self) -> None:
         while True:
@@ -79,38 +196,13 @@ class GroundStation:
 
     async def _send_off(self) -> None:
         """Bring the vehicle on its way."""
-        await self._command(
-            mavlink.MAV_CMD_DO_SET_MODE,
-            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
-            float(Mode.GUIDED),
-        )
+        await self.set_mode(Mode.GUIDED)
         if self._take_off_m is not None:
-            extended = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
-            await self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(extended), 2e5)
-            await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-            await self._command(mavlink.MAV_CMD_NAV_TAKEOFF, *(0.0,) * 6, self._take_off_m)
-            await self._in_air.wait()  # any set-point before would cancel the take-off
+            await self.take_off(self._take_off_m)
         if self._speed_mps is not None:
-            await self._command(
-                mavlink.MAV_CMD_DO_CHANGE_SPEED,
-                float(mavlink.SPEED_TYPE_GROUNDSPEED),
-                self._speed_mps,
-                -1.0,  # the throttle stays
-            )
+            await self.set_speed(self._speed_mps)
         if self._destination is not None:
-            self._send(
-                mavlink.MAVLink_set_position_target_local_ned_message(
-                    int(asyncio.get_running_loop().time() * 1e3),
-                    self._vehicle,
-                    _AUTOPILOT_COMPONENT,
-                    mavlink.MAV_FRAME_LOCAL_NED,
-                    _POSITION_ONLY,
-                    *self._destination,
-                    *(0.0,) * 6,
-                    0.0,
-                    0.0,
-                )
-            )
+            self.send_to(self._destination)
 
     async def _command(self, command: int, *params: float) -> None:
         """Send a command until it is accepted."""
@@ -145,6 +237,14 @@ class GroundStation:
             ack = self._acks.get(message.command)
             if ack is not None and not ack.done():
                 ack.set_result(message.result)
+        elif message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            if message.get_srcComponent() == _AUTOPILOT_COMPONENT:
+                self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        elif message_id == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+            self._position = (message.x, message.y, message.z)
+            self._velocity = (message.vx, message.vy, message.vz)
+        elif message_id == mavlink.MAVLINK_MSG_ID_ATTITUDE:
+            self._yaw = message.yaw
         elif (
             message_id == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
             and message.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR

@@ -19,6 +19,7 @@ class Contact:
     vertical_mps: float  # sinking
     horizontal_mps: float
     yaw_error: float  # rad
+    on_plate: bool  # all four feet over the pad's plate
 
 
 class Score:
@@ -68,6 +69,7 @@ class Score:
                 vertical_mps=touchdown.velocity[2],
                 horizontal_mps=horizontal(touchdown.velocity),
                 yaw_error=world.heading_error,
+                on_plate=self._over_plate(),
             )
         if self.contact is not None and not world.vehicle.motors and self.disarm_t is None:
             self.disarm_t = world.t

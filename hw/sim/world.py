@@ -66,7 +66,7 @@ class ReportedState:
 
 
 @dataclass(frozen=True, slots=True)
-class _Sample:
+class Sample:
     """True state at the end of one step."""
 
     position: Vec3
@@ -116,7 +116,7 @@ class World:
         # Feet of a vehicle whose origin is higher than this cannot touch anything.
         self._contact_height = self._motion.highest + airframe.gear_height_m + _REACH_M
         self._start(stream(seed, "start"), seed)
-        self._history: deque[_Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
+        self._history: deque[Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
         self._record()
 
         self._ekf_rng = stream(seed, "ekf")
@@ -156,24 +156,27 @@ class World:
     def advance(self, t: float) -> None:
         """Let the world go on to time t; a time already passed changes nothing."""
         target = math.floor((t - self._t0) / STEP_S + 1e-6)
-        vehicle, battery, gimbal = self.vehicle, self.battery, self.gimbal
         while self._steps < target:
             if self._steps % _WIND_STEPS == 0:
                 self._wind_now = self._wind.at(self._steps * STEP_S)
             self._steps += 1
-            near = -vehicle.position[2] < self._contact_height
-            pad = self._motion.at(self._steps * STEP_S) if near else None
-            vehicle.step(self.t, self._wind_now, pad)
-            battery.step(vehicle.motors, vehicle.load, vehicle.velocity[2])
-            gimbal.step()
+            near = -self.vehicle.position[2] < self._contact_height
+            self._move(self._motion.at(self._steps * STEP_S) if near else None)
+            self.gimbal.step()
             self._record()
             for hook in self.on_step:
                 hook(self)
 
+    def _move(self, pad: PadState | None) -> None:
+        """Take vehicle and battery on by one step; pad: None while the vehicle is high above."""
+        vehicle = self.vehicle
+        vehicle.step(self.t, self._wind_now, pad)
+        self.battery.step(vehicle.motors, vehicle.load, vehicle.velocity[2])
+
     def _record(self) -> None:
         v = self.vehicle
         self._history.append(
-            _Sample(
+            Sample(
                 v.position,
                 v.velocity,
                 v.roll,
@@ -227,7 +230,7 @@ class World:
 
     # ---- the past ------------------------------------------------------------------------------
 
-    def _at(self, t: float) -> _Sample:
+    def _at(self, t: float) -> Sample:
         """Return the state at time t, which lies within HISTORY_S before now.
 
         Raises:
@@ -245,7 +248,7 @@ class World:
         if share == 0.0:
             return b
         a = self._history[newer - 1]
-        return _Sample(
+        return Sample(
             _between(b.position, a.position, share),
             _between(b.velocity, a.velocity, share),
             b.roll + share * (a.roll - b.roll),

@@ -1,0 +1,261 @@
+"""A world whose vehicle is flown by a real ArduCopter in SITL, which also says where it truly is.
+
+SIM_STATE carries the true state, but no time, and its position in steps of 1 cm: the SYSTEM_TIME
+sent with it dates it, and its velocity, which is exact, carries the position through the steps.
+"""
+
+import math
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.sim.options import SimOptions
+from hw.sim.pad_motion import PadState
+from hw.sim.vehicle import Touchdown
+from hw.sim.world import HISTORY_S, Airframe, Sample, World
+from landerd.geometry import Vec3, add, rot_zyx, rotate, sub, wrap
+from landerd.pad import Plate
+from landerd.ports import ByteLink
+
+_SYSTEM, _COMPONENT = 255, 191  # of who asks for the truth
+_AUTOPILOT_COMPONENT = 1
+TRUTH_HZ = 100.0
+_ASK_AGAIN_S = 1.0
+_GUESS_S = 0.1  # the truth is carried on for at most this long after the last report
+_POSITION_S = 2.0  # time constant that takes out the steps of the reported position
+_JUMP_M = 1.0  # the vehicle was put elsewhere
+_M_PER_UNIT = 0.011131884502145034  # 1e-7 degrees of latitude, as ArduPilot counts
+_FRAME_HEIGHT_M = 0.1  # from SITL's ground to the vehicle's origin where it stands
+_TOUCHES_M = 0.02  # feet this near count as touching: the height comes in centimetres
+_CLEAR_M = 0.3  # so far above it the vehicle flies again
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The true state at one time, local NED."""
+
+    t: float  # loop's clock, s
+    position: Vec3  # of the body frame's origin; SITL's ground is 0, m
+    velocity: Vec3
+    roll: float
+    pitch: float
+    yaw: float
+    rates: Vec3  # body, rad/s
+
+
+class Truth:
+    """Collects what the autopilot and its simulation say; `take` gets every message.
+
+    Attributes:
+        armed: as the last HEARTBEAT said.
+        energy_j: drawn from the battery, as the autopilot counts.
+        version: of the autopilot's software; empty until it said so.
+        received: true states so far.
+        texts: what the autopilot has told the pilot.
+    """
+
+    def __init__(self, link: ByteLink, system_id: int, place: Callable[[float], float]) -> None:
+        """Place tells the loop's clock the autopilot's boot time (s); returns the loop's time."""
+        self.armed = False
+        self.energy_j = 0.0
+        self.version = ""
+        self.received = 0
+        self.texts: list[str] = []
+        self._link = link
+        self._vehicle = system_id
+        self._place = place
+        self._codec = MavlinkCodec(_SYSTEM, _COMPONENT)
+        self._origin: tuple[int, int, float] | None = None  # 1e-7 degrees, m
+        self._boot_s: float | None = None  # said by a SYSTEM_TIME, for the SIM_STATE behind it
+        self._states: deque[State] = deque(maxlen=round(2.0 * HISTORY_S * TRUTH_HZ))
+
+    @property
+    def ready(self) -> bool:
+        """Whether the autopilot has a local origin and its simulation reports."""
+        return bool(self._states)
+
+    def ask(self) -> None:
+        """Ask for what is missing; call it again and again."""
+        interval_us = 1e6 / TRUTH_HZ
+        for message_id in (mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, mavlink.MAVLINK_MSG_ID_SIM_STATE):
+            self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), interval_us)
+        battery = float(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
+        self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, battery, 5e5)
+        wanted = []
+        if self._origin is None:
+            wanted.append(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+        if not self.version:
+            wanted.append(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        for message_id in wanted:
+            self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id), 0.0)
+
+    def _command(self, command: int, param1: float, param2: float) -> None:
+        message = mavlink.MAVLink_command_long_message(
+            self._vehicle, _AUTOPILOT_COMPONENT, command, 0, param1, param2, 0, 0, 0, 0, 0
+        )
+        self._link.write(self._codec.encode(message))
+
+    def take(self, message: Message) -> None:
+        """Take a message that arrived on the link."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if source != (self._vehicle, _AUTOPILOT_COMPONENT):
+            return
+        kind = message.get_msgId()
+        if kind == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
+            self._boot_s = 1e-3 * message.time_boot_ms
+        elif kind == mavlink.MAVLINK_MSG_ID_SIM_STATE:
+            if self._boot_s is not None and self._origin is not None:
+                self._on_state(message, self._place(self._boot_s), self._origin)
+            self._boot_s = None
+        elif kind == mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
+            self._origin = (message.latitude, message.longitude, 1e-3 * message.altitude)
+        elif kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        elif kind == mavlink.MAVLINK_MSG_ID_BATTERY_STATUS:
+            self.energy_j = 100.0 * message.energy_consumed
+        elif kind == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+            self.texts.append(message.text)
+        elif kind == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            v = message.flight_sw_version
+            self.version = f"ArduCopter {v >> 24}.{v >> 16 & 0xFF}.{v >> 8 & 0xFF}"
+
+    def _on_state(self, m: Message, t: float, origin: tuple[int, int, float]) -> None:
+        velocity = (m.vn, m.ve, m.vd)
+        latitude, longitude, altitude = origin
+        middle = math.radians(0.5e-7 * (m.lat_int + latitude))
+        position = (
+            (m.lat_int - latitude) * _M_PER_UNIT,
+            (m.lon_int - longitude) * _M_PER_UNIT * math.cos(middle),
+            altitude - m.alt,
+        )
+        if self._states:
+            last = self._states[-1]
+            dt = t - last.t
+            if dt <= 0.0:
+                return
+            carried: Vec3 = (
+                last.position[0] + 0.5 * dt * (last.velocity[0] + velocity[0]),
+                last.position[1] + 0.5 * dt * (last.velocity[1] + velocity[1]),
+                last.position[2] + 0.5 * dt * (last.velocity[2] + velocity[2]),
+            )
+            if math.dist(carried, position) < _JUMP_M:
+                k = 1.0 - math.exp(-dt / _POSITION_S)
+                position = (
+                    carried[0] + k * (position[0] - carried[0]),
+                    carried[1] + k * (position[1] - carried[1]),
+                    carried[2] + k * (position[2] - carried[2]),
+                )
+        self.received += 1
+        self._states.append(
+            State(t, position, velocity, m.roll, m.pitch, m.yaw, (m.xgyro, m.ygyro, m.zgyro))
+        )
+
+    def at(self, t: float) -> State:
+        """Return the state at time t (s, loop's clock): between reports, or a little carried on."""
+        states = self._states
+        i = bisect_left(states, t, key=lambda s: s.t)
+        if i == 0:
+            return states[0]
+        if i == len(states):
+            return _carried_on(states[-1], t)
+        a, b = states[i - 1], states[i]
+        k = (t - a.t) / (b.t - a.t)
+        return State(
+            t,
+            _mix(a.position, b.position, k),
+            _mix(a.velocity, b.velocity, k),
+            a.roll + k * wrap(b.roll - a.roll),
+            a.pitch + k * (b.pitch - a.pitch),
+            wrap(a.yaw + k * wrap(b.yaw - a.yaw)),
+            _mix(a.rates, b.rates, k),
+        )
+
+
+def _carried_on(s: State, t: float) -> State:
+    dt = min(t - s.t, _GUESS_S)
+    p, q, r = s.rates
+    return replace(
+        s,
+        t=t,
+        position=_mix(s.position, add(s.position, s.velocity), dt),
+        roll=s.roll + p * dt,
+        pitch=s.pitch + q * dt,
+        yaw=wrap(s.yaw + r * dt),
+    )
+
+
+def _mix(a: Vec3, b: Vec3, k: float) -> Vec3:
+    return (a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), a[2] + k * (b[2] - a[2]))
+
+
+class SitlWorld(World):
+    """The simulated world with the vehicle where SITL has it; wind and dynamics are SITL's.
+
+    SITL's level ground is taken for the pad's mean height. It stands still: on a moving pad only
+    the contact is true. Of the parent's vehicle only the state is used.
+    """
+
+    def __init__(
+        self,
+        options: SimOptions,
+        airframe: Airframe,
+        plate: Plate,
+        seed: int,
+        truth: Truth,
+    ) -> None:
+        """Until `begin` the pad stands at its start."""
+        super().__init__(options, airframe, plate, seed)
+        self._truth = truth
+        self._lift = (0.0, 0.0, _FRAME_HEIGHT_M - airframe.gear_height_m - self._motion.mean_height)
+        x, y = 0.5 * airframe.footprint_m[0], 0.5 * airframe.footprint_m[1]
+        z = airframe.gear_height_m
+        self._feet: tuple[Vec3, ...] = ((x, -y, z), (x, y, z), (-x, -y, z), (-x, y, z))
+        self._plate = plate
+        self._flying = True
+
+    def begin(self, t: float) -> None:
+        """Start the world's time now, t on the loop's clock: the pad moves from here on."""
+        self._t0 = t
+        self._move(None)
+        self._history.clear()
+        self._record()
+
+    def _move(self, pad: PadState | None) -> None:
+        state, vehicle = self._truth.at(self.t), self.vehicle
+        vehicle.position = add(state.position, self._lift)
+        vehicle.velocity = state.velocity
+        vehicle.roll, vehicle.pitch, vehicle.yaw = state.roll, state.pitch, state.yaw
+        vehicle.rates = state.rates
+        vehicle.motors = self._truth.armed
+        self.battery.energy_j = self._truth.energy_j
+        heights = self._heights_of_feet(pad) if pad is not None else [math.inf] * 4
+        a, b, c, d = (h < _TOUCHES_M for h in heights)
+        vehicle.feet = (a, b, c, d)
+        if min(heights) > _CLEAR_M:
+            self._flying = True
+        elif self._flying and pad is not None and any(vehicle.feet):
+            self._flying = False
+            relative = sub(state.velocity, pad.velocity_at(self.footprint_centre))
+            vehicle.touchdown = Touchdown(self.t, on_pad=True, velocity=relative)
+
+    def _heights_of_feet(self, pad: PadState) -> list[float]:
+        """Return how high each foot is above the pad's plane, m."""
+        v = self.vehicle
+        R_local_body = rot_zyx(v.yaw, v.pitch, v.roll)
+        return [-pad.in_pad(add(v.position, rotate(R_local_body, f)))[2] for f in self._feet]
+
+    def _at(self, t: float) -> Sample:
+        sample, state = super()._at(t), self._truth.at(t)
+        return replace(
+            sample,
+            position=add(state.position, self._lift),
+            velocity=state.velocity,
+            roll=state.roll,
+            pitch=state.pitch,
+            yaw=state.yaw,
+            rates=state.rates,
+        )
