@@ -96,8 +96,8 @@ _RATES = (0.02, 1000.0)
 class SlavedLoop(asyncio.SelectorEventLoop):
     """Event loop on a clock kept elsewhere, say a simulated autopilot's, fast or slow.
 
-    It starts at 0 s on the wall's clock, and follows the other one from the first `place` on.
-    Its time never goes back and does not jump: only its rate is changed.
+    It starts at 0 s on the wall's clock, and follows the other one from the first `place` on: it
+    is never behind what it was told, and never goes back, but runs slower where it is ahead.
     """
 
     def __init__(self) -> None:
@@ -136,10 +136,11 @@ class SlavedLoop(asyncio.SelectorEventLoop):
             self._window_wall = wall
             self._before = (wall, now)
         told = other_s + self._offset
-        if now > self._latest:  # it stood still
+        if told > now or now > self._latest:  # it is late, or stood still
+            now = max(told, now)
             self._anchor_t, self._anchor_wall = now, wall
         self._told_wall, self._latest = wall, max(now, told + _AHEAD_S)
-        if self._best is None or told - now > self._best[0]:
+        if self._best is None or told - now >= self._best[0]:
             self._best = (told - now, wall, told)
         if wall - self._window_wall >= _WINDOW_S:
             self._steer(wall, now, told)

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import MemoryLink, memory_pair
 from hw.links.tapped import TappedLink, TlogEncoder
@@ -30,7 +28,7 @@ from hw.sim.score import Score
 from hw.sim.shared_link import SharedLink
 from hw.sim.snapshot import Snapshot
 from hw.sim.world import World, stream
-from landerd.analysis.picture import Sample, Trace, write_picture
+from landerd.analysis.picture import Sample, write_picture
 from landerd.camera_model import load_camera
 from landerd.clock import run_realtime, run_virtual
 from landerd.config import Config
@@ -53,7 +51,7 @@ from landerd.messages import (
 )
 from landerd.pad import load_pad
 from landerd.parameters import ParameterSet
-from landerd.vision.draw import draw
+from landerd.simulation_result import result_of, trace_of
 
 VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
 WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
@@ -365,69 +363,6 @@ def simulate(
         write_picture(trace_of(simulation, result), picture)
     result["wall_s"] = time.perf_counter() - started
     return result
-
-
-def result_of(simulation: Simulation, scenario: str, seed: int) -> dict[str, Any]:
-    """Return the object that `landerd sim --json` prints, but for wall_s."""
-    score, lander = simulation.score, simulation.daemon.lander
-    first, contact, disarm = score.first_sighting_t, score.contact, score.disarm_t
-
-    began = simulation.began
-    flown_s = simulation.world.t - began
-
-    def since_sighting(t: float | None) -> float | None:
-        return t - first if t is not None and first is not None else None
-
-    return {
-        "scenario": scenario,
-        "seed": seed,
-        "landed": contact.on_plate if simulation.ends_at_contact and contact else score.landed,
-        "outcome": lander.outcome or lander.reason,
-        "touchdown_error_m": contact.error_m if contact else None,
-        "touchdown_vertical_mps": contact.vertical_mps if contact else None,
-        "touchdown_horizontal_mps": contact.horizontal_mps if contact else None,
-        "yaw_error_deg": math.degrees(contact.yaw_error) if contact else None,
-        "time_s": since_sighting(disarm),
-        "time_to_touchdown_s": since_sighting(contact.t if contact else None),
-        "energy_hj": None if score.energy_j is None else score.energy_j / 100.0,
-        "pad_velocity_error_mps": simulation.recording.pad_velocity_error_mps,
-        "aborts": lander.aborts,
-        "phases": _phases(simulation),
-        "rules_broken": [
-            f"{rule} (at {t - began:.2f} s)" for rule, t in simulation.rules.broken.items()
-        ],
-        "simulated_s": flown_s,
-        "frames_per_s": simulation.recording.frames / flown_s,
-        "faults": dict(simulation.daemon.faults),
-    }
-
-
-def _phases(simulation: Simulation) -> list[dict[str, Any]]:
-    changes = simulation.recording.phases
-    ends = [t for t, _ in changes[1:]] + [simulation.world.t]
-    began = simulation.began
-    return [
-        {"name": c.phase.value, "reason": c.reason, "start": t - began, "end": end - began}
-        for (t, c), end in zip(changes, ends, strict=True)
-    ]
-
-
-def trace_of(simulation: Simulation, result: dict[str, Any]) -> Trace:
-    """Return the drawing of a flight."""
-    landed = "landed" if result["landed"] else "did not land"
-    error = result["touchdown_error_m"]
-    trace = Trace(
-        f"landerd sim {result['scenario']}, seed {result['seed']}: {landed}"
-        + (f", {error:.2f} m from the landing point" if error is not None else ""),
-        simulation.recording.samples,
-    )
-    views = simulation.recording.views
-    wanted = [p for p in (Phase.NOT_LANDING, Phase.YAW_CORRECTION, Phase.LANDED) if p in views]
-    for phase in wanted or list(views)[:3]:
-        t, frame, sightings = views[phase]
-        image = draw(frame.image, sightings, simulation.camera_model, simulation.layout)
-        trace.views.append((f"{t:.1f} s, {phase.value}", np.asarray(image)))
-    return trace
 
 
 def _recorder(simulation: Simulation, path: Path, *, realtime: bool) -> Recorder:

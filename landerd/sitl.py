@@ -29,17 +29,16 @@ from landerd.simulation import (
     Simulation,
     Surroundings,
     beyond_pad,
-    result_of,
     speed_on_the_way,
-    trace_of,
 )
+from landerd.simulation_result import result_of, trace_of
 
 CONNECTS_S = 10.0
 REPORTS_S = 90.0  # ArduCopter needs 42 s from its start to a local origin
 TAKES_OFF_S = 120.0  # arming, take-off and the way to the start
 ASK_S = 1.0
-_THROTTLE_CHANNEL = 3  # at its SITL default, low, ArduCopter sinks as soon as the mode is changed
-_LOW_US, _MIDDLE_US, _HIGH_US = 1100, 1500, 1900
+_THROTTLE_CHANNEL = 3  # low to arm; in the air in the middle, or LOITER would sink
+_BOTTOM_US, _LOW_US, _MIDDLE_US, _HIGH_US = 1000, 1100, 1500, 1900
 
 Script = Callable[[Simulation], Awaitable[None]]
 
@@ -177,7 +176,7 @@ class SitlFlight:
         heading = world.vehicle.yaw
 
         async def fly() -> None:
-            station.set_rc(_THROTTLE_CHANNEL, _MIDDLE_US)
+            station.set_rc(_THROTTLE_CHANNEL, _BOTTOM_US)
             station.set_rc(self._loaded.config.rc.gate_channel, _LOW_US)
             await asyncio.sleep(2.0)  # until its heartbeat says whether it is armed
             self.say("putting the vehicle down first")
@@ -185,6 +184,7 @@ class SitlFlight:
             self.say("arming")
             await station.set_mode(Mode.GUIDED)
             await station.take_off(height_m)
+            station.set_rc(_THROTTLE_CHANNEL, _MIDDLE_US)
             self.say("flying to the start")
             await station.bring_to((north, east, -height_m), heading)
 

@@ -13,7 +13,8 @@ from hw.autopilots.mavlink_codec import MavlinkCodec
 from landerd.clock import run_slaved
 from landerd.config_file import Loaded, config_dir, load
 from landerd.messages import Phase
-from landerd.simulation import Simulation, result_of
+from landerd.simulation import Simulation
+from landerd.simulation_result import result_of
 from landerd.sitl import Script, SitlFlight
 from tests.sitl_steps import compare
 
