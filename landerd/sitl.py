@@ -36,6 +36,7 @@ from landerd.simulation_result import result_of, trace_of
 CONNECTS_S = 10.0
 REPORTS_S = 90.0  # ArduCopter needs 42 s from its start to a local origin
 TAKES_OFF_S = 120.0  # arming, take-off and the way to the start
+ON_THE_WAY_MPS = 5.0  # as the stand-in flies, and ArduCopter up to 4.1; newer ones would fly 10
 ASK_S = 1.0
 _THROTTLE_CHANNEL = 3  # low to arm; in the air in the middle, or LOITER would sink
 _BOTTOM_US, _LOW_US, _MIDDLE_US, _HIGH_US = 1000, 1100, 1500, 1900
@@ -68,6 +69,7 @@ class SitlFlight:
         url: str,
         *,
         take_off_m: float | None = None,
+        log: Path | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         """take_off_m: None if somebody else flies the vehicle; else the height to start from.
@@ -84,6 +86,7 @@ class SitlFlight:
         self._seed = seed
         self._url = url
         self._take_off_m = take_off_m
+        self._log = log
         self._progress = progress
         try:
             self.link = SharedLink(open_link(url))
@@ -197,6 +200,7 @@ class SitlFlight:
             self._loaded,
             self._seed,
             realtime=True,
+            log=self._log,
             surroundings=Surroundings(
                 world,
                 self.link,
@@ -214,13 +218,16 @@ class SitlFlight:
                 if script is not None:
                     tasks.create_task(_run(script(simulation)))
 
-        await simulation.run(longest_s=LONGEST_S, script=beside)
+        try:
+            await simulation.run(longest_s=LONGEST_S, script=beside)
+        finally:
+            if simulation.recorder is not None:
+                simulation.recorder.close()
 
     async def _send_off(self, world: SitlWorld, height_m: float) -> None:
         """Send the vehicle past the pad, as the stand-in's ground station does; open the gate."""
-        beyond, speed = beyond_pad(world), speed_on_the_way(world)
-        if speed is not None:
-            await self._ground_station.set_speed(speed)
+        beyond = beyond_pad(world)
+        await self._ground_station.set_speed(speed_on_the_way(world) or ON_THE_WAY_MPS)
         if beyond is not None:
             self._ground_station.send_to((beyond[0], beyond[1], -height_m))
         await asyncio.sleep(GATE_OPENS_S)
@@ -252,6 +259,7 @@ def simulate_sitl(
     *,
     take_off_m: float | None = None,
     picture: Path | None = None,
+    log: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Fly one landing and return the object that `landerd sim --autopilot URL --json` prints.
@@ -263,7 +271,7 @@ def simulate_sitl(
         ImportError: a picture is wanted and matplotlib is not installed.
     """
     started = time.perf_counter()
-    flight = SitlFlight(loaded, seed, url, take_off_m=take_off_m, progress=progress)
+    flight = SitlFlight(loaded, seed, url, take_off_m=take_off_m, log=log, progress=progress)
     gc.freeze()  # collections then look only at what the flight makes
     try:
         run_slaved(flight.run())

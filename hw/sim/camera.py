@@ -71,6 +71,8 @@ class SimCamera:
             self._exposed_t += steps * period
             self._seq += steps
             await asyncio.sleep(max(0.0, self._exposed_t + latency - loop.time()))
+            if loop.time() - latency - self._exposed_t > period:
+                continue  # the loop was late: there is a newer one by now
             faults = self.faults
             if faults.disconnected:
                 raise DeviceLost("simulated camera is unplugged")
