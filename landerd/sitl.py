@@ -5,6 +5,7 @@ vehicle. With a take-off height a fake ground station does what a pilot would do
 """
 
 import asyncio
+import contextlib
 import gc
 import time
 from collections.abc import Awaitable, Callable
@@ -38,6 +39,7 @@ REPORTS_S = 90.0  # ArduCopter needs 42 s from its start to a local origin
 TAKES_OFF_S = 120.0  # arming, take-off and the way to the start
 ON_THE_WAY_MPS = 5.0  # as the stand-in flies, and ArduCopter up to 4.1; newer ones would fly 10
 ASK_S = 1.0
+REOPEN_S = 0.2
 _THROTTLE_CHANNEL = 3  # low to arm; in the air in the middle, or LOITER would sink
 _BOTTOM_US, _LOW_US, _MIDDLE_US, _HIGH_US = 1000, 1100, 1500, 1900
 
@@ -145,11 +147,12 @@ class SitlFlight:
         """Read the link while the daemon does not."""
         while True:
             try:
-                await self.link.open()
                 while True:
                     await self.link.read()
             except DeviceLost:
-                await asyncio.sleep(0.5)
+                await asyncio.sleep(REOPEN_S)
+                with contextlib.suppress(DeviceLost):
+                    await self.link.open()
 
     async def _until_ready(self) -> None:
         """Connect, and wait for the first true state."""
