@@ -23,7 +23,7 @@ bench: $(SETUP)  ## print the figures quoted in docs
 		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 
-bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 library; takes long: IMAGES=20
+bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 library (takes long)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
 	for file in bench/vision_*.py; do \
 		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \

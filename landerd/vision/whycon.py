@@ -25,13 +25,14 @@ U8 = NDArray[np.uint8]
 _THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
 _HARD_TRIES = 3  # best doubtful fits that are tried again with shadow and motion
 _EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
+_ASIDE = 0.4  # of such an error is not common to the whole outline
 # What lies beyond the white margin shines into it, the more the narrower the margin is in the
 # image. Measured on exact images of 20 to 30 m at 0 to 70 degrees.
-_NARROW_BIAS_PX = 0.4
+_NARROW_BIAS_PX = 0.3
 _NARROW_PX = 0.33
 _LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 _TRACK_REACH_PX = 4.0  # how far from where they are expected edges are found
-_FLOOR_M = 1e-4  # of sigma: nobody prints or measures a pad more truly
+_FLOOR_M = 5e-5  # of sigma: nobody prints or measures a pad more truly
 
 
 def find_rings(
@@ -290,7 +291,7 @@ def _solution(
         -MARGIN * focal * radius / distance * float(n @ sight) / _NARROW_PX
     )
     along = bias_px * distance * distance / (focal * radius)
-    aside = bias_px * distance / focal
+    aside = _ASIDE * bias_px * distance / focal
     C = fit.covariance + np.outer(sight, sight) * along**2 + np.eye(3) * (aside**2 + _FLOOR_M**2)
     # As far as the other pose may be the true one, the error may be the way to it.
     for other in fits:
