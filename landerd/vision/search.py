@@ -135,14 +135,16 @@ class Search:
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
             points = expected.points(ring.position_m, circle(0.5 * ring.outer_diameter_m))
-            window = None if points is None else self._window(points, expected)
-            if points is None or window is None or (whole_only and not self._is_whole(points)):
+            if points is None or (whole_only and not self._is_whole(points)):
                 continue
             tracked = track_ring(
                 image, ring, self._camera, points.mean(axis=0), expected.normal, down=down
             )
             if tracked is not None:
                 rings += [(ring, s) for s in self._likely([tracked])]
+                continue
+            window = self._window(points, expected)
+            if window is None:
                 continue
             size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
             found = find_rings(
