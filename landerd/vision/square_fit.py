@@ -29,7 +29,7 @@ Image = NDArray[np.uint8]
 _PER_CELL = 6  # samples of the print along a cell
 _MARGIN_CELLS = 2  # white round the print
 _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
-_LARGEST_SIDE_PX = 27.0  # larger markers are fitted on a reduced image
+_LARGEST_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
 _STEPS = 8
 # A last step moves the corners by less than this and gains less than this in chi-square: along the
 # way to the other solution corners hardly move.

@@ -254,8 +254,8 @@ def _is_ring(fit: RingFit, ratio: float) -> bool:
     moved = bool(np.any(fit.motion_px))
     return (
         fit.contrast > 12.0
-        and fit.contrast > (15.0 if moved else 9.0) * fit.noise
-        and fit.inliers > 0.91
+        and fit.contrast > (20.0 if moved else 9.0) * fit.noise
+        and fit.inliers > 0.93
         and abs(fit.ratio - ratio) < 0.03 * ratio + 2.0 * fit.sigma_ratio
         and fit.sigma_ratio < 0.06 * ratio
     )
