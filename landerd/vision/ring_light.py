@@ -25,10 +25,10 @@ def evenly_lit(pixels: Pixels, fit: RingFit, radius: float, ratio: float) -> Pix
     if np.count_nonzero(white) < 16:
         return None
     grey = pixels.grey[white].astype(np.float64)
-    low, high = np.percentile(grey, (8, 92))
+    low, high = np.percentile(grey, (4, 96))
     for _ in range(5):
         bright = grey > (low + high) / 2.0
-        if not 0.06 < bright.mean() < 0.94:
+        if not 0.03 < bright.mean() < 0.97:
             return None
         low, high = grey[~bright].mean(), grey[bright].mean()
     if low > _LEAST_STEP * high:

@@ -202,8 +202,9 @@ def _fit_hard(image: U8, camera: CameraModel, plain: list[RingFit], ring: Ring) 
 
 
 def _is_poor(fit: RingFit) -> bool:
-    """Tell whether residuals are larger than a camera's noise makes them, but not hopeless."""
-    return fit.noise > 2.0 + 0.025 * fit.contrast and fit.contrast > max(2.5 * fit.noise, 10.0)
+    """Tell whether more is left over than a camera's noise, but the fit is not hopeless."""
+    noisy = fit.noise > 2.0 + 0.025 * fit.contrast or fit.inliers < 0.97
+    return noisy and fit.contrast > max(2.5 * fit.noise, 10.0)
 
 
 def _fit_shaded(image: U8, camera: CameraModel, fit: RingFit, ring: Ring) -> list[RingFit]:
