@@ -239,7 +239,7 @@ class SitlFlight:
     async def _finish(self) -> None:
         """Leave the vehicle on the ground with its motors off, ready for the next landing."""
         self._ground_station.set_rc(self._loaded.config.rc.gate_channel, _LOW_US)
-        await self.while_reading(self._ground_station.put_down(), 60.0, "it did not come down")
+        await self.while_reading(self._ground_station.put_down(), 120.0, "it did not come down")
 
     async def while_reading(self, work: Awaitable[None], limit_s: float, trouble: str) -> None:
         """Do something with the link served, in a limited time. Raises AutopilotError."""

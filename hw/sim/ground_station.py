@@ -21,7 +21,7 @@ _FIRST_LATE_CHANNEL = 9  # from here on 0 leaves a channel alone, below 65535 do
 _LAST_CHANNEL = 18
 _THERE_M, _STILL_MPS, _HEADED = 0.5, 0.1, math.radians(3.0)
 _FORCED = 21196.0
-_LANDS_S = 30.0  # time to come down before it is disarmed by force
+_STUCK_S = 10.0  # standing there armed, in LAND, it is disarmed by force
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +132,11 @@ class GroundStation:
         loop = asyncio.get_running_loop()
         if self._armed:
             await self.set_mode(Mode.LAND)
-        give_up = loop.time() + _LANDS_S
+        moved_t = loop.time()
         while self._armed:
-            if loop.time() > give_up:
+            if norm(self._velocity) > _STILL_MPS:
+                moved_t = loop.time()
+            if loop.time() > moved_t + _STUCK_S:
                 await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCED)
             await asyncio.sleep(0.5)
 
