@@ -90,9 +90,11 @@ class VisionSection(Section):
 class EstimationSection(Section):
     """Noise the pad filter assumes."""
 
-    pad_acceleration_mps2: Positive = 0.5  # process noise: how a pad may change its velocity
-    gimbal_sigma_deg: NotNegative = 0.7  # error of the lens's direction, slowly varying
-    position_sigma_m: Positive = 0.02  # of the autopilot's position from frame to frame
+    pad_acceleration_mps2: Positive = 0.5  # how a pad may change its velocity, to begin with
+    gimbal_sigma_deg: NotNegative = 1.0  # error of the lens's direction, slowly varying
+    bearing_noise_deg: NotNegative = 0.05  # and from frame to frame
+    clock_sigma_s: NotNegative = 0.01  # of the pictures' time against the telemetry's
+    position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
     gate_sigma: Positive = 4.0  # innovations beyond this are not accepted
 
 

@@ -94,6 +94,11 @@ def transpose(m: Mat3) -> Mat3:
     )
 
 
+def diagonal(a: float, b: float, c: float) -> Mat3:
+    """Return the matrix with these on its diagonal and zeros beside it."""
+    return ((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, c))
+
+
 def matmul(a: Mat3, b: Mat3) -> Mat3:
     """Return a b."""
     # Written out: this runs thousands of times a second, and calls cost more than the arithmetic.

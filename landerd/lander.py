@@ -7,7 +7,7 @@ message in the order the daemon took it; ticks at the control rate make the set-
 import math
 
 from landerd.config import Config
-from landerd.estimation.pad_filter import PadEstimate, PadFilter
+from landerd.estimation.pad_filter import PadFilter
 from landerd.estimation.placement import PlacedPad, Placement
 from landerd.geometry import Vec3, rotate, sub, transpose
 from landerd.guidance.aim import Aim
@@ -60,6 +60,7 @@ class Lander:
         self._config = config
         self._placement = Placement(config)
         self._filter = PadFilter(config.estimation)
+        self._sigma_bearing = math.radians(config.estimation.gimbal_sigma_deg)
         self._gate = Gate(config.rc, config.freshness)
         self._phases = Phases(config.guidance.descent, has_heading=layout.has_heading)
         self._method = PidMethod(config.guidance)
@@ -94,7 +95,9 @@ class Lander:
             case Sightings():
                 self._on_sightings(message)
             case LocalPosition() | Attitude() | GimbalState():
-                self._placement.add(message)
+                jump = self._placement.add(message)
+                if jump is not None:
+                    self._filter.shift(jump)
             case Heartbeat():
                 self._gate.on_heartbeat(message)
             case RcChannels():
@@ -140,7 +143,7 @@ class Lander:
         """Return the pad relative to the vehicle at time now, None while either is unknown."""
         estimate = self._filter.estimate(now, self._sighting_t)
         vehicle = vehicle_now(self._placement, self._config.vehicle, now)
-        return self._relative(vehicle, estimate) if vehicle and estimate else None
+        return relative(vehicle, estimate, self._sigma_bearing) if vehicle and estimate else None
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -241,7 +244,7 @@ class Lander:
             return
         if not self._flown or self._searching:
             self._engage(vehicle, now)
-        rel = self._relative(vehicle, estimate)
+        rel = relative(vehicle, estimate, self._sigma_bearing)
         self._low = rel.height < self._config.guidance.descent.alignment_height_m
         if self.phase is not Phase.LANDED:
             phase, why = self._phases.step(rel)
@@ -255,10 +258,6 @@ class Lander:
         velocity, yaw_rate = self._method.step(self.phase, rel, self._phases.floor_m, dt)
         may_descend = self._phases.may_descend(rel) and rel.height > self._phases.floor_m
         self._send(velocity, yaw_rate, dt, may_descend=may_descend)
-
-    def _relative(self, vehicle: VehicleNow, pad: PadEstimate) -> Relative:
-        sigma_direction = math.radians(self._config.estimation.gimbal_sigma_deg)
-        return relative(vehicle, pad, sigma_direction)
 
     def _engage(self, vehicle: VehicleNow, now: float) -> None:
         if now - self._ordered_t > CONTINUES_S:

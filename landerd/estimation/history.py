@@ -26,7 +26,7 @@ class History:
         """
         self._angles = tuple(angles)
         self._keep_s = keep_s
-        self._max_gap_s = max_gap_s
+        self.max_gap_s = max_gap_s
         self._times: list[float] = []
         self._values: list[tuple[float, ...]] = []
 
@@ -52,6 +52,10 @@ class History:
             del self._values[:first]
         return True
 
+    def shift(self, by: tuple[float, ...]) -> None:
+        """Add to all measurements: the frame that they are measured in has jumped."""
+        self._values = [tuple(a + b for a, b in zip(v, by, strict=True)) for v in self._values]
+
     def clear(self) -> None:
         """Forget everything, as after a restart of the source."""
         self._times.clear()
@@ -63,11 +67,11 @@ class History:
             return None
         i = bisect_left(self._times, t)
         if i == len(self._times):
-            return self._values[-1] if t - self._times[-1] <= self._max_gap_s else None
+            return self._values[-1] if t - self._times[-1] <= self.max_gap_s else None
         if self._times[i] == t:
             return self._values[i]
         t0, t1 = self._times[i - 1], self._times[i]
-        if t1 - t0 > self._max_gap_s:
+        if t1 - t0 > self.max_gap_s:
             return None
         k = (t - t0) / (t1 - t0)
         return tuple(

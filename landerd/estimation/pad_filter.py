@@ -1,40 +1,32 @@
-"""Kalman filter for the pad's position, velocity and heading in local NED.
+"""The pad in local NED: which of a frame's poses to believe, and what follows from all of them.
 
-Constant velocity driven by white acceleration; each sighting is taken at its exposure time, so a
-late picture corrects the state it belongs to and the state is predicted from there to now. Plain
-floats and explicit 3x3 blocks: the same bits on every machine.
+Each sighting is taken at its exposure time, so a late picture corrects the state it belongs to and
+the state is predicted from there to now. Of two solutions the likelier is taken: by the picture, by
+where the pad should be, and by how it lay before.
 """
 
 import math
 from dataclasses import dataclass
 
 from landerd.config import EstimationSection
+from landerd.estimation.heading_filter import HeadingFilter
+from landerd.estimation.motion_filter import Innovation, MotionFilter
 from landerd.estimation.placement import PlacedPad
-from landerd.geometry import (
-    IDENTITY,
-    Mat3,
-    Vec3,
-    add,
-    dot,
-    inverse,
-    matadd,
-    matmul,
-    matscale,
-    rotate,
-    scale,
-    sub,
-    transpose,
-    wrap,
-)
+from landerd.geometry import Mat3, Vec3, clamp, matscale, unit
 
 CONFIRM = 3  # consistent sightings before a pad is believed: one false alarm must not fly
 REJECTIONS = 5  # sightings in a row outside the gate before the filter starts again from them
 CONFIRM_GAP_S = 0.3  # between them: over a longer gap a false alarm and the pad make a fast pad
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
-INITIAL_SPEED_MPS = 5.0  # 1 sigma of a new pad's velocity
+INITIAL_SPEED_MPS = 8.0  # 1 sigma of a new pad's velocity
 MAX_TILT = math.radians(25.0)  # what lies steeper is no pad, whatever it looks like
-SIGMA_TILT = math.radians(5.0)  # how far from level pads usually lie
-HEADING_WALK = math.radians(3.0)  # rad per sqrt(s): how a pad's heading may change
+SIGMA_TILT = math.radians(6.0)  # how far from level pads usually lie
+TILT_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
+COMMON_S = 120.0  # correlation time of the gimbal's and the clock's errors
+ADAPT = 0.05  # a frame: how fast the assumed noises follow what the innovations show
+NOISE_RANGE = (0.05, 100.0)  # of the frames' variance, times what vision and configuration say
+OUTLIER = 4.0  # an innovation beyond the gate by this factor tells nothing of the noise
+CALMEST_MPS2, WILDEST_MPS2 = 0.05, 4.0  # how little and how much acceleration of a pad is assumed
 
 MAX_SIGMA_HEADING = math.radians(5.0)  # a heading less certain than this is not known
 
@@ -49,6 +41,8 @@ class PadEstimate:
     covariance: Mat3  # of position, m^2
     heading: float | None  # rad; None: not known well enough
     sigma_heading: float  # rad
+    turn_rate: float  # rad/s; 0 without heading
+    normal: Vec3  # unit vector into the pad
     sighting_t: float  # exposure of the last sighting accepted, s
 
     @property
@@ -62,25 +56,30 @@ class PadFilter:
     """One pad's state. Call `update` with every placed sighting in the order of exposure."""
 
     def __init__(self, options: EstimationSection) -> None:
-        self._q = options.pad_acceleration_mps2**2  # spectral density over a correlation of 1 s
+        bearing = math.radians(options.gimbal_sigma_deg)
+        self._motion = MotionFilter((bearing, bearing, options.clock_sigma_s), COMMON_S)
+        self._q = options.pad_acceleration_mps2**2
+        self._heading = HeadingFilter(options.gate_sigma)
+        self._bearing = bearing
         self._gate = options.gate_sigma**2
         self._hits = 0
         self._rejections = 0
+        self._lean = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
+        self._lean_variance = SIGMA_TILT**2
+        self._noise = 1.0  # variance of what is new in a frame, times what it is said to be
+        self._last_vector: Vec3 = (0.0, 0.0, 0.0)  # innovation before this
         self.rejected = 0  # sightings refused so far
-        self._t = -math.inf
-        self._position: Vec3 = (0.0, 0.0, 0.0)
-        self._velocity: Vec3 = (0.0, 0.0, 0.0)
-        self._Ppp: Mat3 = IDENTITY
-        self._Ppv: Mat3 = IDENTITY  # covariance of position with velocity
-        self._Pvv: Mat3 = IDENTITY
-        self._heading: float | None = None
-        self._heading_variance = 0.0
-        self._heading_rejections = 0
+        self.nis = math.nan  # of the last innovation: chi-square of 3, 3 on average
 
     def reset(self) -> None:
-        """Forget the pad."""
+        """Forget the pad, and all that is known of the gimbal."""
         self._hits = 0
-        self._heading = None
+        self._heading.reset()
+        self._motion.forget_common()
+
+    def shift(self, by: Vec3) -> None:
+        """The autopilot's local frame jumped: what was at x is now at x + by, m."""
+        self._motion.shift(by)
 
     def update(self, candidates: list[PlacedPad]) -> bool:
         """Take the likeliest candidate of one frame in; tell whether it was accepted.
@@ -92,15 +91,25 @@ class PadFilter:
         if not candidates:
             return False
         t = candidates[0].t
+        motion = self._motion
         gap = MAX_GAP_S if self._hits >= CONFIRM else CONFIRM_GAP_S
-        if self._hits == 0 or t - self._t > gap:
+        if self._hits == 0 or t - motion.t > gap:
             self._start(min(candidates, key=_image_and_level))
             return False
-        if t <= self._t:
+        if t <= motion.t:
             return False
-        self._predict(t)
-        best = min(candidates, key=lambda c: _image_and_level(c) + self._distance(c))
-        if not self._distance(best) <= self._gate:  # so that NaN is outside
+        self._lean_variance += TILT_WALK**2 * (t - motion.t)
+        motion.predict(t)
+        innovations = [self._innovation(c) for c in candidates]
+        costs = [
+            self._image_and_lean(c) + i.distance
+            for c, i in zip(candidates, innovations, strict=True)
+        ]
+        chosen = costs.index(min(costs))
+        best, innovation = candidates[chosen], innovations[chosen]
+        self.nis = innovation.distance
+        self._adapt(innovation)
+        if not self.nis <= self._gate:  # so that NaN is outside
             self.rejected += 1
             self._rejections += 1
             if self._rejections >= REJECTIONS:
@@ -108,95 +117,103 @@ class PadFilter:
             return False
         self._rejections = 0
         self._hits += 1
-        self._correct(best)
+        motion.correct(innovation)
+        self._correct_lean(best)
+        if best.heading is not None:
+            self._heading.update(t, best.heading, best.sigma_heading)
+            motion.turn_rate = self._heading.turn_rate
         return self._hits >= CONFIRM
 
     def estimate(self, now: float, sighting_t: float) -> PadEstimate | None:
         """Return the state predicted to now, or None while no pad is confirmed."""
         if self._hits < CONFIRM:
             return None
-        dt = max(0.0, now - self._t)
-        sigma_heading = math.sqrt(self._heading_variance + HEADING_WALK**2 * dt)
+        position, velocity, covariance = self._motion.at(max(0.0, now - self._motion.t))
+        heading, sigma_heading = self._heading.at(now) if self._heading.known else (0.0, math.inf)
+        known = sigma_heading < MAX_SIGMA_HEADING
         return PadEstimate(
             t=now,
-            position=add(self._position, scale(self._velocity, dt)),
-            velocity=self._velocity,
-            covariance=self._predicted_position_covariance(dt),
-            heading=self._heading if sigma_heading < MAX_SIGMA_HEADING else None,
+            position=position,
+            velocity=velocity,
+            covariance=covariance,
+            heading=heading if known else None,
             sigma_heading=sigma_heading,
+            turn_rate=self._heading.turn_rate if known else 0.0,
+            normal=unit((*self._lean, 1.0)),
             sighting_t=sighting_t,
         )
 
     def _start(self, seen: PlacedPad) -> None:
-        self._t = seen.t
         self._hits = 1
         self._rejections = 0
-        self._position = seen.position
-        self._velocity = (0.0, 0.0, 0.0)
-        self._Ppp = seen.covariance
-        self._Ppv = matscale(IDENTITY, 0.0)
-        self._Pvv = matscale(IDENTITY, INITIAL_SPEED_MPS**2)
-        self._heading = seen.heading
-        self._heading_variance = seen.sigma_heading**2 if seen.heading is not None else 0.0
-        self._heading_rejections = 0
-
-    def _predicted_position_covariance(self, dt: float) -> Mat3:
-        cross = matadd(self._Ppv, transpose(self._Ppv))
-        grown = matadd(matadd(self._Ppp, matscale(cross, dt)), matscale(self._Pvv, dt * dt))
-        return matadd(grown, matscale(IDENTITY, self._q * dt**3 / 3.0))
-
-    def _predict(self, t: float) -> None:
-        dt = t - self._t
-        self._t = t
-        self._position = add(self._position, scale(self._velocity, dt))
-        self._Ppp = self._predicted_position_covariance(dt)
-        self._Ppv = matadd(
-            matadd(self._Ppv, matscale(self._Pvv, dt)), matscale(IDENTITY, self._q * dt * dt / 2.0)
-        )
-        self._Pvv = matadd(self._Pvv, matscale(IDENTITY, self._q * dt))
-        self._heading_variance += HEADING_WALK**2 * dt
-
-    def _distance(self, seen: PlacedPad) -> float:
-        """Squared Mahalanobis distance of the innovation, to be compared with the gate's."""
-        innovation = sub(seen.position, self._position)
-        return dot(innovation, rotate(inverse(matadd(self._Ppp, seen.covariance)), innovation))
-
-    def _correct(self, seen: PlacedPad) -> None:
-        innovation = sub(seen.position, self._position)
-        S_inverse = inverse(matadd(self._Ppp, seen.covariance))
-        K_p = matmul(self._Ppp, S_inverse)
-        K_v = matmul(transpose(self._Ppv), S_inverse)
-        self._position = add(self._position, rotate(K_p, innovation))
-        self._velocity = add(self._velocity, rotate(K_v, innovation))
-        self._Pvv = _symmetric(matadd(self._Pvv, matscale(matmul(K_v, self._Ppv), -1.0)))
-        self._Ppv = matadd(self._Ppv, matscale(matmul(K_p, self._Ppv), -1.0))
-        self._Ppp = _symmetric(matadd(self._Ppp, matscale(matmul(K_p, self._Ppp), -1.0)))
+        self._motion.q = (self._q, self._q, self._q)
+        self._last_vector = (0.0, 0.0, 0.0)
+        self._noise = 1.0
+        self._motion.start(seen.t, seen.position, seen.covariance, seen.common, INITIAL_SPEED_MPS)
+        self._lean = (0.0, 0.0)
+        self._lean_variance = SIGMA_TILT**2
+        self._correct_lean(seen)
+        self._heading.reset()
+        self._motion.turn_rate = 0.0
         if seen.heading is not None:
-            self._correct_heading(seen.heading, seen.sigma_heading**2)
+            self._heading.update(seen.t, seen.heading, seen.sigma_heading)
 
-    def _correct_heading(self, heading: float, variance: float) -> None:
-        if self._heading is None:
-            self._heading, self._heading_variance = heading, variance
+    def _innovation(self, seen: PlacedPad) -> Innovation:
+        # A pad that the vehicle goes along with hides the clock's error.
+        v = self._motion.velocity
+        a, b, c = seen.common
+        common = (
+            (a[0], a[1], a[2] - v[0]),
+            (b[0], b[1], b[2] - v[1]),
+            (c[0], c[1], c[2] - v[2]),
+        )
+        return self._motion.innovation(
+            seen.position, matscale(seen.covariance, self._noise), common
+        )
+
+    def _adapt(self, innovation: Innovation) -> None:
+        """Let the assumed noises follow the innovations (Mehra 1970).
+
+        They should be as large as their covariance says, or the frames' noise is another one; and
+        not like the one before, or the pad moves otherwise than assumed.
+        """
+        if not self.nis <= OUTLIER * self._gate:  # so that NaN is outside
             return
-        innovation = wrap(heading - self._heading)
-        s = self._heading_variance + variance
-        if innovation * innovation > self._gate * s:
-            self._heading_rejections += 1
-            if self._heading_rejections >= REJECTIONS:
-                self._heading, self._heading_variance = heading, variance
-                self._heading_rejections = 0
-            return
-        self._heading_rejections = 0
-        k = self._heading_variance / s
-        self._heading = wrap(self._heading + k * innovation)
-        self._heading_variance *= 1.0 - k
+        distance = min(self.nis, self._gate)
+        noise = self._noise * math.exp(ADAPT * (distance / 3.0 - 1.0))
+        self._noise = clamp(noise, *NOISE_RANGE)
+        x, y, z = innovation.vector
+        u, v, w = self._last_vector
+        self._last_vector = innovation.vector
+        S = innovation.S
+        level = (x * u + y * v) / (S[0][0] + S[1][1])
+        q_north, _, q_down = self._motion.q
+        q_north = _drifted(q_north, level)
+        self._motion.q = (q_north, q_north, _drifted(q_down, z * w / S[2][2]))
+
+    def _image_and_lean(self, c: PlacedPad) -> float:
+        """Chi-square of a pose: what the picture says, and how the pad lay before."""
+        north, east = c.normal[0] - self._lean[0], c.normal[1] - self._lean[1]
+        variance = self._lean_variance + c.sigma_tilt**2 + self._bearing**2
+        return c.cost + (north * north + east * east) / variance
+
+    def _correct_lean(self, seen: PlacedPad) -> None:
+        s = self._lean_variance + seen.sigma_tilt**2 + self._bearing**2
+        k = self._lean_variance / s
+        north, east = self._lean
+        self._lean = (
+            north + k * (seen.normal[0] - north),
+            east + k * (seen.normal[1] - east),
+        )
+        self._lean_variance *= 1.0 - k
+
+
+def _drifted(q: float, likeness: float) -> float:
+    """Return the process noise after an innovation that is so much like the one before."""
+    changed = q * math.exp(ADAPT * clamp(likeness, -3.0, 3.0))
+    return clamp(changed, CALMEST_MPS2**2, WILDEST_MPS2**2)
 
 
 def _image_and_level(c: PlacedPad) -> float:
     """Chi-square of a pose: what the picture says, and that pads lie nearly level."""
     return c.cost + (c.tilt / math.hypot(SIGMA_TILT, c.sigma_tilt)) ** 2
-
-
-def _symmetric(m: Mat3) -> Mat3:
-    """Average with the transpose: rounding would otherwise pull the two halves apart."""
-    return matscale(matadd(m, transpose(m)), 0.5)

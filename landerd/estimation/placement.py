@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from landerd.config import Config
 from landerd.estimation.history import History
 from landerd.geometry import (
-    IDENTITY,
     R_GIMBAL_CAMERA,
     Mat3,
     Vec3,
     add,
+    clamp,
+    diagonal,
     dot,
     heading_of,
     matadd,
@@ -26,11 +27,15 @@ from landerd.geometry import (
     rot_zyx,
     rotate,
     rotate_covariance,
+    scale,
+    sub,
     transpose,
 )
 from landerd.messages import Attitude, GimbalState, LocalPosition, PoseSolution, Reference
 
 DOWN: Vec3 = (0.0, 0.0, 1.0)
+JUMP_M = 0.3  # between two positions beyond what was flown: the autopilot moved its frame
+SWING_S = 0.02  # over this time it is measured how fast the lens swings
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +44,18 @@ class PlacedPad:
 
     t: float
     position: Vec3  # landing point, m
-    covariance: Mat3  # m^2
+    covariance: Mat3  # of what is new in every frame, m^2
+    common: Mat3  # how errors common to all frames move it: lens about x and y, m/rad; clock, m/s
     heading: float | None  # rad
     sigma_heading: float  # rad; infinite without heading
-    tilt: float  # angle between the pad's normal and gravity, rad
-    sigma_tilt: float
+    normal: Vec3  # unit vector into the pad
+    sigma_tilt: float  # of the normal, rad
     cost: float  # chi-square of the picture's fit
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the pad's normal and gravity, rad."""
+        return math.acos(clamp(self.normal[2], -1.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +71,7 @@ class Placement:
 
     def __init__(self, config: Config) -> None:
         self._offset = config.vehicle.camera_offset_m
-        self._sigma_direction = math.radians(config.estimation.gimbal_sigma_deg)
+        self._sigma_bearing = math.radians(config.estimation.bearing_noise_deg)
         self._sigma_position = config.estimation.position_sigma_m
         fresh = config.freshness
         self.position = History(angles=[False] * 6, max_gap_s=fresh.position_s)
@@ -68,16 +79,39 @@ class Placement:
         self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
         self._reference = Reference.BODY
 
-    def add(self, message: LocalPosition | Attitude | GimbalState) -> None:
-        """Take a measurement in; one older than its predecessor is dropped."""
+    def add(self, message: LocalPosition | Attitude | GimbalState) -> Vec3 | None:
+        """Take a measurement in; one older than its predecessor is dropped.
+
+        Returns:
+            by how much the local frame jumped, m; None if it did not. What was known is moved
+            with it.
+        """
         if isinstance(message, LocalPosition):
+            jump = self._jump(message)
+            if jump is not None:
+                self.position.shift((*jump, 0.0, 0.0, 0.0))
             self.position.add(message.t, (*message.position, *message.velocity))
-        elif isinstance(message, Attitude):
+            return jump
+        if isinstance(message, Attitude):
             angles = (message.roll, message.pitch, message.yaw)
             self.attitude.add(message.t, (*angles, *message.rates))
         else:
             self._reference = message.reference
             self.gimbal.add(message.t, (message.yaw, message.pitch, message.roll))
+        return None
+
+    def _jump(self, new: LocalPosition) -> Vec3 | None:
+        """Return how far a position lies from where its velocity says, if no flight explains it."""
+        last = self.position.newest
+        if last is None:
+            return None
+        dt = new.t - last[0]
+        if not 0.0 < dt <= self.position.max_gap_s:
+            return None
+        x, y, z, u, v, w = last[1]
+        mean = scale(add((u, v, w), new.velocity), 0.5)
+        jump = sub(new.position, add((x, y, z), scale(mean, dt)))
+        return jump if norm(jump) > JUMP_M else None
 
     def forget(self) -> None:
         """Drop all that came from the autopilot: it restarted, its frame may be another."""
@@ -113,19 +147,28 @@ class Placement:
             return None
         R = camera.R_local_camera
         arm = rotate(R, solution.position)
+        position = add(camera.position, arm)
+        swing: Vec3 = (0.0, 0.0, 0.0)
+        before = self.camera(t - SWING_S)
+        if before is not None:
+            earlier = add(before.position, rotate(before.R_local_camera, solution.position))
+            swing = scale(sub(position, earlier), 1.0 / SWING_S)
+        x, y, z = solution.position
+        # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
+        about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
-            sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_direction)
-        level = max(-1.0, min(1.0, dot(rotate(R, solution.normal), DOWN)))
+            sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_bearing)
         return PlacedPad(
             t=t,
-            position=add(camera.position, arm),
-            covariance=matadd(rotate_covariance(R, solution.covariance), self._pointing(arm)),
+            position=position,
+            covariance=matadd(rotate_covariance(R, solution.covariance), self._noise(arm)),
+            common=transpose((about_x, about_y, swing)),
             heading=heading,
             sigma_heading=sigma_heading,
-            tilt=math.acos(level),
-            sigma_tilt=math.hypot(solution.sigma_tilt, self._sigma_direction),
+            normal=rotate(R, solution.normal),
+            sigma_tilt=solution.sigma_tilt,
             cost=solution.cost,
         )
 
@@ -134,10 +177,8 @@ class Placement:
         R = self.look(t)
         return None if R is None else rotate(transpose(R), DOWN)
 
-    def _pointing(self, arm: Vec3) -> Mat3:
-        """Covariance from errors of the lens's direction (across the arm) and of the position."""
-        r = norm(arm)
-        across = (self._sigma_direction * r) ** 2
-        along = self._sigma_direction**2
-        isotropic = matscale(IDENTITY, across + self._sigma_position**2)
-        return matadd(isotropic, matscale(outer(arm, arm), -along))
+    def _noise(self, arm: Vec3) -> Mat3:
+        """Covariance from the noise of the lens's direction (across the arm) and the position."""
+        along = self._sigma_bearing**2
+        across = along * dot(arm, arm) + self._sigma_position**2
+        return matadd(diagonal(across, across, across), matscale(outer(arm, arm), -along))

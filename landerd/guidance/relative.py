@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from landerd.config import VehicleSection
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.placement import Placement
-from landerd.geometry import Vec3, add, horizontal, norm, rot_zyx, rotate, scale, sub, wrap
+from landerd.geometry import Vec3, add, dot, horizontal, norm, rot_zyx, rotate, scale, sub, wrap
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,19 +26,20 @@ class Relative:
     error: Vec3  # landing point minus centre of the feet, local NED, m
     error_rate: Vec3  # pad's velocity minus vehicle's, m/s
     pad_velocity: Vec3  # local NED, m/s
-    sigma_m: float  # of the error, m
+    sigma_m: float  # of the error's horizontal part, m
     heading_error: float | None  # pad's heading minus vehicle's, rad; None: not known
     yaw_rate: float  # vehicle's, rad/s
+    normal: Vec3 = (0.0, 0.0, 1.0)  # unit vector into the pad, local NED
+
+    @property
+    def height(self) -> float:
+        """Height of the feet over the plane of the pad, m."""
+        return dot(self.error, self.normal)
 
     @property
     def distance(self) -> float:
         """Planar distance d_p (thesis 2.4.5), m."""
         return horizontal(self.error)
-
-    @property
-    def height(self) -> float:
-        """Height of the feet over the pad, m."""
-        return self.error[2]
 
 
 def vehicle_now(placement: Placement, vehicle: VehicleSection, now: float) -> VehicleNow | None:
@@ -54,14 +55,14 @@ def vehicle_now(placement: Placement, vehicle: VehicleSection, now: float) -> Ve
     return VehicleNow(feet, velocity, yaw, yaw_rate)
 
 
-def relative(vehicle: VehicleNow, pad: PadEstimate, sigma_direction: float) -> Relative:
+def relative(vehicle: VehicleNow, pad: PadEstimate, sigma_bearing: float) -> Relative:
     """Return pad relative to vehicle, both at the same time.
 
     Args:
         vehicle: now.
         pad: now.
-        sigma_direction: of the lens's direction, rad. That error is nearly the same in every
-            frame: the filter cannot average it away, so it is added here.
+        sigma_bearing: of the lens's direction, rad. What the filter makes of that error rests on
+            how the vehicle happened to fly; guidance counts on all of it.
     """
     c = pad.covariance
     error = sub(pad.position, vehicle.feet)
@@ -69,7 +70,8 @@ def relative(vehicle: VehicleNow, pad: PadEstimate, sigma_direction: float) -> R
         error=error,
         error_rate=sub(pad.velocity, vehicle.velocity),
         pad_velocity=pad.velocity,
-        sigma_m=math.hypot(math.sqrt(max(c[0][0], c[1][1])), sigma_direction * norm(error)),
+        sigma_m=math.hypot(math.sqrt(max(c[0][0], c[1][1])), sigma_bearing * norm(error)),
         heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
         yaw_rate=vehicle.yaw_rate,
+        normal=pad.normal,
     )

@@ -140,14 +140,14 @@ def test_a_ring_has_no_heading_and_a_leaning_pad_has_its_tilt() -> None:
 
 
 def test_range_is_the_least_certain_direction_and_turns_with_the_lens() -> None:
-    # The picture knows across far better than along; the gimbal's error adds across.
+    # The picture knows across far better than along; the gimbal's noise adds across.
     along = ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 0.25))
     ahead = place(placement(), seen((0.0, 0.0, 10.0), covariance=along)).covariance
     down = place(
         placement(gimbal_deg=(0.0, -90.0, 0.0)), seen((0.0, 0.0, 10.0), covariance=along)
     ).covariance
     options = Config().estimation
-    across = (10.0 * options.gimbal_sigma_deg * DEGREES) ** 2 + options.position_sigma_m**2
+    across = (10.0 * options.bearing_noise_deg * DEGREES) ** 2 + options.position_sigma_m**2 + 1e-6
     assert ahead[0][0] == pytest.approx(0.25 + options.position_sigma_m**2)
     assert (ahead[1][1], ahead[2][2]) == pytest.approx((across, across), rel=1e-2)
     assert down[2][2] == pytest.approx(0.25 + options.position_sigma_m**2)
@@ -187,6 +187,44 @@ def test_a_picture_older_or_much_younger_than_the_telemetry_is_not_placed() -> N
     assert made.place(0.99, seen((0.0, 0.0, 5.0))) is None
     assert made.place(1.1, seen((0.0, 0.0, 5.0))) is not None
     assert made.place(1.25, seen((0.0, 0.0, 5.0))) is None  # attitude is fresh for 0.2 s
+
+
+def test_an_error_of_the_lenss_direction_moves_the_pad_as_said() -> None:
+    # A lens that looks 1 degree farther right than the gimbal says, and one 1 degree farther up.
+    true = seen((0.5, -1.0, 10.0))
+    for gimbal_deg, error in (((31.0, -50.0, 0.0), (0.0, 1.0)), ((30.0, -49.0, 0.0), (1.0, 0.0))):
+        said = place(placement(gimbal_deg=(30.0, -50.0, 0.0)), true)
+        really = place(placement(gimbal_deg=gimbal_deg), true)
+        about_x, about_y = error[0] * DEGREES, error[1] * DEGREES * math.cos(50.0 * DEGREES)
+        expected = rotate(said.common, (about_x, about_y, 0.0))
+        moved = sub(said.position, really.position)
+        # Yaw also rolls the picture, which moves only what is off its middle.
+        assert norm(sub(moved, expected)) < 0.02
+
+
+def test_an_error_of_the_clock_moves_the_pad_as_the_lens_does() -> None:
+    made = Placement(AT_ORIGIN)
+    for i in range(40):
+        t = 0.02 * i
+        made.add(LocalPosition(t, (5.0 * t, 0.0, -10.0), (5.0, 0.0, 0.0)))
+        made.add(Attitude(t, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)))
+        made.add(GimbalState(t, 0.0, -90.0 * DEGREES, 0.0, Reference.BODY))
+    found = place(made, seen((0.0, 0.0, 10.0)), t=0.5)
+    assert [row[2] for row in found.common] == pytest.approx([5.0, 0.0, 0.0])
+
+
+def test_when_the_local_frame_jumps_the_past_goes_along() -> None:
+    made = Placement(AT_ORIGIN)
+    made.add(Attitude(1.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)))
+    made.add(GimbalState(1.0, 0.0, 0.0, 0.0, Reference.BODY))
+    velocity = (5.0, 0.0, 0.0)
+    assert made.add(LocalPosition(1.00, (0.0, 0.0, 0.0), velocity)) is None
+    assert made.add(LocalPosition(1.02, (0.1, 0.0, 0.0), velocity)) is None
+    jump = made.add(LocalPosition(1.04, (2.2, -1.0, 0.5), velocity))
+    assert jump == pytest.approx((2.0, -1.0, 0.5))
+    camera = made.camera(1.01)
+    assert camera is not None
+    assert camera.position == pytest.approx((2.05, -1.0, 0.5))
 
 
 def test_after_a_restart_of_the_autopilot_its_old_frame_is_not_used() -> None:

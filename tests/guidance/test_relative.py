@@ -31,7 +31,9 @@ def pad(
     position: Vec3, *, velocity: Vec3 = (0.0, 0.0, 0.0), heading: float | None = None
 ) -> PadEstimate:
     covariance = ((0.04, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 9.0))
-    return PadEstimate(10.0, position, velocity, covariance, heading, 0.02, 10.0)
+    return PadEstimate(
+        10.0, position, velocity, covariance, heading, 0.02, 0.0, (0.0, 0.0, 1.0), 10.0
+    )
 
 
 def test_the_feet_are_below_the_autopilots_position_and_lean_with_the_airframe() -> None:

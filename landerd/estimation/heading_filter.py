@@ -1,0 +1,68 @@
+"""Kalman filter of the pad's heading and turn rate."""
+
+import math
+
+from landerd.geometry import wrap
+
+TURN_WALK = math.radians(2.0)  # rad/s per sqrt(s): how a pad's turn rate may change
+INITIAL_TURN = math.radians(10.0)  # rad/s, 1 sigma of a new pad's turn rate
+REJECTIONS = 5  # headings in a row outside the gate before the filter starts again from them
+
+
+class HeadingFilter:
+    """Heading (rad, local) and turn rate (rad/s), driven by white angular acceleration."""
+
+    def __init__(self, gate_sigma: float) -> None:
+        self._gate = gate_sigma**2
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the heading."""
+        self.known = False
+        self.turn_rate = 0.0
+        self._heading = 0.0
+        self._t = -math.inf
+        self._P = (0.0, 0.0, 0.0)  # of heading, heading with rate, rate
+        self._rejections = 0
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Return heading and its sigma at time t, rad; only while known."""
+        dt = t - self._t
+        return wrap(self._heading + self.turn_rate * dt), math.sqrt(self._grown(dt)[0])
+
+    def update(self, t: float, heading: float, sigma: float) -> None:
+        """Take a measurement in, in the order of time."""
+        if not self.known:
+            self._start(t, heading, sigma)
+            return
+        dt = t - self._t
+        predicted = wrap(self._heading + self.turn_rate * dt)
+        h, c, w = self._grown(dt)
+        innovation = wrap(heading - predicted)
+        s = h + sigma * sigma
+        if innovation * innovation > self._gate * s:
+            self._rejections += 1
+            if self._rejections >= REJECTIONS:
+                self._start(t, heading, sigma)
+            return
+        self._rejections = 0
+        k, k_rate = h / s, c / s
+        self._t = t
+        self._heading = wrap(predicted + k * innovation)
+        self.turn_rate += k_rate * innovation
+        self._P = (h - k * h, c - k * c, w - k_rate * c)
+
+    def _start(self, t: float, heading: float, sigma: float) -> None:
+        self.known = True
+        self._t, self._heading, self.turn_rate = t, heading, 0.0
+        self._P = (sigma * sigma, 0.0, INITIAL_TURN**2)
+        self._rejections = 0
+
+    def _grown(self, dt: float) -> tuple[float, float, float]:
+        h, c, w = self._P
+        q = TURN_WALK * TURN_WALK
+        return (
+            h + dt * (2.0 * c + dt * w) + q * dt**3 / 3.0,
+            c + dt * w + 0.5 * q * dt * dt,
+            w + q * dt,
+        )
