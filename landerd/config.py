@@ -48,6 +48,7 @@ class GimbalSection(Section):
     driver: str = "sim"
     yaw_limits_deg: tuple[Finite, Finite] = (-90.0, 90.0)
     pitch_limits_deg: tuple[Finite, Finite] = (-180.0, 0.0)
+    lag_s: Positive = 0.08  # behind its orders; used where a gimbal does not measure its angles
 
 
 class AutopilotSection(Section):
@@ -93,6 +94,7 @@ class EstimationSection(Section):
     pad_acceleration_mps2: Positive = 0.5  # how a pad may change its velocity, to begin with
     gimbal_sigma_deg: NotNegative = 1.0  # error of the lens's direction, slowly varying
     bearing_noise_deg: NotNegative = 0.05  # and from frame to frame
+    gimbal_late_s: NotNegative = 0.01  # a turning gimbal is so much behind what it says
     clock_sigma_s: NotNegative = 0.01  # of the pictures' time against the telemetry's
     position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
     gate_sigma: Positive = 4.0  # innovations beyond this are not accepted
@@ -120,6 +122,19 @@ class PidSection(Section):
     up: PidGains = PidGains(kp=0.9, kd=0.5)
     yaw: PidGains = PidGains(kp=1.5, kd=0.1)
     integral_limit_mps: Annotated[float, Field(ge=0, le=5)] = 1.0  # of the integral's share
+    speed_mps: Annotated[float, Field(gt=0, le=20)] = 5.0  # of the output
+
+
+class TrackingSection(Section):
+    """The controller on the pad filter's state."""
+
+    kp: Annotated[float, Field(gt=0, le=5)] = 1.0  # closing speed per m of distance, near the pad
+    ki: Annotated[float, Field(ge=0, le=2)] = 0.15
+    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.4  # how late the vehicle answers an order
+    approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
+    brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
+    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.6
+    yaw_kp: Annotated[float, Field(gt=0, le=5)] = 1.0
 
 
 class DescentSection(Section):
@@ -146,9 +161,9 @@ class DescentSection(Section):
 class LimitsSection(Section):
     """What is ever asked of the vehicle."""
 
-    speed_mps: Annotated[float, Field(gt=0, le=20)] = 5.0
+    speed_mps: Annotated[float, Field(gt=0, le=25)] = 20.0
     climb_mps: Annotated[float, Field(gt=0, le=5)] = 1.0
-    descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.0
+    descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.5
     acceleration_mps2: Annotated[float, Field(gt=0, le=10)] = 2.5
     vertical_acceleration_mps2: Annotated[float, Field(gt=0, le=5)] = 1.0
     jerk_mps3: Annotated[float, Field(gt=0, le=50)] = 15.0
@@ -168,8 +183,9 @@ class LostSection(Section):
 class GuidanceSection(Section):
     """How the vehicle is led onto the pad."""
 
-    method: Literal["pid"] = "pid"
+    method: Literal["tracking", "pid"] = "tracking"
     output: Literal["velocity", "landing_target"] = "velocity"
+    tracking: TrackingSection = TrackingSection()
     pid: PidSection = PidSection()
     descent: DescentSection = DescentSection()
     limits: LimitsSection = LimitsSection()
@@ -182,7 +198,9 @@ class GuidanceSection(Section):
 class AimSection(Section):
     """How the gimbal is pointed (thesis 2.3.4)."""
 
-    gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # k of eq. 2.1
+    method: Literal["predicted", "increment"] = "predicted"
+    lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: how late the gimbal answers
+    gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
     idle_yaw_deg: Finite = 0.0
     idle_pitch_deg: Finite = -23.0  # the thesis's 0.4 rad
     search_after_s: NotNegative = 5.0  # without a sighting: sweep down and up

@@ -15,10 +15,11 @@ from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_target import landing_target
 from landerd.guidance.limits import Limiter
 from landerd.guidance.lost import LostPlan
+from landerd.guidance.method import make_method
 from landerd.guidance.phases import Phases
-from landerd.guidance.pid_method import PidMethod
 from landerd.guidance.relative import Relative, VehicleNow, relative, vehicle_now
 from landerd.guidance.touchdown import Step, Touchdown
+from landerd.guidance.view import View
 from landerd.messages import (
     Attitude,
     AutopilotRestarted,
@@ -50,6 +51,7 @@ from landerd.parameters import with_value
 LARGEST = 1e6  # a number beyond this in a pose comes from a fit that failed
 CONTINUES_S = 0.5  # set-points go on from the last one if it is not older
 SAY_AGAIN_S = 1.0  # the same line is not told to the pilot more often
+LOOK_ON_S = 2.0  # so long the camera is pointed where an unseen pad should be
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -63,11 +65,12 @@ class Lander:
         self._sigma_bearing = math.radians(config.estimation.gimbal_sigma_deg)
         self._gate = Gate(config.rc, config.freshness)
         self._phases = Phases(config.guidance.descent, has_heading=layout.has_heading)
-        self._method = PidMethod(config.guidance)
+        self._method = make_method(config.guidance)
         self._limiter = Limiter(config.guidance.limits)
         self._lost = LostPlan(config.guidance.lost)
         self._touchdown = Touchdown(config.guidance.touchdown_timeout_s)
         self._aim = Aim(config.aim, config.gimbal)
+        self._view = View(layout)
         self._landed = Landed.UNDEFINED
         self._sighting_t = -math.inf  # exposure of the last accepted sighting
         self._frame_t = -math.inf
@@ -160,7 +163,7 @@ class Lander:
         if self._filter.update(candidates):
             self._sighting_t = sightings.t
             self._show_target(candidates)
-        if self.needs_sight:
+        if self.needs_sight and self._config.aim.method == "increment":
             self._aim.on_sightings(sightings, self._placement.gimbal.at(sightings.t))
 
     def _show_target(self, candidates: list[PlacedPad]) -> None:
@@ -196,7 +199,7 @@ class Lander:
         self._tick_t = now
         if dt <= 0.0:
             return
-        self._aim.on_tick(now)
+        self._aim.on_tick(now, self._look(now))
         self._out.append(self._aim.command)
         if self._config.guidance.output == "landing_target":
             self._enter(Phase.NOT_LANDING, "the autopilot's precision landing flies")
@@ -209,6 +212,19 @@ class Lander:
         else:
             self._release_until = None
             self._fly(now, dt)
+
+    def _look(self, now: float) -> Vec3 | None:
+        """Return where the pad will be when the gimbal has got there, None to search for it."""
+        attitude = self._placement.attitude.newest
+        then = now + self._config.aim.lead_s
+        if self._config.aim.method == "increment" or attitude is None:
+            return None
+        if now - self._sighting_t > LOOK_ON_S:
+            return None
+        estimate = self._filter.estimate(then, self._sighting_t)
+        if estimate is None:
+            return None
+        return self._view.direction(self._placement, estimate, then - attitude[0])
 
     def _go_silent(self, why: str) -> None:
         on_pad = self.phase is Phase.LANDED and self._touchdown.in_contact
@@ -285,8 +301,9 @@ class Lander:
         self, now: float, dt: float, vehicle: VehicleNow, rel: Relative, age: float
     ) -> None:
         """After commit: still led by sight until contact."""
-        ordered = self._limiter.velocity[2]
-        step = self._touchdown.step(now, vehicle.velocity[2], ordered, age, self._landed)
+        heave = rel.pad_velocity[2]
+        sinking, ordered = vehicle.velocity[2] - heave, self._limiter.velocity[2] - heave
+        step = self._touchdown.step(now, sinking, ordered, age, self._landed)
         if step is Step.ABORT:
             self._fly_blind(now, dt, vehicle)
             return
@@ -295,7 +312,7 @@ class Lander:
             self._settle(now, dt)
             return
         (north, east, _), _ = self._method.step(self.phase, rel, 0.0, dt)
-        descent = self._config.guidance.touchdown_descent_mps
+        descent = heave + self._config.guidance.touchdown_descent_mps
         self._send((north, east, descent), 0.0, dt, may_descend=True)
 
     def _settle(self, now: float, dt: float) -> None:

@@ -70,7 +70,7 @@ class MotionFilter:
         self.common = ZERO
         self.Pcc = self._common_covariance
 
-    def start(self, t: float, measured: Vec3, R: Mat3, B: Mat3, sigma_speed: float) -> None:
+    def start(self, t: float, measured: Vec3, R: Mat3, B: Mat3, sigma_velocity: Vec3) -> None:
         """Begin from one measurement; what is known of the common errors is kept."""
         self.t = t
         BP = matmul(B, self.Pcc)
@@ -78,9 +78,14 @@ class MotionFilter:
         self.velocity = ZERO
         self.Ppp = matadd(R, matmul(BP, transpose(B)))
         self.Ppv = self._Pvc = NOTHING
-        v = sigma_speed * sigma_speed
-        self.Pvv = diagonal(v, v, v)
+        self.Pvv = diagonal(*(sigma * sigma for sigma in sigma_velocity))
         self._Ppc = matscale(BP, -1.0)
+
+    @property
+    def sigma_velocity(self) -> Vec3:
+        """Standard deviation of the velocity along the axes, m/s."""
+        P = self.Pvv
+        return (math.sqrt(P[0][0]), math.sqrt(P[1][1]), math.sqrt(P[2][2]))
 
     def shift(self, by: Vec3) -> None:
         """The local frame jumped: what was at x is now at x + by."""

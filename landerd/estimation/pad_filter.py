@@ -18,7 +18,7 @@ CONFIRM = 3  # consistent sightings before a pad is believed: one false alarm mu
 REJECTIONS = 5  # sightings in a row outside the gate before the filter starts again from them
 CONFIRM_GAP_S = 0.3  # between them: over a longer gap a false alarm and the pad make a fast pad
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
-INITIAL_SPEED_MPS = 8.0  # 1 sigma of a new pad's velocity
+INITIAL_SPEED_MPS = (8.0, 8.0, 1.0)  # 1 sigma of a new pad's velocity, local NED
 MAX_TILT = math.radians(25.0)  # what lies steeper is no pad, whatever it looks like
 SIGMA_TILT = math.radians(6.0)  # how far from level pads usually lie
 TILT_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
@@ -26,7 +26,7 @@ COMMON_S = 120.0  # correlation time of the gimbal's and the clock's errors
 ADAPT = 0.05  # a frame: how fast the assumed noises follow what the innovations show
 NOISE_RANGE = (0.05, 100.0)  # of the frames' variance, times what vision and configuration say
 OUTLIER = 4.0  # an innovation beyond the gate by this factor tells nothing of the noise
-CALMEST_MPS2, WILDEST_MPS2 = 0.05, 4.0  # how little and how much acceleration of a pad is assumed
+CALMEST_MPS2, WILDEST_MPS2 = 0.05, 2.0  # how little and how much acceleration of a pad is assumed
 
 MAX_SIGMA_HEADING = math.radians(5.0)  # a heading less certain than this is not known
 
@@ -39,6 +39,7 @@ class PadEstimate:
     position: Vec3  # landing point, m
     velocity: Vec3  # m/s
     covariance: Mat3  # of position, m^2
+    sigma_velocity: Vec3  # m/s
     heading: float | None  # rad; None: not known well enough
     sigma_heading: float  # rad
     turn_rate: float  # rad/s; 0 without heading
@@ -136,6 +137,7 @@ class PadFilter:
             position=position,
             velocity=velocity,
             covariance=covariance,
+            sigma_velocity=self._motion.sigma_velocity,
             heading=heading if known else None,
             sigma_heading=sigma_heading,
             turn_rate=self._heading.turn_rate if known else 0.0,

@@ -30,6 +30,7 @@ from landerd.geometry import (
     scale,
     sub,
     transpose,
+    wrap,
 )
 from landerd.messages import Attitude, GimbalState, LocalPosition, PoseSolution, Reference
 
@@ -72,6 +73,8 @@ class Placement:
     def __init__(self, config: Config) -> None:
         self._offset = config.vehicle.camera_offset_m
         self._sigma_bearing = math.radians(config.estimation.bearing_noise_deg)
+        self._sigma_late = config.estimation.gimbal_late_s
+        self._gimbal_lag_s = config.gimbal.lag_s
         self._sigma_position = config.estimation.position_sigma_m
         fresh = config.freshness
         self.position = History(angles=[False] * 6, max_gap_s=fresh.position_s)
@@ -97,8 +100,17 @@ class Placement:
             self.attitude.add(message.t, (*angles, *message.rates))
         else:
             self._reference = message.reference
-            self.gimbal.add(message.t, (message.yaw, message.pitch, message.roll))
+            pitch = message.pitch if message.pitch_measured else self._followed(message)
+            self.gimbal.add(message.t, (message.yaw, pitch, message.roll))
         return None
+
+    def _followed(self, ordered: GimbalState) -> float:
+        """Return the pitch of a gimbal that only tells its order: it follows with a lag, rad."""
+        last = self.gimbal.newest
+        if last is None:
+            return ordered.pitch
+        pitch, dt = last[1][1], max(0.0, ordered.t - last[0])
+        return pitch + (1.0 - math.exp(-dt / self._gimbal_lag_s)) * wrap(ordered.pitch - pitch)
 
     def _jump(self, new: LocalPosition) -> Vec3 | None:
         """Return how far a position lies from where its velocity says, if no flight explains it."""
@@ -118,10 +130,15 @@ class Placement:
         self.position.clear()
         self.attitude.clear()
 
-    def camera(self, t: float) -> CameraPlace | None:
-        """Return the camera's place at time t, or None where a history does not reach."""
+    def camera(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPlace | None:
+        """Return the camera's place at time t, or None where a history does not reach.
+
+        Args:
+            t: s.
+            gimbal_back_s: how much older the gimbal's angles are to be.
+        """
         position, attitude = self.position.at(t), self.attitude.at(t)
-        R = self.look(t)
+        R = self.look(t, gimbal_back_s=gimbal_back_s)
         if position is None or attitude is None or R is None:
             return None
         roll, pitch, yaw = attitude[:3]
@@ -129,9 +146,10 @@ class Placement:
         pivot = add(origin, rotate(rot_zyx(yaw, pitch, roll), self._offset))
         return CameraPlace(pivot, R)
 
-    def look(self, t: float) -> Mat3 | None:
+    def look(self, t: float, *, gimbal_back_s: float = 0.0) -> Mat3 | None:
         """Return R_local_camera at time t, or None where attitude or gimbal does not reach."""
-        attitude, gimbal = self.attitude.at(t), self.gimbal.at(t)
+        attitude = self.attitude.at(t)
+        gimbal = self.gimbal.at(t - gimbal_back_s)
         if attitude is None or gimbal is None:
             return None
         roll, pitch, yaw = attitude[:3]
@@ -139,6 +157,23 @@ class Placement:
         R_local_base = rot_zyx(yaw, pitch, roll) if body else rot_z(yaw)
         R_base_gimbal = rot_zyx(gimbal[0], gimbal[1], gimbal[2])
         return matmul(matmul(R_local_base, R_base_gimbal), R_GIMBAL_CAMERA)
+
+    def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:
+        """Return the gimbal's pivot (local, m) and R_local_base, ahead_s after the newest attitude.
+
+        The base is what the gimbal's angles are measured against: the airframe, or the horizon.
+        """
+        position, attitude = self.position.newest, self.attitude.newest
+        if position is None or attitude is None:
+            return None
+        roll, pitch, yaw, p, q, r = attitude[1]
+        roll, pitch, yaw = roll + ahead_s * p, pitch + ahead_s * q, yaw + ahead_s * r
+        x, y, z, u, v, w = position[1]
+        dt = attitude[0] + ahead_s - position[0]
+        R = rot_zyx(yaw, pitch, roll)
+        origin = (x + dt * u, y + dt * v, z + dt * w)
+        pivot = add(origin, rotate(R, self._offset))
+        return pivot, R if self._reference is Reference.BODY else rot_z(yaw)
 
     def place(self, t: float, solution: PoseSolution) -> PlacedPad | None:
         """Return the pad in local NED, or None where position, attitude or gimbal is missing."""
@@ -148,11 +183,9 @@ class Placement:
         R = camera.R_local_camera
         arm = rotate(R, solution.position)
         position = add(camera.position, arm)
-        swing: Vec3 = (0.0, 0.0, 0.0)
-        before = self.camera(t - SWING_S)
-        if before is not None:
-            earlier = add(before.position, rotate(before.R_local_camera, solution.position))
-            swing = scale(sub(position, earlier), 1.0 / SWING_S)
+        drift = self._change(position, self.camera(t - SWING_S), solution.position)
+        turned = self.camera(t, gimbal_back_s=SWING_S)
+        swing = self._change(position, turned, solution.position)
         x, y, z = solution.position
         # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
         about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
@@ -163,14 +196,24 @@ class Placement:
         return PlacedPad(
             t=t,
             position=position,
-            covariance=matadd(rotate_covariance(R, solution.covariance), self._noise(arm)),
-            common=transpose((about_x, about_y, swing)),
+            covariance=matadd(
+                rotate_covariance(R, solution.covariance),
+                matadd(self._noise(arm), matscale(outer(swing, swing), self._sigma_late**2)),
+            ),
+            common=transpose((about_x, about_y, drift)),
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
             sigma_tilt=solution.sigma_tilt,
             cost=solution.cost,
         )
+
+    def _change(self, position: Vec3, before: CameraPlace | None, seen: Vec3) -> Vec3:
+        """Return how fast what is seen seems to move as the camera did since SWING_S ago, m/s."""
+        if before is None:
+            return (0.0, 0.0, 0.0)
+        earlier = add(before.position, rotate(before.R_local_camera, seen))
+        return scale(sub(position, earlier), 1.0 / SWING_S)
 
     def down(self, t: float) -> Vec3 | None:
         """Return gravity's direction in the camera frame at time t."""

@@ -1,23 +1,30 @@
 """Where the gimbal is pointed (thesis 2.3.4, eq. 2.1).
 
-The thesis adds k x/z to the yaw set-point and k y/z to the pitch one with every sighting. Three
-things differ here. A picture is old when it is searched, so the error is added to the angles of its
-exposure and the set-point moves by k of the way there; with a gimbal at its set-point this is
-eq. 2.1. Yaw moves the picture by cos(pitch) only: straight down it lies along the lens and cannot
-move it at all, so its error is taken through the damped inverse of cos(pitch) (Wampler 1986,
-damped least squares), which fades out there instead of winding the gimbal round; nor is it pulled
-to the measured angle there, for with nothing in the picture to stop it the least bias of that
-angle would turn it for ever. And the limits hold for every marker.
+`predicted` points it where the filter says the pad will be when the gimbal has got there, whatever
+vehicle and pad do meanwhile. `increment` is the thesis's law, which adds k x/z to the yaw set-point
+and k y/z to the pitch one with every sighting. Three things differ here. A picture is old when it
+is searched, so the error is added to the angles of its exposure and the set-point moves by k of the
+way there; with a gimbal at its set-point this is eq. 2.1. Yaw moves the picture by cos(pitch) only:
+straight down it lies along the lens and cannot move it at all, so its error is taken through the
+damped inverse of cos(pitch) (Wampler 1986, damped least squares), which fades out there instead of
+winding the gimbal round; nor is it pulled to the measured angle there, for with nothing in the
+picture to stop it the least bias of that angle would turn it for ever. And the limits hold for
+every marker.
 """
 
 import math
 
 from landerd.config import AimSection, GimbalSection
-from landerd.geometry import clamp, is_finite
+from landerd.geometry import Vec3, clamp, is_finite, wrap
 from landerd.messages import GimbalCommand, MarkerSighting, Sightings
 
 DAMPING = 0.3  # of the inverse of cos(pitch); 17 degrees from straight down it has full effect
 SQUARE_HOLD_S = 0.3  # a square missed for so long is still preferred to a ring
+OVER = math.radians(20.0)  # beyond a limit of the yaw the pad is still in the picture
+SLACK = math.radians(4.0)  # so far from the middle the pad may be
+SMOOTH_S = 0.2
+TURN_RATE = math.radians(120.0)  # rad/s of the yaw
+SEARCH_YAW = math.radians(50.0)
 SEARCH_RATE = math.radians(20.0)  # rad/s of the sweep while no pad is in sight
 
 
@@ -30,14 +37,16 @@ class Aim:
         self._yaw_limits = tuple(math.radians(a) for a in gimbal.yaw_limits_deg)
         self._pitch_limits = tuple(math.radians(a) for a in gimbal.pitch_limits_deg)
         self._idle_pitch = math.radians(aim.idle_pitch_deg)
+        self._idle_yaw = math.radians(aim.idle_yaw_deg)
         self._sweep = -1.0  # direction of the search in pitch
+        self._sweeps = 0
         self._seen_t: float | None = None
         self._square_t = -math.inf
         self._t: float | None = None
-        self.command = self._limited(math.radians(aim.idle_yaw_deg), self._idle_pitch)
+        self.command = self._limited(self._idle_yaw, self._idle_pitch)
 
     def on_sightings(self, sightings: Sightings, angles: tuple[float, ...] | None) -> None:
-        """Move the set-points towards the marker to look at.
+        """Move the set-points towards the marker to look at: the law of increments.
 
         Args:
             sightings: what a frame shows.
@@ -58,21 +67,66 @@ class Aim:
             last.pitch + k * (angles[1] - last.pitch - y / z),
         )
 
-    def on_tick(self, now: float) -> None:
-        """Search in pitch between idle and straight down while the pad is not in sight."""
+    def on_tick(self, now: float, direction: Vec3 | None = None) -> None:
+        """Point at the pad, or search while it is not in sight.
+
+        Args:
+            now: s.
+            direction: where the pad will be, unit vector in the frame that the gimbal is measured
+                in; None: not known, or the increments do it.
+        """
         dt = now - self._t if self._t is not None else 0.0
         self._t = now
         if self._seen_t is None:
             self._seen_t = now
-        if now - self._seen_t < self._search_after_s:
-            return
+        if direction is not None:
+            self._seen_t = now
+            self._point(direction, dt)
+        elif now - self._seen_t >= self._search_after_s:
+            self._search(dt)
+
+    def _point(self, direction: Vec3, dt: float) -> None:
+        """Take the direction, as far as the pad lies off the middle of the picture.
+
+        The picture is wide: what shakes the airframe or the estimate need not shake the lens, the
+        less as a gimbal that turns is not quite where it says it is. Straight down the yaw axis
+        lies along the lens; there little is off to the side, and the yaw stays where it is.
+        """
+        x, y, z = direction
+        yaw, pitch = self.command.yaw, self.command.pitch
+        along, aside = _turned(x, y, yaw)
+        beyond = abs(math.atan2(aside, math.hypot(along, z))) - SLACK
+        if beyond > 0.0:
+            most = min(1.0, beyond / SLACK) * TURN_RATE * dt
+            yaw += clamp(self._nearest_yaw(math.atan2(y, x)) - yaw, -most, most)
+            along, _ = _turned(x, y, yaw)
+        off = wrap(math.atan2(-z, along) - pitch)
+        off -= clamp(off, -SLACK, SLACK)
+        self.command = self._limited(yaw, pitch + min(1.0, dt / SMOOTH_S) * off)
+
+    def _nearest_yaw(self, bearing: float) -> float:
+        """Return the yaw to see a bearing by: facing it or, pitched past straight down, averted."""
+        low, high = self._yaw_limits
+        possible = [
+            clamp(yaw, low, high)
+            for yaw in (bearing, wrap(bearing + math.pi))
+            if low - OVER <= yaw <= high + OVER
+        ]
+        if self._pitch_limits[0] > -0.75 * math.pi or not possible:
+            return clamp(bearing, low, high)
+        return min(possible, key=lambda yaw: abs(yaw - self.command.yaw))
+
+    def _search(self, dt: float) -> None:
+        """Sweep in pitch between idle and straight down, at another yaw each time."""
         low = max(-math.pi / 2.0, self._pitch_limits[0])
         pitch = self.command.pitch + self._sweep * SEARCH_RATE * dt
-        if pitch <= low:
-            self._sweep = 1.0
-        elif pitch >= self._idle_pitch:
-            self._sweep = -1.0
-        self.command = self._limited(self.command.yaw, pitch)
+        if pitch <= low or pitch >= self._idle_pitch:
+            self._sweep = 1.0 if pitch <= low else -1.0
+            self._sweeps += 1
+        aside = (0.0, SEARCH_YAW, -SEARCH_YAW)[self._sweeps // 2 % 3]
+        most = TURN_RATE * dt
+        yaw = self.command.yaw + clamp(self._idle_yaw + aside - self.command.yaw, -most, most)
+        self.command = self._limited(yaw, pitch)
 
     def _preferred(self, sightings: Sightings) -> MarkerSighting | None:
         """Return the marker to look at: a square one if seen lately, else a ring (thesis 2.3.5)."""
@@ -86,3 +140,9 @@ class Aim:
 
     def _limited(self, yaw: float, pitch: float) -> GimbalCommand:
         return GimbalCommand(clamp(yaw, *self._yaw_limits), clamp(pitch, *self._pitch_limits))
+
+
+def _turned(x: float, y: float, yaw: float) -> tuple[float, float]:
+    """Return the parts of (x, y) along a yaw and to its right."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return c * x + s * y, c * y - s * x

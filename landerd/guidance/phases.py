@@ -15,6 +15,13 @@ def descent_radius(options: DescentSection, height: float) -> float:
     return options.k1_m * math.exp(options.k2_per_m * max(0.0, height))
 
 
+def region_height(options: DescentSection, radius: float) -> float:
+    """Return the height (m) over the pad at which the region is so wide (m); 0 on the ground."""
+    if radius <= options.k1_m:
+        return 0.0
+    return math.log(radius / options.k1_m) / max(options.k2_per_m, 1e-6)
+
+
 class Phases:
     """Moves from APPROACH to LANDED by distance, height and heading."""
 

@@ -1,5 +1,7 @@
 """The thesis's landing controller: four PIDs whose gains change with the phase (2.4.3, 2.4.5)."""
 
+import math
+
 from landerd.config import GuidanceSection, PidGains
 from landerd.geometry import Vec3, clamp
 from landerd.guidance.pid import Pid
@@ -34,7 +36,7 @@ class PidMethod:
         self._yaw.set_gains(pid.yaw)
         for controller in (self._north, self._east, self._up, self._yaw):
             controller.integral_limit = pid.integral_limit_mps
-        self._speed = options.limits.speed_mps
+        self._speed = pid.speed_mps
         self._descent = options.limits.descent_mps
         self._slowest = options.descent.slowest_mps
 
@@ -60,7 +62,10 @@ class PidMethod:
             pid.set_gains(self._gains[phase])
         north = self._north.step(error[0], rate[0], dt, saturated=self._saturated)
         east = self._east.step(error[1], rate[1], dt, saturated=self._saturated)
-        self._saturated = north * north + east * east > self._speed * self._speed
+        size = math.hypot(north, east)
+        self._saturated = size > self._speed
+        if self._saturated:
+            north, east = north * self._speed / size, east * self._speed / size
         to_go = error[2] - floor_m
         wanted = self._up.step(to_go, rate[2], dt, saturated=self._down_saturated)
         down = clamp(wanted, self._slowest, self._descent) if to_go > 0.0 else 0.0

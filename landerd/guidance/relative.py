@@ -6,7 +6,19 @@ from dataclasses import dataclass
 from landerd.config import VehicleSection
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.placement import Placement
-from landerd.geometry import Vec3, add, dot, horizontal, norm, rot_zyx, rotate, scale, sub, wrap
+from landerd.geometry import (
+    Vec3,
+    add,
+    dot,
+    horizontal,
+    norm,
+    rot_z,
+    rot_zyx,
+    rotate,
+    scale,
+    sub,
+    wrap,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +41,8 @@ class Relative:
     sigma_m: float  # of the error's horizontal part, m
     heading_error: float | None  # pad's heading minus vehicle's, rad; None: not known
     yaw_rate: float  # vehicle's, rad/s
+    pad_turn_rate: float = 0.0  # rad/s
+    sigma_heave: float = 0.0  # of the pad's vertical velocity, m/s
     normal: Vec3 = (0.0, 0.0, 1.0)  # unit vector into the pad, local NED
 
     @property
@@ -40,6 +54,12 @@ class Relative:
     def distance(self) -> float:
         """Planar distance d_p (thesis 2.4.5), m."""
         return horizontal(self.error)
+
+    def pad_velocity_ahead(self, dt: float) -> Vec3:
+        """Return the pad's velocity (m/s) dt from now, if it turns on as it does."""
+        if self.pad_turn_rate == 0.0:
+            return self.pad_velocity
+        return rotate(rot_z(self.pad_turn_rate * dt), self.pad_velocity)
 
 
 def vehicle_now(placement: Placement, vehicle: VehicleSection, now: float) -> VehicleNow | None:
@@ -73,5 +93,7 @@ def relative(vehicle: VehicleNow, pad: PadEstimate, sigma_bearing: float) -> Rel
         sigma_m=math.hypot(math.sqrt(max(c[0][0], c[1][1])), sigma_bearing * norm(error)),
         heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
         yaw_rate=vehicle.yaw_rate,
+        pad_turn_rate=pad.turn_rate,
+        sigma_heave=pad.sigma_velocity[2],
         normal=pad.normal,
     )

@@ -31,7 +31,9 @@ def seen(t: float, *markers: MarkerSighting) -> Sightings:
 
 def aim(*, yaw_deg: float = 0.0, pitch_deg: float = 0.0, gain: float = 0.5) -> Aim:
     """An aim whose set-points are these."""
-    options = AimSection(gain=gain, idle_yaw_deg=yaw_deg, idle_pitch_deg=pitch_deg)
+    options = AimSection(
+        method="increment", gain=gain, idle_yaw_deg=yaw_deg, idle_pitch_deg=pitch_deg
+    )
     return Aim(options, GimbalSection())
 
 

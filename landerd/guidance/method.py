@@ -1,0 +1,30 @@
+"""The landing controllers to choose from."""
+
+from typing import Protocol
+
+from landerd.config import GuidanceSection
+from landerd.geometry import Vec3
+from landerd.guidance.pid_method import PidMethod
+from landerd.guidance.relative import Relative
+from landerd.guidance.tracking_method import TrackingMethod
+from landerd.messages import Phase
+
+
+class Method(Protocol):
+    """Turns errors into velocities; the limits are kept by who sends them."""
+
+    def configure(self, options: GuidanceSection) -> None:
+        """Take new gains and limits."""
+
+    def restart(self) -> None:
+        """Begin a landing."""
+
+    def step(
+        self, phase: Phase, relative: Relative, floor_m: float, dt: float
+    ) -> tuple[Vec3, float]:
+        """Return velocity (local NED, m/s) and yaw rate (rad/s)."""
+
+
+def make_method(options: GuidanceSection) -> Method:
+    """Return the configured controller."""
+    return TrackingMethod(options) if options.method == "tracking" else PidMethod(options)

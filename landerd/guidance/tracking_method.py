@@ -1,0 +1,123 @@
+"""Landing controller on the pad filter's state: one set of gains for still and moving pads.
+
+The pad's velocity is flown and a closing speed added to it, as large as can still be braked:
+ArduPilot's own square-root controller, on the error that will be there when the vehicle answers.
+Approach, turn and descent overlap: it sinks towards the lowest height at which the descent region
+is as wide as the error, and turns as soon as the camera keeps the pad whatever the heading.
+"""
+
+import math
+
+from landerd.config import GuidanceSection
+from landerd.geometry import Vec3, clamp
+from landerd.guidance.phases import region_height
+from landerd.guidance.relative import Relative
+from landerd.messages import Phase
+
+STEEP = 1.2  # height over distance from which on the camera looks down on the pad
+NEARLY = math.radians(30.0)  # so small a turn keeps it in the picture anyway
+WITHIN_M = 1.0  # the integral runs only this near the pad
+LARGEST_INTEGRAL = 0.5  # m/s
+ANSWER_DOWN_S = 0.35  # to a vertical order
+ANSWER_YAW_S = 0.3
+ROOM = 1.3  # times the error: how wide the region is to be where it sinks to
+WELL_KNOWN_MPS = 0.15
+TURN_BRAKE = math.radians(30.0)  # rad/s^2
+
+
+class TrackingMethod:
+    """Velocity and yaw rate that bring the vehicle onto the pad."""
+
+    def __init__(self, options: GuidanceSection) -> None:
+        self.configure(options)
+        self.restart()
+
+    def configure(self, options: GuidanceSection) -> None:
+        """Take new gains and limits."""
+        self._gains = options.tracking
+        self._region = options.descent
+        self._limits = options.limits
+        self._touchdown_mps = options.touchdown_descent_mps
+
+    def restart(self) -> None:
+        """Begin a landing."""
+        self._integral = (0.0, 0.0)
+
+    def step(
+        self, phase: Phase, relative: Relative, floor_m: float, dt: float
+    ) -> tuple[Vec3, float]:
+        """Return velocity (local NED, m/s) and yaw rate (rad/s).
+
+        Args:
+            phase: not used: this method turns and sinks whenever it may.
+            relative: pad relative to vehicle.
+            floor_m: height over the pad to come down to.
+            dt: time since the last step, s.
+        """
+        gains = self._gains
+        north, east = self._error_ahead(relative, gains.lead_s)
+        distance = math.hypot(north, east)
+        closing = min(_braked(distance, gains.kp, gains.brake_mps2), gains.approach_mps)
+        k = closing / distance if distance > 0.0 else 0.0
+        self._integrate(relative, dt)
+        v = relative.pad_velocity_ahead(gains.lead_s)
+        velocity = (
+            v[0] + k * north + self._integral[0],
+            v[1] + k * east + self._integral[1],
+            _known(relative.pad_velocity[2], relative.sigma_heave)
+            + self._sinking(relative, floor_m),
+        )
+        return velocity, self._turning(relative)
+
+    def _error_ahead(self, relative: Relative, lead_s: float) -> tuple[float, float]:
+        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+        return north + lead_s * v_north, east + lead_s * v_east
+
+    def _integrate(self, relative: Relative, dt: float) -> None:
+        if relative.distance > WITHIN_M:
+            return
+        step = self._gains.ki * dt
+        north, east = self._integral
+        north, east = north + step * relative.error[0], east + step * relative.error[1]
+        size = math.hypot(north, east)
+        k = LARGEST_INTEGRAL / size if size > LARGEST_INTEGRAL else 1.0
+        self._integral = (k * north, k * east)
+
+    def _sinking(self, relative: Relative, floor_m: float) -> float:
+        """Return the downward speed relative to the pad, m/s."""
+        ahead = math.hypot(*self._error_ahead(relative, self._gains.lead_s))
+        off = ROOM * max(ahead, relative.distance) + 2.0 * relative.sigma_m
+        floor = max(floor_m, region_height(self._region, off))
+        height = relative.height - ANSWER_DOWN_S * max(0.0, relative.error_rate[2] * -1.0)
+        to_go = height - floor
+        braked = _braked(max(0.0, to_go), 1.5, self._gains.descent_brake_mps2)
+        if floor <= 0.0:
+            braked += self._touchdown_mps
+        return min(braked, self._limits.descent_mps)
+
+    def _turning(self, relative: Relative) -> float:
+        """Return the yaw rate, rad/s."""
+        if relative.heading_error is None:
+            return 0.0
+        error = relative.heading_error + ANSWER_YAW_S * (relative.pad_turn_rate - relative.yaw_rate)
+        if relative.height < STEEP * relative.distance and abs(error) > NEARLY:
+            return 0.0
+        most = math.radians(self._limits.yaw_rate_deg_s)
+        turn = math.copysign(_braked(abs(error), self._gains.yaw_kp, TURN_BRAKE), error)
+        return clamp(relative.pad_turn_rate + turn, -most, most)
+
+
+def _known(velocity: float, sigma: float) -> float:
+    """Return as much of a velocity (m/s) as is known of it."""
+    return velocity / (1.0 + (sigma / WELL_KNOWN_MPS) ** 2)
+
+
+def _braked(distance: float, kp: float, deceleration: float) -> float:
+    """Return the speed to cover a distance with: kp times it, no more than can be braked.
+
+    ArduPilot's sqrt_controller: linear near zero, beyond that v^2 / (2 a).
+    """
+    knee = deceleration / (kp * kp)
+    if distance <= knee:
+        return kp * distance
+    return math.sqrt(2.0 * deceleration * (distance - 0.5 * knee))

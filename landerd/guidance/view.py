@@ -1,0 +1,68 @@
+"""Which point of the pad the camera is to look at, and in which direction it will lie."""
+
+import math
+from collections.abc import Sequence
+
+from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.placement import Placement
+from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
+from landerd.pad import PadLayout, Ring, Square
+
+WIDEST = math.radians(50.0)  # what is narrower than this fits into the picture of any lens used
+NEAREST_M = 0.05
+
+
+class View:
+    """Keeps as many of the pad's markers in the picture as fit; at the end those that tell most."""
+
+    def __init__(self, layout: PadLayout) -> None:
+        squares = layout.squares
+        smallest = min(squares or layout.rings, key=_size)
+        groups = [layout.markers, squares, (smallest,)]
+        self._groups = [_corners(group) for group in groups if group]
+
+    def direction(self, placement: Placement, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
+        """Return the direction to look in, unit vector in the frame the gimbal is measured in.
+
+        Args:
+            placement: where vehicle and gimbal are.
+            pad: as it will be when the gimbal has got there.
+            ahead_s: how long after the newest attitude that is.
+        """
+        base = placement.gimbal_base(ahead_s)
+        if base is None:
+            return None
+        pivot, R_local_base = base
+        to_pad = sub(pad.position, pivot)
+        look = to_pad if pad.heading is None else self._look(to_pad, pad.heading)
+        if dot(look, look) < NEAREST_M * NEAREST_M:
+            return None
+        return rotate(transpose(R_local_base), unit(look))
+
+    def _look(self, to_pad: Vec3, heading: float) -> Vec3:
+        """Return the middle of the largest group of markers that fits into the picture."""
+        R = rot_z(heading)
+        middle = to_pad
+        for corners in self._groups:
+            rays = [unit(add(to_pad, rotate(R, c))) for c in corners]
+            # The wider of the rectangle's diagonals.
+            wide = min(((rays[0], rays[2]), (rays[1], rays[3])), key=lambda d: dot(*d))
+            middle = add(*wide)
+            if dot(*wide) > math.cos(WIDEST):
+                break
+        return scale(middle, 0.5)
+
+
+def _size(marker: Ring | Square) -> float:
+    return marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m
+
+
+def _corners(markers: Sequence[Ring | Square]) -> list[Vec3]:
+    """Return the corners of the rectangle around markers, pad frame."""
+    north, east = [], []
+    for m in markers:
+        (x, y), half = m.position_m, 0.5 * _size(m)
+        north += [x - half, x + half]
+        east += [y - half, y + half]
+    n, s, e, w = max(north), min(north), max(east), min(east)
+    return [(n, e, 0.0), (n, w, 0.0), (s, w, 0.0), (s, e, 0.0)]
