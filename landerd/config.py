@@ -147,7 +147,12 @@ class DescentSection(Section):
     alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
     align_deg: Positive = 2.0  # the heading counts as aligned within this,
     realign_deg: Positive = 4.0  # and as off again beyond this
-    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.12
+    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16
+    # committed only if at touch-down these will be kept; else it climbs to the last and tries again
+    commit_miss_m: Annotated[float, Field(gt=0, le=1)] = 0.2
+    commit_slip_mps: Annotated[float, Field(gt=0, le=2)] = 0.3  # against the pad, horizontal
+    commit_sink_mps: Annotated[float, Field(gt=0, le=2)] = 0.8
+    retry_height_m: Annotated[float, Field(ge=0.3, le=10)] = 1.0
     # where descent is allowed it is not slower than this
     slowest_mps: Annotated[float, Field(gt=0, le=0.5)] = 0.15
 
@@ -161,7 +166,7 @@ class DescentSection(Section):
 class LimitsSection(Section):
     """What is ever asked of the vehicle."""
 
-    speed_mps: Annotated[float, Field(gt=0, le=25)] = 20.0
+    speed_mps: Annotated[float, Field(gt=0, le=20)] = 20.0
     climb_mps: Annotated[float, Field(gt=0, le=5)] = 1.0
     descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.5
     acceleration_mps2: Annotated[float, Field(gt=0, le=10)] = 2.5
@@ -178,6 +183,7 @@ class LostSection(Section):
     climb_mps: Annotated[float, Field(ge=0, le=3)] = 0.5
     climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # at most this far up; 0: do not climb
     give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # then hand back to the pilot
+    retries: Annotated[int, Field(ge=0, le=100)] = 5  # descents that may be broken off before that
 
 
 class GuidanceSection(Section):

@@ -79,6 +79,7 @@ class Lander:
         self._release_until: float | None = None  # zero velocity is streamed until then
         self._flown = False  # a set-point was sent since authority was granted
         self._searching = False  # the pad went out of sight while flying
+        self._broken_off = 0  # descents of this landing
         self._low = False  # below the alignment height when last in sight
         self._lost_down = 0.0  # local z where the pad went out of sight, m
         self._pad_velocity = HOVER  # the pad's when contact was made, m/s
@@ -239,6 +240,7 @@ class Lander:
 
     def _release(self, now: float, why: str) -> None:
         """Stream zero velocity for a while after landerd has flown, then nothing."""
+        self._broken_off = 0
         if self._flown:
             self._flown = self._searching = False
             self._release_until = now + self._config.guidance.release_s
@@ -263,8 +265,11 @@ class Lander:
         rel = relative(vehicle, estimate, self._sigma_bearing)
         self._low = rel.height < self._config.guidance.descent.alignment_height_m
         if self.phase is not Phase.LANDED:
+            climbed = self._phases.climbs_again
             phase, why = self._phases.step(rel)
             self._enter(phase, why)
+            if self._phases.climbs_again and not climbed:
+                self._break_off(now, why)
             if phase is Phase.LANDED:
                 self._touchdown.begin(now)
                 self._landed = Landed.UNDEFINED  # what was said of the air or another landing
@@ -272,6 +277,8 @@ class Lander:
             self._touch_down(now, dt, vehicle, rel, age)
             return
         velocity, yaw_rate = self._method.step(self.phase, rel, self._phases.floor_m, dt)
+        if self._phases.climbs_again:
+            velocity = (velocity[0], velocity[1], -self._config.guidance.lost.climb_mps)
         may_descend = self._phases.may_descend(rel) and rel.height > self._phases.floor_m
         self._send(velocity, yaw_rate, dt, may_descend=may_descend)
 
@@ -337,7 +344,7 @@ class Lander:
             self._lose(now, vehicle)
         down = vehicle.feet[2] if vehicle else self._lost_down
         plan = self._lost.step(now, down)
-        if plan is None:
+        if plan is None or self._broken_off > self._config.guidance.lost.retries:
             self._finish("handed_back")
             self._say(now, Severity.CRITICAL, "pad not found: pilot, take over")
             self._gate.latch()
@@ -352,7 +359,15 @@ class Lander:
         self._searching = True
         self._lost_down = vehicle.feet[2] if vehicle else 0.0
         self._lost.begin(now, self._lost_down, low=self._low)
+        self._break_off(now, None)
+
+    def _break_off(self, now: float, why: str | None) -> None:
+        """Count an abort; those of the descent are limited in number."""
         self.aborts += 1
+        if self._low:
+            self._broken_off += 1
+        if why is not None:
+            self._say(now, Severity.WARNING, why)
 
     def _why_blind(self, now: float) -> str:
         fresh, placement = self._config.freshness, self._placement

@@ -54,6 +54,7 @@ _SHORT = {
     "limits": "LIM",
     "threshold": "THR",
     "timeout": "TMO",
+    "tracking": "TRK",
     "touchdown": "TD",
     "vertical": "V",
 }

@@ -130,8 +130,8 @@ def test_gains_changed_in_flight_take_effect_without_a_bump() -> None:
         flight = Flight().engaged()
         flight.run(1.0)
         if changed:
-            for gain, value in (("kp", 0.2), ("kd", 0.1)):
-                change(flight, f"guidance.pid.close_approach.{gain}", value)
+            for gain, value in (("kp", 0.5), ("lead_s", 0.8)):
+                change(flight, f"guidance.tracking.{gain}", value)
         return [s.velocity[0] for s in flight.run(2.0)]
 
     plain, tuned = fly(changed=False), fly(changed=True)

@@ -91,6 +91,7 @@ class Rules:
         self._first_sighting = False
         self._last: tuple[float, Vec3, float] | None = None  # time, velocity, yaw rate
         self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
+        self._stopped = (False, False)  # the last set-point: horizontally, vertically
         self._flown_t: float | None = None  # last set-point under granted authority
         self._contact = False  # a foot was down, and the vehicle has not climbed away since
         self._touched_t = -math.inf  # when a foot was last seen down,
@@ -327,19 +328,21 @@ class Rules:
         if not stop_h:
             if horizontal(a) > b.acceleration_mps2 * (_SLACK + loose) + 0.02:
                 self._break(t, "3: horizontal acceleration")
-            jerk = math.hypot(a[0] - was[0], a[1] - was[1]) / dt
+            change = math.hypot(a[0] - was[0], a[1] - was[1])
+            jerk = (min(change, horizontal(a)) if self._stopped[0] else change) / dt
             if jerk > b.jerk_mps3 * _SLACK + wobble * b.acceleration_mps2 + 0.2:
                 self._break(t, "3: horizontal jerk")
         if not stop_v:
             if abs(a[2]) > b.vertical_acceleration_mps2 * (_SLACK + loose) + 0.02:
                 self._break(t, "3: vertical acceleration")
-            jerk = abs(a[2] - was[2]) / dt
+            change = abs(a[2] - was[2])
+            jerk = (min(change, abs(a[2])) if self._stopped[1] else change) / dt
             if jerk > b.jerk_mps3 * _SLACK + wobble * b.vertical_acceleration_mps2 + 0.2:
                 self._break(t, "3: vertical jerk")
-        ah = (0.0, 0.0) if stop_h else (a[0], a[1])
         # Over a gap between set-points it is a mean, from which no jerk can be told.
         gap = dt > b.stream_s
-        self._acceleration = None if gap else (ah[0], ah[1], 0.0 if stop_v else a[2])
+        # What follows an order to stop may begin afresh, or go on if zero was only passed.
+        self._acceleration, self._stopped = None if gap else a, (stop_h, stop_v)
 
     def _after_contact(self, t: float, velocity: Vec3) -> None:
         waited = t - self._touching_since

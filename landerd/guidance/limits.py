@@ -12,7 +12,6 @@ from landerd.messages import Setpoint
 
 STOPPED = Setpoint((0.0, 0.0, 0.0), 0.0)
 YAW_ACCELERATION = math.radians(120.0)  # rad/s^2: gentle for every multicopter
-STILL = 1.5e-3  # m/s: so little is an order to stop, and the acceleration ends with it
 LONGEST_STEP_S = 0.05  # a tick that came late is no leave for a larger step
 
 
@@ -69,8 +68,6 @@ class Limiter:
         self._v[2] += self._a[2] * dt
         if not may_descend and self._v[2] > 0.0:
             self._v[2] = self._a[2] = 0.0
-        if abs(self._v[2]) < STILL:
-            self._v[2] = self._a[2] = 0.0
         rate = clamp(yaw_rate, -self._yaw_rate_limit, self._yaw_rate_limit)
         most = YAW_ACCELERATION * dt
         slewed = self._yaw_rate + clamp(rate - self._yaw_rate, -most, most)
@@ -97,8 +94,6 @@ class Limiter:
         for i in range(2):
             self._a[i] += k * change[i]
             self._v[i] += self._a[i] * dt
-        if math.hypot(self._v[0], self._v[1]) < STILL:
-            self._v[0] = self._v[1] = self._a[0] = self._a[1] = 0.0
 
 
 def _square_root_control(error: float, acceleration: float, jerk: float) -> float:

@@ -1,4 +1,7 @@
-"""What is done after the pad went out of sight: hover and look, climb, hand back."""
+"""What is done after the pad went out of sight: hover and look, climb, search, hand back.
+
+The camera looks where the pad should be and then sweeps (guidance.aim), whatever is flown.
+"""
 
 from landerd.config import LostSection
 from landerd.geometry import Vec3
@@ -33,6 +36,8 @@ class LostPlan:
         if waited > o.give_up_s:
             return None
         climbed = self._start_down - down_m
-        if waited < self._hold_s or climbed >= o.climb_m:
+        if waited < self._hold_s:
             return (0.0, 0.0, 0.0), "holding"
+        if climbed >= o.climb_m:
+            return (0.0, 0.0, 0.0), "searching"
         return (0.0, 0.0, -o.climb_mps), "climbing"

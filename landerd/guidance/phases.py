@@ -7,6 +7,8 @@ from landerd.guidance.relative import Relative
 from landerd.messages import Phase
 
 BACK = 1.3  # a phase is left backwards only this much outside the bound it was entered at
+COMMITTED_MPS = 0.4  # about how fast it sinks after commit
+TOO_FAR = 1.5  # low and this much outside the region it climbs and tries again
 ALIGNMENT_MARGIN_M = 0.1  # the floor kept over the alignment height, for the height's own error
 
 
@@ -33,6 +35,7 @@ class Phases:
     def configure(self, options: DescentSection) -> None:
         """Take new bounds."""
         self._options = options
+        self._touchdown_s = options.commit_height_m / COMMITTED_MPS
         self._align = math.radians(options.align_deg)
         self._realign = math.radians(options.realign_deg)
 
@@ -40,6 +43,7 @@ class Phases:
         """Begin a landing."""
         self.phase = Phase.APPROACH
         self._aligned = not self._has_heading
+        self.climbs_again = False  # it was low over the pad, but not so that it could land
 
     def may_descend(self, relative: Relative) -> bool:
         """Tell whether the vehicle is inside the descent region, its own uncertainty counted."""
@@ -49,6 +53,8 @@ class Phases:
     @property
     def floor_m(self) -> float:
         """Height over the pad not to go below now: the alignment height until aligned."""
+        if self.climbs_again:
+            return self._options.retry_height_m
         return 0.0 if self._aligned else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
     def step(self, relative: Relative) -> tuple[Phase, str]:
@@ -70,10 +76,31 @@ class Phases:
         if (
             self.phase is Phase.DESCENT
             and relative.height < self._options.commit_height_m
-            and self.may_descend(relative)
+            and not self.climbs_again
+            and self.will_land_well(relative)
         ):
             self.phase = Phase.LANDED
+        else:
+            self._decide_to_climb(relative)
         return self.phase, self._why(relative)
+
+    def will_land_well(self, relative: Relative) -> bool:
+        """Tell whether the error and the speed at touch-down will be inside their limits."""
+        o = self._options
+        (north, east, _), (v_north, v_east, v_down) = relative.error, relative.error_rate
+        t = self._touchdown_s
+        off = math.hypot(north + t * v_north, east + t * v_east) + 2.0 * relative.sigma_m
+        slow = math.hypot(v_north, v_east) < o.commit_slip_mps and -v_down < o.commit_sink_mps
+        return off < o.commit_miss_m and slow
+
+    def _decide_to_climb(self, relative: Relative) -> None:
+        """Just over the pad is no place to wait: what cannot land climbs and tries again."""
+        o = self._options
+        if self.climbs_again:
+            self.climbs_again = relative.height < o.retry_height_m
+        elif relative.height < o.commit_height_m:
+            outside = relative.distance > TOO_FAR * descent_radius(o, relative.height)
+            self.climbs_again = outside or relative.height < 0.5 * o.commit_height_m
 
     def _update_alignment(self, heading_error: float | None) -> None:
         if not self._has_heading:
@@ -86,4 +113,6 @@ class Phases:
     def _why(self, relative: Relative) -> str:
         if self.phase is Phase.YAW_CORRECTION and relative.heading_error is None:
             return "pad's heading not seen"
+        if self.climbs_again:
+            return f"off by {relative.distance:.2f} m, climbing again"
         return f"{relative.distance:.1f} m away, {relative.height:.1f} m up"

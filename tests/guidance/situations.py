@@ -15,12 +15,13 @@ def situation(
     heading_deg: float | None = 0.0,
     sigma_m: float = 0.0,
     yaw_rate: float = 0.0,
+    pad_velocity: Vec3 = (0.0, 0.0, 0.0),
 ) -> Relative:
     """The pad `distance` to the north and `height` below the feet."""
     return Relative(
         error=error if error is not None else (distance, 0.0, height),
         error_rate=rate,
-        pad_velocity=(0.0, 0.0, 0.0),
+        pad_velocity=pad_velocity,
         sigma_m=sigma_m,
         heading_error=None if heading_deg is None else math.radians(heading_deg),
         yaw_rate=yaw_rate,

@@ -1,5 +1,6 @@
 import math
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -8,11 +9,13 @@ from landerd.geometry import (
     IDENTITY,
     R_GIMBAL_CAMERA,
     Vec3,
+    dot,
     matmul,
     norm,
     rot_zyx,
     rotate,
     transpose,
+    unit,
 )
 from landerd.guidance.aim import Aim
 from landerd.messages import GimbalCommand, MarkerSighting, PoseSolution, Sightings
@@ -229,17 +232,21 @@ def search(made: Aim, seconds: float, start: float = 0.0) -> list[GimbalCommand]
 
 def test_it_waits_at_idle_and_then_sweeps_from_there_to_straight_down_and_back() -> None:
     made = Aim(AimSection(idle_pitch_deg=-23.0, search_after_s=5.0), GimbalSection())
-    commands = search(made, 20.0)
+    commands = search(made, 40.0)
     assert all(c.pitch == math.radians(-23.0) for c in commands[: round(4.9 / 0.025)])
     pitches = [math.degrees(c.pitch) for c in commands]
     assert min(pitches) == pytest.approx(-90.0, abs=1.0)
     after_lowest = pitches[pitches.index(min(pitches)) :]
     assert max(after_lowest) == pytest.approx(-23.0, abs=1.0)
-    assert all(c.yaw == 0.0 for c in commands)
+    # First ahead, then to either side.
+    lowest = next(i for i, pitch in enumerate(pitches) if pitch < -89.0)
+    assert all(c.yaw == 0.0 for c in commands[:lowest])
+    yaws = [math.degrees(c.yaw) for c in commands]
+    assert (min(yaws), max(yaws)) == pytest.approx((-50.0, 50.0))
 
 
 def test_a_sighting_ends_the_search() -> None:
-    made = Aim(AimSection(search_after_s=5.0), GimbalSection())
+    made = Aim(AimSection(method="increment", search_after_s=5.0), GimbalSection())
     last = search(made, 7.0)[-1]
     made.on_sightings(seen(7.0, marker((0.0, 0.0, 5.0))), (last.yaw, last.pitch, 0.0))
     assert all(c == made.command for c in search(made, 4.0, start=7.0))
@@ -249,3 +256,48 @@ def test_the_sweep_keeps_to_the_gimbals_limits() -> None:
     limits = GimbalSection(pitch_limits_deg=(-60.0, 0.0))
     pitches = [c.pitch for c in search(Aim(AimSection(search_after_s=0.0), limits), 15.0)]
     assert min(pitches) == pytest.approx(math.radians(-60.0))
+
+
+# ---- by prediction -----------------------------------------------------------------------------
+
+
+def pointed(direction: Vec3, *, start: tuple[float, float] = (0.0, -45.0), **limits: Any) -> Aim:
+    """An aim that has been given one direction for 3 s."""
+    made = Aim(AimSection(idle_yaw_deg=start[0], idle_pitch_deg=start[1]), GimbalSection(**limits))
+    for i in range(120):
+        made.on_tick(0.025 * i, unit(direction))
+    return made
+
+
+def off_deg(made: Aim, direction: Vec3) -> float:
+    lens = rotate(rot_zyx(made.command.yaw, made.command.pitch, 0.0), (1.0, 0.0, 0.0))
+    return math.degrees(math.acos(max(-1.0, min(1.0, dot(lens, unit(direction))))))
+
+
+@pytest.mark.parametrize(
+    "direction",
+    [(1.0, 0.0, 0.5), (1.0, 1.5, 1.0), (0.2, -1.0, 1.0), (0.1, 0.0, 3.0), (-1.0, 0.3, 1.0)],
+)
+def test_predicted_the_pad_comes_near_the_middle_wherever_it_lies(direction: Vec3) -> None:
+    assert off_deg(pointed(direction), direction) < 6.0
+
+
+def test_straight_above_the_pad_small_sways_leave_the_yaw_alone() -> None:
+    made = pointed((0.0, 0.0, 1.0))
+    yaw = made.command.yaw
+    for i in range(200):
+        a = 0.1 * i
+        made.on_tick(3.0 + 0.025 * i, unit((0.06 * math.cos(a), 0.06 * math.sin(a), 1.0)))
+        assert abs(made.command.yaw - yaw) < math.radians(5.0)
+
+
+def test_a_gimbal_that_cannot_look_back_stays_within_its_limits() -> None:
+    made = pointed((-1.0, 0.2, 1.0), pitch_limits_deg=(-90.0, 0.0))
+    assert math.radians(-90.0) <= made.command.pitch <= 0.0
+    assert abs(made.command.yaw) <= math.radians(90.0)
+
+
+def test_without_a_direction_it_searches_again() -> None:
+    made = pointed((1.0, 0.0, 0.5))
+    pitches = [math.degrees(c.pitch) for c in search(made, 10.0, start=3.0)]
+    assert min(pitches) == pytest.approx(-90.0, abs=1.0)

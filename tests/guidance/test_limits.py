@@ -9,7 +9,7 @@ from landerd.geometry import Vec3, horizontal, norm, sub
 from landerd.guidance.limits import Limiter
 from landerd.messages import Setpoint
 
-LIMITS = LimitsSection()
+LIMITS = LimitsSection(speed_mps=5.0)
 DT = 0.025
 SLACK = 1.0 + 1e-9
 

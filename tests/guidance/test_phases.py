@@ -3,11 +3,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from landerd.config import DescentSection
-from landerd.guidance.phases import Phases, descent_radius
+from landerd.geometry import Vec3
+from landerd.guidance.phases import Phases, descent_radius, region_height
 from landerd.messages import Phase
 from tests.guidance.situations import situation
 
-OPTIONS = DescentSection(k1_m=0.12, k2_per_m=0.36)  # thesis 3.6
+OPTIONS = DescentSection(k1_m=0.12, k2_per_m=0.36, commit_height_m=0.12)  # thesis 3.6
 
 
 def phases(*, has_heading: bool = True) -> Phases:
@@ -112,11 +113,11 @@ def test_a_pad_without_heading_needs_no_alignment(heading_deg: float | None) -> 
     assert p.step(situation(0.05, 0.1, heading_deg=heading_deg))[0] is Phase.LANDED
 
 
-def test_it_commits_only_aligned_inside_the_region_and_below_the_commit_height() -> None:
+def test_it_commits_only_aligned_over_the_pad_and_below_the_commit_height() -> None:
     for distance, height, heading_deg in (
         (0.02, 0.13, 0.0),  # too high
         (0.02, 0.10, 10.0),  # heading off
-        (0.15, 0.10, 0.0),  # beside the region
+        (0.21, 0.10, 0.0),  # beside it
         (0.02, 0.10, None),  # heading not known
     ):
         p = phases()
@@ -139,3 +140,28 @@ def test_a_new_landing_begins_at_the_beginning() -> None:
     p.restart()
     assert p.phase is Phase.APPROACH
     assert p.floor_m > OPTIONS.alignment_height_m
+
+
+@pytest.mark.parametrize(
+    "rate",
+    [
+        (0.5, 0.0, -0.3),  # slides over the pad
+        (0.0, 0.0, -1.2),  # the deck comes up
+    ],
+)
+def test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again(rate: Vec3) -> None:
+    p = phases()
+    p.step(situation(0.02, 1.0))
+    assert p.step(situation(0.02, 0.11, rate=rate))[0] is Phase.DESCENT
+    p.step(situation(0.02, 0.05, rate=rate))
+    assert p.climbs_again
+    assert p.floor_m == OPTIONS.retry_height_m
+    assert p.step(situation(0.02, 0.11))[0] is not Phase.LANDED
+    p.step(situation(0.02, OPTIONS.retry_height_m + 0.1))
+    assert not p.climbs_again
+    assert p.step(situation(0.02, 0.11))[0] is Phase.LANDED
+
+
+def test_at_its_height_the_region_is_as_wide_as_asked() -> None:
+    assert descent_radius(OPTIONS, region_height(OPTIONS, 1.0)) == pytest.approx(1.0)
+    assert region_height(OPTIONS, 0.05) == 0.0

@@ -32,7 +32,16 @@ def pad(
 ) -> PadEstimate:
     covariance = ((0.04, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 9.0))
     return PadEstimate(
-        10.0, position, velocity, covariance, heading, 0.02, 0.0, (0.0, 0.0, 1.0), 10.0
+        10.0,
+        position,
+        velocity,
+        covariance,
+        (0.1, 0.1, 0.1),
+        heading,
+        0.02,
+        0.0,
+        (0.0, 0.0, 1.0),
+        10.0,
     )
 
 

@@ -1,0 +1,83 @@
+import math
+
+import pytest
+
+from landerd.config import GuidanceSection
+from landerd.geometry import Vec3, add, horizontal, scale, sub
+from landerd.guidance.limits import Limiter
+from landerd.guidance.tracking_method import TrackingMethod
+from landerd.messages import Phase
+from tests.guidance.situations import situation
+
+DT = 0.025
+OPTIONS = GuidanceSection()
+
+
+def order(
+    distance: float = 0.0,
+    height: float = 5.0,
+    *,
+    rate: Vec3 = (0.0, 0.0, 0.0),
+    heading_deg: float | None = 0.0,
+    floor_m: float = 0.0,
+) -> tuple[Vec3, float]:
+    r = situation(distance, height, rate=rate, heading_deg=heading_deg)
+    return TrackingMethod(OPTIONS).step(Phase.APPROACH, r, floor_m, DT)
+
+
+def test_far_away_it_closes_in_at_the_approach_speed_and_no_faster() -> None:
+    velocity, _ = order(40.0)
+    assert velocity[0] == pytest.approx(OPTIONS.tracking.approach_mps)
+    assert velocity[1] == 0.0
+
+
+def test_it_closes_in_no_faster_than_it_can_brake() -> None:
+    tracking = OPTIONS.tracking
+    for distance in (1.0, 2.0, 4.0, 8.0):
+        speed = order(distance)[0][0]
+        assert speed <= math.sqrt(2.0 * tracking.brake_mps2 * distance)
+
+
+@pytest.mark.parametrize("pad_velocity", [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (-3.0, 8.0, 0.0)])
+def test_a_vehicle_that_lags_comes_to_rest_over_any_pad_without_overshoot(
+    pad_velocity: Vec3,
+) -> None:
+    # First-order velocity response of 0.5 s, from 12 m away.
+    method, limiter = TrackingMethod(OPTIONS), Limiter(OPTIONS.limits)
+    limiter.reset(pad_velocity)
+    error, velocity = (12.0, 0.0, 5.0), pad_velocity
+    beyond = 0.0
+    for _ in range(round(15.0 / DT)):
+        rate = sub(pad_velocity, velocity)
+        seen = situation(error=error, rate=rate, pad_velocity=pad_velocity)
+        wanted, _ = method.step(Phase.APPROACH, seen, 4.9, DT)
+        flown = limiter.step(wanted, 0.0, DT, may_descend=False).velocity
+        velocity = add(velocity, scale(sub(flown, velocity), DT / 0.5))
+        error = add(error, scale(sub(pad_velocity, velocity), DT))
+        beyond = max(beyond, -error[0])
+    assert horizontal(error) < 0.03
+    assert horizontal(sub(pad_velocity, velocity)) < 0.03
+    assert beyond < 0.3
+
+
+def test_it_sinks_only_as_low_as_the_region_is_wide() -> None:
+    assert order(0.0, 5.0)[0][2] > 1.0
+    assert order(0.3, 5.0)[0][2] < order(0.0, 5.0)[0][2]
+    assert order(0.6, 3.0)[0][2] == 0.0
+
+
+def test_it_brakes_its_descent_before_the_ground_and_before_a_floor() -> None:
+    heights = [5.0, 2.0, 1.0, 0.5, 0.2]
+    speeds = [order(0.0, h)[0][2] for h in heights]
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[-1] <= 2.0 * OPTIONS.touchdown_descent_mps + 1e-9
+    assert order(0.0, 2.1, floor_m=2.1)[0][2] == 0.0
+
+
+def test_it_turns_the_short_way_as_soon_as_it_looks_down_on_the_pad() -> None:
+    assert order(0.5, 5.0, heading_deg=120.0)[1] > 0.0
+    assert order(0.5, 5.0, heading_deg=-120.0)[1] < 0.0
+    assert order(20.0, 5.0, heading_deg=120.0)[1] == 0.0  # it would turn the camera away
+    assert order(0.5, 5.0, heading_deg=None)[1] == 0.0
+    most = math.radians(OPTIONS.limits.yaw_rate_deg_s)
+    assert abs(order(0.0, 5.0, heading_deg=170.0)[1]) <= most

@@ -1,0 +1,63 @@
+import math
+
+import pytest
+
+from landerd.config import Config, VehicleSection
+from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.placement import Placement
+from landerd.geometry import IDENTITY, Vec3
+from landerd.guidance.view import View
+from landerd.messages import Attitude, LocalPosition
+from landerd.pad import PadLayout, Plate, Ring
+from tests.scripted_flight import PAD, TAG
+
+FAR_TAG = TAG.model_copy(update={"position_m": (0.75, 0.0)})
+WIDE_PAD = PadLayout(
+    name="ring and tag beside it",
+    markers=(Ring(kind="whycon", outer_diameter_m=1.0), FAR_TAG),
+    plate=Plate(north_m=1.0, south_m=0.6, east_m=0.6, west_m=0.6),
+)
+
+
+def looked(layout: PadLayout, below: float, heading: float | None, *, pitch: float = 0.0) -> Vec3:
+    """Direction to look in from straight above a pad."""
+    config = Config(vehicle=VehicleSection(camera_offset_m=(0.0, 0.0, 0.0)))
+    placement = Placement(config)
+    placement.add(LocalPosition(1.0, (0.0, 0.0, -below), (0.0, 0.0, 0.0)))
+    placement.add(Attitude(1.0, 0.0, pitch, 0.0, (0.0, 0.0, 0.0)))
+    pad = PadEstimate(
+        t=1.0,
+        position=(0.0, 0.0, 0.0),
+        velocity=(0.0, 0.0, 0.0),
+        covariance=IDENTITY,
+        sigma_velocity=(0.1, 0.1, 0.1),
+        heading=heading,
+        sigma_heading=0.01,
+        turn_rate=0.0,
+        normal=(0.0, 0.0, 1.0),
+        sighting_t=1.0,
+    )
+    direction = View(layout).direction(placement, pad, 0.0)
+    assert direction is not None
+    return direction
+
+
+def test_from_afar_it_looks_at_the_middle_of_all_markers() -> None:
+    north = looked(WIDE_PAD, 10.0, 0.0)
+    assert math.atan2(north[0], north[2]) == pytest.approx(0.2 / 10.0, abs=0.005)
+    east = looked(WIDE_PAD, 10.0, math.radians(90.0))
+    assert math.atan2(east[1], east[2]) == pytest.approx(0.2 / 10.0, abs=0.005)
+
+
+def test_just_above_the_pad_it_looks_at_the_marker_that_tells_the_heading() -> None:
+    direction = looked(WIDE_PAD, 0.3, 0.0)
+    assert math.degrees(math.atan2(direction[0], direction[2])) == pytest.approx(67.0, abs=3.0)
+
+
+def test_without_a_heading_it_looks_at_the_landing_point() -> None:
+    assert looked(WIDE_PAD, 0.3, None) == pytest.approx((0.0, 0.0, 1.0))
+
+
+def test_the_airframes_lean_is_taken_out() -> None:
+    leaning = looked(PAD, 10.0, None, pitch=math.radians(-20.0))
+    assert math.degrees(math.atan2(leaning[0], leaning[2])) == pytest.approx(20.0, abs=0.1)
