@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.placement import Placement
 from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
-from landerd.pad import PadLayout, Ring, Square
+from landerd.pad import Marker, PadLayout, Ring, Square
 
 WIDEST = math.radians(50.0)  # what is narrower than this fits into the picture of any lens used
 NEAREST_M = 0.05
@@ -16,10 +16,10 @@ class View:
     """Keeps as many of the pad's markers in the picture as fit; at the end those that tell most."""
 
     def __init__(self, layout: PadLayout) -> None:
-        squares = layout.squares
-        smallest = min(squares or layout.rings, key=_size)
-        groups = [layout.markers, squares, (smallest,)]
-        self._groups = [_corners(group) for group in groups if group]
+        telling: list[Marker] = [m for m in layout.markers if not isinstance(m, Ring)]
+        telling = telling or list(layout.markers)
+        groups = [layout.markers, telling, [min(telling, key=_size)]]
+        self._groups = [_corners(group) for group in groups]
 
     def direction(self, placement: Placement, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
         """Return the direction to look in, unit vector in the frame the gimbal is measured in.
@@ -53,11 +53,11 @@ class View:
         return scale(middle, 0.5)
 
 
-def _size(marker: Ring | Square) -> float:
+def _size(marker: Marker) -> float:
     return marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m
 
 
-def _corners(markers: Sequence[Ring | Square]) -> list[Vec3]:
+def _corners(markers: Sequence[Marker]) -> list[Vec3]:
     """Return the corners of the rectangle around markers, pad frame."""
     north, east = [], []
     for m in markers:
