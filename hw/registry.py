@@ -6,7 +6,7 @@ libraries this machine lacks is in nobody's way.
 
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel
 
@@ -16,6 +16,14 @@ class Driver(NamedTuple):
 
     factory: str | None  # None: the simulated world makes it
     options: str | None = None  # model of its block of the configuration, as camera.v4l2
+    over: Literal["link", "autopilot"] | None = None  # what it is handed to speak through
+    model: str | None = None  # what connects it to a modelled device in the simulator
+
+
+def _gimbal(driver: str, model: str, over: Literal["link", "autopilot"] | None = None) -> Driver:
+    """Return the driver at "module:Name" of hw.gimbals with its model of hw.sim.gimbals."""
+    path = f"hw.gimbals.{driver}"
+    return Driver(f"{path}Gimbal", f"{path}Options", over, f"hw.sim.gimbals.{model}")
 
 
 DRIVERS: Mapping[str, Mapping[str, Driver]] = {
@@ -25,6 +33,19 @@ DRIVERS: Mapping[str, Mapping[str, Driver]] = {
     },
     "gimbal": {
         "sim": Driver(None),
+        "fixed": _gimbal("fixed:Fixed", "fixed:connect"),
+        "mavlink": _gimbal("mavlink_v2:Mavlink", "mavlink:connect_v2", "autopilot"),
+        "mavlink_mount": _gimbal(
+            "mavlink_mount:MavlinkMount", "mavlink:connect_mount", "autopilot"
+        ),
+        "servo_mavlink": _gimbal(
+            "servo_mavlink:ServoMavlink", "servo:connect_mavlink", "autopilot"
+        ),
+        "servo_pca9685": _gimbal("servo_pca9685:ServoPca9685", "servo:connect_pca9685"),
+        "servo_sysfs": _gimbal("servo_sysfs:ServoSysfs", "servo:connect_sysfs"),
+        "simplebgc": _gimbal("simplebgc:SimpleBgc", "simplebgc:connect", "link"),
+        "siyi": _gimbal("siyi:Siyi", "siyi:connect", "link"),
+        "storm32": _gimbal("storm32:Storm32", "storm32:connect", "link"),
     },
     "autopilot": {
         "mavlink": Driver("hw.autopilots.mavlink:MavlinkAutopilot"),
@@ -55,6 +76,25 @@ def factory(section: str, name: str) -> Callable[..., Any] | None:
         KeyError: there is no such driver.
     """
     path = DRIVERS[section][name].factory
+    return None if path is None else _import(path)
+
+
+def over(section: str, name: str) -> Literal["link", "autopilot"] | None:
+    """Return what a driver is handed to speak through.
+
+    Raises:
+        KeyError: there is no such driver.
+    """
+    return DRIVERS[section][name].over
+
+
+def model(section: str, name: str) -> Callable[..., Any] | None:
+    """Return what connects a driver to the model of its device; None where there is none.
+
+    Raises:
+        KeyError: there is no such driver.
+    """
+    path = DRIVERS[section][name].model
     return None if path is None else _import(path)
 
 

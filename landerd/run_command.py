@@ -7,6 +7,8 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -102,13 +104,11 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
     config = loaded.config
     key = config.autopilot.signing_key
     # Drivers first: a link may be refused too, but a wrong driver's name says more.
-    camera = _make(loaded, "camera", config.camera.driver)
-    gimbal = _make(loaded, "gimbal", config.gimbal.driver)
+    camera = _maker(loaded, "camera", config.camera.driver)
+    gimbal = _maker(loaded, "gimbal", config.gimbal.driver)
+    make_autopilot = _maker(loaded, "autopilot", config.autopilot.driver)
     link = open_link(config.autopilot.url)
-    autopilot = _make(
-        loaded,
-        "autopilot",
-        config.autopilot.driver,
+    autopilot = make_autopilot(
         link if recorder is None else TappedLink(link, recorder.raw),
         system_id=config.autopilot.system_id,
         setpoint_frame=config.autopilot.setpoint_frame,
@@ -118,15 +118,22 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
         if key
         else None,
     )
-    return Devices(camera, gimbal, autopilot)
+    match registry.over("gimbal", config.gimbal.driver):
+        case "autopilot":
+            return Devices(camera(), gimbal(autopilot=autopilot), autopilot)
+        case "link":
+            url = _options(loaded, "gimbal", config.gimbal.driver).url
+            return Devices(camera(), gimbal(link=open_link(url)), autopilot)
+        case _:
+            return Devices(camera(), gimbal(), autopilot)
 
 
-def _make(loaded: Loaded, section: str, driver: str, *arguments: object, **named: object) -> Any:
+def _maker(loaded: Loaded, section: str, driver: str) -> Callable[..., Any]:
     factory = registry.factory(section, driver)
     if factory is None:
         raise SetUpError(f"{section}.driver: {driver} is only flown by landerd sim")
     options = _options(loaded, section, driver)
-    return factory(*arguments, **({"options": options} if options else {}), **named)
+    return partial(factory, options=options) if options else factory
 
 
 def _options(loaded: Loaded, section: str, driver: str) -> Any:

@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hw import registry
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import MemoryLink, memory_pair
 from hw.links.tapped import TappedLink, TlogEncoder
 from hw.sim.autopilot import SimAutopilot
 from hw.sim.camera import SimCamera
-from hw.sim.gimbal import SimGimbal
+from hw.sim.gimbal import SimGimbal, SimMount
+from hw.sim.gimbals.bench import Bench
 from hw.sim.ground_station import GroundStation
 from hw.sim.options import SimOptions
 from hw.sim.renderer import Renderer
@@ -134,7 +136,6 @@ class Simulation:
         self.camera = SimCamera(
             renderer, self.world.snapshot, options.camera, delivered=self._on_delivered
         )
-        self.gimbal = SimGimbal(self.world, options.gimbal, stream(seed, "gimbal"))
         self.score = Score(self.world, config.vehicle, self.layout.plate)
         self.rules = Rules(
             _bounds(config, has_heading=self.layout.has_heading, jitter_s=jitter_s),
@@ -144,6 +145,26 @@ class Simulation:
         link.heard = self.rules.to_landerd
         self.recording = Recording(self)
         self.recorder = _recorder(self, log, realtime=realtime) if log is not None else None
+        autopilot = MavlinkAutopilot(
+            TappedLink(link, self.recorder.raw) if self.recorder else link,
+            system_id=config.autopilot.system_id,
+            setpoint_frame=config.autopilot.setpoint_frame,
+            ground_stations=config.autopilot.ground_stations,
+            parameters=ParameterSet(config),
+        )
+        mount = SimMount(self.world, options.gimbal, stream(seed, "gimbal"))
+        connect = registry.model("gimbal", config.gimbal.driver)
+        self.gimbal: Any  # the tests break it
+        self.gimbal_model: Any = None  # the device below a real driver
+        if connect is None:
+            self.gimbal = SimGimbal(mount, options.gimbal)
+        else:
+            stand_in = self.autopilot if surroundings is None else None
+            bench = Bench(mount, stand_in, autopilot, realtime=realtime)
+            block = loaded.options[f"gimbal.{config.gimbal.driver}"]
+            self.gimbal, self.gimbal_model = connect(block, bench)
+            if self.gimbal_model is not None:
+                self._outside.append(self.gimbal_model.run)
         self.daemon = Daemon(
             config,
             self.layout,
@@ -151,13 +172,7 @@ class Simulation:
             Devices(
                 self.camera,
                 self.gimbal,
-                MavlinkAutopilot(
-                    TappedLink(link, self.recorder.raw) if self.recorder else link,
-                    system_id=config.autopilot.system_id,
-                    setpoint_frame=config.autopilot.setpoint_frame,
-                    ground_stations=config.autopilot.ground_stations,
-                    parameters=ParameterSet(config),
-                ),
+                autopilot,
             ),
             vision_latency_s=None if realtime else VISION_LATENCY_S,
             observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
@@ -267,6 +282,7 @@ class Recording:
         self.views: dict[Phase, tuple[float, Frame, Sightings]] = {}
         self.progress: Callable[[str], None] | None = None
         self.frames = 0  # searched
+        self.gimbal_errors_px: list[float] = []  # of the marker looked at from the centre
         self.pad_velocity_error_mps: float | None = None  # KNOWN_AFTER_S after the first sighting
 
     def on_flight(self, lander: Lander) -> None:
@@ -275,6 +291,11 @@ class Recording:
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Count, and keep the first picture with a marker of each phase."""
         self.frames += 1
+        if sightings.markers:
+            looked_at = min(sightings.markers, key=lambda m: m.kind.startswith("why"))
+            x, y, z = looked_at.solutions[0].position
+            model = self._simulation.camera_model
+            self.gimbal_errors_px.append(math.hypot(model.fx * x / z, model.fy * y / z))
         phase = self._simulation.daemon.lander.phase
         if sightings.markers and phase not in self.views:
             self.views[phase] = (frame.t - self._simulation.began, frame, sightings)

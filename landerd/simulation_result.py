@@ -37,6 +37,7 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
         "time_to_touchdown_s": since_sighting(contact.t if contact else None),
         "energy_hj": None if score.energy_j is None else score.energy_j / 100.0,
         "pad_velocity_error_mps": simulation.recording.pad_velocity_error_mps,
+        "gimbal_error_px_p95": _percentile(simulation.recording.gimbal_errors_px, 0.95),
         "aborts": lander.aborts,
         "phases": _phases(simulation),
         "rules_broken": [
@@ -46,6 +47,10 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
         "frames_per_s": simulation.recording.frames / flown_s,
         "faults": dict(simulation.daemon.faults),
     }
+
+
+def _percentile(values: list[float], share: float) -> float | None:
+    return sorted(values)[math.ceil(share * len(values)) - 1] if values else None
 
 
 def _phases(simulation: "Simulation") -> list[dict[str, Any]]:

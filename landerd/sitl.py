@@ -12,6 +12,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+from hw import registry
 from hw.autopilots.arducopter import Mode
 from hw.links import open_link
 from hw.sim.ground_station import GroundStation
@@ -273,6 +274,9 @@ def simulate_sitl(
         PadError: the pad's layout cannot be used.
         ImportError: a picture is wanted and matplotlib is not installed.
     """
+    gimbal = loaded.config.gimbal.driver
+    if registry.over("gimbal", gimbal) == "autopilot":
+        raise AutopilotError(f"gimbal.driver: {gimbal} needs the simulator's own autopilot")
     started = time.perf_counter()
     flight = SitlFlight(loaded, seed, url, take_off_m=take_off_m, log=log, progress=progress)
     gc.freeze()  # collections then look only at what the flight makes

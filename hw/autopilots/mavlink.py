@@ -51,6 +51,9 @@ _GROUND_STATION_MESSAGES = frozenset(
 _OUR_COMMANDS = {
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: "a message rate",
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: "to disarm",
+    mavlink.MAV_CMD_DO_SET_SERVO: "to move a servo",
+    mavlink.MAV_CMD_DO_MOUNT_CONTROL: "to point the gimbal",
+    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: "control of the gimbal",
 }
 _RESULTS = {
     mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "not now",
@@ -116,8 +119,9 @@ class MavlinkAutopilot:
         self._codec = MavlinkCodec(system_id, COMPONENT, signing)
         self._parameters: ParameterProtocol | None = None
         if parameters is not None:
-            self._parameters = ParameterProtocol(parameters, self._send, self._warn)
+            self._parameters = ParameterProtocol(parameters, self.send, self._warn)
         self._streams = Streams(self._ask_stream)
+        self._subscribers: dict[int, Callable[[Message, float], None]] = {}  # by message id
         self._pending: deque[AutopilotMessage] = deque()
         self._logged: dict[str, float] = {}
         self._refused: set[tuple[int, int]] = set()  # commands and results told already
@@ -140,6 +144,40 @@ class MavlinkAutopilot:
     async def close(self) -> None:
         """Close the link; safe to call twice."""
         await self._link.close()
+
+    # ---- what else is behind the same link ----
+
+    @property
+    def system_id(self) -> int:
+        """The vehicle's system id."""
+        return self._system
+
+    def subscribe(
+        self, message_id: int, rate_hz: float, take: Callable[[Message, float], None]
+    ) -> None:
+        """Ask the autopilot for one more kind of message, as that of a gimbal it drives.
+
+        Args:
+            message_id: one that landerd itself does not read.
+            rate_hz: how often it is to come.
+            take: called with each message and its loop time: that of its time_boot_ms if it has
+                one, else of its arrival. One that is not newer than the last is dropped.
+        """
+        self._subscribers[message_id] = take
+        self._streams.add(message_id, rate_hz)
+
+    def send(self, message: Message) -> None:
+        """Send any message; a lost link drops it silently."""
+        self._link.write(self._codec.encode(message, asyncio.get_running_loop().time()))
+
+    def command(self, command: int, *params: float) -> None:
+        """Send the autopilot a COMMAND_LONG; missing parameters are 0. A refusal is told once."""
+        values = (*params, *(0.0,) * (7 - len(params)))
+        self.send(
+            mavlink.MAVLink_command_long_message(
+                self._system, _AUTOPILOT_COMPONENT, command, 0, *values
+            )
+        )
 
     # ---- in ----
 
@@ -172,7 +210,11 @@ class MavlinkAutopilot:
         try:
             read = _READERS.get(kind)
             message = read(m, now) if read is not None else None
-            t = self._place(m, now) if kind in _STAMPED else now
+            subscriber = self._subscribers.get(kind)
+            is_stamped = kind in _STAMPED or (subscriber and "time_boot_ms" in m.fieldnames)
+            t = self._place(m, now) if is_stamped else now
+            if subscriber is not None and t is not None:
+                subscriber(m, t)
             if message is not None and t is not None:
                 self._pending.append(replace(message, t=t))
         except telemetry.BadMessage as e:
@@ -192,7 +234,7 @@ class MavlinkAutopilot:
 
     def _on_timesync(self, m: Message, now: float) -> None:
         if m.tc1 == 0:  # the autopilot asks for our time
-            self._send(mavlink.MAVLink_timesync_message(_nanoseconds(now), m.ts1))
+            self.send(mavlink.MAVLink_timesync_message(_nanoseconds(now), m.ts1))
         elif m.ts1 in self._timesync_sent:  # not the answer to somebody else
             boot_s = 1e-9 * m.tc1
             self._watch_restart(boot_s, now)
@@ -227,7 +269,7 @@ class MavlinkAutopilot:
         result: int = mavlink.MAV_RESULT_UNSUPPORTED
         if m.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE and self._parameters is not None:
             result = self._parameters.save(m.param1)
-        self._send(
+        self.send(
             mavlink.MAVLink_command_ack_message(
                 m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()
             )
@@ -262,17 +304,17 @@ class MavlinkAutopilot:
             self._timesync_due = now + _TIMESYNC_PERIOD_S
             stamp = _nanoseconds(now)
             self._timesync_sent.append(stamp)
-            self._send(mavlink.MAVLink_timesync_message(0, stamp))
+            self.send(mavlink.MAVLink_timesync_message(0, stamp))
         self._streams.keep(now)
 
     def _ask_stream(self, message_id: int, rate_hz: float) -> None:
-        self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
+        self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
 
     # ---- out ----
 
     def heartbeat(self) -> None:
         """Say that landerd lives; the control task calls this once a second."""
-        self._send(
+        self.send(
             mavlink.MAVLink_heartbeat_message(
                 mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
                 mavlink.MAV_AUTOPILOT_INVALID,
@@ -301,7 +343,7 @@ class MavlinkAutopilot:
         else:
             c, s = math.cos(self._yaw), math.sin(self._yaw)
             frame, x, y = mavlink.MAV_FRAME_BODY_NED, c * north + s * east, c * east - s * north
-        self._send(
+        self.send(
             mavlink.MAVLink_set_position_target_local_ned_message(
                 int(now * 1e3) & 0xFFFFFFFF,
                 self._system,
@@ -328,7 +370,7 @@ class MavlinkAutopilot:
         if not telemetry.within(telemetry.FARTHEST_M, x, y, z):
             self._drop("landing target refused: not finite", now)
             return
-        self._send(
+        self.send(
             mavlink.MAVLink_landing_target_message(
                 int(target.t * 1e6),
                 0,
@@ -347,7 +389,7 @@ class MavlinkAutopilot:
         """Send NAMED_VALUE_FLOATs."""
         boot_ms = int(asyncio.get_running_loop().time() * 1e3) & 0xFFFFFFFF
         for name, value in values.items():
-            self._send(
+            self.send(
                 mavlink.MAVLink_named_value_float_message(boot_ms, name.encode("ascii"), value)
             )
 
@@ -361,7 +403,7 @@ class MavlinkAutopilot:
             return
         self._texts_left -= 1.0
         line = text.text.encode("ascii", "replace")[:_STATUSTEXT_LENGTH]
-        self._send(mavlink.MAVLink_statustext_message(int(text.severity), line))
+        self.send(mavlink.MAVLink_statustext_message(int(text.severity), line))
 
     def _warn(self, text: str) -> None:
         log.warning("%s", text)
@@ -369,17 +411,7 @@ class MavlinkAutopilot:
 
     def disarm(self) -> None:
         """Ask for disarming; the autopilot refuses in the air."""
-        self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, 0.0)
-
-    def _command(self, command: int, param1: float, param2: float) -> None:
-        self._send(
-            mavlink.MAVLink_command_long_message(
-                self._system, _AUTOPILOT_COMPONENT, command, 0, param1, param2, 0, 0, 0, 0, 0
-            )
-        )
-
-    def _send(self, message: Message) -> None:
-        self._link.write(self._codec.encode(message, asyncio.get_running_loop().time()))
+        self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
 
     def _drop(self, kind: str, now: float, count: int = 1) -> None:
         """Count what is dropped or refused, and log each kind once a second."""

@@ -27,9 +27,14 @@ class Streams:
     def __init__(self, ask: Callable[[int, float], None]) -> None:
         """Ask: orders a message by its id at a rate in Hz."""
         self._ask = ask
+        self._wanted = dict(STREAMS_HZ)
         self._received: Counter[int] = Counter()  # in this window, by message id
         self._slow: set[int] = set()
         self.restart()
+
+    def add(self, message_id: int, rate_hz: float) -> None:
+        """Want one more message."""
+        self._wanted[message_id] = rate_hz
 
     def restart(self) -> None:
         """Take it that none was asked for: the link or the autopilot is new."""
@@ -44,7 +49,7 @@ class Streams:
         window = now - self._window_start
         if window < _WINDOW_S:
             return
-        for message_id, wanted in STREAMS_HZ.items():
+        for message_id, wanted in self._wanted.items():
             # One may have come just before or after the window.
             if self._received[message_id] + 1 < _ENOUGH * wanted * window:
                 self._ask(message_id, wanted)

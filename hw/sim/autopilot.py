@@ -7,7 +7,8 @@ for the autopilot alone are passed on to the other links, as ArduPilot routes th
 import asyncio
 import math
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -66,6 +67,22 @@ class World(Protocol):
         ...
 
 
+class Mount(Protocol):
+    """A gimbal or servos that the autopilot drives."""
+
+    @property
+    def streams(self) -> Mapping[int, Callable[[float, int], Message]]:
+        """Makers of its messages by id, from loop time (s) and time since boot (ms)."""
+        ...
+
+    def command(self, command: Message, t: float) -> int | None:
+        """Obey a COMMAND_LONG and return its MAV_RESULT; None: not for a mount."""
+        ...
+
+    def message(self, message: Message, t: float) -> None:
+        """See any other message."""
+
+
 class _Channel:
     """One link, with the streams asked for on it."""
 
@@ -100,6 +117,7 @@ class SimAutopilot:
     ) -> None:
         """Flying: starts armed, in LOITER. boot_age_s: its boot time when `run` starts."""
         self.mute: set[int] = set()
+        self._mount: Mount | None = None
         self.pilot = PilotRadio()
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
         self._world = world
@@ -114,6 +132,12 @@ class SimAutopilot:
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
         }
+
+    def attach(self, mount: Mount) -> None:
+        """Let it drive a gimbal."""
+        self._mount = mount
+        for message_id, make in mount.streams.items():
+            self._streams[message_id] = partial(self._of_mount, make)
 
     async def run(self) -> None:
         """Fly and serve the links, for ever."""
@@ -235,6 +259,9 @@ class SimAutopilot:
             self._boot_ms(t), len(channels), *channels, *(0,) * (18 - len(channels)), 255
         )
 
+    def _of_mount(self, make: Callable[[float, int], Message], t: float) -> Message:
+        return make(t, self._boot_ms(t))
+
     def _extended_sys_state(self, t: float) -> Message:
         return mavlink.MAVLink_extended_sys_state_message(0, self.copter.landed_state)
 
@@ -279,6 +306,8 @@ class SimAutopilot:
         ):
             raw = tuple(getattr(message, f"chan{i}_raw") for i in range(1, 17))
             self.pilot.override(raw, t)
+        elif self._mount is not None:
+            self._mount.message(message, t)
 
     def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
         now = asyncio.get_running_loop().time()
@@ -309,7 +338,8 @@ class SimAutopilot:
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             done = self.copter.take_off(m.param7, self._reported, t)
             return _ACCEPTED if done else _FAILED
-        return _UNSUPPORTED
+        result = self._mount.command(m, t) if self._mount is not None else None
+        return _UNSUPPORTED if result is None else result
 
     def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:
         if message_id not in self._streams:

@@ -1,8 +1,10 @@
-"""A two-axis servo gimbal: the thesis's PID on each axis, a spring towards the centre, a driver."""
+"""A two-axis gimbal: the thesis's PID on each axis, a spring towards the centre, and the device.
+
+The real drivers move the same axes through the protocol models of `hw.sim.gimbals`.
+"""
 
 import asyncio
 import math
-from dataclasses import dataclass
 from enum import Enum
 from random import Random
 from typing import TYPE_CHECKING
@@ -22,12 +24,16 @@ REPORT_PERIOD_S = 0.02
 
 
 class Axis:
-    """One joint: torque by PID (thesis Table 3.1) against damping, inertia and a spring to 0."""
+    """One joint: torque by PID (thesis Table 3.1) against damping, inertia and a spring to 0.
+
+    One that is given speeds follows them with a lag, and the spring slows it; a bolted one stays.
+    """
 
     _KP, _KI, _KD = 0.25, 0.1, 0.025
     _INERTIA = 0.003  # with the damping below: no ringing
     _SPRING = 0.0125  # the thesis gives none; sags 4.5 degrees at 90 until the integral acts
     _INTEGRAL_LIMIT = 0.05  # torque
+    _PULL = 0.1  # of the spring on an axis that is given speeds, rad/s per rad
 
     def __init__(
         self, angle: float, limits: tuple[float, float], lag_s: float, rate_limit: float
@@ -37,12 +43,33 @@ class Axis:
         self._low, self._high = limits
         # Set-point and angle pass the same derivative, so damping alone makes the lag.
         self._damping = self._KP * lag_s
+        self._lag_s = lag_s
+        self._speed: float | None = None  # ordered, rad/s; None: angles are ordered
+        self._bolted = False
         self._rate_limit = rate_limit
         self._integral = self._SPRING * angle
         self._last_error = 0.0
 
+    def turn(self, speed: float) -> None:
+        """Take speeds from now on, rad/s."""
+        self._speed = speed
+
+    def bolt(self, angle: float) -> None:
+        """Stay at this angle for ever, rad."""
+        self.angle = self.target = angle
+        self._bolted = True
+
     def step(self) -> None:
-        """Go on by STEP_S towards target (rad)."""
+        """Go on by STEP_S towards target (rad), or at the ordered speed."""
+        if self._bolted:
+            return
+        if self._speed is None:
+            self._step_angle()
+        else:
+            order = self._speed - self._PULL * self.angle
+            self._move(self.rate + (order - self.rate) * STEP_S / (0.5 * self._lag_s))
+
+    def _step_angle(self) -> None:
         error = self.target - self.angle
         slope = (error - self._last_error) / STEP_S
         self._last_error = error
@@ -50,7 +77,9 @@ class Axis:
         self._integral = max(-self._INTEGRAL_LIMIT, min(self._INTEGRAL_LIMIT, integral))
         torque = self._KP * error + self._integral + self._KD * slope
         torque -= self._damping * self.rate + self._SPRING * self.angle
-        rate = self.rate + torque / self._INERTIA * STEP_S
+        self._move(self.rate + torque / self._INERTIA * STEP_S)
+
+    def _move(self, rate: float) -> None:
         self.rate = max(-self._rate_limit, min(self._rate_limit, rate))
         angle = self.angle + self.rate * STEP_S
         self.angle = max(self._low, min(self._high, angle))
@@ -59,9 +88,15 @@ class Axis:
 
 
 class GimbalPlant:
-    """Yaw about body z, then pitch; angles in rad relative to the body."""
+    """Yaw about body z, then pitch; angles in rad.
+
+    Attributes:
+        reference: what the angles are relative to; a stabilised gimbal takes the airframe's roll
+            and pitch out.
+    """
 
     def __init__(self, options: SimGimbalOptions) -> None:
+        self.reference = Reference.BODY
         limit = math.radians(options.rate_limit_deg_s)
         self.yaw = Axis(0.0, YAW_LIMITS, options.lag_s, limit)
         self.pitch = Axis(IDLE_PITCH, PITCH_LIMITS, options.lag_s, limit)
@@ -77,6 +112,40 @@ class GimbalPlant:
         self.pitch.target = max(PITCH_LIMITS[0], min(PITCH_LIMITS[1], pitch))
 
 
+class SimMount:
+    """The gimbal in the world as its electronics know it: orders, and angles measured with errors.
+
+    Attributes:
+        plant: the axes.
+        yaw_bias: constant error of the measured yaw, rad.
+        pitch_bias: the same of the pitch.
+    """
+
+    def __init__(self, world: "World", options: SimGimbalOptions, rng: Random) -> None:
+        self.plant = world.gimbal
+        self._world = world
+        self._rng = rng
+        self._noise = math.radians(options.noise_deg)
+        yaw_bias = pitch_bias = math.radians(options.bias_deg)
+        if options.pitch_bias_deg is not None:
+            pitch_bias = math.radians(options.pitch_bias_deg)
+        self.yaw_bias = rng.choice((-yaw_bias, yaw_bias))
+        self.pitch_bias = rng.choice((-pitch_bias, pitch_bias))
+
+    def advance(self) -> None:
+        """Let the world go on to the loop's time; done before each order."""
+        self._world.advance(asyncio.get_running_loop().time())
+
+    def measure(self, *, pitch_measured: bool = True) -> tuple[float, float]:
+        """Return yaw and pitch now, rad; without a sensor the pitch that was ordered."""
+        self.advance()
+        pitch = self.plant.pitch.angle if pitch_measured else self.plant.pitch.target
+        return (
+            self.plant.yaw.angle + self.yaw_bias + self._rng.gauss(0.0, self._noise),
+            pitch + self.pitch_bias + self._rng.gauss(0.0, self._noise),
+        )
+
+
 class GimbalFault(Enum):
     """What can go wrong with the device."""
 
@@ -86,24 +155,13 @@ class GimbalFault(Enum):
     LOST = "lost"  # is gone from the bus
 
 
-@dataclass(frozen=True, slots=True)
-class _Bias:
-    yaw: float
-    pitch: float
-
-
 class SimGimbal:
     """The device that landerd talks to (landerd.ports.Gimbal). Set `fault` to break it."""
 
-    def __init__(self, world: "World", options: SimGimbalOptions, rng: Random) -> None:
+    def __init__(self, mount: SimMount, options: SimGimbalOptions) -> None:
         self.fault: GimbalFault | None = None
-        self._world = world
+        self._mount = mount
         self._options = options
-        self._rng = rng
-        yaw_bias = pitch_bias = math.radians(options.bias_deg)
-        if options.pitch_bias_deg is not None:
-            pitch_bias = math.radians(options.pitch_bias_deg)
-        self._bias = _Bias(rng.choice((-yaw_bias, yaw_bias)), rng.choice((-pitch_bias, pitch_bias)))
         self._next_report = 0.0
         self._last: GimbalState | None = None
 
@@ -130,28 +188,18 @@ class SimGimbal:
         if self.fault is GimbalFault.LOST:
             return
         if math.isfinite(command.yaw) and math.isfinite(command.pitch):
-            self._world.advance(asyncio.get_running_loop().time())
-            self._world.gimbal.aim(command.yaw, command.pitch)
+            self._mount.advance()
+            self._mount.plant.aim(command.yaw, command.pitch)
 
     async def close(self) -> None:
         """Release the device."""
 
     def _report(self, t: float) -> GimbalState:
-        self._world.advance(t)
         if self.fault is GimbalFault.NAN:
             return GimbalState(t, math.nan, math.nan, math.nan, Reference.BODY)
         if self.fault is GimbalFault.FROZEN and self._last is not None:
             return GimbalState(t, self._last.yaw, self._last.pitch, 0.0, Reference.BODY)
-        plant = self._world.gimbal
         measured = self._options.pitch_feedback
-        pitch = plant.pitch.angle if measured else plant.pitch.target
-        noise = math.radians(self._options.noise_deg)
-        self._last = GimbalState(
-            t,
-            plant.yaw.angle + self._bias.yaw + self._rng.gauss(0.0, noise),
-            pitch + self._bias.pitch + self._rng.gauss(0.0, noise),
-            0.0,
-            Reference.BODY,
-            pitch_measured=measured,
-        )
+        yaw, pitch = self._mount.measure(pitch_measured=measured)
+        self._last = GimbalState(t, yaw, pitch, 0.0, Reference.BODY, pitch_measured=measured)
         return self._last

@@ -29,6 +29,7 @@ from landerd.geometry import (
     sub,
     wrap,
 )
+from landerd.messages import Reference
 from landerd.pad import Plate
 
 HISTORY_S = 0.6
@@ -268,8 +269,10 @@ class World:
         s = self._at(t)
         air = self._airframe
         R_local_body = rot_zyx(s.yaw, s.pitch, s.roll)
-        R_body_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
-        R_local_camera: Mat3 = matmul(matmul(R_local_body, R_body_gimbal), R_GIMBAL_CAMERA)
+        R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
+        is_stabilised = self.gimbal.reference is Reference.HORIZON
+        R_local_base = rot_z(s.yaw) if is_stabilised else R_local_body
+        R_local_camera: Mat3 = matmul(matmul(R_local_base, R_base_gimbal), R_GIMBAL_CAMERA)
         lens = add(s.position, rotate(R_local_body, air.camera_offset_m))
         pad = self._motion.at(t - self._t0)
         return Snapshot(

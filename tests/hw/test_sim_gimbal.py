@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from hw.sim.gimbal import GimbalFault, SimGimbal
+from hw.sim.gimbal import GimbalFault, SimGimbal, SimMount
 from hw.sim.options import SimGimbalOptions
 from hw.sim.world import World
 from landerd.clock import run_virtual
@@ -57,7 +57,8 @@ def run_device(
 ) -> None:
     async def main() -> None:
         w = world()
-        gimbal = SimGimbal(w, options or SimGimbalOptions(), Random(5))
+        chosen = options or SimGimbalOptions()
+        gimbal = SimGimbal(SimMount(w, chosen, Random(5)), chosen)
         await gimbal.open()
         await scenario(w, gimbal)
         await gimbal.close()

@@ -1,0 +1,154 @@
+"""A gimbal of hobby servos: pulse widths out, a model of the servos instead of feedback.
+
+Angles are relative to the airframe. What is reported is where the servos should be by now: the
+ordered angle, followed with a limited speed and a lag, read back through the table of calibration.
+The drivers differ in how the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
+"""
+
+import asyncio
+import math
+from itertools import pairwise
+from typing import Annotated, Protocol
+
+from pydantic import Field, model_validator
+
+from hw.gimbals.mounting import Angle, Options, Traits
+from landerd.geometry import clamp
+from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.ports import DeviceLost
+
+_RATE_HZ = 50.0
+Pulse = Annotated[float, Field(ge=400, le=2600)]
+
+
+class ServoAxisOptions(Options):
+    """One servo."""
+
+    channel: Annotated[int, Field(ge=0, le=32)]  # of the output
+    # Angle of the camera (degrees, yaw right, pitch up) at pulse widths (us), rising angles; in
+    # between a straight line. `landerd calibrate gimbal` makes it.
+    table: tuple[tuple[Angle, Pulse], ...]
+
+    @model_validator(mode="after")
+    def _monotonic(self) -> "ServoAxisOptions":
+        angles = [angle for angle, _ in self.table]
+        pulses = [pulse for _, pulse in self.table]
+        rises = all(a < b for a, b in pairwise(angles))
+        one_way = all(a < b for a, b in pairwise(pulses)) or all(a > b for a, b in pairwise(pulses))
+        if len(self.table) < 2 or not rises or not one_way:
+            raise ValueError(
+                "table: expected two or more [angle_deg, pulse_us] with rising angles and pulses "
+                "that only rise or only fall"
+            )
+        return self
+
+
+class ServoOptions(Options):
+    """Servos for pitch and perhaps yaw."""
+
+    yaw: ServoAxisOptions | None = None  # none: the camera only tilts
+    pitch: ServoAxisOptions = ServoAxisOptions(
+        channel=0, table=((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))
+    )
+    slew_deg_s: Annotated[float, Field(gt=0, le=1000)] = 120.0  # largest speed under load
+    lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.08  # behind a slowly moving order
+
+
+class PulseOutput(Protocol):
+    """Where the pulses come out. Writing must not block."""
+
+    def open(self) -> None:
+        """Get ready. Raises DeviceLost."""
+
+    def write(self, pulses: dict[int, float]) -> None:
+        """Set pulse widths (us) by channel. Raises DeviceLost."""
+
+    def close(self) -> None:
+        """Leave the pulses as they are; safe to call twice."""
+
+
+class ServoAxis:
+    """Angle to pulse by table, and where the servo is by now."""
+
+    def __init__(self, options: ServoAxisOptions, slew: float, lag_s: float) -> None:
+        """Slew: largest speed, rad/s. lag_s: time constant."""
+        self.channel = options.channel
+        self._table = [(math.radians(angle), pulse) for angle, pulse in options.table]
+        self._slew, self._lag_s = slew, lag_s
+        self.limits = (self._table[0][0], self._table[-1][0])
+        self.target = clamp(0.0, *self.limits)
+        self.angle = self.target
+
+    @property
+    def pulse(self) -> float:
+        """Pulse width for the target, us."""
+        for (a0, p0), (a1, p1) in pairwise(self._table):
+            if self.target <= a1:
+                return p0 + (p1 - p0) * (self.target - a0) / (a1 - a0)
+        return self._table[-1][1]
+
+    def step(self, dt: float) -> None:
+        """Go on by dt (s)."""
+        share = 1.0 - math.exp(-dt / self._lag_s) if self._lag_s > 0.0 else 1.0
+        reach = self._slew * dt
+        self.angle += clamp(share * (self.target - self.angle), -reach, reach)
+
+
+class ServoGimbal:
+    """Servos behind any output; a Gimbal."""
+
+    def __init__(self, options: ServoOptions, output: PulseOutput) -> None:
+        slew = math.radians(options.slew_deg_s)
+        self._pitch = ServoAxis(options.pitch, slew, options.lag_s)
+        self._yaw = ServoAxis(options.yaw, slew, options.lag_s) if options.yaw else None
+        self._axes = [axis for axis in (self._yaw, self._pitch) if axis is not None]
+        self._output = output
+        self._due = self._t = 0.0
+        self._is_open = False
+        self._lost: DeviceLost | None = None
+        yaw_limits = self._yaw.limits if self._yaw else (0.0, 0.0)
+        self.traits = Traits(Reference.BODY, False, _RATE_HZ, yaw_limits, self._pitch.limits)
+
+    async def open(self) -> None:
+        """Get the output ready. Raises DeviceLost."""
+        self._output.open()
+        self._due = self._t = asyncio.get_running_loop().time()
+        self._lost = None
+        self._is_open = True
+
+    async def state(self) -> GimbalState:
+        """Return where the servos should be, 50 times a second. Raises DeviceLost."""
+        loop = asyncio.get_running_loop()
+        self._due = max(self._due + 1.0 / _RATE_HZ, loop.time())
+        await asyncio.sleep(self._due - loop.time())
+        if self._lost is not None:
+            raise self._lost
+        self._advance(loop.time())
+        yaw = self._yaw.angle if self._yaw else 0.0
+        return GimbalState(
+            self._t, yaw, self._pitch.angle, 0.0, Reference.BODY, pitch_measured=False
+        )
+
+    def command(self, command: GimbalCommand) -> None:
+        """Send pulses for new angles; a lost output is told by `state`."""
+        if not (self._is_open and math.isfinite(command.yaw) and math.isfinite(command.pitch)):
+            return
+        self._advance(asyncio.get_running_loop().time())
+        self._pitch.target = clamp(command.pitch, *self._pitch.limits)
+        if self._yaw is not None:
+            self._yaw.target = clamp(command.yaw, *self._yaw.limits)
+        try:
+            self._output.write({axis.channel: axis.pulse for axis in self._axes})
+        except DeviceLost as e:
+            self._lost = e
+            self._is_open = False
+
+    async def close(self) -> None:
+        """Release the output; the servos hold their angles."""
+        self._is_open = False
+        self._output.close()
+
+    def _advance(self, now: float) -> None:
+        dt, self._t = now - self._t, now
+        for axis in self._axes:
+            axis.step(dt)

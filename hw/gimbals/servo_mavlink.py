@@ -1,0 +1,58 @@
+"""Servos on the autopilot's outputs, by MAV_CMD_DO_SET_SERVO.
+
+Source: MAVLink common message set, MAV_CMD_DO_SET_SERVO (183). ArduPilot takes it only for outputs
+whose SERVOn_FUNCTION is 0 (or pass-through), and moves the servo at once.
+"""
+
+import asyncio
+import math
+from typing import Annotated
+
+from pydantic import Field
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.gimbals.servo import ServoGimbal, ServoOptions
+
+_AGAIN_S = 1.0  # an order is repeated after this: one may have been lost
+
+
+class ServoMavlinkOptions(ServoOptions):
+    """Servos on the autopilot; their channels are its outputs, from 1."""
+
+    command_hz: Annotated[float, Field(ge=5, le=50)] = 20.0  # at most; each is acknowledged
+
+
+class ServoMavlinkGimbal(ServoGimbal):
+    """Servos on the autopilot's outputs."""
+
+    def __init__(self, options: ServoMavlinkOptions, autopilot: MavlinkAutopilot) -> None:
+        super().__init__(options, AutopilotOutputs(autopilot, 1.0 / options.command_hz))
+
+
+class AutopilotOutputs:
+    """The autopilot's servo outputs."""
+
+    def __init__(self, autopilot: MavlinkAutopilot, period_s: float) -> None:
+        self._autopilot, self._period_s = autopilot, period_s
+        self._sent: dict[int, tuple[float, int]] = {}  # by channel: when and which pulse
+
+    def open(self) -> None:
+        """Begin anew."""
+        self._sent.clear()
+
+    def write(self, pulses: dict[int, float]) -> None:
+        """Order pulse widths, us by output, where they have changed."""
+        now = asyncio.get_running_loop().time()
+        for channel, pulse in pulses.items():
+            pulse_us = round(pulse)
+            sent_t, sent_us = self._sent.get(channel, (-math.inf, 0))
+            period = self._period_s if pulse_us != sent_us else _AGAIN_S
+            if now - sent_t >= period - 1e-6:
+                self._sent[channel] = (now, pulse_us)
+                self._autopilot.command(
+                    mavlink.MAV_CMD_DO_SET_SERVO, float(channel), float(pulse_us)
+                )
+
+    def close(self) -> None:
+        """Leave the outputs as they are."""

@@ -1,0 +1,121 @@
+"""A gimbal that the autopilot drives, as ArduCopter shows it: new protocol and old."""
+
+import math
+from collections.abc import Callable, Mapping
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink_codec import Message
+from hw.gimbals.mavlink_mount import MavlinkMountGimbal, MavlinkMountOptions
+from hw.gimbals.mavlink_v2 import MavlinkGimbal, MavlinkOptions
+from hw.sim.gimbal import SimMount
+from hw.sim.gimbals.bench import Bench, Connected
+from landerd.geometry import clamp, is_finite
+from landerd.messages import Reference
+
+_PITCH_LIMITS = (math.radians(-90.0), math.radians(20.0))  # MNT1_PITCH_MIN, MNT1_PITCH_MAX
+_LOCKS = mavlink.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | mavlink.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+_NONE = float("nan")
+
+Streams = Mapping[int, Callable[[float, int], Message]]
+
+
+class GimbalManager:
+    """ArduCopter 4.3 and newer: gimbal protocol version 2 and the old order; no mount reports."""
+
+    def __init__(self, mount: SimMount) -> None:
+        self._mount = mount
+        mount.plant.reference = Reference.HORIZON
+
+    @property
+    def streams(self) -> Streams:
+        """The gimbal's attitude."""
+        return {mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: self._attitude}
+
+    def command(self, command: Message, t: float) -> int | None:
+        """Take DO_MOUNT_CONTROL and the claim of control."""
+        if command.command == mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE:
+            return int(mavlink.MAV_RESULT_ACCEPTED)
+        return mount_control(self._mount, command)
+
+    def message(self, message: Message, t: float) -> None:
+        """Take GIMBAL_MANAGER_SET_PITCHYAW: angles without rates, yaw from the airframe."""
+        if message.get_msgId() != mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW:
+            return
+        has_rates = math.isfinite(message.pitch_rate) or math.isfinite(message.yaw_rate)
+        locks_yaw = message.flags & mavlink.GIMBAL_MANAGER_FLAGS_YAW_LOCK
+        if is_finite((message.pitch, message.yaw, 0.0)) and not has_rates and not locks_yaw:
+            aim(self._mount, message.yaw, message.pitch)
+
+    def _attitude(self, t: float, boot_ms: int) -> Message:
+        yaw, pitch = self._mount.measure()
+        cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+        cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+        return mavlink.MAVLink_gimbal_device_attitude_status_message(
+            *(0, 0, boot_ms),
+            _LOCKS | mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME,
+            [cy * cp, -sy * sp, cy * sp, sy * cp],  # yaw, then pitch
+            *(_NONE, _NONE, _NONE),
+            0,
+        )
+
+
+class OldMount:
+    """Firmware with mount reports instead."""
+
+    def __init__(self, mount: SimMount) -> None:
+        self._mount = mount
+        mount.plant.reference = Reference.HORIZON
+
+    @property
+    def streams(self) -> Streams:
+        """Both reports; no firmware sends the two of them, but each is one's only one."""
+        return {
+            mavlink.MAVLINK_MSG_ID_MOUNT_ORIENTATION: self._orientation,
+            mavlink.MAVLINK_MSG_ID_MOUNT_STATUS: self._status,
+        }
+
+    def command(self, command: Message, t: float) -> int | None:
+        """Take DO_MOUNT_CONTROL."""
+        return mount_control(self._mount, command)
+
+    def message(self, message: Message, t: float) -> None:
+        """Take no other message."""
+
+    def _orientation(self, t: float, boot_ms: int) -> Message:
+        yaw, pitch = (math.degrees(angle) for angle in self._mount.measure())
+        return mavlink.MAVLink_mount_orientation_message(boot_ms, 0.0, pitch, yaw, 0.0)
+
+    def _status(self, t: float, boot_ms: int) -> Message:
+        yaw, pitch = (round(1e2 * math.degrees(angle)) for angle in self._mount.measure())
+        return mavlink.MAVLink_mount_status_message(0, 0, pitch, 0, yaw)
+
+
+def mount_control(mount: SimMount, command: Message) -> int | None:
+    """Obey DO_MOUNT_CONTROL in the mode of targeting by MAVLink; return its MAV_RESULT."""
+    if command.command != mavlink.MAV_CMD_DO_MOUNT_CONTROL:
+        return None
+    if command.param7 != mavlink.MAV_MOUNT_MODE_MAVLINK_TARGETING:
+        return int(mavlink.MAV_RESULT_FAILED)
+    aim(mount, math.radians(command.param3), math.radians(command.param1))
+    return int(mavlink.MAV_RESULT_ACCEPTED)
+
+
+def aim(mount: SimMount, yaw: float, pitch: float) -> None:
+    """Order angles within the limits, rad."""
+    mount.advance()
+    mount.plant.aim(yaw, clamp(pitch, *_PITCH_LIMITS))
+
+
+def connect_v2(options: MavlinkOptions, bench: Bench) -> Connected:
+    """Return the driver; the gimbal is the simulated autopilot's."""
+    assert bench.autopilot is not None
+    bench.autopilot.attach(GimbalManager(bench.mount))
+    return MavlinkGimbal(options, bench.driver), None
+
+
+def connect_mount(options: MavlinkMountOptions, bench: Bench) -> Connected:
+    """Return the driver; the gimbal is the simulated autopilot's."""
+    assert bench.autopilot is not None
+    bench.autopilot.attach(OldMount(bench.mount))
+    return MavlinkMountGimbal(options, bench.driver), None

@@ -1,0 +1,193 @@
+"""Servos on each of the three outputs: pulses in, angles of the gimbal out."""
+
+import asyncio
+import math
+import tempfile
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink_codec import Message
+from hw.gimbals.servo import ServoAxisOptions, ServoOptions
+from hw.gimbals.servo_mavlink import ServoMavlinkGimbal, ServoMavlinkOptions
+from hw.gimbals.servo_pca9685 import (
+    AUTO_INCREMENT,
+    LED0_ON_L,
+    MODE1,
+    PRE_SCALE,
+    SLEEP,
+    STEPS,
+    ServoPca9685Gimbal,
+    ServoPca9685Options,
+)
+from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
+from hw.sim.gimbal import SimMount
+from hw.sim.gimbals.bench import Bench, Connected
+
+_FRAME_S = 0.02  # a servo looks at its pulse once a period
+
+
+class Servos:
+    """The servos: each goes to the angle of its pulse, off by the linkage's error."""
+
+    def __init__(self, options: ServoOptions, mount: SimMount) -> None:
+        self._yaw, self._pitch = options.yaw, options.pitch
+        self._mount = mount
+        if options.yaw is None:
+            mount.plant.yaw.bolt(-mount.yaw_bias)
+
+    @property
+    def channels(self) -> list[int]:
+        """Their channels."""
+        return [axis.channel for axis in (self._yaw, self._pitch) if axis is not None]
+
+    def move(self, pulses: Mapping[int, float]) -> None:
+        """Take pulse widths, us by channel; a channel without pulses leaves its servo as it is."""
+        mount = self._mount
+        mount.advance()
+        plant = mount.plant
+        yaw, pitch = plant.yaw.target, plant.pitch.target
+        if self._yaw is not None and self._yaw.channel in pulses:
+            yaw = angle_of(self._yaw, pulses[self._yaw.channel]) - mount.yaw_bias
+        if self._pitch.channel in pulses:
+            pitch = angle_of(self._pitch, pulses[self._pitch.channel]) - mount.pitch_bias
+        plant.aim(yaw, pitch)
+
+
+def angle_of(axis: ServoAxisOptions, pulse: float) -> float:
+    """Return the angle of a servo at a pulse width (us), rad; beyond its table it stops."""
+    rising = sorted((p, a) for a, p in axis.table)
+    pulse = max(rising[0][0], min(rising[-1][0], pulse))
+    for (p0, a0), (p1, a1) in pairwise(rising):
+        if pulse <= p1:
+            return math.radians(a0 + (a1 - a0) * (pulse - p0) / (p1 - p0))
+    raise AssertionError("within the table")
+
+
+class SetServo:
+    """The autopilot's outputs under DO_SET_SERVO, as measured of ArduCopter."""
+
+    streams: Mapping[int, Callable[[float, int], Message]] = {}
+
+    def __init__(self, servos: Servos) -> None:
+        self._servos = servos
+
+    def command(self, command: Message, t: float) -> int | None:
+        """Move a servo; an output that has another function is refused."""
+        if command.command != mavlink.MAV_CMD_DO_SET_SERVO:
+            return None
+        channel = round(command.param1)
+        if channel not in self._servos.channels:
+            return int(mavlink.MAV_RESULT_FAILED)
+        self._servos.move({channel: command.param2})
+        return int(mavlink.MAV_RESULT_ACCEPTED)
+
+    def message(self, message: Message, t: float) -> None:
+        """Take no other message."""
+
+
+def connect_mavlink(options: ServoMavlinkOptions, bench: Bench) -> Connected:
+    """Return the driver; the servos are on the simulated autopilot."""
+    assert bench.autopilot is not None
+    bench.autopilot.attach(SetServo(Servos(options, bench.mount)))
+    return ServoMavlinkGimbal(options, bench.driver), None
+
+
+class PwmChip:
+    """A PWM chip of the kernel's as a tree of files, looked at once a period of the servos."""
+
+    def __init__(self, servos: Servos, chip: Path) -> None:
+        self._servos, self._chip = servos, chip
+        (chip / "export").touch()
+        for channel in servos.channels:
+            folder = chip / f"pwm{channel}"
+            folder.mkdir()
+            for name in ("period", "duty_cycle", "enable"):
+                (folder / name).write_text("0", encoding="ascii")
+
+    async def run(self) -> None:
+        """Turn pulses into angles until cancelled."""
+        while True:
+            await asyncio.sleep(_FRAME_S)
+            pulses = {}
+            for channel in self._servos.channels:
+                folder = self._chip / f"pwm{channel}"
+                if _number(folder / "enable") and _number(folder / "period"):
+                    pulses[channel] = 1e-3 * _number(folder / "duty_cycle")
+            self._servos.move(pulses)
+
+
+def _number(path: Path) -> int:
+    return int(path.read_text(encoding="ascii") or "0")
+
+
+class _OwnPwmChip(PwmChip):
+    """One in a folder of its own, removed with it."""
+
+    def __init__(self, servos: Servos) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="landerd-pwm-")
+        self.chip = Path(self._folder.name)
+        super().__init__(servos, self.chip)
+
+    async def run(self) -> None:
+        with self._folder:
+            await super().run()
+
+
+def connect_sysfs(options: ServoSysfsOptions, bench: Bench) -> Connected:
+    """Return driver and chip; the chip's files are in a folder of their own."""
+    chip = _OwnPwmChip(Servos(options, bench.mount))
+    return ServoSysfsGimbal(options.model_copy(update={"chip": chip.chip})), chip
+
+
+class Pca9685Model:
+    """The chip's registers; an I2C bus (smbus2.SMBus) with nothing else on it.
+
+    Attributes:
+        gone: nothing answers at its address.
+    """
+
+    def __init__(self, servos: Servos, address: int, oscillator_hz: float) -> None:
+        self.gone = False
+        self._servos, self._address = servos, address
+        self._oscillator_hz = oscillator_hz
+        self._registers = bytearray(256)
+        self._registers[MODE1] = SLEEP | 0x01  # as after power-on
+        self._registers[PRE_SCALE] = 0x1E
+
+    def write_byte_data(self, i2c_addr: int, register: int, value: int) -> None:
+        """Write one register. Raises OSError."""
+        self._select(i2c_addr)
+        if register != PRE_SCALE or self._registers[MODE1] & SLEEP:  # else it is locked
+            self._registers[register] = value
+
+    def write_i2c_block_data(self, i2c_addr: int, register: int, data: list[int]) -> None:
+        """Write registers one after the other. Raises OSError."""
+        self._select(i2c_addr)
+        increment = 1 if self._registers[MODE1] & AUTO_INCREMENT else 0
+        for i, value in enumerate(data):
+            self._registers[register + i * increment] = value
+        if not self._registers[MODE1] & SLEEP:
+            self._servos.move({c: self.pulse_us(c) for c in self._servos.channels})
+
+    def close(self) -> None:
+        """Let go of the bus."""
+
+    def pulse_us(self, channel: int) -> float:
+        """Return a channel's pulse width."""
+        at = LED0_ON_L + 4 * channel
+        on, off = (self._registers[i] | self._registers[i + 1] << 8 for i in (at, at + 2))
+        step_us = 1e6 * (self._registers[PRE_SCALE] + 1) / self._oscillator_hz
+        return ((off - on) % STEPS) * step_us
+
+    def _select(self, address: int) -> None:
+        if self.gone or address != self._address:
+            raise OSError(121, "Remote I/O error")
+
+
+def connect_pca9685(options: ServoPca9685Options, bench: Bench) -> Connected:
+    """Return the driver on a bus with the chip."""
+    chip = Pca9685Model(Servos(options, bench.mount), options.address, options.oscillator_hz)
+    return ServoPca9685Gimbal(options, lambda _: chip), None
