@@ -5,7 +5,7 @@ frame (x right, y down, z forward).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,6 +16,13 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
+_FISHEYE = ("equidistant", "fisheye")  # ROS's name, and the one that is used too
+_LENGTHS = {  # of distortion_coefficients
+    "plumb_bob": {0, 4, 5},
+    "rational_polynomial": {8},
+    **{name: {4} for name in _FISHEYE},
+}
+
 
 class CalibrationError(Exception):
     """A calibration file cannot be used; the text names file, key and what was expected."""
@@ -23,7 +30,11 @@ class CalibrationError(Exception):
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Pinhole camera with plumb_bob (5), rational (8) or no distortion."""
+    """Pinhole camera with plumb_bob (5), rational (8) or no distortion; or a fisheye (4).
+
+    The fisheye is Kannala and Brandt's, ROS's "equidistant": an angle a from the axis is imaged at
+    the radius f (a + k1 a^3 + k2 a^5 + k3 a^7 + k4 a^9).
+    """
 
     width: int
     height: int
@@ -31,7 +42,8 @@ class CameraModel:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, ...] = ()  # k1 k2 p1 p2 k3 [k4 k5 k6]
+    distortion: tuple[float, ...] = ()  # k1 k2 p1 p2 k3 [k4 k5 k6]; fisheye: k1 k2 k3 k4
+    fisheye: bool = False
 
     @property
     def K(self) -> F64:  # noqa: N802 - the field's name for it
@@ -46,13 +58,15 @@ class CameraModel:
     def rays(self, pixels: F64) -> F64:
         """Return undistorted rays (n, 2) on z = 1 for distorted pixels (n, 2)."""
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-        undistorted = cv2.undistortPoints(points, self.K, self.D)
+        undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
+        undistorted = undistort(points, self.K, self.D)
         return cast(F64, undistorted).reshape(-1, 2)
 
     def pixels(self, points: F64) -> F64:
         """Return distorted pixels (n, 2) of points (n, 3) in the camera frame, z > 0."""
         p = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 1, 3)
-        projected, _ = cv2.projectPoints(p, np.zeros(3), np.zeros(3), self.K, self.D)
+        project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
+        projected, _ = project(p, np.zeros(3), np.zeros(3), self.K, self.D)
         return cast(F64, projected).reshape(-1, 2)
 
     def scaled(self, width: int, height: int) -> "CameraModel":
@@ -67,15 +81,15 @@ class CameraModel:
                 "another aspect, calibrate for this size"
             )
         k = width / self.width
-        return CameraModel(
-            width,
-            height,
-            self.fx * k,
-            self.fy * k,
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * k,
+            fy=self.fy * k,
             # Pixel centres, not edges, are whole numbers.
-            (self.cx + 0.5) * k - 0.5,
-            (self.cy + 0.5) * k - 0.5,
-            self.distortion,
+            cx=(self.cx + 0.5) * k - 0.5,
+            cy=(self.cy + 0.5) * k - 0.5,
         )
 
 
@@ -100,17 +114,48 @@ def load_camera(path: Path) -> CameraModel:
     height = _whole(path, data, "image_height")
     k = _numbers(path, data, "camera_matrix", {9})
     model = data.get("distortion_model", "plumb_bob")
-    lengths = {"plumb_bob": {0, 4, 5}, "rational_polynomial": {8}}.get(str(model))
+    lengths = _LENGTHS.get(str(model))
     if lengths is None:
         raise CalibrationError(
-            f"{path}: distortion_model: found {model!r}, expected plumb_bob or rational_polynomial"
+            f"{path}: distortion_model: found {model!r}, expected one of {', '.join(_LENGTHS)}"
         )
     d = _numbers(path, data, "distortion_coefficients", lengths)
     if k[0] <= 0 or k[4] <= 0:
         raise CalibrationError(f"{path}: camera_matrix: focal lengths must be above 0")
     if k[1] or k[3] or k[6:] != (0.0, 0.0, 1.0):
         raise CalibrationError(f"{path}: camera_matrix: expected [fx 0 cx; 0 fy cy; 0 0 1]")
-    return CameraModel(width, height, k[0], k[4], k[2], k[5], d)
+    return CameraModel(width, height, k[0], k[4], k[2], k[5], d, str(model) in _FISHEYE)
+
+
+def camera_info(camera: CameraModel, name: str) -> str:
+    """Return a calibration as the text of a ROS `camera_info` YAML file."""
+    model = "plumb_bob"
+    if camera.fisheye:
+        model = _FISHEYE[0]
+    elif len(camera.distortion) > 5:
+        model = "rational_polynomial"
+    focal_x, focal_y, x, y = map(_in_yaml, (camera.fx, camera.fy, camera.cx, camera.cy))
+    distortion = ", ".join(map(_in_yaml, camera.distortion))
+    return f"""\
+image_width: {camera.width}
+image_height: {camera.height}
+camera_name: {name}
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [{focal_x}, 0.0, {x}, 0.0, {focal_y}, {y}, 0.0, 0.0, 1.0]
+distortion_model: {model}
+distortion_coefficients:
+  rows: 1
+  cols: {len(camera.distortion)}
+  data: [{distortion}]
+"""
+
+
+def _in_yaml(value: float) -> str:
+    text = f"{value:.8g}"
+    # To YAML a number without a point is none when it has an exponent.
+    return text if "." in text else text.replace("e", ".0e")
 
 
 def _whole(path: Path, data: dict[str, Any], key: str) -> int:

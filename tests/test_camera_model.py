@@ -1,9 +1,10 @@
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.camera_model import CalibrationError, CameraModel, camera_info, load_camera
 
 ROOT = Path(__file__).parents[1]
 PINHOLE = CameraModel(640, 480, 400.0, 390.0, 319.5, 239.5)
@@ -57,6 +58,20 @@ def test_rays_undo_the_lens_over_the_whole_picture() -> None:
     assert np.abs(model.pixels(7.0 * points) - pixels).max() < 0.01
 
 
+def test_a_fisheye_images_the_angle_by_its_polynomial() -> None:
+    k1, k2, k3, k4 = 0.05, -0.01, 0.003, -0.001
+    model = CameraModel(640, 480, 200.0, 210.0, 319.5, 239.5, (k1, k2, k3, k4), fisheye=True)
+    a = math.radians(70.0)
+    r = a + k1 * a**3 + k2 * a**5 + k3 * a**7 + k4 * a**9
+    point = np.array([[math.sin(a) * 0.6, math.sin(a) * -0.8, math.cos(a)]])
+    (pixel,) = model.pixels(5.0 * point)
+    assert tuple(pixel) == pytest.approx((319.5 + 200.0 * r * 0.6, 239.5 - 210.0 * r * 0.8))
+    (ray,) = model.rays(np.array([pixel]))
+    assert tuple(ray) == pytest.approx((math.tan(a) * 0.6, math.tan(a) * -0.8), rel=1e-5)
+    half = model.scaled(320, 240)
+    assert half.rays(half.pixels(point)) == pytest.approx(model.rays(model.pixels(point)))
+
+
 def test_at_twice_the_size_each_pixel_looks_where_its_own_quarter_did() -> None:
     large = PINHOLE.scaled(1280, 960)
     # The corner that four small pixels share lies between the same small and large pixels.
@@ -72,14 +87,27 @@ def test_another_aspect_is_refused_with_both_sizes_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "model"), [(0, "plumb_bob"), (4, "plumb_bob"), (8, "rational_polynomial")]
+    ("count", "model"),
+    [
+        (0, "plumb_bob"),
+        (4, "plumb_bob"),
+        (8, "rational_polynomial"),
+        (4, "equidistant"),
+        (4, "fisheye"),
+    ],
 )
 def test_every_ros_distortion_model_is_read(tmp_path: Path, count: int, model: str) -> None:
-    coefficients = [0.01 * i for i in range(count)]
+    coefficients = [0.00001 * i for i in range(count)]  # 1e-05 is text to YAML, not a number
     text = GOOD.replace("plumb_bob", model).replace(
-        "[0.1, -0.05, 0.001, -0.002, 0.0]", str(coefficients)
+        "[0.1, -0.05, 0.001, -0.002, 0.0]", str([f"{k:.8f}" for k in coefficients]).replace("'", "")
     )
-    assert load_camera(camera(tmp_path, text)).distortion == tuple(coefficients)
+    read = load_camera(camera(tmp_path, text))
+    assert read.distortion == pytest.approx(coefficients)
+    assert read.fisheye == (model in ("equidistant", "fisheye"))
+    # and what landerd writes is read back the same
+    written = tmp_path / "written.yaml"
+    written.write_text(camera_info(read, "mine"))
+    assert load_camera(written) == read
 
 
 @pytest.mark.parametrize(
@@ -94,8 +122,9 @@ def test_every_ros_distortion_model_is_read(tmp_path: Path, count: int, model: s
         ("[400,", "[-400,", "camera_matrix", "above 0"),
         ("[400, 0,", "[400, 3,", "camera_matrix", "fx 0 cx"),
         ("camera_matrix:", "camera_matrices:", "camera_matrix", "list of 9"),
-        ("plumb_bob", "equidistant", "distortion_model", "plumb_bob or rational_polynomial"),
-        ("plumb_bob", "[plumb_bob]", "distortion_model", "plumb_bob or rational_polynomial"),
+        ("plumb_bob", "thin_prism", "distortion_model", "plumb_bob, rational_polynomial"),
+        ("plumb_bob", "[plumb_bob]", "distortion_model", "plumb_bob, rational_polynomial"),
+        ("plumb_bob", "equidistant", "distortion_coefficients", "list of 4"),
         ("plumb_bob", "rational_polynomial", "distortion_coefficients", "list of 8"),
         (", 0.0]}", ", wide]}", "distortion_coefficients", "finite numbers"),
     ],

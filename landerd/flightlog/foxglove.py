@@ -121,12 +121,13 @@ def image_bytes(message: dict[str, Any]) -> bytes:
 def calibration(ns: int, camera: CameraModel) -> dict[str, Any]:
     """Return a foxglove.CameraCalibration."""
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    model = "rational_polynomial" if len(camera.distortion) > 5 else "plumb_bob"
     return {
         "timestamp": _time(ns),
         "frame_id": "camera",
         "width": camera.width,
         "height": camera.height,
-        "distortion_model": "rational_polynomial" if len(camera.distortion) > 5 else "plumb_bob",
+        "distortion_model": "kannala_brandt" if camera.fisheye else model,
         "D": list(camera.distortion) or [0.0] * 5,
         "K": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
         "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
