@@ -251,6 +251,21 @@ def _detect(args: argparse.Namespace) -> int:
     return run(args)
 
 
+# ---- calibrate ---------------------------------------------------------------------------------
+
+
+def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:
+    from landerd.calibrate_command import add_arguments
+
+    add_arguments(parser)
+
+
+def _calibrate(args: argparse.Namespace) -> int:
+    from landerd.calibrate_command import run
+
+    return run(args)
+
+
 # ---- campaign ----------------------------------------------------------------------------------
 
 
@@ -392,6 +407,12 @@ _COMMANDS = {
         "landerd detect photos/ --camera config/cameras/thesis.yaml --pad config/pads/thesis.yaml",
         _detect_arguments,
         _detect,
+    ),
+    "calibrate": _Command(
+        "find out what a camera's lens does, from pictures of a board",
+        "landerd calibrate camera photos/ --size 9x6 --square 0.025 -o my-camera.yaml",
+        _calibrate_arguments,
+        _calibrate,
     ),
     "campaign": _Command(
         "fly many landings in the simulator and print a table of results",

@@ -31,7 +31,9 @@ class SourceError(Exception):
 
 
 @dataclass(frozen=True)
-class _Picture:
+class Picture:
+    """One grey picture of a source."""
+
     name: str
     t: float  # s, from the start of its source
     image: NDArray[np.uint8]
@@ -93,7 +95,7 @@ def _refuse(text: str) -> int:
 
 def _detect(source: str, camera: CameraModel, layout: PadLayout, args: argparse.Namespace) -> None:
     vision: Vision | None = None
-    for seq, picture in enumerate(_pictures(source)):
+    for seq, picture in enumerate(pictures(source)):
         height, width = picture.image.shape
         if vision is None or not picture.follows:
             try:
@@ -121,7 +123,12 @@ def _new_vision(layout: PadLayout, camera: CameraModel) -> Vision:
 # ---- pictures ----------------------------------------------------------------------------------
 
 
-def _pictures(source: str) -> Iterator[_Picture]:
+def pictures(source: str) -> Iterator[Picture]:
+    """Yield an image, the images of a folder, the frames of a video or camera.
+
+    Raises:
+        SourceError: it cannot be read.
+    """
     path = Path(source)
     if path.is_dir():
         images = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES)
@@ -135,7 +142,7 @@ def _pictures(source: str) -> Iterator[_Picture]:
         yield from _frames(source)
 
 
-def _still(path: Path) -> _Picture:
+def _still(path: Path) -> Picture:
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as e:
@@ -143,10 +150,10 @@ def _still(path: Path) -> _Picture:
     image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
     if image is None:
         raise SourceError(f"{path}: not an image that can be read")
-    return _Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False)
+    return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False)
 
 
-def _frames(source: str) -> Iterator[_Picture]:
+def _frames(source: str) -> Iterator[Picture]:
     """Yield the frames of a video or camera; a camera's until it goes or Ctrl-C."""
     is_camera = source.isdecimal() or source.startswith("/dev/")
     if not is_camera and "://" not in source and not Path(source).is_file():
@@ -169,7 +176,7 @@ def _frames(source: str) -> Iterator[_Picture]:
             t = time.perf_counter() - start if is_camera else number / rate
             grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
             name = f"{source}#{number}"
-            yield _Picture(name, t, np.asarray(grey, dtype=np.uint8), number > 0)
+            yield Picture(name, t, np.asarray(grey, dtype=np.uint8), number > 0)
             number += 1
         if number == 0:
             raise SourceError(f"{source}: no frames in it")

@@ -1,0 +1,1 @@
+"""Calibration of cameras from views of a board."""

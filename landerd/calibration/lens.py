@@ -1,0 +1,168 @@
+"""Intrinsics and distortion from views of a board, and whether they can be trusted.
+
+Zhang, A Flexible New Technique for Camera Calibration (2000), as OpenCV solves it. A small
+reprojection error alone says little: views from straight ahead, or of the picture's middle only,
+fit well and give a wrong focal length. So coverage, tilt and the uncertainty that the solution
+states are judged too.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.calibration.board import Board, View
+from landerd.camera_model import CameraModel
+
+Lens = Literal["plumb_bob", "rational"]
+
+FEWEST_VIEWS = 10
+GRID = (4, 4)  # cells of the picture, across and down
+_FEWEST_CELLS = 13  # of the 16 that must hold corners
+_TILT_DEG = 15.0  # a view from this far aside tells the focal length
+_FEWEST_TILTED = 4
+_LARGEST_ERROR_PX = 1.0
+_FOCAL_SIGMA = 0.003  # largest, as a part of the focal length
+_OUTLIER = 3.0  # a view worse than this many times the median is named
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A camera, and how well the views say what it is."""
+
+    camera: CameraModel
+    error_px: float  # rms over all corners
+    errors_px: tuple[float, ...]  # rms of each view
+    tilts_deg: tuple[float, ...]  # of each view: optical axis to the board's normal
+    focal_sigma: float  # as a part of the focal length
+
+
+def coverage(views: Sequence[View], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return which cells of the picture hold corners, (rows, columns) of GRID.
+
+    Args:
+        views: of the board.
+        size: of the pictures, width and height.
+    """
+    covered = np.zeros((GRID[1], GRID[0]), np.bool_)
+    for view in views:
+        cells = np.floor((view.corners_px + 0.5) / size * GRID).astype(int)
+        cells = np.clip(cells, 0, np.array(GRID) - 1)
+        covered[cells[:, 1], cells[:, 0]] = True
+    return covered
+
+
+def calibrate(
+    board: Board, views: Sequence[View], size: tuple[int, int], lens: Lens
+) -> Calibration:
+    """Return the camera that explains the views best.
+
+    Args:
+        board: that was seen.
+        views: at least three.
+        size: of the pictures, width and height.
+        lens: plumb_bob (k1 k2 p1 p2 k3) or rational (and k4 k5 k6).
+
+    Raises:
+        ValueError: no camera explains them; the text is one line.
+    """
+    places = [board.corners_m(view.ids).astype(np.float32) for view in views]
+    pixels = [view.corners_px.astype(np.float32) for view in views]
+    try:
+        camera, rotations, translations, sigma = _solve(places, pixels, size, lens)
+    except cv2.error:
+        raise ValueError("no camera of this kind explains the views") from None
+    errors, tilts, total, count = [], [], 0.0, 0
+    for place, pixel, rotation, translation in zip(
+        places, pixels, rotations, translations, strict=True
+    ):
+        R = np.asarray(cv2.Rodrigues(np.asarray(rotation, np.float64))[0])
+        in_camera = place.astype(np.float64) @ R.T + np.asarray(translation).reshape(1, 3)
+        squares = np.sum((camera.pixels(in_camera) - pixel) ** 2, axis=1)
+        errors.append(math.sqrt(float(np.mean(squares))))
+        tilts.append(math.degrees(math.acos(min(1.0, abs(float(R[2, 2]))))))
+        total += float(np.sum(squares))
+        count += len(squares)
+    return Calibration(camera, math.sqrt(total / count), tuple(errors), tuple(tilts), sigma)
+
+
+def _solve(
+    places: list[NDArray[np.float32]],
+    pixels: list[NDArray[np.float32]],
+    size: tuple[int, int],
+    lens: Lens,
+) -> tuple[CameraModel, Sequence[Any], Sequence[Any], float]:
+    """Return camera, rotation vectors and translations of the views, uncertainty."""
+    flags, count = (cv2.CALIB_RATIONAL_MODEL, 8) if lens == "rational" else (0, 5)
+    _, K, D, rotations, translations, sigmas, _, _ = cv2.calibrateCameraExtended(
+        places, pixels, size, np.eye(3), np.zeros(count), flags=flags
+    )
+    focal_sigma = max(float(sigmas.flat[0] / K[0, 0]), float(sigmas.flat[1] / K[1, 1]))
+    return _camera(size, K, D, count), rotations, translations, focal_sigma
+
+
+def _camera(size: tuple[int, int], K: Any, D: Any, count: int) -> CameraModel:
+    fx, fy, cx, cy = (float(K[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return CameraModel(*size, fx, fy, cx, cy, tuple(float(k) for k in D.flat[:count]))
+
+
+# ---- the verdict -------------------------------------------------------------------------------
+
+
+def too_poor(views: Sequence[View], size: tuple[int, int]) -> list[str]:
+    """Say what is missing before it is worth calibrating; empty: nothing."""
+    if len(views) < FEWEST_VIEWS:
+        return [f"{len(views)} views of the board, at least {FEWEST_VIEWS} are needed"]
+    covered = coverage(views, size)
+    if covered.sum() < _FEWEST_CELLS:
+        return [
+            f"corners in {covered.sum()} of {covered.size} parts of the picture, at least "
+            f"{_FEWEST_CELLS} are needed: bring the board into the {_where(~covered)} too"
+        ]
+    return []
+
+
+def not_trusted(result: Calibration, views: Sequence[View]) -> list[str]:
+    """Say why a calibration is not to be flown with; empty: it is good."""
+    reasons = []
+    tilted = sum(tilt >= _TILT_DEG for tilt in result.tilts_deg)
+    if tilted < _FEWEST_TILTED:
+        reasons.append(
+            f"{tilted} views from aside (tilted by {_TILT_DEG:.0f} degrees or more), at least "
+            f"{_FEWEST_TILTED} are needed: from straight ahead focal length and distance look alike"
+        )
+    if result.error_px > _LARGEST_ERROR_PX:
+        worst = max(range(len(views)), key=lambda i: result.errors_px[i])
+        reasons.append(
+            f"reprojection error {result.error_px:.2f} px, at most {_LARGEST_ERROR_PX:g} is "
+            f"allowed; worst: {views[worst].name}, {result.errors_px[worst]:.2f} px. Is the board "
+            "flat, its size right, the focus fixed, nothing blurred?"
+        )
+    if result.focal_sigma > _FOCAL_SIGMA:
+        reasons.append(
+            f"the focal length is only known to {100 * result.focal_sigma:.2f} % (1 sigma), "
+            f"{100 * _FOCAL_SIGMA:g} % are needed: more views, more tilted, nearer"
+        )
+    return reasons
+
+
+def outliers(result: Calibration) -> list[int]:
+    """Return the views that fit much worse than the others."""
+    limit = _OUTLIER * float(np.median(result.errors_px))
+    return [i for i, error in enumerate(result.errors_px) if error > limit and error > 0.3]
+
+
+def _where(cells: NDArray[np.bool_]) -> str:
+    """Say where in the picture most of the cells marked are."""
+    rows, columns = np.nonzero(cells)
+    down, across = rows.mean() / (GRID[1] - 1) - 0.5, columns.mean() / (GRID[0] - 1) - 0.5
+    words = []
+    if abs(down) > 0.15:
+        words.append("top" if down < 0 else "bottom")
+    if abs(across) > 0.15:
+        words.append("left" if across < 0 else "right")
+    return " ".join(words) or "edges and corners"
