@@ -49,7 +49,7 @@ def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> list[Ell
     mean = cv2.blur(image, (_BOX_PX, _BOX_PX), borderType=cv2.BORDER_REPLICATE)
     dark = cv2.compare(image, cv2.convertScaleAbs(mean, alpha=threshold), cv2.CMP_LT)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(
-        dark, connectivity=4, ltype=cv2.CV_16U
+        dark, connectivity=4, ltype=cv2.CV_32S
     )
     w, h = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]
     size = np.maximum(w, h)

@@ -209,3 +209,9 @@ def test_a_ring_without_distortion_is_not_where_one_with_it_is() -> None:
     wrong = find_rings(image, RING, replace(CAMERA, distortion=()))
     assert error_m(right, view) < 0.005
     assert all(error_m(s, view) > 0.02 for s in wrong)
+
+
+def test_a_large_image_of_noise_is_searched_and_holds_nothing() -> None:
+    camera = CAMERA.scaled(1920, 1440)
+    noise = np.random.default_rng(0).integers(0, 255, (1440, 1920)).astype(np.uint8)
+    assert find_rings(noise, RING, camera) == []
