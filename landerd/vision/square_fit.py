@@ -120,7 +120,7 @@ class SquarePrint:
         camera: CameraModel,
         corners: F64,
         down: Vec3 | None = None,
-        last_normal: Vec3 | None = None,
+        known_normal: Vec3 | None = None,
         first: Fit | None = None,
     ) -> list[Pose]:
         """Return the one or two poses that explain the pixels, best first.
@@ -134,8 +134,8 @@ class SquarePrint:
             corners: (4, 2) pixels, top left first, clockwise as printed.
             down: unit vector of gravity, camera frame; a second solution far from level is not
                 worth its fit.
-            last_normal: into the pad as the frame before told it, camera frame; a pose that agrees
-                needs no second one beside it.
+            known_normal: into the pad as the frame before or a ring told it, camera frame; a pose
+                that agrees needs no second one beside it.
             first: a fit that found the square; None: it is made from the corners.
         """
         if first is None:
@@ -143,7 +143,7 @@ class SquarePrint:
             first = self.fit(image, camera, starts[0][0]) if starts else None
         if first is None or first.explained < _EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
-        if last_normal is not None and first.pose.normal @ np.array(last_normal) > _CONTINUED:
+        if known_normal is not None and first.pose.normal @ np.array(known_normal) > _CONTINUED:
             return [first.pose]
         fits = [first]
         # The other solution, of the corners as they are now known.

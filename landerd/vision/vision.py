@@ -12,13 +12,14 @@ from landerd.pad import PadLayout, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.pad_pose import Measured, measured_ring, with_gravity
 from landerd.vision.pose import Pose, circle, solution
-from landerd.vision.search import Expected, Search
+from landerd.vision.search import Expected, FoundRing, Search
 from landerd.vision.square import FoundSquare, Image, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
 
 _SAME_VIEW_S = 0.15  # so soon after, the camera looks nearly the same way
+_TOLD = 12.0  # chi-square by which a ring's mirrored pose is worse, and out of the question
 _MEMORY_S = 0.5  # a sighting older than this says nothing about the next frame
 _TURN_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
 _CREEP_MPS = 2.0  # and how fast its distance may change
@@ -71,11 +72,12 @@ class Vision:
         candidates = [
             Candidate(ring, s, measured_ring(ring.position_m, s.solutions)) for ring, s in rings
         ]
+        normal = self._last_normal(frame.t)
         for found in squares:
-            candidate = self._square(image, frame.t, found, prior)
+            candidate = self._square(image, found, prior, normal or _told_normal(rings))
             if candidate is not None:
                 candidates.append(candidate)
-        codes = self._codes.find(image, expected, self._last_normal(frame.t))
+        codes = self._codes.find(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(found, prior)) is not None]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, prior, where)
@@ -118,11 +120,13 @@ class Vision:
             return None
         return self._last[1].normal
 
-    def _square(self, image: Image, t: float, found: FoundSquare, prior: Prior) -> Candidate | None:
+    def _square(
+        self, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
+    ) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
         poses = self._prints[square].poses(
-            image, self._camera, found.corners, prior.down, self._last_normal(t), found.fit
+            image, self._camera, found.corners, prior.down, normal, found.fit
         )
         return self._decoded(square, poses, square_points(square.size_m), prior)
 
@@ -150,3 +154,11 @@ class Vision:
     def _is_certain(self, s: PoseSolution) -> bool:
         variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]
         return bool(variance <= self._options.max_sigma_m**2)
+
+
+def _told_normal(rings: list[FoundRing]) -> Vec3 | None:
+    """Return the normal of the only ring if its image tells it from the mirrored one."""
+    if len(rings) != 1:
+        return None
+    best, *others = rings[0][1].solutions
+    return best.normal if all(s.cost > best.cost + _TOLD for s in others) else None

@@ -170,7 +170,7 @@ def _rough_fit(level: _Level, candidate: Ellipse, ring: Ring) -> RingFit | None:
     poses = None if cone is None else poses_of_cone(cone, radius)
     if poses is None:
         return None
-    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0, 300, False)
+    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0, 180, False)
     fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 1.0, 3)
     return fits[0] if fits and fits[0].contrast > 10.0 else None
 
