@@ -9,7 +9,7 @@ import math
 from landerd.config import Config
 from landerd.estimation.pad_filter import PadFilter
 from landerd.estimation.placement import PlacedPad, Placement
-from landerd.geometry import Vec3, rotate, sub, transpose
+from landerd.geometry import Vec3, add, rotate, sub, transpose
 from landerd.guidance.aim import Aim
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_target import landing_target
@@ -131,7 +131,12 @@ class Lander:
             heading = estimate.heading
             north = rotate(R_camera_local, (math.cos(heading), math.sin(heading), 0.0))
         position = rotate(R_camera_local, sub(estimate.position, camera.position))
-        return Prior(down=down, pad=PadPrior(position, estimate.sigma_m, north))
+        # Where it will be seen is not where it is: lens and clock err in the next frame too.
+        B = self._placement.common(t, camera, position)
+        shown = rotate(R_camera_local, rotate(B, self._filter.common))
+        normal = rotate(R_camera_local, estimate.normal)
+        pad = PadPrior(add(position, shown), estimate.sigma_m, north, normal)
+        return Prior(down=down, pad=pad)
 
     @property
     def config(self) -> Config:

@@ -35,6 +35,7 @@ class PadPrior:
     position: Vec3  # landing point, m
     sigma_m: float  # 1 sigma of the position, largest direction, m
     north: Vec3 | None  # unit vector to the pad's north, None if the heading is not known
+    normal: Vec3 | None = None  # unit vector into the pad; None: along gravity
 
 
 @dataclass(frozen=True, slots=True)

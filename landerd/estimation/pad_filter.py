@@ -72,6 +72,11 @@ class PadFilter:
         self.rejected = 0  # sightings refused so far
         self.nis = math.nan  # of the last innovation: chi-square of 3, 3 on average
 
+    @property
+    def common(self) -> Vec3:
+        """Errors common to all frames: lens about camera x and y (rad), clock (s)."""
+        return self._motion.common
+
     def reset(self) -> None:
         """Forget the pad, and all that is known of the gimbal."""
         self._hits = 0

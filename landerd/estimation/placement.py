@@ -183,12 +183,8 @@ class Placement:
         R = camera.R_local_camera
         arm = rotate(R, solution.position)
         position = add(camera.position, arm)
-        drift = self._change(position, self.camera(t - SWING_S), solution.position)
         turned = self.camera(t, gimbal_back_s=SWING_S)
         swing = self._change(position, turned, solution.position)
-        x, y, z = solution.position
-        # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
-        about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
@@ -200,13 +196,26 @@ class Placement:
                 rotate_covariance(R, solution.covariance),
                 matadd(self._noise(arm), matscale(outer(swing, swing), self._sigma_late**2)),
             ),
-            common=transpose((about_x, about_y, drift)),
+            common=self.common(t, camera, solution.position),
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
             sigma_tilt=solution.sigma_tilt,
             cost=solution.cost,
         )
+
+    def common(self, t: float, camera: CameraPlace, seen: Vec3) -> Mat3:
+        """Return how errors common to all frames move what is seen at a point of the camera frame.
+
+        Columns: the lens's direction about camera x and y (m/rad), the clock (m/s); local NED.
+        """
+        R = camera.R_local_camera
+        x, y, z = seen
+        # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
+        about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
+        position = add(camera.position, rotate(R, seen))
+        drift = self._change(position, self.camera(t - SWING_S), seen)
+        return transpose((about_x, about_y, drift))
 
     def _change(self, position: Vec3, before: CameraPlace | None, seen: Vec3) -> Vec3:
         """Return how fast what is seen seems to move as the camera did since SWING_S ago, m/s."""

@@ -94,8 +94,9 @@ class Vision:
             last = None
         if prior.pad is not None:
             position = np.array(prior.pad.position)
-            if prior.down is not None:
-                normal = np.array(prior.down)
+            level = prior.pad.normal or prior.down
+            if level is not None:
+                normal = np.array(level)
             elif last is not None:
                 normal = np.array(last[1].normal)
             else:
