@@ -328,6 +328,25 @@ def _dry_run(args: argparse.Namespace) -> int:
     return run(args, _load(args))
 
 
+# ---- check -------------------------------------------------------------------------------------
+
+
+def _check_arguments(parser: argparse.ArgumentParser) -> None:
+    from landerd.check_command import add_arguments
+
+    add_arguments(parser)
+    _add_config(parser, required=True)
+    _add_overlay(parser)
+
+
+def _check(args: argparse.Namespace) -> int:
+    from landerd.check_command import run
+
+    overlay = _overlay(args)
+    loaded = _load(args, overlays=[overlay] if overlay.exists() else [])
+    return run(args, loaded, overlay)
+
+
 # ---- run ---------------------------------------------------------------------------------------
 
 
@@ -437,6 +456,12 @@ _COMMANDS = {
         "landerd dry-run -c my.yaml --video flight.mp4 --telemetry flight.bin --gimbal 0,-90",
         _dry_run_arguments,
         _dry_run,
+    ),
+    "check": _Command(
+        "open and measure camera, gimbal and autopilot, and say what would stop a landing",
+        "landerd check -c /etc/landerd/landerd.yaml",
+        _check_arguments,
+        _check,
     ),
     "run": _Command(
         "fly: drive camera, gimbal and autopilot until stopped",

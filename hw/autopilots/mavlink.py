@@ -89,6 +89,7 @@ class MavlinkAutopilot:
 
     Attributes:
         counters: what was dropped, lost on the way or refused, by kind.
+        vehicle_parameters: the autopilot's, those that were asked for and answered.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class MavlinkAutopilot:
             signing: key for signed messages; None: unsigned.
         """
         self.counters: Counter[str] = Counter()
+        self.vehicle_parameters: dict[str, float] = {}
         self._link = link
         self._system = system_id
         self._frame = setpoint_frame
@@ -231,6 +233,8 @@ class MavlinkAutopilot:
             log.info("autopilot says: %s", m.text)
         elif kind == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             self._on_command_ack(m)
+        elif kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE and math.isfinite(m.param_value):
+            self.vehicle_parameters[m.param_id] = m.param_value
 
     def _on_timesync(self, m: Message, now: float) -> None:
         if m.tc1 == 0:  # the autopilot asks for our time
@@ -408,6 +412,14 @@ class MavlinkAutopilot:
     def _warn(self, text: str) -> None:
         log.warning("%s", text)
         self.tell(StatusText(Severity.WARNING, f"landerd: {text}"))
+
+    def ask_parameter(self, name: str) -> None:
+        """Ask for one of the autopilot's parameters; `receive` takes the answer."""
+        self.send(
+            mavlink.MAVLink_param_request_read_message(
+                self._system, _AUTOPILOT_COMPONENT, name.encode("ascii"), -1
+            )
+        )
 
     def disarm(self) -> None:
         """Ask for disarming; the autopilot refuses in the air."""

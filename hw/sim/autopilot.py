@@ -102,6 +102,7 @@ class SimAutopilot:
         copter: the flight code.
         pilot: the pilot's radio.
         mute: ids of messages that it is to withhold, a fault to fly with.
+        parameters: what it answers when asked for one by name.
     """
 
     def __init__(
@@ -117,6 +118,7 @@ class SimAutopilot:
     ) -> None:
         """Flying: starts armed, in LOITER. boot_age_s: its boot time when `run` starts."""
         self.mute: set[int] = set()
+        self.parameters: dict[str, float] = {}
         self._mount: Mount | None = None
         self.pilot = PilotRadio()
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
@@ -298,6 +300,8 @@ class SimAutopilot:
             )
         elif message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
             self._acknowledge(channel, message, message_id, self._set_mode(message.custom_mode))
+        elif message_id == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
+            self._answer_parameter(channel, message.param_id)
         elif message_id == mavlink.MAVLINK_MSG_ID_TIMESYNC and message.tc1 == 0:
             self._later(_LOOP_DELAY_S, lambda: self._answer_timesync(channel, message.ts1))
         elif (
@@ -312,6 +316,15 @@ class SimAutopilot:
     def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
         now = asyncio.get_running_loop().time()
         channel.send(mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
+
+    def _answer_parameter(self, channel: _Channel, name: str) -> None:
+        value = self.parameters.get(name)
+        if value is not None:
+            real = mavlink.MAV_PARAM_TYPE_REAL32
+            count = len(self.parameters)
+            channel.send(
+                mavlink.MAVLink_param_value_message(name.encode(), value, real, count, 0xFFFF)
+            )
 
     def _acknowledge(self, channel: _Channel, asked: Message, command: int, result: int) -> None:
         ack = mavlink.MAVLink_command_ack_message(
