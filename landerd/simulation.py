@@ -43,6 +43,7 @@ from landerd.lander import Lander
 from landerd.messages import (
     Command,
     Frame,
+    GimbalCommand,
     GimbalState,
     Input,
     Phase,
@@ -282,7 +283,8 @@ class Recording:
         self.views: dict[Phase, tuple[float, Frame, Sightings]] = {}
         self.progress: Callable[[str], None] | None = None
         self.frames = 0  # searched
-        self.gimbal_errors_px: list[float] = []  # of the marker looked at from the centre
+        self.off_centre_px: list[float] = []  # the marker looked at, in each picture with one
+        self.gimbal_errors_px: list[float] = []  # where it points against where it was ordered to
         self.pad_velocity_error_mps: float | None = None  # KNOWN_AFTER_S after the first sighting
 
     def on_flight(self, lander: Lander) -> None:
@@ -295,7 +297,7 @@ class Recording:
             looked_at = min(sightings.markers, key=lambda m: m.kind.startswith("why"))
             x, y, z = looked_at.solutions[0].position
             model = self._simulation.camera_model
-            self.gimbal_errors_px.append(math.hypot(model.fx * x / z, model.fy * y / z))
+            self.off_centre_px.append(math.hypot(model.fx * x / z, model.fy * y / z))
         phase = self._simulation.daemon.lander.phase
         if sightings.markers and phase not in self.views:
             self.views[phase] = (frame.t - self._simulation.began, frame, sightings)
@@ -304,11 +306,22 @@ class Recording:
         """Sample the truth, note changes of phase."""
         if isinstance(message, GimbalState):
             self._simulation.rules.on_gimbal(message.t)
+        if self.off_centre_px:
+            for command in commands:
+                if isinstance(command, GimbalCommand):
+                    self._compare_gimbal(command)
         self.phases += [(now, c) for c in commands if isinstance(c, PhaseChange)]
         if isinstance(message, Tick) and now - self._sampled_t >= SAMPLE_S:
             self._sampled_t = now
             self._sample(now)
             self._compare_velocity(now)
+
+    def _compare_gimbal(self, ordered: GimbalCommand) -> None:
+        """Note how far off the picture is that an order has not moved yet."""
+        gimbal = self._simulation.world.gimbal
+        yaw = (ordered.yaw - gimbal.yaw.angle) * math.cos(gimbal.pitch.angle)
+        pitch = ordered.pitch - gimbal.pitch.angle
+        self.gimbal_errors_px.append(self._simulation.camera_model.fx * math.hypot(yaw, pitch))
 
     def _compare_velocity(self, now: float) -> None:
         simulation = self._simulation

@@ -37,6 +37,7 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
         "time_to_touchdown_s": since_sighting(contact.t if contact else None),
         "energy_hj": None if score.energy_j is None else score.energy_j / 100.0,
         "pad_velocity_error_mps": simulation.recording.pad_velocity_error_mps,
+        "off_centre_px_p95": _percentile(simulation.recording.off_centre_px, 0.95),
         "gimbal_error_px_p95": _percentile(simulation.recording.gimbal_errors_px, 0.95),
         "aborts": lander.aborts,
         "phases": _phases(simulation),

@@ -3,7 +3,7 @@
 import asyncio
 import math
 
-from hw.gimbals.mounting import Angle, Options, Traits
+from hw.gimbals.mounting import Angle, Feedback, Options, Traits
 from landerd.messages import GimbalCommand, GimbalState, Reference
 
 _RATE_HZ = 50.0
@@ -23,7 +23,9 @@ class FixedGimbal:
     def __init__(self, options: FixedOptions) -> None:
         yaw, pitch = math.radians(options.yaw_deg), math.radians(options.pitch_deg)
         self._angles = (yaw, pitch, math.radians(options.roll_deg))
-        self.traits = Traits(Reference.BODY, True, _RATE_HZ, (yaw, yaw), (pitch, pitch))
+        self.traits = Traits(
+            Reference.BODY, Feedback.MEASURED, _RATE_HZ, (yaw, yaw), (pitch, pitch)
+        )
         self._due = 0.0
 
     async def open(self) -> None:

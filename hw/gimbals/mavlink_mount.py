@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import Message
-from hw.gimbals.mounting import Angle, Mounting, MountOptions
+from hw.gimbals.mounting import Angle, Feedback, Mounting, MountOptions
 from hw.gimbals.reports import Reports
 from landerd.messages import GimbalCommand, GimbalState, Reference
 
@@ -45,9 +45,8 @@ class MavlinkMountGimbal:
 
     def __init__(self, options: MavlinkMountOptions, autopilot: MavlinkAutopilot) -> None:
         self._options, self._autopilot = options, autopilot
-        self._mounting = Mounting(
-            options, Reference.HORIZON, options.rate_hz, measured=options.feedback
-        )
+        feedback = Feedback.MEASURED if options.feedback else Feedback.ORDERED
+        self._mounting = Mounting(options, Reference.HORIZON, options.rate_hz, feedback)
         self.traits = self._mounting.traits
         self._reports = Reports()
         self._sent_t = -math.inf

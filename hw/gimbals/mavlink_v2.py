@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import COMPONENT, MavlinkAutopilot
 from hw.autopilots.mavlink_codec import Message
-from hw.gimbals.mounting import Angle, Mounting, MountOptions, gimbal_order
+from hw.gimbals.mounting import Angle, Feedback, Mounting, MountOptions, gimbal_order
 from hw.gimbals.reports import Reports
 from landerd.geometry import Mat3, wrap
 from landerd.messages import GimbalCommand, GimbalState, Reference
@@ -53,9 +53,8 @@ class MavlinkGimbal:
     def __init__(self, options: MavlinkOptions, autopilot: MavlinkAutopilot) -> None:
         self.counters: Counter[str] = Counter()
         self._options, self._autopilot = options, autopilot
-        self._mounting = Mounting(
-            options, Reference.HORIZON, options.rate_hz, measured=options.feedback
-        )
+        feedback = Feedback.MEASURED if options.feedback else Feedback.ORDERED
+        self._mounting = Mounting(options, Reference.HORIZON, options.rate_hz, feedback)
         self.traits = self._mounting.traits
         self._reports = Reports()
         self._sent_t = -math.inf

@@ -7,6 +7,7 @@ straight ahead.
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -17,6 +18,14 @@ from landerd.messages import GimbalCommand, GimbalState, Reference
 Angle = Annotated[float, Field(ge=-360, le=360)]
 _STEEP = 0.3  # cosine of pitch below which roll is no axis of its own (see `level_angles`)
 _LARGEST = 2.0 * math.pi + 1e-6  # no gimbal reports more, rad
+
+
+class Feedback(Enum):
+    """What the angles that a driver reports are."""
+
+    MEASURED = "measured"
+    MODELLED = "modelled"  # where the gimbal should be by now
+    ORDERED = "ordered"  # the core takes it that the gimbal follows with gimbal.lag_s
 
 
 class Options(BaseModel):
@@ -48,7 +57,7 @@ class Traits:
     """What a driver states about its gimbal."""
 
     reference: Reference  # what its angles are measured against
-    measured: bool  # False: the angles reported are what was ordered, or a model of it
+    feedback: Feedback
     rate_hz: float  # of its reports
     yaw_limits: tuple[float, float]  # rad
     pitch_limits: tuple[float, float]
@@ -58,12 +67,16 @@ class Mounting:
     """Turns a device's angles into landerd's and orders into the device's."""
 
     def __init__(
-        self, options: MountOptions, reference: Reference, rate_hz: float, *, measured: bool = True
+        self,
+        options: MountOptions,
+        reference: Reference,
+        rate_hz: float,
+        feedback: Feedback = Feedback.MEASURED,
     ) -> None:
         self._options = options
         self.traits = Traits(
             reference,
-            measured,
+            feedback,
             rate_hz,
             _radians(options.yaw_limits_deg),
             _radians(options.pitch_limits_deg),
@@ -83,7 +96,8 @@ class Mounting:
             roll,
         )
         traits = self.traits
-        return GimbalState(t, yaw, pitch, roll, traits.reference, pitch_measured=traits.measured)
+        is_measured = traits.feedback is not Feedback.ORDERED
+        return GimbalState(t, yaw, pitch, roll, traits.reference, pitch_measured=is_measured)
 
     def order(self, command: GimbalCommand) -> tuple[float, float] | None:
         """Return the device's yaw and pitch for an order, within its limits; None: no numbers."""

@@ -12,13 +12,14 @@ from typing import Annotated, Protocol
 
 from pydantic import Field, model_validator
 
-from hw.gimbals.mounting import Angle, Options, Traits
+from hw.gimbals.mounting import Angle, Feedback, Options, Traits
 from landerd.geometry import clamp
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost
 
 _RATE_HZ = 50.0
 Pulse = Annotated[float, Field(ge=400, le=2600)]
+TILT = ((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))  # a usual servo, middle at 45 down
 
 
 class ServoAxisOptions(Options):
@@ -47,9 +48,7 @@ class ServoOptions(Options):
     """Servos for pitch and perhaps yaw."""
 
     yaw: ServoAxisOptions | None = None  # none: the camera only tilts
-    pitch: ServoAxisOptions = ServoAxisOptions(
-        channel=0, table=((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))
-    )
+    pitch: ServoAxisOptions = ServoAxisOptions(channel=0, table=TILT)
     slew_deg_s: Annotated[float, Field(gt=0, le=1000)] = 120.0  # largest speed under load
     lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.08  # behind a slowly moving order
 
@@ -107,7 +106,9 @@ class ServoGimbal:
         self._is_open = False
         self._lost: DeviceLost | None = None
         yaw_limits = self._yaw.limits if self._yaw else (0.0, 0.0)
-        self.traits = Traits(Reference.BODY, False, _RATE_HZ, yaw_limits, self._pitch.limits)
+        self.traits = Traits(
+            Reference.BODY, Feedback.MODELLED, _RATE_HZ, yaw_limits, self._pitch.limits
+        )
 
     async def open(self) -> None:
         """Get the output ready. Raises DeviceLost."""
@@ -125,9 +126,7 @@ class ServoGimbal:
             raise self._lost
         self._advance(loop.time())
         yaw = self._yaw.angle if self._yaw else 0.0
-        return GimbalState(
-            self._t, yaw, self._pitch.angle, 0.0, Reference.BODY, pitch_measured=False
-        )
+        return GimbalState(self._t, yaw, self._pitch.angle, 0.0, Reference.BODY)
 
     def command(self, command: GimbalCommand) -> None:
         """Send pulses for new angles; a lost output is told by `state`."""

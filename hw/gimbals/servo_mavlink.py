@@ -12,7 +12,7 @@ from pydantic import Field
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
-from hw.gimbals.servo import ServoGimbal, ServoOptions
+from hw.gimbals.servo import TILT, ServoAxisOptions, ServoGimbal, ServoOptions
 
 _AGAIN_S = 1.0  # an order is repeated after this: one may have been lost
 
@@ -20,6 +20,7 @@ _AGAIN_S = 1.0  # an order is repeated after this: one may have been lost
 class ServoMavlinkOptions(ServoOptions):
     """Servos on the autopilot; their channels are its outputs, from 1."""
 
+    pitch: ServoAxisOptions = ServoAxisOptions(channel=9, table=TILT)
     command_hz: Annotated[float, Field(ge=5, le=50)] = 20.0  # at most; each is acknowledged
 
 

@@ -38,7 +38,7 @@ def test_reports_at_the_rate_and_against_the_reference_it_states(driver: str) ->
         assert len(states) == pytest.approx(1.0 * traits.rate_hz, rel=0.1)
         assert all(a.t < b.t for a, b in pairwise(states))
         assert {s.reference for s in states} == {traits.reference}
-        assert {s.pitch_measured for s in states} == {traits.measured}
+        assert all(s.pitch_measured for s in states)
         assert stand.world.gimbal.reference is traits.reference
         now = asyncio.get_running_loop().time()
         assert 0.0 <= now - states[-1].t < 0.1

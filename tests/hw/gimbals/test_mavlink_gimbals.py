@@ -1,0 +1,234 @@
+"""Gimbals and servos behind the autopilot: what goes over its link, and what is made of answers."""
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.gimbals.mavlink_mount import MavlinkMountGimbal, MavlinkMountOptions
+from hw.gimbals.mavlink_v2 import MavlinkGimbal, MavlinkOptions
+from hw.gimbals.servo_mavlink import ServoMavlinkGimbal, ServoMavlinkOptions
+from hw.links.memory import MemoryLink, memory_pair
+from landerd.clock import run_virtual
+from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.ports import Gimbal
+from tests.hw.gimbals.benches import Stand, on_stand
+
+VEHICLE_YAW = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+EARTH_YAW = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
+
+
+class Wire:
+    """The autopilot's end of the link."""
+
+    def __init__(self, far: MemoryLink) -> None:
+        self._far = far
+        self._ours, self._theirs = MavlinkCodec(1, 1), MavlinkCodec(0, 0)
+        self.heard: list[Message] = []
+
+    async def listen(self) -> None:
+        while True:
+            self.heard += self._theirs.decode(await self._far.read())
+
+    def say(self, message: Message) -> None:
+        self._far.write(self._ours.encode(message))
+
+    def of(self, message_id: int, command: int | None = None) -> list[Message]:
+        return [
+            m
+            for m in self.heard
+            if m.get_msgId() == message_id and command in (None, getattr(m, "command", None))
+        ]
+
+
+def behind_autopilot(
+    make: Callable[[MavlinkAutopilot], Gimbal], scene: Callable[[Any, Wire], Awaitable[None]]
+) -> None:
+    async def main() -> None:
+        near, far = memory_pair()
+        autopilot = MavlinkAutopilot(near)
+        gimbal = make(autopilot)
+        wire = Wire(far)
+        await autopilot.open()
+        await far.open()
+
+        async def receive() -> None:
+            while True:
+                await autopilot.receive()
+
+        tasks = [asyncio.create_task(wire.listen()), asyncio.create_task(receive())]
+        await gimbal.open()
+        await asyncio.sleep(0.01)
+        await scene(gimbal, wire)
+        for task in tasks:
+            task.cancel()
+
+    run_virtual(main())
+
+
+def attitude(
+    q: list[float], flags: int = VEHICLE_YAW, delta_yaw: float = 0.0, *, boot_ms: int = 1000
+) -> Message:
+    return mavlink.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, boot_ms, flags, q, *(0.0, 0.0, 0.0), 0, delta_yaw
+    )
+
+
+def turn(yaw_deg: float, pitch_deg: float) -> list[float]:
+    """Quaternion of yaw, then pitch."""
+    y, p = math.radians(yaw_deg) / 2.0, math.radians(pitch_deg) / 2.0
+    return [
+        math.cos(y) * math.cos(p),
+        -math.sin(y) * math.sin(p),
+        math.cos(y) * math.sin(p),
+        math.sin(y) * math.cos(p),
+    ]
+
+
+# ---- gimbal protocol version 2 ----
+
+
+def v2(**options: Any) -> Callable[[MavlinkAutopilot], MavlinkGimbal]:
+    return lambda autopilot: MavlinkGimbal(MavlinkOptions.model_validate(options), autopilot)
+
+
+def test_v2_asks_for_control_and_orders_angles_without_rates() -> None:
+    async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
+        gimbal.command(GimbalCommand(0.25, -1.5))
+        await asyncio.sleep(0.01)
+        (claim,) = wire.of(
+            mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
+        )
+        assert (claim.param1, claim.param2) == (1.0, 191.0)
+        (order,) = wire.of(mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW)
+        assert (order.pitch, order.yaw) == pytest.approx((-1.5, 0.25))
+        assert math.isnan(order.pitch_rate)
+        assert math.isnan(order.yaw_rate)
+        assert order.flags == 4 | 8  # roll and pitch locked to the horizon, yaw not to north
+
+    behind_autopilot(v2(), scene)
+
+
+def test_orders_are_not_sent_faster_than_the_link_bears() -> None:
+    async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
+        for _ in range(200):
+            gimbal.command(GimbalCommand(0.0, -1.0))
+            await asyncio.sleep(0.01)
+        orders = wire.of(mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW)
+        assert len(orders) == pytest.approx(20, abs=2)
+
+    behind_autopilot(v2(command_hz=10.0), scene)
+
+
+async def report(gimbal: Gimbal, wire: Wire, message: Message) -> GimbalState:
+    wire.say(message)
+    return await asyncio.wait_for(gimbal.state(), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "pitch"), [(0.0, 0.0), (30.0, -45.0), (-80.0, -90.0), (10.0, -89.9)]
+)
+def test_v2_reads_the_quaternion_also_straight_down(yaw: float, pitch: float) -> None:
+    async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
+        state = await report(gimbal, wire, attitude(turn(yaw, pitch)))
+        assert math.degrees(state.yaw) == pytest.approx(yaw, abs=0.01)
+        assert math.degrees(state.pitch) == pytest.approx(pitch, abs=0.01)
+        assert state.roll == pytest.approx(0.0, abs=1e-3)
+        assert state.reference is Reference.HORIZON
+        assert state.pitch_measured
+
+    behind_autopilot(v2(), scene)
+
+
+def test_v2_turns_a_yaw_from_north_into_one_from_the_airframe_or_leaves_it() -> None:
+    async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
+        message = attitude(turn(100.0, -20.0), EARTH_YAW, math.radians(70.0))
+        assert math.degrees((await report(gimbal, wire, message)).yaw) == pytest.approx(30.0)
+        for i, (q, flags) in enumerate(
+            [(turn(100.0, -20.0), EARTH_YAW), ([math.nan] * 4, VEHICLE_YAW), ([0.0] * 4, 0)]
+        ):
+            await asyncio.sleep(0.02)
+            wire.say(attitude(q, flags, math.nan, boot_ms=1020 + 20 * i))
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(gimbal.state(), 0.5)
+        assert gimbal.counters == {"yaw from north": 1, "bad quaternion": 2}
+
+    behind_autopilot(v2(), scene)
+
+
+def test_v2_of_servos_says_that_nobody_measured() -> None:
+    async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
+        assert not (await report(gimbal, wire, attitude(turn(0.0, -20.0)))).pitch_measured
+
+    behind_autopilot(v2(feedback=False), scene)
+
+
+def test_v2_goes_on_after_a_restart_of_the_autopilot() -> None:
+    async def scene(stand: Stand) -> None:
+        await stand.watch(1.0)
+        stand.autopilot.reboot()
+        await stand.watch(2.0)
+        assert len(await stand.watch(1.0)) == pytest.approx(50, abs=5)
+
+    on_stand("mavlink", scene)
+
+
+# ---- the older messages ----
+
+
+def old(**options: Any) -> Callable[[MavlinkAutopilot], MavlinkMountGimbal]:
+    return lambda a: MavlinkMountGimbal(MavlinkMountOptions.model_validate(options), a)
+
+
+def test_mount_orders_degrees_in_the_mode_of_targeting() -> None:
+    async def scene(gimbal: MavlinkMountGimbal, wire: Wire) -> None:
+        gimbal.command(GimbalCommand(math.radians(30.0), math.radians(-60.0)))
+        await asyncio.sleep(0.01)
+        (order,) = wire.of(mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAV_CMD_DO_MOUNT_CONTROL)
+        assert (order.param1, order.param3, order.param7) == pytest.approx((-60.0, 30.0, 2.0))
+
+    behind_autopilot(old(), scene)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (
+            "mount_orientation",
+            mavlink.MAVLink_mount_orientation_message(1000, 0.0, -60.0, 30.0, 120.0),
+        ),
+        ("mount_status", mavlink.MAVLink_mount_status_message(0, 0, -6000, 0, 3000)),
+    ],
+)
+def test_mount_reads_either_report(kind: str, message: Message) -> None:
+    async def scene(gimbal: MavlinkMountGimbal, wire: Wire) -> None:
+        state = await report(gimbal, wire, message)
+        assert math.degrees(state.pitch) == pytest.approx(-60.0)
+        assert math.degrees(state.yaw) == pytest.approx(30.0)
+        now = asyncio.get_running_loop().time()
+        assert state.t == pytest.approx(now - 0.02, abs=0.01)
+
+    behind_autopilot(old(report=kind), scene)
+
+
+# ---- servos on the autopilot's outputs ----
+
+
+def test_servo_pulses_go_out_when_they_change_and_once_a_second() -> None:
+    options = {"pitch": {"channel": 9, "table": [[-90.0, 1000.0], [0.0, 2000.0]]}}
+
+    async def scene(gimbal: ServoMavlinkGimbal, wire: Wire) -> None:
+        for i in range(120):
+            gimbal.command(GimbalCommand(0.0, math.radians(-45.0 if i < 80 else -90.0)))
+            await asyncio.sleep(0.025)
+        orders = wire.of(mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAV_CMD_DO_SET_SERVO)
+        assert [(o.param1, o.param2) for o in orders] == [(9.0, 1500.0)] * 2 + [(9.0, 1000.0)]
+
+    behind_autopilot(
+        lambda a: ServoMavlinkGimbal(ServoMavlinkOptions.model_validate(options), a), scene
+    )

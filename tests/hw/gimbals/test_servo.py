@@ -1,0 +1,223 @@
+"""Servo gimbals: table, model, and what goes out on each of the three outputs."""
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from hw.gimbals.servo import ServoAxis, ServoAxisOptions, ServoGimbal, ServoOptions
+from hw.gimbals.servo_pca9685 import ServoPca9685Gimbal, ServoPca9685Options
+from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
+from landerd.clock import run_virtual
+from landerd.messages import GimbalCommand, GimbalState
+from landerd.ports import DeviceLost, Gimbal
+
+TILT = {"channel": 0, "table": [[-90.0, 1100.0], [-45.0, 1500.0], [0.0, 2000.0]]}
+PAN = {"channel": 3, "table": [[-90.0, 2000.0], [90.0, 1000.0]]}
+
+
+def run(driver: Gimbal, scene: Callable[[Gimbal], Awaitable[None]]) -> None:
+    async def main() -> None:
+        await driver.open()
+        await scene(driver)
+        await driver.close()
+
+    run_virtual(main())
+
+
+class Pulses:
+    """An output that keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.last: dict[int, float] = {}
+
+    def open(self) -> None:
+        pass
+
+    def write(self, pulses: dict[int, float]) -> None:
+        self.last = pulses
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "pulse_us"),
+    [(-90.0, 1100.0), (-67.5, 1300.0), (-45.0, 1500.0), (-9.0, 1900.0), (0.0, 2000.0)],
+)
+def test_the_table_is_read_in_straight_lines(angle_deg: float, pulse_us: float) -> None:
+    axis = ServoAxis(ServoAxisOptions.model_validate(TILT), 2.0, 0.08)
+    axis.target = math.radians(angle_deg)
+    assert axis.pulse == pytest.approx(pulse_us)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        [[0.0, 1500.0]],
+        [[0.0, 1500.0], [0.0, 1600.0]],
+        [[10.0, 1500.0], [0.0, 1600.0]],
+        [[0.0, 1500.0], [10.0, 1600.0], [20.0, 1550.0]],
+    ],
+)
+def test_a_table_that_can_not_be_read_both_ways_is_refused(table: list[list[float]]) -> None:
+    with pytest.raises(ValidationError, match="rising angles"):
+        ServoAxisOptions.model_validate({"channel": 0, "table": table})
+
+
+def servos(**options: Any) -> tuple[ServoGimbal, Pulses]:
+    output = Pulses()
+    chosen = {"pitch": TILT, "yaw": PAN} | options
+    return ServoGimbal(ServoOptions.model_validate(chosen), output), output
+
+
+async def after(gimbal: Gimbal, seconds: float) -> GimbalState:
+    end = asyncio.get_running_loop().time() + seconds
+    while (state := await gimbal.state()).t < end:
+        pass
+    return state
+
+
+def test_reports_where_the_servos_should_be_by_now() -> None:
+    gimbal, output = servos(slew_deg_s=100.0, lag_s=0.1)
+
+    async def scene(_: Gimbal) -> None:
+        gimbal.command(GimbalCommand(0.0, math.radians(-90.0)))
+        assert output.last == pytest.approx({3: 1500.0, 0: 1100.0})
+        # 90 degrees at 100 a second, then the lag: half-way after half the time.
+        assert math.degrees((await after(gimbal, 0.45)).pitch) == pytest.approx(-45.0, abs=3.0)
+        assert math.degrees((await after(gimbal, 1.5)).pitch) == pytest.approx(-90.0, abs=0.1)
+
+    run(gimbal, scene)
+
+
+def test_a_small_order_is_followed_with_the_lag() -> None:
+    gimbal, _ = servos(slew_deg_s=500.0, lag_s=0.1)
+
+    async def scene(_: Gimbal) -> None:
+        gimbal.command(GimbalCommand(math.radians(10.0), 0.0))
+        state = await after(gimbal, 0.1)
+        assert math.degrees(state.yaw) == pytest.approx(10.0 * (1.0 - 1.0 / math.e), abs=0.1)
+
+    run(gimbal, scene)
+
+
+def test_without_a_yaw_servo_yaw_is_ahead() -> None:
+    gimbal, output = servos(yaw=None)
+
+    async def scene(_: Gimbal) -> None:
+        gimbal.command(GimbalCommand(1.0, -1.0))
+        assert list(output.last) == [0]
+        assert (await after(gimbal, 0.5)).yaw == 0.0
+        assert gimbal.traits.yaw_limits == (0.0, 0.0)
+
+    run(gimbal, scene)
+
+
+# ---- sysfs ----
+
+
+def chip(folder: Path, channels: tuple[int, ...] = (0,)) -> Path:
+    (folder / "export").touch()
+    for channel in channels:
+        (folder / f"pwm{channel}").mkdir()
+        for name, value in (("period", "0"), ("duty_cycle", "0"), ("enable", "0")):
+            (folder / f"pwm{channel}" / name).write_text(value)
+    return folder
+
+
+def sysfs(folder: Path) -> ServoSysfsGimbal:
+    return ServoSysfsGimbal(
+        ServoSysfsOptions.model_validate_json(
+            f'{{"chip": "{folder}", "pitch": {{"channel": 0, "table": [[-90, 1000], [0, 2000]]}}}}'
+        )
+    )
+
+
+def test_sysfs_gets_nanoseconds(tmp_path: Path) -> None:
+    gimbal = sysfs(chip(tmp_path))
+
+    async def scene(_: Gimbal) -> None:
+        gimbal.command(GimbalCommand(0.0, math.radians(-45.0)))
+        files = {f.name: f.read_text() for f in (tmp_path / "pwm0").iterdir()}
+        assert files == {"period": "20000000", "duty_cycle": "1500000", "enable": "1"}
+
+    run(gimbal, scene)
+
+
+def test_sysfs_exports_a_channel_that_is_not_there(tmp_path: Path) -> None:
+    gimbal = sysfs(chip(tmp_path, channels=()))
+
+    async def scene(_: Gimbal) -> None:
+        gimbal.command(GimbalCommand(0.0, -1.0))
+        assert (tmp_path / "export").read_text() == "0"
+        with pytest.raises(DeviceLost, match="pwm0/duty_cycle"):  # as no kernel made it
+            await gimbal.state()
+
+    run(gimbal, scene)
+
+
+def test_sysfs_without_its_chip_is_lost(tmp_path: Path) -> None:
+    with pytest.raises(DeviceLost, match="no such PWM chip"):
+        asyncio.run(sysfs(tmp_path / "none").open())
+
+
+# ---- PCA9685 ----
+
+
+class Bus:
+    """An I2C bus that keeps what is written."""
+
+    def __init__(self) -> None:
+        self.writes: list[tuple[int, int, list[int]]] = []
+        self.gone = False
+
+    def write_byte_data(self, i2c_addr: int, register: int, value: int) -> None:
+        self.write_i2c_block_data(i2c_addr, register, [value])
+
+    def write_i2c_block_data(self, i2c_addr: int, register: int, data: list[int]) -> None:
+        if self.gone:
+            raise OSError(121, "Remote I/O error")
+        self.writes.append((i2c_addr, register, data))
+
+    def close(self) -> None:
+        pass
+
+
+def test_pca9685_gets_the_registers_of_its_data_sheet() -> None:
+    bus = Bus()
+    options = ServoPca9685Options.model_validate(
+        {"pitch": {"channel": 4, "table": [[-90.0, 1000.0], [0.0, 2000.0]]}}
+    )
+    gimbal = ServoPca9685Gimbal(options, lambda _: bus)
+
+    async def scene(_: Gimbal) -> None:
+        # Sleep, prescale 25 MHz / (4096 * 50 Hz) - 1 = 121, awake with auto-increment.
+        assert bus.writes == [(0x40, 0x00, [0x30]), (0x40, 0xFE, [121]), (0x40, 0x00, [0x20])]
+        bus.writes.clear()
+        gimbal.command(GimbalCommand(0.0, math.radians(-45.0)))
+        # 1500 us of 4.88 us steps: 307 = 0x133; LED4 begins at 0x06 + 16.
+        assert bus.writes == [(0x40, 0x16, [0x00, 0x00, 0x33, 0x01])]
+        bus.gone = True
+        gimbal.command(GimbalCommand(0.0, -1.0))
+        with pytest.raises(DeviceLost, match="PCA9685 at 0x40 of /dev/i2c-1: Remote I/O error"):
+            await gimbal.state()
+        with pytest.raises(DeviceLost):
+            await gimbal.open()
+        bus.gone = False
+        await gimbal.open()
+        assert (await gimbal.state()).pitch < 0.0
+
+    run(gimbal, scene)
+
+
+def test_pca9685_without_its_bus_is_lost() -> None:
+    def open_bus(number: int) -> Bus:
+        raise FileNotFoundError(2, "No such file or directory")
+
+    with pytest.raises(DeviceLost, match="No such file"):
+        asyncio.run(ServoPca9685Gimbal(ServoPca9685Options(), open_bus).open())
