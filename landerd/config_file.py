@@ -72,7 +72,7 @@ def load(
 
     Later wins, key by key: the file's includes, the file, overlays, overrides. Relative paths are
     meant from the file they are written in; in overrides, from the working directory; defaults,
-    from `config_dir()`.
+    and files that are not there, from `config_dir()`.
 
     Args:
         path: the file.
@@ -291,8 +291,14 @@ def _with_paths(node: Node, schema: _Schema, loc: Loc) -> Node:
     elif isinstance(value, list):
         value = [_with_paths(inner, schema, (*loc, i)) for i, inner in enumerate(value)]
     elif isinstance(value, str) and schema.is_path(loc):
-        value = str(node.folder / value)
+        value = str(_found(node.folder / value, value))
     return Node(node.place, node.folder, value)
+
+
+def _found(path: Path, name: str) -> Path:
+    """Return the path, or landerd's own file of that name where there is none."""
+    own = config_dir() / name
+    return own if own.exists() and not path.exists() else path
 
 
 def _anchored(model: M) -> M:

@@ -209,6 +209,10 @@ def test_paths_are_meant_from_the_file_they_are_written_in(folder: Path) -> None
     assert loaded.config.pad.layout == Path("/pads/p.yaml")
     assert loaded.options["gimbal.servo"] == Servo(device=folder / "d")
     assert read(path, "pad.layout=x.yaml").config.pad.layout == folder / "x.yaml"
+    packaged = config_dir() / "pads" / "nested.yaml"
+    assert read(path, "pad.layout=pads/nested.yaml").config.pad.layout == packaged
+    own = write(folder / "pads" / "nested.yaml", "")
+    assert read(path, "pad.layout=pads/nested.yaml").config.pad.layout == own
 
 
 def test_overrides_are_read_as_yaml_and_the_last_wins(folder: Path) -> None:
