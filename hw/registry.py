@@ -29,6 +29,12 @@ def _gimbal(driver: str, model: str, over: Literal["link", "autopilot"] | None =
 DRIVERS: Mapping[str, Mapping[str, Driver]] = {
     "camera": {
         "v4l2": Driver("hw.cameras.v4l2:V4l2Camera", "hw.cameras.v4l2:V4l2Options"),
+        "gstreamer": Driver(
+            "hw.cameras.gstreamer:GstreamerCamera", "hw.cameras.gstreamer:GstreamerOptions"
+        ),
+        "picamera2": Driver(
+            "hw.cameras.picamera2:Picamera2Camera", "hw.cameras.picamera2:Picamera2Options"
+        ),
         "sim": Driver(None),
     },
     "gimbal": {

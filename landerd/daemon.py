@@ -50,6 +50,7 @@ PHASES = list(Phase)  # a phase is plotted as its place here
 FUTURE_S = 0.05  # a time stamp farther ahead than this is false
 OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
 IDLE_S = 0.1  # how often it is looked whether pictures are needed again
+LAST_ORDERS_S = 1.2  # longest stream of zero velocity before the daemon ends, within 2 s
 BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
 
 
@@ -139,7 +140,7 @@ class Daemon:
         Without this the autopilot would fly the last velocity on until its own timeout.
         """
         self._take(Shutdown(asyncio.get_running_loop().time()))
-        await asyncio.sleep(self._config.guidance.release_s)
+        await asyncio.sleep(min(self._config.guidance.release_s, LAST_ORDERS_S))
 
     # ---- device tasks --------------------------------------------------------------------------
 

@@ -24,7 +24,7 @@ from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.parameters import ParameterSet
-from landerd.service import ServiceNotifier
+from landerd.service import ServiceNotifier, log_to_stderr
 
 log = logging.getLogger("landerd")
 
@@ -49,7 +49,7 @@ def run(loaded: Loaded, overlay: Path) -> int:
     except (CalibrationError, PadError, SetUpError, ValueError) as e:
         print(e, file=sys.stderr)
         return 2
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    log_to_stderr()
     if overlay.exists():
         log.info("saved parameters of %s are laid over", overlay)
     if recorder is None:

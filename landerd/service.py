@@ -1,5 +1,6 @@
 """Tells systemd that the daemon is ready, alive, and what it is doing (sd_notify(3))."""
 
+import logging
 import os
 import socket
 
@@ -18,6 +19,27 @@ def notify(text: str) -> None:
         address = "\0" + address[1:]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s:
         s.sendto(text.encode(), address)
+
+
+class JournalFormatter(logging.Formatter):
+    """Lines with the priority that journald reads off their start (sd-daemon(3))."""
+
+    _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4))
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line, or each of its lines, as "<4>text"."""
+        level = next((p for limit, p in self._PRIORITIES if record.levelno >= limit), 6)
+        return "\n".join(f"<{level}>{line}" for line in super().format(record).splitlines())
+
+
+def log_to_stderr() -> None:
+    """Log from INFO on: with priorities to the journal, with the level's name elsewhere."""
+    handler = logging.StreamHandler()
+    if os.environ.get("JOURNAL_STREAM"):
+        handler.setFormatter(JournalFormatter())
+    else:
+        handler.setFormatter(logging.Formatter("%(levelname)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 
 class ServiceNotifier:

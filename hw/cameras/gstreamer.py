@@ -1,0 +1,109 @@
+"""Cameras behind GStreamer: a Jetson's CSI port (nvarguscamerasrc), or any other live source.
+
+GStreamer and its Python binding are the system's (python3-gi, gir1.2-gst-plugins-base-1.0) and are
+imported when the camera is opened. Untested on a Jetson.
+"""
+
+import asyncio
+import time
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from hw.cameras.newest import NewestFrame
+from landerd.messages import Frame
+from landerd.ports import DeviceLost
+
+
+class GstreamerOptions(BaseModel):
+    """The block `camera.gstreamer` of the configuration."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    source: str = "nvarguscamerasrc sensor-id=0"  # with its own settings of exposure and gain
+    convert: str = "nvvidconv"  # what makes grey of its pictures; elsewhere: videoconvert
+    width: Annotated[int, Field(ge=16, le=8192)] = 1280
+    height: Annotated[int, Field(ge=16, le=8192)] = 720
+    fps: Annotated[float, Field(gt=0, le=300)] = 30.0
+    # Exposure set in source: the stamp is that of its start, the frame's time its middle.
+    exposure_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    time_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0  # added to the frames' time
+
+
+class GstreamerCamera:
+    """A GStreamer pipeline that ends in grey pictures; a Camera."""
+
+    def __init__(self, *, options: GstreamerOptions) -> None:
+        self._options = options
+        self._pipeline: Any = None
+        self._gst: Any = None
+        self._newest: NewestFrame | None = None
+
+    async def open(self) -> None:
+        """Start the pipeline. Raises DeviceLost."""
+        await self.close()
+        self._newest = NewestFrame("camera (gstreamer)", time.monotonic)
+        await asyncio.to_thread(self._start)
+
+    async def newest(self) -> Frame:
+        """Wait for a picture newer than the last and return the newest. Raises DeviceLost."""
+        if self._newest is None:
+            raise DeviceLost("camera (gstreamer) is closed")
+        return await self._newest.get()
+
+    async def close(self) -> None:
+        """Stop the pipeline; safe to call twice."""
+        pipeline, self._pipeline, self._newest = self._pipeline, None, None
+        if pipeline is not None:
+            await asyncio.to_thread(pipeline.set_state, self._gst.State.NULL)
+
+    def _start(self) -> None:
+        try:
+            import gi
+
+            gi.require_version("Gst", "1.0")
+            from gi.repository import Gst
+        except (ImportError, ValueError):
+            raise DeviceLost(
+                "camera (gstreamer) needs the system's python3-gi and GStreamer: see "
+                "docs/cameras.md"
+            ) from None
+        self._gst = Gst
+        Gst.init(None)
+        o = self._options
+        size = f"width={o.width},height={o.height}"
+        rate = f"framerate={round(1000 * o.fps)}/1000"
+        memory = "video/x-raw(memory:NVMM)" if o.source.startswith("nvargus") else "video/x-raw"
+        try:
+            self._pipeline = Gst.parse_launch(
+                f"{o.source} ! {memory},{size},{rate} ! {o.convert} ! "
+                f"video/x-raw,format=GRAY8,{size} ! "
+                "appsink name=out max-buffers=1 drop=true sync=false emit-signals=true"
+            )
+        except Exception as e:  # GLib.Error, which only the binding knows
+            raise DeviceLost(f"camera (gstreamer): {e}") from None
+        self._pipeline.get_by_name("out").connect("new-sample", self._on_sample)
+        # The system's clock is the monotonic one.
+        self._pipeline.use_clock(Gst.SystemClock.obtain())
+        if self._pipeline.set_state(Gst.State.PLAYING) == Gst.StateChangeReturn.FAILURE:
+            raise DeviceLost("camera (gstreamer) does not start: is it plugged in and free?")
+
+    def _on_sample(self, sink: Any) -> Any:
+        """Take a picture, on a thread of GStreamer's."""
+        newest, pipeline = self._newest, self._pipeline
+        buffer = sink.emit("pull-sample").get_buffer()
+        if newest is None or pipeline is None:
+            return self._gst.FlowReturn.OK
+        o = self._options
+        ok, mapped = buffer.map(self._gst.MapFlags.READ)
+        if ok:
+            try:
+                stride = len(mapped.data) // o.height
+                lines = np.frombuffer(mapped.data, np.uint8, stride * o.height)
+                image = lines.reshape(o.height, stride)[:, : o.width].copy()
+            finally:
+                buffer.unmap(mapped)
+            start_s = 1e-9 * (pipeline.get_base_time() + buffer.pts)
+            newest.put(image, start_s + 0.5 * o.exposure_s + o.time_offset_s)
+        return self._gst.FlowReturn.OK

@@ -1,0 +1,101 @@
+"""Raspberry Pi cameras at the CSI port, through libcamera and picamera2.
+
+picamera2 is the system's (apt install python3-picamera2) and is imported when the camera is
+opened. Untested on a Raspberry Pi.
+"""
+
+import asyncio
+import time
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from hw.cameras.newest import NewestFrame
+from landerd.messages import Frame
+from landerd.ports import DeviceLost
+
+
+class Picamera2Options(BaseModel):
+    """The block `camera.picamera2` of the configuration."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    number: Annotated[int, Field(ge=0, le=9)] = 0  # of the camera
+    width: Annotated[int, Field(ge=64, le=8192)] = 640
+    height: Annotated[int, Field(ge=64, le=8192)] = 480
+    fps: Annotated[float, Field(gt=0, le=300)] = 30.0
+    exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = None  # null: automatic
+    gain: Annotated[float, Field(ge=1, le=64)] | None = None  # null: automatic
+    focus_per_m: Annotated[float, Field(ge=0, le=20)] | None = None  # 1/distance; null: as it is
+    time_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0  # added to the frames' time
+
+
+class Picamera2Camera:
+    """A libcamera camera; a Camera."""
+
+    def __init__(self, *, options: Picamera2Options) -> None:
+        self._options = options
+        self._camera: Any = None
+        self._newest: NewestFrame | None = None
+
+    async def open(self) -> None:
+        """Start the stream. Raises DeviceLost."""
+        await self.close()
+        # libcamera stamps with the clock that also counts while the board sleeps.
+        self._newest = NewestFrame(
+            f"camera {self._options.number} (picamera2)",
+            lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
+        )
+        await asyncio.to_thread(self._start)
+
+    async def newest(self) -> Frame:
+        """Wait for a picture newer than the last and return the newest. Raises DeviceLost."""
+        if self._newest is None:
+            raise DeviceLost("camera (picamera2) is closed")
+        return await self._newest.get()
+
+    async def close(self) -> None:
+        """Stop the stream; safe to call twice."""
+        camera, self._camera, self._newest = self._camera, None, None
+        if camera is not None:
+            await asyncio.to_thread(camera.close)
+
+    def _start(self) -> None:
+        try:
+            from picamera2 import Picamera2
+        except ImportError:
+            raise DeviceLost(
+                "camera (picamera2) needs the system's python3-picamera2: see docs/cameras.md"
+            ) from None
+        o = self._options
+        frame_us = round(1e6 / o.fps)
+        controls: dict[str, Any] = {"FrameDurationLimits": (frame_us, frame_us)}
+        if o.exposure_s is not None:
+            controls |= {"AeEnable": o.gain is None, "ExposureTime": round(1e6 * o.exposure_s)}
+        if o.gain is not None:
+            controls["AnalogueGain"] = o.gain
+        if o.focus_per_m is not None:
+            controls |= {"AfMode": 0, "LensPosition": o.focus_per_m}  # 0: by hand
+        try:
+            camera = Picamera2(o.number)
+            self._camera = camera
+            main = {"format": "YUV420", "size": (o.width, o.height)}
+            camera.configure(camera.create_video_configuration(main=main, controls=controls))
+            camera.pre_callback = self._on_request
+            camera.start()
+        except (RuntimeError, IndexError, OSError) as e:
+            raise DeviceLost(f"camera {o.number} (picamera2): {e}") from None
+
+    def _on_request(self, request: Any) -> None:
+        """Take a picture, on picamera2's thread."""
+        newest, o = self._newest, self._options
+        if newest is None:
+            return
+        planes = request.make_array("main")  # brightness above colour
+        image = np.ascontiguousarray(planes[: o.height, : o.width])
+        metadata = request.get_metadata()
+        # Start of exposure of the first line, ns; duration, us.
+        start_s = 1e-9 * metadata["SensorTimestamp"]
+        half_s = 0.5e-6 * metadata.get("ExposureTime", 0)
+        newest.put(image, start_s + half_s + o.time_offset_s)
