@@ -193,13 +193,20 @@ async def check_gimbal(
         got = await _gather(gimbal.state, GIMBAL_S)
         if not got:
             raise DeviceLost("the gimbal says nothing of its angles")
+        traits = getattr(gimbal, "traits", None)  # the real drivers state them
         findings = _gimbal_stream(got, config)
+        if traits is not None and config.gimbal.driver != "fixed":
+            findings += _reach(traits, config)
         if config.gimbal.driver == "fixed":
             return findings
         if not may_move():
             text = "not moved: the vehicle is armed, or it is not known to be disarmed"
             return [*findings, Finding("warn", "gimbal motion", text, "disarm and check again")]
-        return [*findings, *await _moves(gimbal, got[-1][1], config)]
+        start = got[-1][1]
+        if not start.pitch_measured or (traits and traits.feedback.value != "measured"):
+            text = "has no feedback: whether it turns the right way cannot be measured"
+            return [*findings, Finding("warn", "gimbal motion", text, "look: -90 is straight down")]
+        return [*findings, *await _moves(gimbal, start, config)]
     except DeviceLost as e:
         return [
             Finding(
@@ -230,11 +237,27 @@ def _gimbal_stream(got: list[tuple[float, GimbalState]], config: Config) -> list
     return [Finding("ok", "gimbal", f"angles come {rate:.0f} times a second")]
 
 
+def _reach(traits: Any, config: Config) -> list[Finding]:
+    """Return where landerd would order what the gimbal does not reach (hw.gimbals' Traits)."""
+    findings = []
+    for axis in ("yaw", "pitch"):
+        ordered = getattr(config.gimbal, f"{axis}_limits_deg")
+        low, high = (round(math.degrees(limit)) for limit in getattr(traits, f"{axis}_limits"))
+        if ordered[0] < low - 0.5 or ordered[1] > high + 0.5:
+            findings.append(
+                Finding(
+                    "warn",
+                    "gimbal limits",
+                    f"{axis} reaches {low} to {high} degrees only: landerd would aim it at a pad "
+                    "that it cannot see",
+                    f"set gimbal.{axis}_limits_deg to [{low}, {high}] or less",
+                )
+            )
+    return findings
+
+
 async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Finding]:
     """Order a change of pitch, then of yaw, and look which way the gimbal says it goes."""
-    if not start.pitch_measured:
-        text = "has no feedback of pitch: whether it turns the right way cannot be measured"
-        return [Finding("warn", "gimbal motion", text, "look: -90 is straight down")]
     findings = []
     limits = {"pitch": config.gimbal.pitch_limits_deg, "yaw": config.gimbal.yaw_limits_deg}
     for axis, (low, high) in limits.items():

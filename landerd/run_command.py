@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import logging
-import math
 import os
 import signal
 import sys
@@ -125,21 +124,7 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
         case "link":
             url = _options(loaded, "gimbal", config.gimbal.driver).url
             gimbal = partial(gimbal, link=open_link(url))
-    devices = Devices(camera(), gimbal(), autopilot)
-    traits = getattr(devices.gimbal, "traits", None)
-    if traits is not None:
-        _compare_limits("yaw", config.gimbal.yaw_limits_deg, traits.yaw_limits)
-        _compare_limits("pitch", config.gimbal.pitch_limits_deg, traits.pitch_limits)
-    return devices
-
-
-def _compare_limits(
-    axis: str, ordered_deg: tuple[float, float], reached: tuple[float, float]
-) -> None:
-    """Say where the gimbal cannot follow: landerd then looks past the pad."""
-    low, high = (math.degrees(limit) for limit in reached)
-    if ordered_deg[0] < low - 0.5 or ordered_deg[1] > high + 0.5:
-        log.warning("gimbal.%s_limits_deg: the gimbal reaches %.0f to %.0f only", axis, low, high)
+    return Devices(camera(), gimbal(), autopilot)
 
 
 def _maker(loaded: Loaded, section: str, driver: str) -> Callable[..., Any]:

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw import registry
 from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.gimbals.mounting import Feedback, Traits
 from hw.links.memory import MemoryLink, memory_pair
 from hw.sim.autopilot import SimAutopilot
 from landerd import check_command
@@ -82,6 +83,7 @@ class Gimbal:
     pitch: float = -0.4
     yaw: float = 0.0
     orders: int = 0
+    traits: Traits | None = None
 
     async def open(self) -> None:
         if self.lost:
@@ -278,3 +280,18 @@ def test_a_size_of_another_aspect_than_the_calibration_is_a_finding_and_not_a_cr
     assert [f.item for f in wrong] == ["calibration"]
     assert "another aspect" in wrong[0].what
     assert math.isclose(set_up.gimbal.pitch, -0.4)
+
+
+def test_of_servos_it_is_told_that_nobody_measures_them_and_what_they_reach() -> None:
+    set_up = SetUp()
+    set_up.gimbal.traits = Traits(
+        Reference.BODY, Feedback.MODELLED, 50.0, (0.0, 0.0), (math.radians(-100.0), 0.3)
+    )
+    set_up.overrides = ["gimbal.pitch_limits_deg=[-100.0, 0.0]"]
+    findings = [f for f in set_up.check() if f.item.startswith("gimbal ")]
+    assert set_up.gimbal.orders == 0
+    assert [(f.level, f.item) for f in findings] == [
+        ("warn", "gimbal limits"),
+        ("warn", "gimbal motion"),
+    ]
+    assert "gimbal.yaw_limits_deg to [0, 0]" in findings[0].mend
