@@ -279,7 +279,7 @@ async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Fin
                     "gimbal motion",
                     f"{axis} moves the wrong way: {step:+.0f} degrees ordered, {end - now:+.0f} "
                     "came. The camera would turn away from the pad",
-                    f"reverse its {axis} (sign of the servo or of the driver)",
+                    f"reverse its {axis}: {axis}_sign of the driver, or the servo's table",
                 )
             )
         elif moved < _MOVED_DEG:
