@@ -58,20 +58,15 @@ class MavlinkGimbal:
         self.traits = self._mounting.traits
         self._reports = Reports()
         self._sent_t = -math.inf
+        self._boot_ms: int | None = None  # of the last report
         autopilot.subscribe(
             mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, options.rate_hz, self._take
         )
 
     async def open(self) -> None:
-        """Ask for control of the gimbal."""
+        """Begin anew."""
         self._reports.clear()
-        ours = (float(self._autopilot.system_id), float(COMPONENT))
-        self._autopilot.command(
-            mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
-            *ours,
-            *(_UNCHANGED, _UNCHANGED, 0.0, 0.0),
-            float(self._options.device_id),
-        )
+        self._boot_ms = None
 
     async def state(self) -> GimbalState:
         """Wait for the next report."""
@@ -101,7 +96,19 @@ class MavlinkGimbal:
     async def close(self) -> None:
         """Nothing to release: the link is the autopilot's."""
 
+    def _claim(self) -> None:
+        """Ask for control of the gimbal."""
+        self._autopilot.command(
+            mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
+            *(float(self._autopilot.system_id), float(COMPONENT)),
+            *(_UNCHANGED, _UNCHANGED, 0.0, 0.0),
+            float(self._options.device_id),
+        )
+
     def _take(self, m: Message, t: float) -> None:
+        if self._boot_ms is None or m.time_boot_ms < self._boot_ms:  # the autopilot has restarted
+            self._claim()
+        self._boot_ms = m.time_boot_ms
         R = _matrix(m.q)
         if R is None:
             self.counters["bad quaternion"] += 1

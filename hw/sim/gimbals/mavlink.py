@@ -21,9 +21,14 @@ Streams = Mapping[int, Callable[[float, int], Message]]
 
 
 class GimbalManager:
-    """ArduCopter 4.3 and newer: gimbal protocol version 2 and the old order; no mount reports."""
+    """ArduCopter 4.3 and newer: gimbal protocol version 2 and the old order; no mount reports.
+
+    Attributes:
+        claims: how often control of the gimbal was asked for.
+    """
 
     def __init__(self, mount: SimMount) -> None:
+        self.claims = 0
         self._mount = mount
         mount.plant.reference = Reference.HORIZON
 
@@ -35,6 +40,7 @@ class GimbalManager:
     def command(self, command: Message, t: float) -> int | None:
         """Take DO_MOUNT_CONTROL and the claim of control."""
         if command.command == mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE:
+            self.claims += 1
             return int(mavlink.MAV_RESULT_ACCEPTED)
         return mount_control(self._mount, command)
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import random
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -14,6 +15,9 @@ from hw.gimbals.mavlink_mount import MavlinkMountGimbal, MavlinkMountOptions
 from hw.gimbals.mavlink_v2 import MavlinkGimbal, MavlinkOptions
 from hw.gimbals.servo_mavlink import ServoMavlinkGimbal, ServoMavlinkOptions
 from hw.links.memory import MemoryLink, memory_pair
+from hw.sim.gimbal import SimMount
+from hw.sim.gimbals.mavlink import GimbalManager
+from hw.sim.options import SimGimbalOptions
 from landerd.clock import run_virtual
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import Gimbal
@@ -99,6 +103,7 @@ def v2(**options: Any) -> Callable[[MavlinkAutopilot], MavlinkGimbal]:
 
 def test_v2_asks_for_control_and_orders_angles_without_rates() -> None:
     async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
+        await report(gimbal, wire, attitude(turn(0.0, 0.0)))
         gimbal.command(GimbalCommand(0.25, -1.5))
         await asyncio.sleep(0.01)
         (claim,) = wire.of(
@@ -170,10 +175,13 @@ def test_v2_of_servos_says_that_nobody_measured() -> None:
 
 def test_v2_goes_on_after_a_restart_of_the_autopilot() -> None:
     async def scene(stand: Stand) -> None:
+        manager = GimbalManager(SimMount(stand.world, SimGimbalOptions(), random.Random(1)))
+        stand.autopilot.attach(manager)
         await stand.watch(1.0)
         stand.autopilot.reboot()
         await stand.watch(2.0)
         assert len(await stand.watch(1.0)) == pytest.approx(50, abs=5)
+        assert manager.claims == 2  # for it has forgotten who controls the gimbal
 
     on_stand("mavlink", scene)
 
