@@ -51,7 +51,6 @@ from landerd.parameters import with_value
 LARGEST = 1e6  # a number beyond this in a pose comes from a fit that failed
 CONTINUES_S = 0.5  # set-points go on from the last one if it is not older
 SAY_AGAIN_S = 1.0  # the same line is not told to the pilot more often
-LOOK_ON_S = 2.0  # so long the camera is pointed where an unseen pad should be
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -205,7 +204,7 @@ class Lander:
         self._tick_t = now
         if dt <= 0.0:
             return
-        self._aim.on_tick(now, self._look(now))
+        self._aim.on_tick(now, self._look(now), self._sighting_t)
         self._out.append(self._aim.command)
         if self._config.guidance.output == "landing_target":
             self._enter(Phase.NOT_LANDING, "the autopilot's precision landing flies")
@@ -225,7 +224,9 @@ class Lander:
         then = now + self._config.aim.lead_s
         if self._config.aim.method == "increment" or attitude is None:
             return None
-        if now - self._sighting_t > LOOK_ON_S:
+        # From stale data the lens would be led away from a pad that is still in the picture.
+        remembered = now - self._sighting_t < self._config.aim.search_after_s
+        if not remembered or self._fresh_vehicle(now) is None:
             return None
         estimate = self._filter.estimate(then, self._sighting_t)
         if estimate is None:

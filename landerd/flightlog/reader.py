@@ -28,7 +28,16 @@ from landerd.pad import PadLayout
 _MAGIC = b"\x89MCAP0\r\n"
 _MOST_BYTES = 1 << 28  # of one record: a length beyond this is damage
 # What the library raises over damaged bytes, beside its own errors.
-_DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, MemoryError, RuntimeError)
+_DAMAGE = (
+    McapError,
+    ZstdError,
+    struct.error,
+    ValueError,
+    OverflowError,
+    EOFError,
+    MemoryError,
+    RuntimeError,
+)
 
 
 class LogError(Exception):

@@ -67,20 +67,23 @@ class Aim:
             last.pitch + k * (angles[1] - last.pitch - y / z),
         )
 
-    def on_tick(self, now: float, direction: Vec3 | None = None) -> None:
+    def on_tick(
+        self, now: float, direction: Vec3 | None = None, sighting_t: float = -math.inf
+    ) -> None:
         """Point at the pad, or search while it is not in sight.
 
         Args:
             now: s.
             direction: where the pad will be, unit vector in the frame that the gimbal is measured
                 in; None: not known, or the increments do it.
+            sighting_t: of the last sighting that the estimate took, s.
         """
         dt = now - self._t if self._t is not None else 0.0
         self._t = now
         if self._seen_t is None:
             self._seen_t = now
+        self._seen_t = max(self._seen_t, sighting_t)
         if direction is not None:
-            self._seen_t = now
             self._point(direction, dt)
         elif now - self._seen_t >= self._search_after_s:
             self._search(dt)
