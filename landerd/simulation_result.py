@@ -74,7 +74,7 @@ def trace_of(simulation: "Simulation", result: dict[str, Any]) -> Trace:
         simulation.recording.samples,
     )
     views = simulation.recording.views
-    wanted = [p for p in (Phase.NOT_LANDING, Phase.YAW_CORRECTION, Phase.LANDED) if p in views]
+    wanted = [p for p in (Phase.NOT_LANDING, Phase.DESCENT, Phase.LANDED) if p in views]
     for phase in wanted or list(views)[:3]:
         t, frame, sightings = views[phase]
         image = draw(frame.image, sightings, simulation.camera_model, simulation.layout)
