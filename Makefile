@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
-.PHONY: sim test check bench bench-vision mutants golden clean
+.PHONY: sim test test-devices check bench bench-vision mutants golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
@@ -28,6 +28,9 @@ bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 libra
 	for file in bench/vision_*.py; do \
 		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
+
+test-devices:  ## drivers and service against a real kernel and systemd, in a virtual machine
+	tests/devices/run.sh
 
 mutants: $(SETUP)  ## break each safety rule in turn and show the test that catches it
 	$(BIN)/python tests/mutants.py

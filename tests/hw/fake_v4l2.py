@@ -5,6 +5,7 @@ A picture of sequence number n has the brightness n % 200 everywhere.
 
 import errno
 import os
+import threading
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -72,6 +73,7 @@ class FakeNode(VideoNode):
         self._layout = Layout("", 0, 0, 0)
         self._event = os.eventfd(0, os.EFD_NONBLOCK)
         self.is_closed = False
+        self._lock = threading.Lock()  # pictures may be shot by another thread
 
     def fileno(self) -> int:
         return self._event
@@ -123,11 +125,12 @@ class FakeNode(VideoNode):
         if self._camera.wait_error:
             number, self._camera.wait_error = self._camera.wait_error, 0
             fail(number)
-        if not self._filled:
-            return None
-        if len(self._filled) == 1 and self._camera.plugged:
-            os.eventfd_read(self._event)
-        return self._filled.popleft()
+        with self._lock:
+            if not self._filled:
+                return None
+            if len(self._filled) == 1:
+                os.eventfd_read(self._event)
+            return self._filled.popleft()
 
     def queue(self, index: int) -> None:
         if not self._camera.plugged:
@@ -155,8 +158,9 @@ class FakeNode(VideoNode):
         data = data[: len(data) // 2] if short else data
         self._data[index] = data
         camera = self._camera
-        self._filled.append(Filled(index, len(data), camera.sequence, t, camera.stamp, damaged))
-        self.wake()
+        with self._lock:
+            self._filled.append(Filled(index, len(data), camera.sequence, t, camera.stamp, damaged))
+            self.wake()
 
     def wake(self) -> None:
         os.eventfd_write(self._event, 1)
