@@ -22,8 +22,8 @@ class Picamera2Options(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     number: Annotated[int, Field(ge=0, le=9)] = 0  # of the camera
-    width: Annotated[int, Field(ge=64, le=8192)] = 640
-    height: Annotated[int, Field(ge=64, le=8192)] = 480
+    width: Annotated[int, Field(ge=16, le=8192)] = 640
+    height: Annotated[int, Field(ge=16, le=8192)] = 480
     fps: Annotated[float, Field(gt=0, le=300)] = 30.0
     exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = None  # null: automatic
     gain: Annotated[float, Field(ge=1, le=64)] | None = None  # null: automatic

@@ -45,11 +45,11 @@ class FakeCamera:
         self.node = FakeNode(self)
         return self.node
 
-    def shoot(self, *, damaged: bool = False, short: bool = False, late_s: float = 0.0) -> None:
+    def shoot(self, *, damaged: bool = False, short: bool = False, t: float | None = None) -> None:
         """Expose a picture; lost if the driver has no empty buffer."""
         self.sequence += 1
         if self.node is not None:
-            self.node.fill(damaged, short, time.monotonic() - late_s)
+            self.node.fill(damaged, short, time.monotonic() if t is None else t)
 
     def unplug(self) -> None:
         self.plugged = False

@@ -123,7 +123,7 @@ def test_the_time_is_that_of_the_middle_of_the_exposure(stamp: Stamp, middle_s: 
         loop = asyncio.get_running_loop()
         offset = loop.time() - time.monotonic()
         shot = time.monotonic() - 0.03
-        source.shoot(late_s=0.03)
+        source.shoot(t=shot)
         frame = await driver.newest()
         assert frame.t == pytest.approx(shot + offset + middle_s + 0.002, abs=0.001)
 
@@ -135,7 +135,7 @@ def test_a_stamp_of_an_unknown_clock_counts_as_of_arrival() -> None:
     source = FakeCamera(stamp=Stamp.NONE)
 
     async def use(driver: V4l2Camera) -> None:
-        source.shoot(late_s=1000.0)
+        source.shoot(t=1.0)
         frame = await driver.newest()
         assert abs(frame.t - asyncio.get_running_loop().time()) < 0.5
 
