@@ -34,6 +34,7 @@ depmod -b "$OUT/root" "$KERNEL"
 python3 -m pip install -q --disable-pip-version-check --target "$OUT/root/opt/site" \
     --python-version 3.11 --only-binary=:all: opencv-contrib-python-headless numpy pyserial smbus2 \
     pyyaml pymavlink pydantic mcap
+chroot "$OUT/root" python3 -m compileall -q /opt/site > /dev/null || true
 echo /opt/site > "$OUT/root/usr/lib/python3/dist-packages/landerd.pth"
 echo landerd-devices > "$OUT/root/etc/hostname"
 
