@@ -37,6 +37,7 @@ _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
 _BLUR_CHANGED = 0.1  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
+_FAR_OFF = 1e5  # samples of the print
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
 # What lens model, light and sampling leave out, as an error of the corners in fitted pixels.
@@ -339,8 +340,9 @@ class SquarePrint:
         self, layers: NDArray[np.float32], north: F64, east: F64
     ) -> tuple[F64, F64, F64, F64]:
         """Return the blurred print at points (n,), and its slopes by north, east (1/m) and blur."""
-        u = (self._centre + east * self._per_m).astype(np.float32)
-        v = (self._centre - north * self._per_m).astype(np.float32)
+        # A pose that a step has thrown far off sees points that no float32 can hold.
+        u = np.clip(self._centre + east * self._per_m, -_FAR_OFF, _FAR_OFF).astype(np.float32)
+        v = np.clip(self._centre - north * self._per_m, -_FAR_OFF, _FAR_OFF).astype(np.float32)
         at = cv2.remap(layers, u[None, :], v[None, :], cv2.INTER_LINEAR)[0].T.astype(np.float64)
         return at[0], -self._per_m * at[2], self._per_m * at[1], at[3]
 
