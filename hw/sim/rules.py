@@ -238,7 +238,8 @@ class Rules:
                 self._break(t, "1b: set-points after the release time")
         elif t < closed_t:
             self._flown_t = t
-            if self._latched and not zero:
+            # What was on its way when authority was lost is judged by rule 1a.
+            if self._latched and not zero and t - self._authority_lost_t > tick:
                 self._break(t, "1: a set-point before the gate was seen low again")
         if not self._first_sighting:
             self._break(t, "1c: a set-point before the first sighting")
