@@ -165,8 +165,9 @@ class Renderer:
         box = self._pad_box(pose, pad) if H is not None else None
         if H is not None and box == (0, 0, w, h) and self._covers(H, self._rays):
             image = np.empty((h, w), np.uint8)
-            self._draw_pad(image, H, box, defocus)
-            return image, _samples(box) == 1
+            samples = _samples(box)
+            self._draw_pad(image, H, box, samples, defocus)
+            return image, samples == 1
         level = PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
         small = self._ground.draw(plane_homography(pose, level))
         image = np.empty((h, w), np.uint8)
@@ -176,7 +177,7 @@ class Renderer:
         samples = _samples(box)
         if samples > 1:
             _defocus(image, defocus)
-        self._draw_pad(image, H, box, defocus)
+        self._draw_pad(image, H, box, samples, defocus)
         return image, samples == 1
 
     def _pad_box(self, pose: CameraPose, pad: PadPose) -> tuple[int, int, int, int] | None:
@@ -212,14 +213,15 @@ class Renderer:
             and east.min() > e0 + bend
         )
 
-    def _draw_pad(self, image: U8, H: F64, box: tuple[int, int, int, int], defocus: float) -> None:
+    def _draw_pad(
+        self, image: U8, H: F64, box: tuple[int, int, int, int], samples: int, defocus: float
+    ) -> None:
         """Draw the pad, which lies within the box (left, top, right, bottom) of the image.
 
         A small one is drawn out of focus: a lens blurs before the pixels average, and the other
         way round edges of a far ring would be off by some hundredths of a pixel.
         """
         left, top, right, bottom = box
-        samples = _samples(box)
         pitch = 1.0 / math.sqrt(self._camera.fx * self._camera.fy) / samples
         bands = max(round((bottom - top) / BAND_ROWS), 1)
         rows = [top + (bottom - top) * i // bands for i in range(bands + 1)]

@@ -16,6 +16,9 @@ from landerd.camera_model import F64
 from landerd.geometry import Mat3, Vec3, cross
 from landerd.messages import PoseSolution
 
+CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
+SAME_NORMAL = math.cos(math.radians(1.0))  # two solutions that agree so well are one
+
 
 @dataclass(frozen=True)
 class Pose:

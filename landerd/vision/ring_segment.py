@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
+THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
 MIN_EXTENT_PX = 5  # of a ring's shorter side: below, its hole is no pixel any more
 _BOX_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
 _MOST = 200  # components looked at, largest first

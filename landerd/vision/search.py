@@ -211,9 +211,10 @@ class Search:
         ).any()
         if out_of_sight or _side_px(px) < _SMALLEST_SIDE_PX:
             return None
-        normal = expected.normal
         north = corners[:2].sum(axis=0) - corners[2:].sum(axis=0)
-        start = Pose(rotation_from(normal, north), corners.mean(axis=0), np.zeros((6, 6)), 0.0)
+        start = Pose(
+            rotation_from(expected.normal, north), corners.mean(axis=0), np.zeros((6, 6)), 0.0
+        )
         fit = self._prints[square].track(image, self._camera, start)
         if fit is None:
             return None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import Square
-from landerd.vision.pose import Pose
+from landerd.vision.pose import CONTINUED, SAME_NORMAL, Pose
 from landerd.vision.square_pose import (
     corner_information,
     planar_poses,
@@ -61,8 +61,6 @@ _TRACKED = 0.93  # and one that nothing decoded must explain more
 # lean by 15 degrees at most.
 _LEVEL = math.cos(math.radians(6.0))
 _LEANING = math.cos(math.radians(17.0))
-_CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
-_SAME_NORMAL = math.cos(math.radians(1.0))
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ class SquarePrint:
             first = self.fit(image, camera, starts[0][0]) if starts else None
         if first is None or first.explained < _EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
-        if known_normal is not None and first.pose.normal @ np.array(known_normal) > _CONTINUED:
+        if known_normal is not None and first.pose.normal @ np.array(known_normal) > CONTINUED:
             return [first.pose]
         fits = [first]
         # The other solution, of the corners as they are now known.
@@ -152,9 +150,9 @@ class SquarePrint:
         for start, error in planar_poses(self._corner_rays(first.pose), self._size):
             if down is not None and _is_told_by_gravity(first.pose, start, np.array(down)):
                 continue
-            if float(start.normal @ first.pose.normal) < _SAME_NORMAL and error * focal < _TOLD_PX:
+            if float(start.normal @ first.pose.normal) < SAME_NORMAL and error * focal < _TOLD_PX:
                 other = self.fit(image, camera, start)
-                if other is not None and other.pose.normal @ first.pose.normal < _SAME_NORMAL:
+                if other is not None and other.pose.normal @ first.pose.normal < SAME_NORMAL:
                     fits.append(other)
         fits.sort(key=lambda f: f.squares)
         unit = _RIVALS * _INFLATION * fits[0].variance

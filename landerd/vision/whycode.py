@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import PadLayout, WhyCode, rotated
-from landerd.vision.pose import Pose, rotation_from
+from landerd.vision.pose import CONTINUED, SAME_NORMAL, Pose, rotation_from
 from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
-from landerd.vision.ring_segment import ring_candidates
+from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
 from landerd.vision.search import Expected
 from landerd.vision.square_fit import Fit
 from landerd.vision.whycode_print import WhyCodePrint
@@ -27,15 +27,12 @@ from landerd.vision.whycode_print import WhyCodePrint
 Image = NDArray[np.uint8]
 
 _RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
-_THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
 _PER_BIT = 16  # samples of the band along a cell
 _RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
 _LEAST_CONTRAST = 12.0  # along the band, grey levels
 _LEAST_SWING = 0.4  # of the mean bit, in the contrast along the band
 _LEAST_BIT = 0.45  # of a bit's swing, in mean swings of all bits
 _EXPLAINED = 0.85  # of the pixels' variance, by a print that is really there
-_CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
-_SAME_NORMAL = math.cos(math.radians(1.0))
 _LARGE_PX = 60.0  # a code this large tells all that smaller ones could
 _SMALLEST_PX = 9.0  # across; smaller rings have no teeth to be seen
 
@@ -99,7 +96,7 @@ class WhyCodeFinder:
 
     def _anywhere(self, image: Image, last_normal: Vec3 | None) -> list[FoundCode]:
         """Look in ever larger images; return the codes of the first that shows any."""
-        for threshold in _THRESHOLDS:
+        for threshold in THRESHOLDS:
             for halvings in range(max(0, math.ceil(math.log2(max(image.shape) / 100.0))), -1, -1):
                 found: dict[WhyCode, tuple[Pose, ...]] = {}
                 for outline in _outlines(image, halvings, threshold):
@@ -145,10 +142,10 @@ class WhyCodeFinder:
         fits = [f for f in [printed.fit(image, camera, start)] if f is not None]
         if not fits or fits[0].explained < _EXPLAINED:
             return ()
-        if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < _CONTINUED:
+        if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < CONTINUED:
             other = _mirrored(fits[0].pose, 0.5 * code.outer_diameter_m)
             fit = None if other is None else printed.fit(image, camera, other)
-            if fit is not None and fit.pose.normal @ fits[0].pose.normal < _SAME_NORMAL:
+            if fit is not None and fit.pose.normal @ fits[0].pose.normal < SAME_NORMAL:
                 fits.append(fit)
         poses = _ranked(fits)
         return poses if self._carries(image, code, poses[0]) else ()

@@ -17,12 +17,11 @@ from landerd.vision.ring_fit import RingFit, fit_ring
 from landerd.vision.ring_light import evenly_lit
 from landerd.vision.ring_pixels import MARGIN, edge_pixels, pixels_near
 from landerd.vision.ring_pose import F64, cone_through, mirrored, poses_of_cone
-from landerd.vision.ring_segment import Ellipse, ring_candidates
+from landerd.vision.ring_segment import THRESHOLDS, Ellipse, ring_candidates
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
 
-_THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
 _HARD_TRIES = 3  # best doubtful fits that are tried again with shadow and motion
 _EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
 _ASIDE = 0.4  # of such an error is not common to the whole outline
@@ -59,7 +58,7 @@ def find_rings(
     """
     found: list[MarkerSighting] = []
     levels = list(_levels(image, camera, window, expected_diameter_px))
-    for threshold in _THRESHOLDS if thorough else _THRESHOLDS[:1]:
+    for threshold in THRESHOLDS if thorough else THRESHOLDS[:1]:
         doubtful: list[list[RingFit]] = []
         for level in levels:
             for candidate in ring_candidates(level.image, ring.inner_ratio, threshold):
