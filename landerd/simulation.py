@@ -144,6 +144,7 @@ class Simulation:
         )
         link.tap = self.rules.from_landerd
         link.heard = self.rules.to_landerd
+        self._judged = link
         self.recording = Recording(self)
         self.recorder = _recorder(self, log, realtime=realtime) if log is not None else None
         autopilot = MavlinkAutopilot(
@@ -207,6 +208,8 @@ class Simulation:
                     continue
                 if self.daemon.lander.outcome or loop.time() > over_t + AFTER_LANDING_S:
                     break
+            # The link may go on in others' hands; a daemon that has ended streams no set-points.
+            self._judged.tap = self._judged.heard = None
             for task in running:
                 task.cancel()
 

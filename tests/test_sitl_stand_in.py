@@ -114,14 +114,19 @@ def test_it_takes_off_comes_to_the_start_and_begins_to_land(url: str) -> None:
     )
     flight = SitlFlight(loaded, 1, url, take_off_m=3.0)
     begun: list[float] = []
+    ended: list[float] = []
 
     async def script(simulation: Simulation) -> None:
         begun.append(math.dist(simulation.world.offset, (-4.0, 0.0)))
         while simulation.daemon.lander.phase is Phase.NOT_LANDING:
             await asyncio.sleep(0.05)
         simulation.over = True
+        ended.append(asyncio.get_running_loop().time())
 
     run_slaved(flight.run(script))
     assert begun[0] < 0.6
     assert flight.simulation.score.first_sighting_t is not None
-    assert not flight.truth.armed  # it was put down again
+    assert not flight.truth.armed  # it was put down again,
+    assert all(
+        t < ended[0] + 0.2 for t in flight.simulation.rules.broken.values()
+    )  # not by landerd
