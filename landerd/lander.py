@@ -147,6 +147,11 @@ class Lander:
         """Whether pictures still decide anything: not once the vehicle stands on the pad."""
         return not (self.phase is Phase.LANDED and self._touchdown.in_contact)
 
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
+        return self._filter.nis
+
     def relative(self, now: float) -> Relative | None:
         """Return the pad relative to the vehicle at time now, None while either is unknown."""
         estimate = self._filter.estimate(now, self._sighting_t)

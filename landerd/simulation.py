@@ -288,6 +288,7 @@ class Recording:
         self.frames = 0  # searched
         self.off_centre_px: list[float] = []  # the marker looked at, in each picture with one
         self.gimbal_errors_px: list[float] = []  # where it points against where it was ordered to
+        self.nis: list[float] = []  # of every sighting that the filter could compare
         self.pad_velocity_error_mps: float | None = None  # KNOWN_AFTER_S after the first sighting
 
     def on_flight(self, lander: Lander) -> None:
@@ -318,6 +319,10 @@ class Recording:
             self._sampled_t = now
             self._sample(now)
             self._compare_velocity(now)
+        elif isinstance(message, Sightings):
+            nis = self._simulation.daemon.lander.nis
+            if not math.isnan(nis):
+                self.nis.append(nis)
 
     def _compare_gimbal(self, ordered: GimbalCommand) -> None:
         """Note how far off the picture is that an order has not moved yet."""

@@ -12,6 +12,8 @@ from landerd.vision.draw import draw
 if TYPE_CHECKING:
     from landerd.simulation import Simulation
 
+NIS_EXPECTED = 3.0  # of the pad filter: three coordinates
+
 
 def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, Any]:
     """Return the object that `landerd sim --json` prints, but for wall_s."""
@@ -37,6 +39,8 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
         "time_to_touchdown_s": since_sighting(contact.t if contact else None),
         "energy_hj": None if score.energy_j is None else score.energy_j / 100.0,
         "pad_velocity_error_mps": simulation.recording.pad_velocity_error_mps,
+        "nis_ratio": _nis_ratio(simulation),
+        "refused_percent": _refused_percent(simulation),
         "off_centre_px_p95": _percentile(simulation.recording.off_centre_px, 0.95),
         "gimbal_error_px_p95": _percentile(simulation.recording.gimbal_errors_px, 0.95),
         "aborts": lander.aborts,
@@ -48,6 +52,26 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
         "frames_per_s": simulation.recording.frames / flown_s,
         "faults": dict(simulation.daemon.faults),
     }
+
+
+def _nis_ratio(simulation: "Simulation") -> float | None:
+    """Return the mean NIS over its expectation: 1 if the filter is as sure as it may be.
+
+    Refused sightings count, or a narrow gate would make any filter look right; but none counts for
+    more than the gate, or one false alarm would outweigh a flight.
+    """
+    gate = _gate(simulation)
+    capped = [min(nis, gate) for nis in simulation.recording.nis]
+    return sum(capped) / len(capped) / NIS_EXPECTED if capped else None
+
+
+def _refused_percent(simulation: "Simulation") -> float | None:
+    nis = simulation.recording.nis
+    return 100.0 * sum(n > _gate(simulation) for n in nis) / len(nis) if nis else None
+
+
+def _gate(simulation: "Simulation") -> float:
+    return float(simulation.config.estimation.gate_sigma**2)
 
 
 def _percentile(values: list[float], share: float) -> float | None:

@@ -102,6 +102,8 @@ def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
     (line,) = done.stdout.splitlines()
     result = json.loads(line)
     assert (result["landed"], result["seed"], result["scenario"]) == (True, 3, "hover")
+    assert 0.8 < result["nis_ratio"] < 1.2
+    assert result["refused_percent"] < 5.0
 
 
 def test_a_flight_that_does_not_land_is_exit_code_1() -> None:

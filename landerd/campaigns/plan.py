@@ -20,6 +20,7 @@ class Needed(Section):
     touchdown_vertical_mps_p95: Positive | None = None
     yaw_error_deg_p95: Positive | None = None
     pad_velocity_error_mps_p95: Positive | None = None
+    nis_deviation: Positive | None = None  # of nis_ratio_mean from 1
 
 
 class Row(Section):

@@ -23,6 +23,7 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
     errors = _values(results, "touchdown_error_m")
     vertical = _values(results, "touchdown_vertical_mps")
     yaw = _values(results, "yaw_error_deg")
+    nis = _mean(_values(results, "nis_ratio"))
     figures: dict[str, Any] = {
         "scenario": row.scenario,
         "runs": len(runs),
@@ -37,6 +38,9 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
         "yaw_error_deg_p95": percentile(yaw, 95.0),
         "yaw_error_deg_max": max(yaw, default=None),
         "pad_velocity_error_mps_p95": percentile(_values(results, "pad_velocity_error_mps"), 95.0),
+        "nis_ratio_mean": nis,
+        "nis_deviation": None if nis is None else abs(nis - 1.0),
+        "refused_percent_mean": _mean(_values(results, "refused_percent")),
         "aborts": sum(r["aborts"] for r in results),
         "rules_broken": sum(len(seeds) for seeds in breaches.values()),
         "breaches": breaches,
@@ -109,6 +113,8 @@ _COLUMNS: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
     ("down m/s p95", _number("touchdown_vertical_mps_p95", 2)),
     ("yaw deg p95", _number("yaw_error_deg_p95", 1)),
     ("velocity m/s p95", _number("pad_velocity_error_mps_p95", 2)),
+    ("NIS", _number("nis_ratio_mean", 2)),
+    ("refused %", _number("refused_percent_mean", 1)),
     ("aborts", _number("aborts", 0)),
     ("rules", _number("rules_broken", 0)),
     ("exceptions", _number("exceptions", 0)),

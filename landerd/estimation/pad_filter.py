@@ -70,7 +70,9 @@ class PadFilter:
         self._noise = 1.0  # variance of what is new in a frame, times what it is said to be
         self._last_vector: Vec3 = (0.0, 0.0, 0.0)  # innovation before this
         self.rejected = 0  # sightings refused so far
-        self.nis = math.nan  # of the last innovation: chi-square of 3, 3 on average
+        # Of the last update's innovation, refused or not: chi-square of 3, 3 on average; NaN where
+        # there was nothing to compare with.
+        self.nis = math.nan
 
     @property
     def common(self) -> Vec3:
@@ -93,6 +95,7 @@ class PadFilter:
         Args:
             candidates: the same frame's pose solutions, one or two, in local NED.
         """
+        self.nis = math.nan
         candidates = [c for c in candidates if c.tilt < MAX_TILT + 2.0 * c.sigma_tilt]
         if not candidates:
             return False

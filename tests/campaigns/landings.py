@@ -20,6 +20,8 @@ def landing(scenario: str = "stationary", seed: int = 1, **changes: Any) -> dict
         "time_to_touchdown_s": 16.0,
         "energy_hj": 60.0,
         "pad_velocity_error_mps": 0.1,
+        "nis_ratio": 1.1,
+        "refused_percent": 0.5,
         "aborts": 0,
         "rules_broken": [],
         **changes,

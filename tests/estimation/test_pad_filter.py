@@ -282,6 +282,7 @@ def test_a_sighting_older_than_the_last_is_not_taken() -> None:
     before = estimate(pad_filter, t)
     for late in (t, t - 0.01, t - 1.0):
         assert not pad_filter.update([sighting(late, add(PAD, (0.3, 0.0, 0.0)))])
+        assert math.isnan(pad_filter.nis)  # it was compared with nothing
     assert estimate(pad_filter, t) == before
 
 
