@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import gc
+import hashlib
 import json
 import os
 import sys
@@ -14,6 +15,7 @@ from typing import Any
 
 from hw import registry
 from landerd.camera_model import CalibrationError, load_camera
+from landerd.campaigns.journal import Journal, JournalError
 from landerd.campaigns.plan import Campaign, load_campaign
 from landerd.campaigns.pool import Run, run_all
 from landerd.campaigns.table import as_text, has_failed, make_row
@@ -60,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", type=_count, metavar="N", help="processes; without: one for every core"
     )
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="FILE",
+        help="write every run down as it ends; runs that FILE holds are not flown again",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
 
@@ -68,25 +76,49 @@ def run(args: argparse.Namespace) -> int:
     landing = _SimulatedLanding(args.config or config_dir() / "default.yaml", tuple(args.set))
     try:
         campaign = load_campaign(args.name)
-        for row in campaign.rows:
-            config = landing.load(row.scenario).config
-        load_camera(config.camera.calibration)
-        load_pad(config.pad.layout)
-    except (ConfigError, CalibrationError, PadError) as e:
+        loaded = [landing.load(row.scenario) for row in campaign.rows]
+        load_camera(loaded[0].config.camera.calibration)
+        load_pad(loaded[0].config.pad.layout)
+        journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
+    except (ConfigError, CalibrationError, PadError, JournalError) as e:
         print(e, file=sys.stderr)
         return 2
+    with journal or contextlib.nullcontext():
+        return _fly(args, campaign, landing, journal)
+
+
+def _settings(name: str, loaded: Iterable[Loaded]) -> str:
+    """Return what tells a campaign's configuration from every other."""
+    digest = hashlib.sha256(name.encode())
+    for each in loaded:
+        digest.update(each.config.model_dump_json().encode())
+        for section in sorted(each.options):
+            digest.update(f"{section} {each.options[section].model_dump_json()}".encode())
+    return digest.hexdigest()
+
+
+def _fly(
+    args: argparse.Namespace,
+    campaign: Campaign,
+    landing: _SimulatedLanding,
+    journal: Journal | None,
+) -> int:
     started = time.monotonic()
     count = args.runs or campaign.runs
     # Runs are what is spread over the cores; the children take this over.
     os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
     tasks = [(row.scenario, seed) for row in campaign.rows for seed in range(1, count + 1)]
-    progress = _Progress(len(tasks))
-    runs: list[Run] = []
+    runs = [journal.runs[task] for task in tasks if task in journal.runs] if journal else []
+    kept = {(run.scenario, run.seed) for run in runs}
+    waiting = [task for task in tasks if task not in kept]
+    progress = _Progress(len(waiting))
     jobs = args.jobs or len(os.sched_getaffinity(0))
     try:
-        with contextlib.closing(run_all(landing, tasks, jobs)) as series:
+        with contextlib.closing(run_all(landing, waiting, jobs)) as series:
             for ended in series:
                 runs.append(ended)
+                if journal is not None:
+                    journal.keep(ended)
                 progress.show(ended)
     except KeyboardInterrupt:
         progress.clear()
@@ -102,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({"campaign": args.name, "rows": rows, "wall_s": wall_s}, allow_nan=False))
     else:
         print(as_text(rows))
-        print(f"{len(runs)} landings in {wall_s / 60.0:.1f} min")
+        print(f"{len(waiting)} landings in {wall_s / 60.0:.1f} min")
     return 1 if any(row["missed"] for row in rows) else 0
 
 

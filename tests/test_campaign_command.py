@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Generator, Iterable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -85,6 +86,56 @@ def test_ctrl_c_shows_what_was_flown(
     out = capsys.readouterr().out
     assert "2/2" in out
     assert out.endswith("stopped after 2 of 5 runs\n")
+
+
+def test_a_stopped_campaign_goes_on_with_what_it_kept(
+    flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["campaign", "radial", "--runs", "5", "--json", "--keep", str(tmp_path / "runs")]
+    flown["radial", 2] = Run("radial", 2, None, "ValueError: no (world.py:1)")
+    flown["radial", 4] = KeyboardInterrupt()
+    assert main(command) == 130
+    capsys.readouterr()
+    with (tmp_path / "runs").open("a") as file:
+        file.write('{"scenario": "radial", "se')  # killed while it wrote
+    flown["radial", 1] = flown["radial", 2] = AssertionError("flown again")
+    flown["radial", 4] = Run("radial", 4, landing("radial", 4))
+    for _ in range(2):
+        assert main(command) == 1
+        (row,) = as_json(capsys.readouterr().out)["rows"]
+        assert (row["runs"], row["landed"], row["failed_seeds"]) == (5, 4, [2])
+        flown["radial", 4] = flown["radial", 5] = AssertionError("flown again")
+
+
+def test_runs_of_two_configurations_are_not_mixed(
+    flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = str(tmp_path / "runs")
+    assert main(["campaign", "radial", "--runs", "1", "--keep", kept]) == 0
+    capsys.readouterr()
+    other = ["--set", "guidance.method=pid"]
+    assert main(["campaign", "radial", "--runs", "1", "--keep", kept, *other]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == f"{kept}: holds no runs of this campaign with this configuration\n"
+
+
+@pytest.mark.parametrize("text", ["mine\n", "\xff\n", None])
+def test_a_file_of_somebody_elses_is_left_alone(
+    text: str | None,
+    flown: dict[Task, Run | BaseException],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    kept = tmp_path / "runs"
+    if text is None:
+        kept.mkdir()
+    else:
+        kept.write_text(text, encoding="latin-1")
+    assert main(["campaign", "radial", "--runs", "1", "--keep", str(kept)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{kept}: ")
+    assert text is None or kept.read_text(encoding="latin-1") == text
 
 
 @pytest.mark.parametrize(
