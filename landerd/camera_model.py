@@ -11,8 +11,9 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+
+from landerd.yaml_mapping import read_mapping
 
 F64 = NDArray[np.float64]
 
@@ -99,17 +100,7 @@ def load_camera(path: Path) -> CameraModel:
     Raises:
         CalibrationError: unreadable, a key missing or of another shape, unknown distortion model.
     """
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "not text"
-        raise CalibrationError(f"{path}: cannot be read: {reason}") from None
-    except yaml.YAMLError as e:
-        mark = getattr(e, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark else ""
-        raise CalibrationError(f"{path}{line}: not YAML") from None
-    if not isinstance(data, dict):
-        raise CalibrationError(f"{path}: expected a ROS camera_info mapping")
+    data = read_mapping(path, CalibrationError, "a ROS camera_info mapping")
     width = _whole(path, data, "image_width")
     height = _whole(path, data, "image_height")
     k = _numbers(path, data, "camera_matrix", {9})

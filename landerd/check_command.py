@@ -90,7 +90,8 @@ async def check(loaded: Loaded, devices: Devices) -> list[Finding]:
         camera(),
         gimbal(),
     )
-    return [*findings, *(f for part in parts for f in part), disk(loaded)]
+    cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
+    return [*findings, *(f for part in parts for f in part), *cut, disk(loaded)]
 
 
 def disk(loaded: Loaded) -> Finding:

@@ -403,7 +403,7 @@ def _load(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loaded":
     from landerd.config_file import ConfigError, config_dir, load
 
     try:
-        return load(
+        loaded = load(
             args.config or config_dir() / "default.yaml",
             options_models=registry.options_models(),
             drivers=registry.names(),
@@ -412,6 +412,9 @@ def _load(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loaded":
         )
     except ConfigError as e:
         raise InputError(str(e)) from None
+    for remark in loaded.remarks:
+        print(remark, file=sys.stderr)
+    return loaded
 
 
 _COMMANDS = {

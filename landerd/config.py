@@ -7,18 +7,11 @@ bring models of their own (hw.registry); they appear under the section they belo
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+from landerd.section import Finite, NotNegative, Positive, Section
+
 Gain = Annotated[float, Field(ge=0, le=10)]
-
-
-class Section(BaseModel):
-    """A block of the configuration: unknown keys are errors, values never change."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class PadSection(Section):

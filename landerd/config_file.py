@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, Field, ValidationError, create_model
 
 from landerd.config import Config
+from landerd.reach import within_reach
 from landerd.yaml_tree import Fault, Loc, Node, Place, from_plain, read_file, read_override, shown
 
 M = TypeVar("M", bound=BaseModel)
@@ -33,6 +34,7 @@ class Loaded:
 
     config: Config
     options: Mapping[str, BaseModel]  # of drivers and simulator, by section: "camera.v4l2", "sim"
+    remarks: tuple[str, ...] = ()  # what was changed to suit the gimbal, a line each
 
 
 def config_dir() -> Path:
@@ -72,7 +74,7 @@ def load(
 
     Later wins, key by key: the file's includes, the file, overlays, overrides. Relative paths are
     meant from the file they are written in; in overrides, from the working directory; defaults,
-    and files that are not there, from `config_dir()`.
+    and files that are not there, from `config_dir()`. What the gimbal does not reach is cut.
 
     Args:
         path: the file.
@@ -83,7 +85,7 @@ def load(
 
     Raises:
         ConfigError: a file cannot be read, or a key is unknown, given twice, missing, of another
-            type or out of range.
+            type or out of range; or a range of angles is wanted that the gimbal does not reach.
     """
     faults: list[Fault] = []
     tree = read_file(path, faults)
@@ -107,7 +109,14 @@ def load(
             options[section] = block
         elif _at(config, parent).driver == driver:
             raise ConfigError([f"{shown(path)}: {section}: missing, driver {driver} needs it"])
-    return Loaded(config, options)
+    traits = getattr(options.get(f"gimbal.{config.gimbal.driver}"), "traits", None)
+    if traits is None:  # the simulator's own gimbal reaches all that may be asked of it
+        return Loaded(config, options)
+    try:
+        config, remarks = within_reach(config, traits)
+    except ValueError as e:
+        raise ConfigError([f"{shown(path)}: {e}"]) from None
+    return Loaded(config, options, tuple(remarks))
 
 
 def from_record(

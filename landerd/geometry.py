@@ -9,6 +9,7 @@ SIMD libraries do not. Vectors are 3-tuples, matrices row-major 3-tuples of 3-tu
 """
 
 import math
+from collections.abc import Sequence
 
 Vec3 = tuple[float, float, float]
 Mat3 = tuple[Vec3, Vec3, Vec3]
@@ -171,6 +172,41 @@ def rot_zyx(yaw: float, pitch: float, roll: float) -> Mat3:
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
         (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
         (-sp, cp * sr, cp * cr),
+    )
+
+
+def rot_zxy(yaw: float, roll: float, pitch: float) -> Mat3:
+    """Return Rz(yaw) Rx(roll) Ry(pitch), angles in rad: gimbal to what its angles are against."""
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cr, sr = math.cos(roll), math.sin(roll)
+    return (
+        (cy * cp - sy * sr * sp, -sy * cr, cy * sp + sy * sr * cp),
+        (sy * cp + cy * sr * sp, cy * cr, sy * sp - cy * sr * cp),
+        (-cr * sp, sr, cr * cp),
+    )
+
+
+def rotation(q: Sequence[float]) -> Mat3 | None:
+    """Return the rotation of a quaternion (w, x, y, z); None if it is none."""
+    w, x, y, z = q
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.9 < length < 1.1:
+        return None
+    w, x, y, z = w / length, x / length, y / length, z / length
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def angles_zxy(R: Mat3) -> Vec3:
+    """Return yaw, pitch and roll (rad) of Rz(yaw) Rx(roll) Ry(pitch) = R, also straight down."""
+    return (
+        math.atan2(-R[0][1], R[1][1]),
+        math.atan2(-R[2][0], R[2][2]),
+        math.asin(clamp(R[2][1], -1.0, 1.0)),
     )
 
 

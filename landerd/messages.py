@@ -178,7 +178,11 @@ class Reference(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GimbalState:
-    """Measured or modelled gimbal angles, rad: yaw right, pitch up (-pi/2 is down), roll right."""
+    """Measured or modelled gimbal angles, rad: yaw right, pitch up (-pi/2 is down), roll right.
+
+    Turned in the order of most gimbals' axes, Rz(yaw) Rx(roll) Ry(pitch): straight down, too, a
+    roll is a small angle of its own.
+    """
 
     t: float
     yaw: float

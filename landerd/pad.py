@@ -7,22 +7,17 @@ markers lie in the plane z = 0. A square's north is its top as its makers print 
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+from landerd.section import Finite, Positive, Section
+from landerd.yaml_mapping import read_mapping
 
 
 class PadError(Exception):
     """A pad file cannot be used; the text names file, key and what was expected."""
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Ring(_Model):
+class Ring(Section):
     """A WhyCon ring: black between the two circles, white inside and around."""
 
     kind: Literal["whycon"]
@@ -31,7 +26,7 @@ class Ring(_Model):
     position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
 
 
-class Square(_Model):
+class Square(Section):
     """An AprilTag or ArUco marker."""
 
     kind: Literal["apriltag", "aruco"]
@@ -42,7 +37,7 @@ class Square(_Model):
     heading_deg: Finite = 0.0  # of the marker's top, clockwise from the pad's north
 
 
-class WhyCode(_Model):
+class WhyCode(Section):
     """A WhyCode: a black ring that carries a number and a direction in teeth on its inner edge.
 
     Its print is that of the generator whycode-gen (github.com/jiriUlr/whycode-gen; Lightbody,
@@ -102,7 +97,7 @@ def _usable(bits: int) -> str:
     return f"usable: {', '.join(shown)}"
 
 
-class Plate(_Model):
+class Plate(Section):
     """The white plate the markers are printed on: its edges in the pad frame."""
 
     north_m: Positive
@@ -114,7 +109,7 @@ class Plate(_Model):
 Marker = Annotated[Ring | WhyCode | Square, Field(discriminator="kind")]
 
 
-class PadLayout(_Model):
+class PadLayout(Section):
     """All markers of a pad and its plate."""
 
     name: str
@@ -156,17 +151,7 @@ def load_pad(path: Path) -> PadLayout:
     Raises:
         PadError: unreadable, or a key is missing, unknown or out of range.
     """
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as e:
-        reason = e.strerror if isinstance(e, OSError) else "not text"
-        raise PadError(f"{path}: cannot be read: {reason}") from None
-    except yaml.YAMLError as e:
-        mark = getattr(e, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark else ""
-        raise PadError(f"{path}{line}: not YAML") from None
-    if not isinstance(data, dict):
-        raise PadError(f"{path}: expected a mapping with name, markers and plate")
+    data = read_mapping(path, PadError, "a mapping with name, markers and plate")
     try:
         return PadLayout.model_validate(data)
     except ValidationError as e:

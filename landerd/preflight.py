@@ -195,8 +195,6 @@ async def check_gimbal(
             raise DeviceLost("the gimbal says nothing of its angles")
         traits = getattr(gimbal, "traits", None)  # the real drivers state them
         findings = _gimbal_stream(got, config)
-        if traits is not None and config.gimbal.driver != "fixed":
-            findings += _reach(traits, config)
         if config.gimbal.driver == "fixed":
             return findings
         if not may_move():
@@ -235,25 +233,6 @@ def _gimbal_stream(got: list[tuple[float, GimbalState]], config: Config) -> list
             )
         ]
     return [Finding("ok", "gimbal", f"angles come {rate:.0f} times a second")]
-
-
-def _reach(traits: Any, config: Config) -> list[Finding]:
-    """Return where landerd would order what the gimbal does not reach (hw.gimbals' Traits)."""
-    findings = []
-    for axis in ("yaw", "pitch"):
-        ordered = getattr(config.gimbal, f"{axis}_limits_deg")
-        low, high = (round(math.degrees(limit)) for limit in getattr(traits, f"{axis}_limits"))
-        if ordered[0] < low - 0.5 or ordered[1] > high + 0.5:
-            findings.append(
-                Finding(
-                    "warn",
-                    "gimbal limits",
-                    f"{axis} reaches {low} to {high} degrees only: landerd would aim it at a pad "
-                    "that it cannot see",
-                    f"set gimbal.{axis}_limits_deg to [{low}, {high}] or less",
-                )
-            )
-    return findings
 
 
 async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Finding]:

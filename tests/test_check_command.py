@@ -287,11 +287,14 @@ def test_of_servos_it_is_told_that_nobody_measures_them_and_what_they_reach() ->
     set_up.gimbal.traits = Traits(
         Reference.BODY, Feedback.MODELLED, 50.0, (0.0, 0.0), (math.radians(-100.0), 0.3)
     )
-    set_up.overrides = ["gimbal.pitch_limits_deg=[-100.0, 0.0]"]
+    set_up.overrides = ["gimbal.driver=servo_sysfs", "gimbal.pitch_limits_deg=[-150.0, 0.0]"]
     findings = [f for f in set_up.check() if f.item.startswith("gimbal ")]
     assert set_up.gimbal.orders == 0
-    assert [(f.level, f.item) for f in findings] == [
-        ("warn", "gimbal limits"),
-        ("warn", "gimbal motion"),
+    assert [(f.level, f.item, f.what) for f in findings if f.item == "gimbal limits"] == [
+        (
+            "ok",
+            "gimbal limits",
+            "gimbal.pitch_limits_deg: -150 to 0 is cut: servo_sysfs reaches -135 to 45",
+        )
     ]
-    assert "gimbal.yaw_limits_deg to [0, 0]" in findings[0].mend
+    assert ("warn", "gimbal motion") in [(f.level, f.item) for f in findings]

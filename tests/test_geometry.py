@@ -9,14 +9,20 @@ from landerd.geometry import (
     R_GIMBAL_CAMERA,
     Mat3,
     Vec3,
+    angles_zxy,
     heading_of,
     inverse,
     is_finite,
     matmul,
     norm,
+    rot_x,
+    rot_y,
+    rot_z,
+    rot_zxy,
     rot_zyx,
     rotate,
     rotate_covariance,
+    rotation,
     sub,
     transpose,
     unit,
@@ -143,3 +149,27 @@ def test_one_bad_component_makes_a_vector_not_finite(bad: float) -> None:
         v = [1.0, 2.0, 3.0]
         v[i] = bad
         assert not is_finite((v[0], v[1], v[2]))
+
+
+@given(yaw=st.floats(-3.1, 3.1), pitch=st.floats(-3.1, 3.1), roll=st.floats(-0.3, 0.3))
+def test_a_gimbals_angles_are_found_again_also_straight_down(
+    yaw: float, pitch: float, roll: float
+) -> None:
+    R = rot_zxy(yaw, roll, pitch)
+    product = matmul(matmul(rot_z(yaw), rot_x(roll)), rot_y(pitch))
+    assert all(close(a, b) for a, b in zip(R, product, strict=True))
+    assert angles_zxy(R) == pytest.approx((yaw, pitch, roll), abs=1e-6)
+
+
+@given(ANGLES, ANGLES)
+def test_without_roll_the_order_of_the_axes_makes_no_difference(yaw: float, pitch: float) -> None:
+    assert rot_zxy(yaw, 0.0, pitch) == rot_zyx(yaw, pitch, 0.0)  # to the bit: logs replay
+
+
+def test_a_quaternion_is_a_rotation_only_at_length_one() -> None:
+    half = math.sqrt(0.5)
+    R = rotation((half, 0.0, 0.0, half))
+    assert R is not None
+    assert close(rotate(R, (1.0, 0.0, 0.0)), (0.0, 1.0, 0.0))  # turned right
+    assert rotation((0.0, 0.0, 0.0, 0.0)) is None
+    assert rotation((math.nan, 0.0, 0.0, 0.0)) is None

@@ -9,17 +9,16 @@ import time
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from hw.cameras.newest import NewestFrame
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
+from landerd.section import Section
 
 
-class GstreamerOptions(BaseModel):
+class GstreamerOptions(Section):
     """The block `camera.gstreamer` of the configuration."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: str = "nvarguscamerasrc sensor-id=0"  # with its own settings of exposure and gain
     convert: str = "nvvidconv"  # what makes grey of its pictures; elsewhere: videoconvert

@@ -9,17 +9,16 @@ import time
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from hw.cameras.newest import NewestFrame
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
+from landerd.section import Section
 
 
-class Picamera2Options(BaseModel):
+class Picamera2Options(Section):
     """The block `camera.picamera2` of the configuration."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     number: Annotated[int, Field(ge=0, le=9)] = 0  # of the camera
     width: Annotated[int, Field(ge=16, le=8192)] = 640

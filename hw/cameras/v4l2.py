@@ -18,11 +18,12 @@ from typing import Annotated, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from hw.cameras.v4l2_node import Filled, Layout, Mode, Stamp, VideoNode
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
+from landerd.section import Section
 
 log = logging.getLogger(__name__)
 
@@ -49,10 +50,8 @@ _REASONS = {
 }
 
 
-class V4l2Options(BaseModel):
+class V4l2Options(Section):
     """The block `camera.v4l2` of the configuration."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     device: str = "/dev/video0"  # better a name of /dev/v4l/by-id, which stays the same
     width: Annotated[int, Field(ge=16, le=8192)] = 640

@@ -3,28 +3,36 @@
 import asyncio
 import math
 
-from hw.gimbals.mounting import Angle, Feedback, Options, Traits
+from hw.gimbals.mounting import Feedback, Traits
 from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
 
 
-class FixedOptions(Options):
+class FixedOptions(Section):
     """Where the camera looks, relative to the airframe."""
 
     yaw_deg: Angle = 0.0  # positive right
     pitch_deg: Angle = -90.0  # positive up; -90 is straight down
     roll_deg: Angle = 0.0  # positive right
 
+    @property
+    def traits(self) -> Traits:
+        """What there is to know of it: it reaches where it looks."""
+        yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
+        return Traits(Reference.BODY, Feedback.MEASURED, _RATE_HZ, (yaw, yaw), (pitch, pitch))
+
 
 class FixedGimbal:
     """Always reports the same angles; orders change nothing."""
 
     def __init__(self, options: FixedOptions) -> None:
-        yaw, pitch = math.radians(options.yaw_deg), math.radians(options.pitch_deg)
-        self._angles = (yaw, pitch, math.radians(options.roll_deg))
-        self.traits = Traits(
-            Reference.BODY, Feedback.MEASURED, _RATE_HZ, (yaw, yaw), (pitch, pitch)
+        self.traits = options.traits
+        self._angles = (
+            self.traits.yaw_limits[0],
+            self.traits.pitch_limits[0],
+            math.radians(options.roll_deg),
         )
         self._due = 0.0
 

@@ -10,14 +10,15 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from landerd.geometry import Mat3, clamp, wrap
+from landerd.geometry import clamp, wrap
 from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.section import Angle, Section
 
-Angle = Annotated[float, Field(ge=-360, le=360)]
-_STEEP = 0.3  # cosine of pitch below which roll is no axis of its own (see `level_angles`)
+Latency = Annotated[float, Field(ge=0, le=0.2)]
 _LARGEST = 2.0 * math.pi + 1e-6  # no gimbal reports more, rad
+_UNMEASURED_SIGMA = math.radians(1.5)  # of hobby servos after their table was calibrated
 
 
 class Feedback(Enum):
@@ -26,30 +27,6 @@ class Feedback(Enum):
     MEASURED = "measured"
     MODELLED = "modelled"  # where the gimbal should be by now
     ORDERED = "ordered"  # the core takes it that the gimbal follows with gimbal.lag_s
-
-
-class Options(BaseModel):
-    """A driver's block of the configuration: unknown keys are errors, values never change."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class MountOptions(Options):
-    """How the gimbal is built in; `landerd calibrate gimbal` finds these."""
-
-    yaw_sign: Literal[1, -1] = 1  # -1: it turns left when ordered right
-    pitch_sign: Literal[1, -1] = 1
-    yaw_zero_deg: Angle = 0.0  # where the camera looks when the gimbal says 0
-    pitch_zero_deg: Angle = 0.0
-    yaw_limits_deg: tuple[Angle, Angle]  # what the gimbal can reach, measured as landerd does
-    pitch_limits_deg: tuple[Angle, Angle]
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "MountOptions":
-        for low, high in (self.yaw_limits_deg, self.pitch_limits_deg):
-            if low > high:
-                raise ValueError("expected limits as [lowest, highest]")
-        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,42 +39,66 @@ class Traits:
     yaw_limits: tuple[float, float]  # rad
     pitch_limits: tuple[float, float]
 
+    @property
+    def sigma(self) -> float:
+        """How far the lens may look beside what is reported, beyond what all gimbals may, rad."""
+        return 0.0 if self.feedback is Feedback.MEASURED else _UNMEASURED_SIGMA
+
+
+class MountOptions(Section):
+    """A gimbal with electronics of its own; `landerd calibrate gimbal` finds signs and zeros.
+
+    Such gimbals keep pitch and roll against the horizon, and yaw against the airframe.
+    """
+
+    yaw_sign: Literal[1, -1] = 1  # -1: it turns left when ordered right
+    pitch_sign: Literal[1, -1] = 1
+    yaw_zero_deg: Angle = 0.0  # where the camera looks when the gimbal says 0
+    pitch_zero_deg: Angle = 0.0
+    yaw_limits_deg: tuple[Angle, Angle]  # what the gimbal can reach, measured as landerd does
+    pitch_limits_deg: tuple[Angle, Angle]
+    rate_hz: float  # angles are asked for
+    latency_s: Latency  # from measurement to answer
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "MountOptions":
+        for low, high in (self.yaw_limits_deg, self.pitch_limits_deg):
+            if low > high:
+                raise ValueError("expected limits as [lowest, highest]")
+        return self
+
+    @property
+    def traits(self) -> Traits:
+        """What there is to know of the gimbal."""
+        return Traits(
+            Reference.HORIZON,
+            Feedback.MEASURED,
+            self.rate_hz,
+            _radians(self.yaw_limits_deg),
+            _radians(self.pitch_limits_deg),
+        )
+
 
 class Mounting:
     """Turns a device's angles into landerd's and orders into the device's."""
 
-    def __init__(
-        self,
-        options: MountOptions,
-        reference: Reference,
-        rate_hz: float,
-        feedback: Feedback = Feedback.MEASURED,
-    ) -> None:
+    def __init__(self, options: MountOptions) -> None:
         self._options = options
-        self.traits = Traits(
-            reference,
-            feedback,
-            rate_hz,
-            _radians(options.yaw_limits_deg),
-            _radians(options.pitch_limits_deg),
-        )
+        self.traits = options.traits
 
     def state(self, t: float, yaw: float, pitch: float, roll: float = 0.0) -> GimbalState | None:
-        """Return the state for a device's angles, turned in the order yaw, roll, pitch, rad.
-
-        None: they are no angles.
-        """
+        """Return the state for a device's angles (rad) that arrived at t; None: they are none."""
         if not all(-_LARGEST <= angle <= _LARGEST for angle in (yaw, pitch, roll)):
             return None  # NaN too
         o = self._options
-        yaw, pitch, roll = level_angles(
-            o.yaw_sign * yaw + math.radians(o.yaw_zero_deg),
-            o.pitch_sign * pitch + math.radians(o.pitch_zero_deg),
-            roll,
+        return GimbalState(
+            t - o.latency_s,
+            wrap(o.yaw_sign * yaw + math.radians(o.yaw_zero_deg)),
+            wrap(o.pitch_sign * pitch + math.radians(o.pitch_zero_deg)),
+            wrap(roll),
+            self.traits.reference,
+            pitch_measured=self.traits.feedback is not Feedback.ORDERED,
         )
-        traits = self.traits
-        is_measured = traits.feedback is not Feedback.ORDERED
-        return GimbalState(t, yaw, pitch, roll, traits.reference, pitch_measured=is_measured)
 
     def order(self, command: GimbalCommand) -> tuple[float, float] | None:
         """Return the device's yaw and pitch for an order, within its limits; None: no numbers."""
@@ -107,29 +108,6 @@ class Mounting:
         yaw = clamp(command.yaw, *traits.yaw_limits) - math.radians(o.yaw_zero_deg)
         pitch = clamp(command.pitch, *traits.pitch_limits) - math.radians(o.pitch_zero_deg)
         return o.yaw_sign * yaw, o.pitch_sign * pitch
-
-
-def level_angles(yaw: float, pitch: float, roll: float) -> tuple[float, float, float]:
-    """Return yaw, pitch, roll of Rz Ry Rx for those of Rz Rx Ry, the order of most gimbals.
-
-    To first order in roll, which a gimbal keeps near 0. Looking down the roll axis of Rz Rx Ry lies
-    across the lens and no small angles of Rz Ry Rx stand for it: there it is left out.
-    """
-    c = math.cos(pitch)
-    if abs(c) > _STEEP:
-        yaw, roll = yaw + roll * math.tan(pitch), roll / c
-    else:
-        roll = 0.0
-    return wrap(yaw), wrap(pitch), wrap(roll)
-
-
-def gimbal_order(R: Mat3) -> tuple[float, float, float]:
-    """Return yaw, pitch and roll of Rz(yaw) Rx(roll) Ry(pitch) = R, sound also straight down."""
-    return (
-        math.atan2(-R[0][1], R[1][1]),
-        math.atan2(-R[2][0], R[2][2]),
-        math.asin(clamp(R[2][1], -1.0, 1.0)),
-    )
 
 
 def _radians(limits_deg: tuple[float, float]) -> tuple[float, float]:

@@ -4,11 +4,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from hw.gimbals.mounting import Options
 from landerd.geometry import clamp, wrap
+from landerd.section import Section
 
 
-class RateLoopOptions(Options):
+class RateLoopOptions(Section):
     """Gains of a PID controller, angle in and speed out (thesis 3.2 has one on each joint)."""
 
     kp: Annotated[float, Field(gt=0, le=20)] = 5.0  # rad/s per rad

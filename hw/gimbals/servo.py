@@ -12,17 +12,18 @@ from typing import Annotated, Protocol
 
 from pydantic import Field, model_validator
 
-from hw.gimbals.mounting import Angle, Feedback, Options, Traits
+from hw.gimbals.mounting import Feedback, Traits
 from landerd.geometry import clamp
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost
+from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
 Pulse = Annotated[float, Field(ge=400, le=2600)]
 TILT = ((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))  # a usual servo, middle at 45 down
 
 
-class ServoAxisOptions(Options):
+class ServoAxisOptions(Section):
     """One servo."""
 
     channel: Annotated[int, Field(ge=0, le=32)]  # of the output
@@ -43,14 +44,25 @@ class ServoAxisOptions(Options):
             )
         return self
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and greatest angle, rad."""
+        return math.radians(self.table[0][0]), math.radians(self.table[-1][0])
 
-class ServoOptions(Options):
+
+class ServoOptions(Section):
     """Servos for pitch and perhaps yaw."""
 
     yaw: ServoAxisOptions | None = None  # none: the camera only tilts
     pitch: ServoAxisOptions = ServoAxisOptions(channel=0, table=TILT)
     slew_deg_s: Annotated[float, Field(gt=0, le=1000)] = 120.0  # largest speed under load
     lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.08  # behind a slowly moving order
+
+    @property
+    def traits(self) -> Traits:
+        """What there is to know of the gimbal: it reaches what is in its tables."""
+        yaw = self.yaw.limits if self.yaw is not None else (0.0, 0.0)
+        return Traits(Reference.BODY, Feedback.MODELLED, _RATE_HZ, yaw, self.pitch.limits)
 
 
 class PulseOutput(Protocol):
@@ -74,7 +86,7 @@ class ServoAxis:
         self.channel = options.channel
         self._table = [(math.radians(angle), pulse) for angle, pulse in options.table]
         self._slew, self._lag_s = slew, lag_s
-        self.limits = (self._table[0][0], self._table[-1][0])
+        self.limits = options.limits
         self.target = clamp(0.0, *self.limits)
         self.angle = self.target
 
@@ -105,10 +117,7 @@ class ServoGimbal:
         self._due = self._t = 0.0
         self._is_open = False
         self._lost: DeviceLost | None = None
-        yaw_limits = self._yaw.limits if self._yaw else (0.0, 0.0)
-        self.traits = Traits(
-            Reference.BODY, Feedback.MODELLED, _RATE_HZ, yaw_limits, self._pitch.limits
-        )
+        self.traits = options.traits
 
     async def open(self) -> None:
         """Get the output ready. Raises DeviceLost."""

@@ -17,9 +17,10 @@ from pydantic import Field
 
 from hw.gimbals.dialogue import Dialogue
 from hw.gimbals.frames import FrameScanner
-from hw.gimbals.mounting import Angle, Mounting, MountOptions
-from landerd.messages import GimbalCommand, GimbalState, Reference
+from hw.gimbals.mounting import Latency, Mounting, MountOptions
+from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import ByteLink
+from landerd.section import Angle
 
 CMD_CONTROL = 67
 CMD_MOTORS_ON = 77
@@ -40,8 +41,8 @@ class SimpleBgcOptions(MountOptions):
     """A SimpleBGC controller."""
 
     url: str = "serial:/dev/ttyUSB0?baud=115200"
-    rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0  # angles are asked for
-    latency_s: Annotated[float, Field(ge=0, le=0.2)] = 0.005  # from measurement to answer
+    rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0
+    latency_s: Latency = 0.005
     speed_deg_s: Annotated[float, Field(gt=0, le=1000)] = 120.0  # at most
     yaw_limits_deg: tuple[Angle, Angle] = (-170.0, 170.0)
     pitch_limits_deg: tuple[Angle, Angle] = (-100.0, 30.0)
@@ -51,9 +52,8 @@ class SimpleBgcGimbal:
     """Angles ordered and asked for over the serial API."""
 
     def __init__(self, options: SimpleBgcOptions, link: ByteLink) -> None:
-        self._mounting = Mounting(options, Reference.HORIZON, options.rate_hz)
+        self._mounting = Mounting(options)
         self.traits = self._mounting.traits
-        self._latency_s = options.latency_s
         self._speed = round(math.radians(options.speed_deg_s) / SPEED_UNIT)
         self._dialogue = Dialogue("SimpleBGC", link, frame_scanner(), self._ask, options.rate_hz)
 
@@ -69,9 +69,7 @@ class SimpleBgcGimbal:
                 continue
             roll, _, _, pitch, _, _, _, _, yaw = ANGLES_EXT.unpack(frame[_HEADER:-_CRC])
             yaw = math.remainder(yaw, 16384.0)  # an encoder counts turns
-            state = self._mounting.state(
-                t - self._latency_s, UNIT * yaw, -UNIT * pitch, UNIT * roll
-            )
+            state = self._mounting.state(t, UNIT * yaw, -UNIT * pitch, UNIT * roll)
             if state is not None:
                 if self._dialogue.answered(t):
                     self._dialogue.send(encode(CMD_MOTORS_ON))

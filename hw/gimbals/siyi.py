@@ -19,10 +19,11 @@ from pydantic import Field
 
 from hw.gimbals.dialogue import Dialogue
 from hw.gimbals.frames import FrameScanner
-from hw.gimbals.mounting import Angle, Mounting, MountOptions
+from hw.gimbals.mounting import Latency, Mounting, MountOptions
 from hw.gimbals.rate_loop import RateLoop, RateLoopOptions
-from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import ByteLink
+from landerd.section import Angle
 
 CMD_ROTATE = 0x07
 CMD_MODE = 0x0C
@@ -44,8 +45,8 @@ class SiyiOptions(MountOptions):
     """A SIYI gimbal."""
 
     url: str = "udpout:192.168.144.25:37260"  # or serial:/dev/ttyUSB0?baud=115200
-    rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0  # angles are asked for
-    latency_s: Annotated[float, Field(ge=0, le=0.2)] = 0.005  # from measurement to answer
+    rate_hz: Annotated[float, Field(ge=10, le=100)] = 50.0
+    latency_s: Latency = 0.005
     full_speed_deg_s: Annotated[float, Field(gt=0, le=360)] = 90.0  # that an order of 100 gives
     loop: RateLoopOptions = RateLoopOptions()
     yaw_limits_deg: tuple[Angle, Angle] = (-130.0, 130.0)
@@ -56,9 +57,8 @@ class SiyiGimbal:
     """Speeds ordered, angles asked for; the loop is closed with every answer."""
 
     def __init__(self, options: SiyiOptions, link: ByteLink) -> None:
-        self._mounting = Mounting(options, Reference.HORIZON, options.rate_hz)
+        self._mounting = Mounting(options)
         self.traits = self._mounting.traits
-        self._latency_s = options.latency_s
         self._full_speed = math.radians(options.full_speed_deg_s)
         integral_limit = math.radians(options.loop.integral_limit_deg_s)
         self._yaw, self._pitch = (
@@ -86,7 +86,7 @@ class SiyiGimbal:
             values = [UNIT * v for v in ATTITUDE.unpack(frame[HEADER.size : -_CRC])]
             yaw, pitch, roll, yaw_rate, pitch_rate, _ = values
             yaw, yaw_rate = -yaw, -yaw_rate
-            state = self._mounting.state(t - self._latency_s, yaw, pitch, roll)
+            state = self._mounting.state(t, yaw, pitch, roll)
             if state is None:
                 continue
             if self._dialogue.answered(t):

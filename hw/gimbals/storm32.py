@@ -18,9 +18,10 @@ from pymavlink.generator.mavcrc import x25crc
 
 from hw.gimbals.dialogue import Dialogue
 from hw.gimbals.frames import FrameScanner
-from hw.gimbals.mounting import Angle, Mounting, MountOptions
-from landerd.messages import GimbalCommand, GimbalState, Reference
+from hw.gimbals.mounting import Latency, Mounting, MountOptions
+from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import ByteLink
+from landerd.section import Angle
 
 CMD_GETDATAFIELDS = 6
 CMD_SETANGLES = 17
@@ -37,8 +38,8 @@ class Storm32Options(MountOptions):
     """A STorM32 controller."""
 
     url: str = "serial:/dev/ttyACM0?baud=115200"
-    rate_hz: Annotated[float, Field(ge=10, le=50)] = 25.0  # angles are asked for
-    latency_s: Annotated[float, Field(ge=0, le=0.2)] = 0.008  # from measurement to answer
+    rate_hz: Annotated[float, Field(ge=10, le=50)] = 25.0
+    latency_s: Latency = 0.008
     yaw_limits_deg: tuple[Angle, Angle] = (-120.0, 120.0)
     pitch_limits_deg: tuple[Angle, Angle] = (-100.0, 25.0)
 
@@ -47,9 +48,8 @@ class Storm32Gimbal:
     """Angles ordered and asked for by RC commands."""
 
     def __init__(self, options: Storm32Options, link: ByteLink) -> None:
-        self._mounting = Mounting(options, Reference.HORIZON, options.rate_hz)
+        self._mounting = Mounting(options)
         self.traits = self._mounting.traits
-        self._latency_s = options.latency_s
         self._dialogue = Dialogue(
             "STorM32", link, frame_scanner(FROM_GIMBAL), self._ask, options.rate_hz
         )
@@ -68,7 +68,7 @@ class Storm32Gimbal:
             if fields != ATTITUDE_RELATIVE:
                 continue
             state = self._mounting.state(
-                t - self._latency_s, -math.radians(yaw), -math.radians(pitch), math.radians(roll)
+                t, -math.radians(yaw), -math.radians(pitch), math.radians(roll)
             )
             if state is not None:
                 self._dialogue.answered(t)

@@ -18,7 +18,7 @@ from pymavlink import DFReader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import VEHICLE_TYPES, mode_name
-from landerd.geometry import Vec3, wrap
+from landerd.geometry import Vec3, angles_zxy, rotation, wrap
 from landerd.messages import Reference
 
 MAX_GAP_S = 1.5  # measurements farther apart are not interpolated between
@@ -272,7 +272,9 @@ def _read_tlog(path: Path, telemetry: Telemetry) -> None:
             telemetry.gimbal.add(now, (angles[0], angles[1], angles[2]))
         elif kind == "GIMBAL_DEVICE_ATTITUDE_STATUS" and now is not None:
             turned.add(True)
-            telemetry.gimbal.add(now, _euler(m.q))
+            R = rotation(m.q)
+            if R is not None:
+                telemetry.gimbal.add(now, angles_zxy(R))
 
 
 def _frames(data: bytes) -> Iterator[tuple[float, Any]]:
@@ -303,16 +305,6 @@ def _frames(data: bytes) -> Iterator[tuple[float, Any]]:
 
 def _starts_frame(data: bytes, at: int) -> bool:
     return at + 8 == len(data) or (at + 8 < len(data) and data[at + 8] in (0xFD, 0xFE))
-
-
-def _euler(q: Any) -> tuple[float, float, float]:
-    """Return (yaw, pitch, roll) of a quaternion (w, x, y, z)."""
-    w, x, y, z = q
-    return (
-        math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-        math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-        math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-    )
 
 
 def _note_origin(telemetry: Telemetry, t: float, latitude: float, longitude: float) -> None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from hw.replay.telemetry import Telemetry
-from landerd.geometry import R_GIMBAL_CAMERA, Mat3, Vec3, matmul, rot_z, rot_zyx
+from landerd.geometry import R_GIMBAL_CAMERA, Mat3, Vec3, matmul, rot_z, rot_zxy, rot_zyx
 from landerd.messages import (
     Attitude,
     AutopilotMessage,
@@ -105,7 +105,7 @@ class RecordedVehicle:
         roll, pitch, yaw = attitude[:3]
         by_body = gimbal.reference is Reference.BODY
         base = rot_zyx(yaw, pitch, roll) if by_body else rot_z(yaw)
-        turned = rot_zyx(gimbal.yaw, gimbal.pitch, gimbal.roll)
+        turned = rot_zxy(gimbal.yaw, gimbal.roll, gimbal.pitch)
         return matmul(matmul(base, turned), R_GIMBAL_CAMERA)
 
     def body(self, t: float) -> tuple[Vec3, Mat3] | None:

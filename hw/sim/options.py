@@ -2,20 +2,13 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from hw.sim.renderer import RenderOptions
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+from landerd.section import Finite, NotNegative, Positive, Section
 
 
-class _Options(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class StartOptions(_Options):
+class StartOptions(Section):
     """Where and how the vehicle hovers when the simulation starts."""
 
     position_m: tuple[Finite, Finite] = (-30.0, 0.0)  # north, east of the landing point
@@ -30,7 +23,7 @@ class StartOptions(_Options):
     follow_m: NotNegative = 15.0  # so far behind
 
 
-class WindOptions(_Options):
+class WindOptions(Section):
     """The air."""
 
     model: Literal["steady", "thesis"] = "steady"  # thesis: 3.8, the other keys do nothing
@@ -40,7 +33,7 @@ class WindOptions(_Options):
     gust_s: Annotated[float, Field(gt=0, le=60)] = 5.0  # how long one gust lasts
 
 
-class PadOptions(_Options):
+class PadOptions(Section):
     """Where the pad is and how it moves."""
 
     position_m: tuple[Finite, Finite] = (35.0, 12.0)  # at the start: north, east of local's origin
@@ -57,7 +50,7 @@ class PadOptions(_Options):
     tilt_azimuth_deg: Finite | None = 0.0  # where it slopes down, from pad north; null: by seed
 
 
-class SimGimbalOptions(_Options):
+class SimGimbalOptions(Section):
     """The simulated gimbal."""
 
     lag_s: Annotated[float, Field(ge=0.02, le=0.5)] = 0.08  # behind a moving set-point
@@ -68,7 +61,7 @@ class SimGimbalOptions(_Options):
     pitch_feedback: bool = True  # false: a servo without an encoder, reported is what was ordered
 
 
-class SimCameraOptions(_Options):
+class SimCameraOptions(Section):
     """When the simulated camera exposes and delivers."""
 
     fps: Annotated[float, Field(gt=0, le=120)] = 30.0
@@ -77,7 +70,7 @@ class SimCameraOptions(_Options):
     clock_offset_s: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.005  # of the frames' time
 
 
-class EkfOptions(_Options):
+class EkfOptions(Section):
     """How the autopilot's own estimate differs from the truth."""
 
     delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.008
@@ -88,7 +81,7 @@ class EkfOptions(_Options):
     height_scale_max: Annotated[float, Field(ge=0, le=0.2)] = 0.05  # barometer reads too high
 
 
-class SimOptions(_Options):
+class SimOptions(Section):
     """The whole simulated world."""
 
     vehicle: Literal["reference", "fast"] = "reference"

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from landerd.config import Positive, Section
 from landerd.config_file import ConfigError, config_files, read_model
+from landerd.section import Positive, Section
 
 
 class Needed(Section):

@@ -24,6 +24,7 @@ from landerd.geometry import (
     norm,
     outer,
     rot_z,
+    rot_zxy,
     rot_zyx,
     rotate,
     rotate_covariance,
@@ -155,7 +156,7 @@ class Placement:
         roll, pitch, yaw = attitude[:3]
         body = self._reference is Reference.BODY
         R_local_base = rot_zyx(yaw, pitch, roll) if body else rot_z(yaw)
-        R_base_gimbal = rot_zyx(gimbal[0], gimbal[1], gimbal[2])
+        R_base_gimbal = rot_zxy(gimbal[0], gimbal[2], gimbal[1])
         return matmul(matmul(R_local_base, R_base_gimbal), R_GIMBAL_CAMERA)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:

@@ -16,7 +16,17 @@ from landerd import __version__
 from landerd.flightlog import codec, contents, foxglove
 from landerd.flightlog.contents import Dropped, Head, Searched, State
 from landerd.flightlog.disk import SyncedFile
-from landerd.geometry import R_GIMBAL_CAMERA, Mat3, Vec3, cross, matmul, rot_z, rot_zyx, transpose
+from landerd.geometry import (
+    R_GIMBAL_CAMERA,
+    Mat3,
+    Vec3,
+    cross,
+    matmul,
+    rot_z,
+    rot_zxy,
+    rot_zyx,
+    transpose,
+)
 from landerd.messages import (
     Attitude,
     Command,
@@ -115,7 +125,7 @@ class LogWriter:
             R = _R_local_body(self._attitude)
             self._transform(now, message.t, "local", "body", message.position, R)
         elif isinstance(message, GimbalState) and self._attitude is not None:
-            R = matmul(rot_zyx(message.yaw, message.pitch, message.roll), R_GIMBAL_CAMERA)
+            R = matmul(rot_zxy(message.yaw, message.roll, message.pitch), R_GIMBAL_CAMERA)
             if message.reference is Reference.HORIZON:
                 level = matmul(transpose(_R_local_body(self._attitude)), rot_z(self._attitude.yaw))
                 R = matmul(level, R)

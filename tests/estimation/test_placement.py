@@ -4,7 +4,19 @@ import pytest
 
 from landerd.config import Config
 from landerd.estimation.placement import PlacedPad, Placement
-from landerd.geometry import R_GIMBAL_CAMERA, Vec3, matmul, norm, rot_zyx, rotate, sub, transpose
+from landerd.geometry import (
+    R_GIMBAL_CAMERA,
+    Vec3,
+    matmul,
+    norm,
+    rot_x,
+    rot_y,
+    rot_z,
+    rot_zyx,
+    rotate,
+    sub,
+    transpose,
+)
 from landerd.messages import Attitude, GimbalState, LocalPosition, PoseSolution, Reference
 
 # The camera at the autopilot's position: the chain of rotations alone.
@@ -122,7 +134,9 @@ def test_a_pads_heading_is_found_from_any_attitude() -> None:
         # What the camera sees of a level pad that points to 170 degrees, by an independent chain.
         roll, pitch, yaw = (a * DEGREES for a in attitude)
         body = rot_zyx(yaw, pitch, roll)
-        lens = matmul(rot_zyx(*(a * DEGREES for a in gimbal)), R_GIMBAL_CAMERA)
+        yaw, pitch, roll = (a * DEGREES for a in gimbal)
+        turned = matmul(matmul(rot_z(yaw), rot_x(roll)), rot_y(pitch))
+        lens = matmul(turned, R_GIMBAL_CAMERA)
         camera_from_local = transpose(matmul(body, lens))
         north = rotate(camera_from_local, (math.cos(170 * DEGREES), math.sin(170 * DEGREES), 0.0))
         normal = rotate(camera_from_local, (0.0, 0.0, 1.0))

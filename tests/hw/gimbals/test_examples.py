@@ -5,8 +5,6 @@ from pathlib import Path
 import pytest
 
 from hw import registry
-from hw.gimbals.mounting import MountOptions
-from hw.gimbals.servo import ServoOptions
 from landerd.config_file import config_dir, load
 
 EXAMPLES = sorted((config_dir() / "gimbals").glob("*.yaml"))
@@ -21,18 +19,8 @@ def test_example(example: Path) -> None:
         overlays=[example],
         overrides=[],
     )
-    gimbal = loaded.config.gimbal
-    options = loaded.options[f"gimbal.{gimbal.driver}"]
-    if isinstance(options, MountOptions):
-        for ours, reached in (
-            (gimbal.yaw_limits_deg, options.yaw_limits_deg),
-            (gimbal.pitch_limits_deg, options.pitch_limits_deg),
-        ):
-            assert reached[0] <= ours[0] <= ours[1] <= reached[1]
-    elif isinstance(options, ServoOptions):
-        low, high = options.pitch.table[0][0], options.pitch.table[-1][0]
-        assert low <= gimbal.pitch_limits_deg[0] <= gimbal.pitch_limits_deg[1] <= high
-        assert (gimbal.yaw_limits_deg == (0.0, 0.0)) == (options.yaw is None)
+    assert loaded.remarks == ()
+    assert f"gimbal.{loaded.config.gimbal.driver}" in loaded.options
 
 
 def test_there_are_examples() -> None:

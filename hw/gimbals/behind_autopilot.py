@@ -1,0 +1,95 @@
+"""What gimbals have in common that the autopilot drives: orders and reports pass through its link.
+
+Pitch and roll are against the horizon, yaw against the airframe.
+"""
+
+import asyncio
+import math
+from abc import ABC, abstractmethod
+from collections import deque
+from dataclasses import replace
+from typing import Annotated
+
+from pydantic import Field
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.mavlink_codec import Message
+from hw.gimbals.mounting import Feedback, Latency, Mounting, MountOptions, Traits
+from landerd.messages import GimbalCommand, GimbalState
+from landerd.section import Angle
+
+_MOST = 50  # reports; a reader that has stopped must not fill the memory
+
+
+class BehindAutopilotOptions(MountOptions):
+    """A gimbal that the autopilot drives."""
+
+    rate_hz: Annotated[float, Field(ge=10, le=50)] = 50.0
+    command_hz: Annotated[float, Field(ge=5, le=50)] = 20.0  # at most
+    latency_s: Latency = 0.02
+    feedback: bool = True  # false: servos, whose angles nobody measures
+    yaw_limits_deg: tuple[Angle, Angle] = (-90.0, 90.0)
+    pitch_limits_deg: tuple[Angle, Angle] = (-90.0, 20.0)
+
+    @property
+    def traits(self) -> Traits:
+        """What there is to know of the gimbal."""
+        feedback = Feedback.MEASURED if self.feedback else Feedback.ORDERED
+        return replace(super().traits, feedback=feedback)
+
+
+class BehindAutopilotGimbal(ABC):
+    """A Gimbal; what is said to the autopilot and by it is the drivers'."""
+
+    def __init__(
+        self, options: BehindAutopilotOptions, autopilot: MavlinkAutopilot, report: int
+    ) -> None:
+        """Report: id of the message with the angles."""
+        self._options, self._autopilot = options, autopilot
+        self._mounting = Mounting(options)
+        self.traits = self._mounting.traits
+        self._sent_t = -math.inf
+        self._states: deque[GimbalState] = deque(maxlen=_MOST)
+        self._waiter: asyncio.Future[None] | None = None
+        autopilot.subscribe(report, options.rate_hz, self._take)
+
+    async def open(self) -> None:
+        """Begin anew."""
+        self._states.clear()
+
+    async def state(self) -> GimbalState:
+        """Wait for a report and return the oldest there is."""
+        while not self._states:
+            self._waiter = asyncio.get_running_loop().create_future()
+            await self._waiter
+        return self._states.popleft()
+
+    def command(self, command: GimbalCommand) -> None:
+        """Order new angles, at most `command_hz` times a second."""
+        now = asyncio.get_running_loop().time()
+        angles = self._mounting.order(command)
+        if angles is None or now - self._sent_t < 1.0 / self._options.command_hz - 1e-6:
+            return
+        self._sent_t = now
+        self._order(*angles)
+
+    async def close(self) -> None:
+        """Forget what was reported; the link is the autopilot's."""
+        self._states.clear()
+
+    @abstractmethod
+    def _order(self, yaw: float, pitch: float) -> None:
+        """Send the device's angles, rad."""
+
+    @abstractmethod
+    def _angles(self, m: Message) -> tuple[float, float, float] | None:
+        """Return the device's yaw, pitch and roll that a report tells, rad; None: not usable."""
+
+    def _take(self, m: Message, t: float) -> None:
+        angles = self._angles(m)
+        state = self._mounting.state(t, *angles) if angles is not None else None
+        if state is None:
+            return
+        self._states.append(state)
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_result(None)
