@@ -31,6 +31,7 @@ from landerd.messages import (
     LandingTarget,
     Phase,
     PhaseChange,
+    PressDown,
     Prior,
     Setpoint,
     Shutdown,
@@ -237,6 +238,8 @@ class Daemon:
         match command:
             case Setpoint():
                 autopilot.fly(command)
+            case PressDown():
+                autopilot.press_down(command)
             case GimbalCommand():
                 self._devices.gimbal.command(command)
             case StatusText():

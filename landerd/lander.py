@@ -37,6 +37,7 @@ from landerd.messages import (
     Phase,
     PhaseChange,
     PoseSolution,
+    PressDown,
     Prior,
     RcChannels,
     Severity,
@@ -340,6 +341,12 @@ class Lander:
         if self._touchdown.unconfirmed(now, self._landed):
             self._finish("touchdown_unconfirmed")
             self._say(now, Severity.CRITICAL, "touch-down not confirmed, disarm by hand")
+        attitude = self._placement.attitude.newest
+        if self._touchdown.level_due(now, self._landed) and attitude is not None:
+            self._ordered_t = now
+            self._limiter.stop()
+            self._out.append(PressDown(attitude[1][2]))
+            return
         north, east, _ = self._pad_velocity
         descent = self._config.guidance.touchdown_descent_mps
         self._send((north, east, descent), 0.0, dt, may_descend=True)

@@ -254,6 +254,13 @@ class LandingTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class PressDown:
+    """Stand level on the pad without thrust: asks for no lean, as a velocity in wind would."""
+
+    heading: float  # to keep, local, rad
+
+
+@dataclass(frozen=True, slots=True)
 class Disarm:
     """Stop the motors by the ordinary command, never forced."""
 
@@ -288,4 +295,4 @@ AutopilotMessage = (
     | ParameterChange
 )
 Input = AutopilotMessage | GimbalState | Sightings | Tick | Shutdown
-Command = Setpoint | LandingTarget | GimbalCommand | StatusText | Disarm | PhaseChange
+Command = Setpoint | PressDown | LandingTarget | GimbalCommand | StatusText | Disarm | PhaseChange

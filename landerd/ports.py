@@ -13,6 +13,7 @@ from landerd.messages import (
     GimbalCommand,
     GimbalState,
     LandingTarget,
+    PressDown,
     Setpoint,
     StatusText,
 )
@@ -71,6 +72,9 @@ class Autopilot(Protocol):
 
     def fly(self, setpoint: Setpoint) -> None:
         """Send one velocity and yaw-rate set-point."""
+
+    def press_down(self, order: PressDown) -> None:
+        """Order a level attitude without thrust, in place of a set-point."""
 
     def tell(self, text: StatusText) -> None:
         """Show the pilot a line."""

@@ -195,6 +195,13 @@ MUTANTS = [
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
     ),
     Mutant(
+        "4: stands level as soon as it touches",
+        TOUCHDOWN,
+        "self._contact_t > LEVEL_AFTER_S",
+        "self._contact_t > 0.0",
+        "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
+    ),
+    Mutant(
         "4: disarms before ON_GROUND",
         TOUCHDOWN,
         "if landed is not Landed.ON_GROUND or ",

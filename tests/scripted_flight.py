@@ -43,6 +43,7 @@ from landerd.messages import (
     Phase,
     PhaseChange,
     PoseSolution,
+    PressDown,
     RcChannels,
     Reference,
     Setpoint,
@@ -98,6 +99,7 @@ class Flight:
         self.inputs: list[Input] = []
         self.commands: list[Command] = []
         self.setpoints: list[tuple[float, Setpoint]] = []
+        self.pressed: list[PressDown] = []
         self.texts: list[str] = []
         self.phases: list[Phase] = []
         self.disarm_orders: list[float] = []
@@ -252,6 +254,9 @@ class Flight:
                 self._judge(command)
                 self.setpoints.append((self.t, command))
                 self.order = command
+            case PressDown():
+                assert self.contact_t is not None
+                self.pressed.append(command)
             case GimbalCommand():
                 self._aimed = command
             case StatusText():

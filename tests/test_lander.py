@@ -457,7 +457,7 @@ def test_disarm_is_repeated_until_the_autopilot_does_it() -> None:
     assert orders >= 3
 
 
-def test_without_on_ground_the_pilot_is_told_and_it_presses_on_gently() -> None:
+def test_without_on_ground_it_stands_level_and_the_pilot_is_told() -> None:
     flight = Flight().engaged()
     flight.detects_landing = False
     flight.until_contact()
@@ -465,8 +465,20 @@ def test_without_on_ground_the_pilot_is_told_and_it_presses_on_gently() -> None:
     assert flight.lander.outcome == "touchdown_unconfirmed"
     assert said(flight, "disarm by hand")
     assert flight.disarm_orders == []
+    flight.pressed.clear()
+    assert flight.run(2.0) == []
+    assert len(flight.pressed) == 80  # at the rate of set-points
+    assert flight.pressed[-1].heading == pytest.approx(flight.yaw, abs=0.01)
+
+
+def test_before_it_stands_level_it_presses_on_gently_for_two_seconds() -> None:
+    flight = Flight().engaged()
+    flight.detects_landing = False
+    flight.until_contact()
     flown = flight.run(2.0)
+    assert len(flown) == 80
     assert all(0.0 < setpoint.velocity[2] <= 0.3001 for setpoint in flown)
+    assert flight.pressed == []
 
 
 def test_it_commits_below_the_commit_height_only() -> None:

@@ -20,10 +20,11 @@ from tests.simulated import ABOVE, fly
 
 
 class Wire:
-    """What landerd sent: velocity set-points with their times."""
+    """What landerd sent: velocity set-points, and orders to stand level, with their times."""
 
     def __init__(self, simulation: Simulation) -> None:
         self.setpoints: list[tuple[float, Any]] = []
+        self.level: list[tuple[float, Any]] = []
         self._codec = mavlink.MAVLink(None)
         self._judge = simulation.rules.from_landerd
         simulation.link.tap = self._tap
@@ -32,6 +33,8 @@ class Wire:
         for message in self._codec.parse_buffer(bytearray(data)) or []:
             if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
                 self.setpoints.append((t, message))
+            elif message.get_type() == "SET_ATTITUDE_TARGET":
+                self.level.append((t, message))
         self._judge(t, data)
 
     def after(self, t: float) -> list[tuple[float, Any]]:
@@ -325,9 +328,12 @@ def test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot() -> None:
     simulation = fly(script, longest_s=40.0)
     contact = simulation.score.contact
     assert contact is not None
-    pressing = seen["wire"].after(contact.t + 6.0)
-    assert pressing
-    assert all(0.0 < m.vz <= 0.6 for _, m in pressing)
+    pressing = [m for t, m in seen["wire"].after(contact.t) if t < contact.t + 2.5]
+    assert len(pressing) > 80
+    assert all(0.0 < m.vz <= 0.6 for m in pressing)
+    assert seen["wire"].after(contact.t + 3.5) == []
+    assert seen["wire"].level[-1][0] > contact.t + 6.0
+    assert {(m.q[1], m.q[2], m.thrust) for _, m in seen["wire"].level} == {(0.0, 0.0, 0.0)}
     assert simulation.rules.disarm_orders == 0
     assert "not confirmed" in texts(simulation)
     assert simulation.daemon.lander.outcome == "touchdown_unconfirmed"

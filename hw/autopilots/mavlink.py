@@ -21,6 +21,7 @@ from landerd.messages import (
     AutopilotMessage,
     AutopilotRestarted,
     LandingTarget,
+    PressDown,
     Setpoint,
     Severity,
     StatusText,
@@ -32,6 +33,7 @@ log = logging.getLogger(__name__)
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 _VELOCITY_AND_YAW_RATE = 1479  # type_mask: ignore position, acceleration, yaw
+_ATTITUDE_AND_THRUST = 7  # type_mask: ignore the body's rates
 
 _TIMESYNC_PERIOD_S = 0.2
 _RESTART_S = 1.0  # boot time going back by more than this is a restart
@@ -359,6 +361,29 @@ class MavlinkAutopilot:
                 *(0.0, 0.0, 0.0),
                 0.0,
                 setpoint.yaw_rate,
+            )
+        )
+
+    def press_down(self, order: PressDown) -> None:
+        """Send SET_ATTITUDE_TARGET: level, thrust 0.
+
+        ArduCopter takes 0 for the fastest descent, or with GUID_OPTIONS bit 3 for no thrust:
+        either presses down.
+        """
+        now = asyncio.get_running_loop().time()
+        if not math.isfinite(order.heading):
+            self._drop("level order refused: heading not finite", now)
+            return
+        half = 0.5 * order.heading
+        self.send(
+            mavlink.MAVLink_set_attitude_target_message(
+                int(now * 1e3) & 0xFFFFFFFF,
+                self._system,
+                _AUTOPILOT_COMPONENT,
+                _ATTITUDE_AND_THRUST,
+                (math.cos(half), 0.0, 0.0, math.sin(half)),
+                *(0.0, 0.0, 0.0),
+                0.0,
             )
         )
 

@@ -24,7 +24,7 @@ from hw.sim.copter import (
     Vehicle,
 )
 from hw.sim.pilot import PilotRadio
-from landerd.geometry import Vec3, add, is_finite, rot_z, rotate
+from landerd.geometry import Vec3, add, clamp, is_finite, rot_z, rotate
 from landerd.messages import Landed
 from landerd.ports import ByteLink, DeviceLost
 
@@ -37,6 +37,7 @@ _LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received 
 _TIMESYNC_PERIOD_S = 10.0
 _FARTHEST_M = 1e6
 _FASTEST_MPS = 1e3
+_LEVEL = 1e-3  # of a quaternion's x and y
 
 # type_mask of SET_POSITION_TARGET_LOCAL_NED: one bit of a group ignores the group
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x007, 0x038, 0x1C0
@@ -294,6 +295,9 @@ class SimAutopilot:
         if message_id == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             self._on_position_target(message, t)
             self._step(t)
+        elif message_id == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+            self._on_attitude_target(message, t)
+            self._step(t)
         elif message_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
             self._acknowledge(
                 channel, message, message.command, self._on_command(channel, message, t)
@@ -367,6 +371,17 @@ class SimAutopilot:
 
     def _set_mode(self, mode: int) -> int:
         return _ACCEPTED if self.copter.set_mode(mode) else _FAILED
+
+    def _on_attitude_target(self, m: Message, t: float) -> None:
+        """Only level ones are modelled, with the thrust for a climb rate (GUID_OPTIONS 0)."""
+        ignored = m.type_mask & (
+            mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+            | mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
+        )
+        finite = is_finite((m.q[1], m.q[2], m.thrust))
+        if ignored or not finite or math.hypot(m.q[1], m.q[2]) > _LEVEL:
+            return
+        self.copter.fly_level(2.0 * clamp(m.thrust, 0.0, 1.0) - 1.0, t)
 
     def _on_position_target(self, m: Message, t: float) -> None:
         if m.coordinate_frame == mavlink.MAV_FRAME_BODY_FRD:

@@ -72,8 +72,17 @@ class Vehicle(Protocol):
         """Whether the land detector says so."""
         ...
 
-    def order(self, velocity: Vec3, yaw_rate: float) -> None:
-        """Fly this velocity (local NED, m/s) and yaw rate (rad/s); a climb takes off."""
+    def order(
+        self, velocity: Vec3, yaw_rate: float, *, level: bool = False, landing: bool = False
+    ) -> None:
+        """Fly this velocity (local NED, m/s) and yaw rate (rad/s); a climb takes off.
+
+        Args:
+            velocity: local NED, m/s
+            yaw_rate: rad/s
+            level: lean nowhere, whatever the horizontal velocity
+            landing: in LAND
+        """
 
     def motors_on(self) -> None:
         """Let the motors turn."""
@@ -93,6 +102,12 @@ class _Velocity:
 class _Position:
     position: Vec3
     yaw_rate: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Level:
+    climb: float  # of the fastest climb, or sinking, -1 to 1
+    t: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +142,7 @@ class Copter:
         self._pilot = pilot
         self._p = parameters
         self._say = say
-        self._target: _Velocity | _Position | _Climb | None = None
+        self._target: _Velocity | _Position | _Level | _Climb | None = None
         self._speed_mps = parameters.wpnav_speed_mps  # towards a position target
         self._idle_since: float | None = None  # landed, and with the throttle low but for LAND
         self._radio_lost_at: float | None = None
@@ -199,6 +214,11 @@ class Copter:
         if self._is_guided():
             self._target = _Position(position, yaw_rate)
 
+    def fly_level(self, climb: float, t: float) -> None:
+        """Take a level attitude target with a climb rate, of the fastest; it ends a take-off."""
+        if self._is_guided():
+            self._target = _Level(climb, t)
+
     def set_speed(self, speed_mps: float) -> bool:
         """Fly to position targets at this speed until the mode is changed."""
         if not (self._is_guided() and speed_mps > 0.0):
@@ -224,7 +244,13 @@ class Copter:
         if self._vehicle.landed_detected and not isinstance(self._target, _Climb):
             velocity = (0.0, 0.0, max(velocity[2], 0.0))  # only NAV_TAKEOFF takes off
             yaw_rate = 0.0
-        self._vehicle.order(velocity, clamp(yaw_rate, -_YAW_RATE_LIMIT, _YAW_RATE_LIMIT))
+        yaw_rate = clamp(yaw_rate, -_YAW_RATE_LIMIT, _YAW_RATE_LIMIT)
+        self._vehicle.order(
+            velocity,
+            yaw_rate,
+            level=self._is_guided() and isinstance(self._target, _Level),
+            landing=self.mode == Mode.LAND,
+        )
 
     def _check_radio(self, t: float) -> None:
         if not self._pilot.lost:
@@ -258,6 +284,12 @@ class Copter:
             return _ZERO, 0.0
         if isinstance(target, _Climb):
             return self._climb(target, reported, t)
+        if isinstance(target, _Level):
+            fastest = (
+                self._p.wpnav_speed_up_mps if target.climb > 0.0 else self._p.wpnav_speed_down_mps
+            )
+            late = t - target.t > self._p.guid_timeout_s
+            return (0.0, 0.0, 0.0 if late else -fastest * target.climb), 0.0
         if isinstance(target, _Position):
             error = sub(target.position, reported.position)
             velocity, turns = self._towards(error), horizontal(error) > _NEAREST_COURSE_M

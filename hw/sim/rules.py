@@ -18,9 +18,11 @@ from landerd.geometry import Vec3, horizontal, rot_z, rotate
 _HEADER = 10  # bytes of a MAVLink 2 header
 _SLACK = 1.02  # of the limits: the set-points travel as 32-bit floats
 _CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
+_LEVEL_AFTER_S = 2.0  # for so long the vehicle goes with the pad before it may stand level
 _BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
 _LOSS_NEWS = ("not in sight", "stale", "no pictures")
+_ATTITUDE_AND_THRUST = 7  # type_mask of SET_ATTITUDE_TARGET: the body's rates are ignored
 _STILL = 1e-3  # m/s and rad/s that count as zero on the wire
 
 
@@ -144,6 +146,8 @@ class Rules:
             kind = message.get_msgId()
             if kind == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self._on_setpoint(t, message)
+            elif kind == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+                self._on_attitude(t, message)
             elif kind == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._on_command(t, message)
             elif kind == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
@@ -353,6 +357,21 @@ class Rules:
         if pressed and granted and velocity[2] <= _STILL:
             self._break(t, "4: no descent ordered after contact")
 
+    def _on_attitude(self, t: float, message: mavlink.MAVLink_message) -> None:
+        """In place of a set-point, level and without thrust, on the pad only."""
+        truth = self._truth()
+        self._feel(t, truth)
+        self._who_flies(t, False, 1.05 * self._b.control_period_s)
+        level = math.hypot(message.q[1], message.q[2]) < _STILL
+        if not (level and message.thrust == 0.0 and message.type_mask == _ATTITUDE_AND_THRUST):
+            self._break(t, "4: an attitude ordered other than level and without thrust")
+        if t - self._touched_t > _BOUNCE_S:
+            self._break(t, "4: level and without thrust while no foot is down")
+        elif t - self._touching_since < _LEVEL_AFTER_S:
+            self._break(t, "4: did not go with the pad after contact")
+        self._last = (t, (0.0, 0.0, 0.0), 0.0)
+        self._acceleration, self._stopped = None, (True, True)
+
     def _on_command(self, t: float, message: mavlink.MAVLink_message) -> None:
         if message.command != mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             return
@@ -394,6 +413,7 @@ _JUDGED = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
     mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT,
 }

@@ -66,6 +66,7 @@ class Vehicle:
     _VERTICAL_I = 29.7  # takes the thrust away 0.95 s after contact at 0.3 m/s of descent, 1/s^2
     _ATTITUDE_OMEGA, _ATTITUDE_ZETA = 12.0, 0.7
     _YAW_P = 5.0  # 1/s
+    _LEVEL_S = 0.15  # ATC_INPUT_TC
     _TIPPED = math.radians(70.0)  # then it lies on its side
 
     def __init__(
@@ -101,6 +102,7 @@ class Vehicle:
 
         self._velocity_order: Vec3 = (0.0, 0.0, 0.0)
         self._yaw_rate_order = 0.0
+        self._level = self._landing = False
         self._limited = False  # lean is at its limit
         self._sunk = 0.0  # integral that takes the thrust away on the ground, m/s^2
         self._airborne = True  # has been well clear of any surface since the last touchdown
@@ -128,8 +130,12 @@ class Vehicle:
         self._wind_e = WindResponse(windy_e - calm_e)
         self._lean = self.roll, self.pitch = self._lean_for(windy_n, windy_e)
 
-    def order(self, velocity: Vec3, yaw_rate: float) -> None:
+    def order(
+        self, velocity: Vec3, yaw_rate: float, *, level: bool = False, landing: bool = False
+    ) -> None:
         """Fly this velocity (local NED, m/s) and yaw rate (rad/s) from now on.
+
+        Level: lean nowhere, whatever the horizontal velocity. Landing: in LAND.
 
         After a detected landing it idles until a climb is ordered.
         """
@@ -138,6 +144,7 @@ class Vehicle:
             self._fly_from_here()
         self._velocity_order = velocity
         self._yaw_rate_order = yaw_rate
+        self._level, self._landing = level, landing
 
     def motors_off(self) -> None:
         """Stop the motors, in the air too."""
@@ -183,7 +190,7 @@ class Vehicle:
         if self.motors:
             self._wander.step()
             ad = self._fly_vertical(vd, feet_down)
-            push_n, push_e = self._fly_horizontal(vn, ve, feet_down)
+            push_n, push_e = self._fly_horizontal(vn, ve)
             self._turn.step(self._yaw_rate_order)
             if disturbed:
                 push_n, push_e = self._push_of_attitude()
@@ -222,13 +229,17 @@ class Vehicle:
         self.thrust = 1.0 - ad / GRAVITY
         return ad
 
-    def _fly_horizontal(self, vn: float, ve: float, feet_down: int) -> tuple[float, float]:
+    def _fly_horizontal(self, vn: float, ve: float) -> tuple[float, float]:
         """Return the push of the leaning thrust, north and east, m/s^2; sets the lean."""
         response = self._horizontal
+        if self._level:
+            # What steers by velocity starts afresh when it is asked for one again.
+            self._level_out(vn, ve)
+            return self._push_of_attitude()
         wander_n, wander_e, _ = self._wander.velocity
-        hold = self._limited or feet_down > 0
-        self._wind_n.step(vn - response.vn - wander_n, hold)
-        self._wind_e.step(ve - response.ve - wander_e, hold)
+        # On the ground too: an order that the ground does not follow winds the integrals up.
+        self._wind_n.step(vn - response.vn - wander_n, self._limited)
+        self._wind_e.step(ve - response.ve - wander_e, self._limited)
         drag_n, drag_e = self._drag(response.vn, response.ve)
         response.step(self._velocity_order[0], self._velocity_order[1])
         wander_n, wander_e, _ = self._wander.acceleration
@@ -241,6 +252,13 @@ class Vehicle:
             push_e *= self._most / push
         self._lean = self._lean_for(push_n, push_e)
         return push_n, push_e
+
+    def _level_out(self, vn: float, ve: float) -> None:
+        self._horizontal.settle(vn, ve)
+        self._wind_n, self._wind_e = WindResponse(0.0), WindResponse(0.0)
+        roll, pitch = self._lean
+        keep = 1.0 - STEP_S / self._LEVEL_S
+        self._lean = (keep * roll, keep * pitch)
 
     def _lean_for(self, push_n: float, push_e: float) -> tuple[float, float]:
         """Return roll and pitch that give this push, m/s^2, while the thrust carries the weight."""
@@ -303,12 +321,13 @@ class Vehicle:
         x, y, z = contact.rate_change
         self._off_rate = (self._off_rate[0] + c * x + s * y, self._off_rate[1] - s * x + c * y)
         self._yaw_off_rate += z
-        n, e, down = self._velocity_order
-        along = math.hypot(n - contact.surface_velocity[0], e - contact.surface_velocity[1])
-        if self.motors:
-            self._detector.step(self.thrust, down > 0.0, along)
-        else:
-            self._detector.step(0.0, True, 0.0)
+        self._detector.step(
+            self.thrust if self.motors else 0.0,
+            descending=self._velocity_order[2] > 0.0 or not self.motors,
+            landing=self._landing,
+            lean=math.hypot(*self._lean) if self.motors else 0.0,
+            velocity=self.velocity,
+        )
 
     def _turn_body(self, lean_rates: tuple[float, float]) -> None:
         """Take the attitude on by one step."""

@@ -9,6 +9,8 @@ BELOW_ORDER = 0.4  # contact: sinking slower than this part of the order, as mea
 CONTACT_S = 0.2  # for so long
 ANSWER_S = 0.4  # after commit: a vehicle that hovered needs it to sink at that part of the order
 BLIND_S = 0.9  # longest descent after commit without a sighting; the rule allows 1.0
+# After contact: by then ArduCopter has said ON_GROUND unless lean keeps it from it.
+LEVEL_AFTER_S = 2.5
 DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
 
 
@@ -36,6 +38,7 @@ class Touchdown:
         self._watch_from = now + ANSWER_S
         self._slow_since = math.inf
         self._contact_t: float | None = None
+        self._level = False
         self._disarm_t = -math.inf
 
     @property
@@ -68,6 +71,16 @@ class Touchdown:
             return False
         self._disarm_t = now
         return True
+
+    def level_due(self, now: float, landed: Landed) -> bool:
+        """Tell whether to stand level without thrust rather than to go with the pad.
+
+        ArduCopter's land detector does not trust in a landing while more than 15 degrees of lean
+        are asked for, as a velocity kept in wind does. Once level it stays so.
+        """
+        late = self._contact_t is not None and now - self._contact_t > LEVEL_AFTER_S
+        self._level = self._level or (late and landed is not Landed.ON_GROUND)
+        return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:
         """Tell whether the land detector has been silent for too long after contact."""

@@ -107,6 +107,19 @@ def test_five_seconds_without_on_ground_is_unconfirmed() -> None:
     assert not touchdown.unconfirmed(contact + 5.1, Landed.ON_GROUND)
 
 
+def test_it_stands_level_once_on_ground_is_late_and_stays_so() -> None:
+    touchdown = Touchdown(5.0)
+    touchdown.begin(0.0)
+    assert not touchdown.level_due(9.0, Landed.IN_AIR)  # no contact
+    touchdown.step(10.0, 0.0, 0.3, 0.0, Landed.ON_GROUND)
+    assert not touchdown.level_due(12.0, Landed.IN_AIR)
+    assert not touchdown.level_due(13.0, Landed.ON_GROUND)
+    assert touchdown.level_due(13.0, Landed.IN_AIR)
+    assert touchdown.level_due(13.5, Landed.ON_GROUND)
+    touchdown.begin(20.0)
+    assert not touchdown.level_due(24.0, Landed.IN_AIR)
+
+
 def test_without_contact_nothing_is_unconfirmed_however_long_it_takes() -> None:
     assert not Descent().touchdown.unconfirmed(math.inf, Landed.IN_AIR)
 

@@ -43,7 +43,9 @@ class PlainAirframe:
     def vehicle(self) -> "PlainAirframe":
         return self
 
-    def order(self, velocity: Vec3, yaw_rate: float) -> None:
+    def order(
+        self, velocity: Vec3, yaw_rate: float, *, level: bool = False, landing: bool = False
+    ) -> None:
         self.velocity, self.yaw_rate = velocity, yaw_rate
 
     def motors_on(self) -> None:

@@ -26,6 +26,7 @@ from landerd.messages import (
     Landed,
     LandedState,
     LocalPosition,
+    PressDown,
     RcChannels,
     Setpoint,
     Severity,
@@ -371,6 +372,32 @@ def test_a_set_point_says_velocity_and_yaw_rate_in_local_ned() -> None:
         await asyncio.sleep(0.02)
         assert f.airframe.velocity == pytest.approx((1.0, -2.0, 0.5))
         assert f.airframe.yaw_rate == pytest.approx(0.25)
+
+    fly(scene)
+
+
+def test_pressing_down_is_a_level_attitude_of_this_heading_without_thrust() -> None:
+    async def scene(f: Flight) -> None:
+        await f.client.mode(GUIDED)
+        messages = sent(f)
+        f.driver.press_down(PressDown(-1.0))
+        (m,) = (m for m in messages if m.get_type() == "SET_ATTITUDE_TARGET")
+        assert (m.get_srcSystem(), m.get_srcComponent()) == (1, 191)
+        assert (m.target_system, m.target_component) == (1, 1)
+        assert (m.type_mask, m.thrust) == (7, 0.0)
+        assert m.q == pytest.approx((math.cos(0.5), 0.0, 0.0, -math.sin(0.5)))
+        await asyncio.sleep(0.02)
+        assert f.airframe.velocity == (0.0, 0.0, 1.5)
+
+    fly(scene)
+
+
+def test_pressing_down_without_a_heading_is_refused_and_counted() -> None:
+    async def scene(f: Flight) -> None:
+        messages = sent(f)
+        f.driver.press_down(PressDown(math.nan))
+        assert messages == []
+        assert sum(f.driver.counters.values()) == 1
 
     fly(scene)
 

@@ -1,6 +1,8 @@
 """The judge itself: what it holds against landerd, from single messages and a given truth."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -127,6 +129,37 @@ def test_once_a_foot_was_down_descent_must_be_ordered(order_mps: float, broken: 
         court.order(order_mps)
     rule = "4: no descent ordered after contact"
     assert list(court.rules.broken) == ([rule] if broken else [])
+
+
+def level(court: Court, *, q: Sequence[float] = (1.0, 0.0, 0.0, 0.0), thrust: float = 0.0) -> None:
+    court.listen()
+    message = mavlink.MAVLink_set_attitude_target_message(
+        int(1e3 * court.t), 1, 1, 7, q, 0.0, 0.0, 0.0, thrust
+    )
+    court.rules.from_landerd(court.t, court._landerd.encode(message))
+
+
+@pytest.mark.parametrize(
+    ("pressed_s", "order", "rule"),
+    [
+        (2.2, {}, None),
+        (2.2, {"q": (0.7, 0.0, 0.0, 0.7)}, None),  # any heading
+        (1.5, {}, "4: did not go with the pad after contact"),
+        (0.0, {}, "4: level and without thrust while no foot is down"),
+        (2.2, {"q": (0.99, 0.1, 0.0, 0.0)}, "4: an attitude ordered other than level"),
+        (2.2, {"thrust": 0.4}, "4: an attitude ordered other than level"),
+    ],
+)
+def test_it_stands_level_only_on_the_pad_and_late(
+    pressed_s: float, order: dict[str, Any], rule: str | None
+) -> None:
+    court = Court()
+    court.truth = replace(OVER_PAD, height=0.0, feet_down=4 if pressed_s else 0)
+    for _ in range(max(1, round(pressed_s / 0.025))):
+        court.order(0.01)
+    for _ in range(4):
+        level(court, **order)
+    assert [broken[: len(rule or "")] for broken in court.rules.broken] == ([rule] if rule else [])
 
 
 UNTOLD = "6: an abort that the pilot was not told of"
