@@ -1,0 +1,139 @@
+"""What the core costs after vision, a picture and a control step, in whole simulated flights.
+
+Once as it flies, with vision in between, whose data push the core's out of the caches; and once
+again from the same messages alone, each the quickest of several times, which other programs on the
+machine do not disturb. Times are the process's own. The last column is in units of a fixed piece
+of plain Python measured in the same run: it compares machines. Exits 1 where even the quickest is
+above what is asked.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hw import registry
+from landerd.clock import run_virtual
+from landerd.config_file import Loaded, config_dir, config_files, load
+from landerd.geometry import matmul, rot_zyx
+from landerd.lander import Lander
+from landerd.messages import Input
+from landerd.pad import load_pad
+from landerd.simulation import Simulation
+
+MOST_US = {"Sightings": 300.0, "Tick": 100.0}  # a picture, with its prior; a control step
+NAMES = {"Sightings": "picture", "Tick": "control step"}
+SCENARIOS = ("stationary", "moving-5")
+SEED = 1
+TIMES = 5
+
+Call = Input | float  # a message, or the time that a prior is asked for
+
+
+def calls(core: Lander, call: Call) -> Any:
+    """Give the core a message, or ask it for a prior."""
+    return core.prior(call) if isinstance(call, float) else core.step(call)
+
+
+def timed_us(core: Lander, call: Call) -> float:
+    """Return what a call cost."""
+    start = time.process_time_ns()
+    calls(core, call)
+    return 1e-3 * (time.process_time_ns() - start)
+
+
+def fly(loaded: Loaded) -> tuple[list[Call], list[float]]:
+    """Fly one landing; return what the core was asked, and what each cost, us."""
+    asked: list[Call] = []
+    us: list[float] = []
+
+    def watched(method: Callable[[Lander, Any], Any]) -> Callable[[Lander, Any], Any]:
+        def call(core: Lander, argument: Any) -> Any:
+            start = time.process_time_ns()
+            result = method(core, argument)
+            us.append(1e-3 * (time.process_time_ns() - start))
+            asked.append(argument)
+            return result
+
+        return call
+
+    step, prior = Lander.step, Lander.prior
+    Lander.step, Lander.prior = watched(step), watched(prior)  # type: ignore[method-assign]
+    try:
+        run_virtual(Simulation(loaded, SEED).run())
+    finally:
+        Lander.step, Lander.prior = step, prior  # type: ignore[method-assign]
+    return asked, us
+
+
+def fly_again(loaded: Loaded, asked: list[Call]) -> list[float]:
+    """Give a new core the same calls several times; return the least that each cost, us."""
+    least = [float("inf")] * len(asked)
+    for _ in range(TIMES):
+        core = Lander(loaded.config, load_pad(loaded.config.pad.layout))
+        least = [min(us, timed_us(core, call)) for us, call in zip(least, asked, strict=True)]
+    return least
+
+
+def by_kind(asked: list[Call], us: list[float]) -> dict[str, list[float]]:
+    """Return the costs by kind of message; a picture's prior belongs to the picture."""
+    costs: dict[str, list[float]] = {}
+    prior_us = 0.0
+    for call, cost in zip(asked, us, strict=True):
+        kind = type(call).__name__
+        if isinstance(call, float):
+            prior_us = cost
+            continue
+        if kind == "Sightings":
+            cost, prior_us = cost + prior_us, 0.0  # noqa: PLW2901
+        costs.setdefault(kind, []).append(cost)
+    return costs
+
+
+def unit_us() -> float:
+    """Return what multiplying two 3x3 matrices costs, us: the core does little else."""
+    a = rot_zyx(0.1, 0.2, 0.3)
+    times = []
+    for _ in range(200):
+        start = time.process_time_ns()
+        for _ in range(100):
+            matmul(a, a)
+        times.append(1e-5 * (time.process_time_ns() - start))
+    return float(np.percentile(times, 5.0))
+
+
+def main() -> int:
+    """Print the figures."""
+    unit = unit_us()
+    print(f"unit: a product of two 3x3 matrices, {unit:.2f} us")
+    print(
+        f"{'us':26} {'calls':>6} {'in flight':>9} {'p95':>6} {'again':>6} {'p95':>6} {'asked':>6} "
+        f"{'units':>6}"
+    )
+    slow = False
+    for scenario in SCENARIOS:
+        loaded = load(
+            config_dir() / "default.yaml",
+            options_models=registry.options_models(),
+            drivers=registry.names(),
+            overlays=[config_files("scenarios")[scenario]],
+        )
+        asked, us = fly(loaded)
+        flown, again = by_kind(asked, us), by_kind(asked, fly_again(loaded, asked))
+        for kind in sorted(flown, key=lambda kind: -sum(flown[kind])):
+            most = MOST_US.get(kind)
+            mean = float(np.mean(again[kind]))
+            slow = slow or (most is not None and mean > most)
+            print(
+                f"{scenario + ', ' + NAMES.get(kind, kind):26} {len(flown[kind]):6} "
+                f"{np.mean(flown[kind]):9.1f} {np.percentile(flown[kind], 95.0):6.1f} "
+                f"{mean:6.1f} {np.percentile(again[kind], 95.0):6.1f} "
+                f"{f'{most:6.0f}' if most else '':6} {mean / unit:6.0f}"
+            )
+    return 1 if slow else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
