@@ -83,6 +83,7 @@ class Simulation:
 
     Attributes:
         over: set it to end the flight.
+        timed_out: the flight took longer than it may.
     """
 
     # Of the stand-in; not there if it flies in other surroundings.
@@ -122,6 +123,7 @@ class Simulation:
         self._outside: list[Callable[[], Awaitable[None]]] = []  # all but the daemon
         self.over = False
         self.ends_at_contact = False
+        self.timed_out = False
         jitter_s = WALL_JITTER_S if realtime else 0.0
         if surroundings is None:
             self.world = World(options, config.vehicle, self.layout.plate, seed)
@@ -208,6 +210,8 @@ class Simulation:
                     continue
                 if self.daemon.lander.outcome or loop.time() > over_t + AFTER_LANDING_S:
                     break
+            else:
+                self.timed_out = not self.over
             # The link may go on in others' hands; a daemon that has ended streams no set-points.
             self._judged.tap = self._judged.heard = None
             for task in running:

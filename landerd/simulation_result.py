@@ -30,7 +30,7 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
         "scenario": scenario,
         "seed": seed,
         "landed": contact.on_plate if simulation.ends_at_contact and contact else score.landed,
-        "outcome": lander.outcome or lander.reason,
+        "outcome": _outcome(simulation),
         "touchdown_error_m": contact.error_m if contact else None,
         "touchdown_vertical_mps": contact.vertical_mps if contact else None,
         "touchdown_horizontal_mps": contact.horizontal_mps if contact else None,
@@ -52,6 +52,18 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
         "frames_per_s": simulation.recording.frames / flown_s,
         "faults": dict(simulation.daemon.faults),
     }
+
+
+def _outcome(simulation: "Simulation") -> str:
+    lander = simulation.daemon.lander
+    if lander.outcome is not None:
+        return lander.outcome
+    if simulation.ends_at_contact and simulation.score.contact is not None:
+        return "touched down"
+    if simulation.timed_out:
+        flown_s = simulation.world.t - simulation.began
+        return f"not landed in {flown_s:.0f} s: {lander.phase.value}, {lander.reason}"
+    return lander.reason
 
 
 def _nis_ratio(simulation: "Simulation") -> float | None:

@@ -110,7 +110,7 @@ def test_a_flight_that_does_not_land_is_exit_code_1() -> None:
     nothing_to_see = ["--set", "sim.start.position_m=[-500, 0]", "--set", "sim.camera.fps=0.1"]
     done = landerd("sim", *nothing_to_see)
     assert done.returncode == 1
-    assert done.stdout.startswith("Did not land: ")
+    assert done.stdout.startswith("Did not land: not landed in 150 s: NOT_LANDING, ")
 
 
 def test_a_reader_that_goes_away_is_no_fault() -> None:
