@@ -2,7 +2,7 @@
 
 The driver's queue is emptied whenever a picture arrives, whether anybody waits for one or not: a
 full queue drops the new pictures and keeps the old. One buffer, the newest, is held back until it
-is asked for or replaced.
+is asked for or replaced. If the loop came so late that the queue was full, all of it is dropped.
 """
 
 import asyncio
@@ -46,6 +46,7 @@ _REASONS = {
     errno.EACCES: "may not be opened: is the user in group video?",
     errno.ENODEV: "has gone, or is no camera",
     errno.ENXIO: "has gone, or is no camera",
+    errno.ENOTTY: "is no camera",
     errno.ENOSPC: "needs more USB bandwidth than there is: lower size or rate, or use MJPG",
 }
 
@@ -69,7 +70,7 @@ class V4l2Camera:
     """A V4L2 camera; a Camera.
 
     Attributes:
-        counters: damaged and unreadable pictures.
+        counters: damaged, unreadable and outdated pictures.
         remarks: what the camera does not do as it was asked; written by `open`.
     """
 
@@ -94,6 +95,8 @@ class V4l2Camera:
         self._lost: str | None = None
         self._has_sent = False
         self._empty_wake_ups = 0
+        self._buffers = 0
+        self._was_full = False
         self._decoder: ThreadPoolExecutor | None = None
 
     # ---- open and close ----
@@ -102,6 +105,7 @@ class V4l2Camera:
         """Set the camera up and start its stream. Raises DeviceLost."""
         await self.close()
         self._lost, self._has_sent, self._empty_wake_ups = None, False, 0
+        self._was_full = False
         self._arrived.clear()
         # Control transfers over USB take tens of milliseconds each.
         self._node = await asyncio.to_thread(self._set_up)
@@ -133,7 +137,7 @@ class V4l2Camera:
             if fps and abs(fps - options.fps) > 0.05 * options.fps:
                 self.remarks.append(f"fps: asked for {options.fps:g}, it gives {fps:g}")
             self._set_controls(node)
-            node.start(_BUFFERS)
+            self._buffers = node.start(_BUFFERS)
         except OSError as e:
             node.close()
             raise DeviceLost(self._reason(e)) from None
@@ -231,8 +235,13 @@ class V4l2Camera:
                     await self._arrived.wait()
             except TimeoutError:
                 raise DeviceLost(self._says(f"sent no picture for {limit_s:g} s")) from None
-            if self._lost is not None or self._node is None or self._held is None:
+            if self._lost is None and self._node is not None:
+                self._take_all(self._node)  # what came since the loop last looked
+            if self._lost is not None or self._node is None:
                 raise DeviceLost(self._lost or self._says("is closed"))
+            if self._held is None:
+                self._arrived.clear()
+                continue
             filled, self._held = self._held, None
             self._arrived.clear()
             data = self._node.copy(filled)
@@ -245,27 +254,44 @@ class V4l2Camera:
             self.counters["pictures that cannot be read"] += 1
 
     def _drain(self) -> None:
-        """Take all filled buffers and keep the newest sound one."""
-        node = self._node
-        assert node is not None
-        is_empty = True
+        """Take what has arrived; called whenever the node is readable."""
+        assert self._node is not None
+        if self._take_all(self._node) == 0 and self._lost is None:
+            self._empty_wake_ups += 1
+            if self._empty_wake_ups > _EMPTY_WAKE_UPS:
+                self._lose(self._says("reports an error"))
+
+    def _take_all(self, node: VideoNode) -> int:
+        """Take all filled buffers, keep the newest sound one, and return how many there were."""
+        lent = self._buffers - (self._held is not None)  # what the kernel had to fill
+        count = 0
         try:
             while (filled := node.dequeue()) is not None:
-                is_empty = False
+                count += 1
                 if filled.damaged:
                     self.counters["damaged pictures"] += 1
                     node.queue(filled.buffer)
                     continue
-                if self._held is not None:
-                    node.queue(self._held.buffer)
+                self._let_go(node)
                 self._held = filled
                 self._arrived.set()
+            # With no buffer left to fill the kernel drops pictures: there were newer ones. Twice
+            # in a row the machine is too slow for the camera, and an old picture beats none.
+            is_full = count >= lent and not self._was_full
+            if is_full:
+                self.counters["pictures that came too late"] += count
+                self._let_go(node)
         except OSError as e:
             self._lose(self._reason(e))
-            return
-        self._empty_wake_ups = self._empty_wake_ups + 1 if is_empty else 0
-        if self._empty_wake_ups > _EMPTY_WAKE_UPS:
-            self._lose(self._says("reports an error"))
+            return count
+        if count:
+            self._was_full, self._empty_wake_ups = is_full, 0
+        return count
+
+    def _let_go(self, node: VideoNode) -> None:
+        held, self._held = self._held, None
+        if held is not None:
+            node.queue(held.buffer)
 
     def _give_back(self, filled: Filled) -> None:
         assert self._node is not None

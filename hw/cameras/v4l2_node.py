@@ -332,8 +332,8 @@ class VideoNode:
 
     # ---- pictures ----
 
-    def start(self, count: int) -> None:
-        """Map buffers, give all to the driver, and start the stream."""
+    def start(self, count: int) -> int:
+        """Map buffers, give all to the driver, start the stream; return how many it took."""
         asked = _RequestBuffers(count=count, type=_CAPTURE, memory=_MMAP)
         fcntl.ioctl(self._fd, _REQBUFS, asked)
         for index in range(asked.count):
@@ -342,6 +342,7 @@ class VideoNode:
             self._maps.append(mmap.mmap(self._fd, buffer.length, offset=buffer.offset))
             self.queue(index)
         fcntl.ioctl(self._fd, _STREAMON, ctypes.c_int(_CAPTURE))
+        return len(self._maps)
 
     def dequeue(self) -> Filled | None:
         """Take the oldest filled buffer; None: none is filled."""

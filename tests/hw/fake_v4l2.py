@@ -114,10 +114,11 @@ class FakeNode(VideoNode):
     def control(self, control: int) -> int:
         return self._camera.values.get(control, 0)
 
-    def start(self, count: int) -> None:
+    def start(self, count: int) -> int:
         if self._camera.full_bus:
             fail(errno.ENOSPC)
         self._empty.extend(range(count))
+        return count
 
     def dequeue(self) -> Filled | None:
         if not self._camera.plugged:

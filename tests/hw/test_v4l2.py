@@ -85,6 +85,31 @@ def test_pictures_that_piled_up_while_the_loop_was_late_are_skipped() -> None:
     run(source, use)
 
 
+def test_after_the_loop_stood_still_no_picture_of_the_full_queue_is_given() -> None:
+    source = FakeCamera()
+
+    async def use(driver: V4l2Camera) -> None:
+        source.shoot()
+        await asyncio.sleep(0.01)  # held, and nobody has asked for it
+        for _ in range(15):  # the kernel has room for three of them
+            source.shoot()
+        waiting = asyncio.create_task(driver.newest())
+        await asyncio.sleep(0.05)
+        assert not waiting.done()
+        source.shoot()
+        assert (await waiting).seq == 17
+        # A machine that is always so late gets pictures all the same.
+        for _ in range(10):
+            source.shoot()
+        waiting = asyncio.create_task(driver.newest())
+        await asyncio.sleep(0.05)
+        for _ in range(10):
+            source.shoot()
+        assert (await waiting).seq > 27
+
+    run(source, use)
+
+
 def test_under_load_a_picture_is_never_more_than_one_behind() -> None:
     """At 100 pictures a second, with searches of 25 ms in a thread, as the daemon runs them."""
     source = FakeCamera([Mode("YUYV", 64, 48, 100.0)])
