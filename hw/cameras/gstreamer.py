@@ -83,10 +83,18 @@ class GstreamerCamera:
         except Exception as e:  # GLib.Error, which only the binding knows
             raise DeviceLost(f"camera (gstreamer): {e}") from None
         self._pipeline.get_by_name("out").connect("new-sample", self._on_sample)
+        bus = self._pipeline.get_bus()
+        bus.enable_sync_message_emission()
+        bus.connect("sync-message::error", self._on_error)
         # The system's clock is the monotonic one.
         self._pipeline.use_clock(Gst.SystemClock.obtain())
         if self._pipeline.set_state(Gst.State.PLAYING) == Gst.StateChangeReturn.FAILURE:
             raise DeviceLost("camera (gstreamer) does not start: is it plugged in and free?")
+
+    def _on_error(self, _: Any, message: Any) -> None:
+        """Take the end of the stream, on a thread of GStreamer's."""
+        if self._newest is not None:
+            self._newest.lose(message.parse_error()[0].message)
 
     def _on_sample(self, sink: Any) -> Any:
         """Take a picture, on a thread of GStreamer's."""

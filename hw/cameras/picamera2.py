@@ -81,9 +81,17 @@ class Picamera2Camera:
             self._camera = camera
             main = {"format": "YUV420", "size": (o.width, o.height)}
             camera.configure(camera.create_video_configuration(main=main, controls=controls))
+            taken = tuple(camera.camera_configuration()["main"]["size"])
+            if taken != (o.width, o.height):
+                raise DeviceLost(
+                    f"camera {o.number} (picamera2) has no {o.width}x{o.height}; "
+                    f"nearest: {taken[0]}x{taken[1]}"
+                )
             camera.pre_callback = self._on_request
             camera.start()
-        except (RuntimeError, IndexError, OSError) as e:
+        except IndexError:
+            raise DeviceLost(f"camera {o.number} (picamera2) is not there") from None
+        except (RuntimeError, OSError) as e:
             raise DeviceLost(f"camera {o.number} (picamera2): {e}") from None
 
     def _on_request(self, request: Any) -> None:
@@ -94,7 +102,8 @@ class Picamera2Camera:
         planes = request.make_array("main")  # brightness above colour
         image = np.ascontiguousarray(planes[: o.height, : o.width])
         metadata = request.get_metadata()
-        # Start of exposure of the first line, ns; duration, us.
-        start_s = 1e-9 * metadata["SensorTimestamp"]
+        # On a Raspberry Pi the stamp (ns) is that of the first line's arrival, which is the end of
+        # its exposure (us), not the start as libcamera has it: raspberrypi/picamera2 issue 821.
+        end_s = 1e-9 * metadata["SensorTimestamp"]
         half_s = 0.5e-6 * metadata.get("ExposureTime", 0)
-        newest.put(image, start_s + half_s + o.time_offset_s)
+        newest.put(image, end_s - half_s + o.time_offset_s)

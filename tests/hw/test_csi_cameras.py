@@ -18,9 +18,9 @@ from landerd.ports import DeviceLost
 class Request:
     """A YUV420 picture: brightness on top, colour below, lines wider than the picture."""
 
-    def __init__(self, value: int, start_s: float, exposure_us: int) -> None:
+    def __init__(self, value: int, stamp_s: float, exposure_us: int) -> None:
         self._value = value
-        self._metadata = {"SensorTimestamp": int(1e9 * start_s), "ExposureTime": exposure_us}
+        self._metadata = {"SensorTimestamp": int(1e9 * stamp_s), "ExposureTime": exposure_us}
 
     def make_array(self, name: str) -> Any:
         assert name == "main"
@@ -50,6 +50,10 @@ class Model:
     def configure(self, settings: dict[str, Any]) -> None:
         self.settings = settings
 
+    def camera_configuration(self) -> dict[str, Any]:
+        width, height = self.settings["main"]["size"]
+        return {"main": {"size": (width - width % 2, height)}}
+
     def start(self) -> None: ...
 
     def close(self) -> None:
@@ -77,13 +81,13 @@ def test_a_pi_camera_gives_the_newest_brightness_and_the_middle_of_the_exposure(
         assert camera.settings["main"]["size"] == (64, 48)
         assert camera.settings["controls"]["ExposureTime"] == 4000
         assert camera.settings["controls"]["AeEnable"] is False
-        start = time.clock_gettime(time.CLOCK_BOOTTIME) - 0.05
+        end = time.clock_gettime(time.CLOCK_BOOTTIME) - 0.05
         now = asyncio.get_running_loop().time()
 
         def send() -> None:
             for value in (10, 20):
                 assert camera.pre_callback is not None
-                camera.pre_callback(Request(value, start, 4000))
+                camera.pre_callback(Request(value, end, 4000))
 
         await asyncio.to_thread(send)
         await asyncio.sleep(0.01)
@@ -93,18 +97,24 @@ def test_a_pi_camera_gives_the_newest_brightness_and_the_middle_of_the_exposure(
             20,
             20,
         )
-        assert frame.t == pytest.approx(now - 0.05 + 0.002, abs=0.0015)
+        assert frame.t == pytest.approx(now - 0.05 - 0.002, abs=0.0015)
         await driver.close()
         assert camera.closed
 
     asyncio.run(main())
 
 
-def test_a_pi_camera_that_is_not_there_is_a_loss(picamera2: list[Model]) -> None:
-    driver = Picamera2Camera(options=Picamera2Options(number=1))
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"number": 1}, "camera 1 .* is not there"), ({"width": 641}, "no 641x480; nearest: 640x480")],
+)
+def test_a_pi_camera_that_cannot_be_used_says_why(
+    picamera2: list[Model], options: dict[str, int], said: str
+) -> None:
+    driver = Picamera2Camera(options=Picamera2Options(**options))
 
     async def main() -> None:
-        with pytest.raises(DeviceLost, match="camera 1"):
+        with pytest.raises(DeviceLost, match=said):
             await driver.open()
         await driver.close()
 
