@@ -111,7 +111,7 @@ class Lander:
             case AutopilotRestarted():
                 self._on_restart()
             case Shutdown():
-                self._gate.latch()
+                self._gate.end()
             case ParameterChange():
                 self._configure(with_value(self._config, message.key, message.value))
             case Battery():

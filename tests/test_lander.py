@@ -19,6 +19,7 @@ from landerd.messages import (
     PoseSolution,
     RcChannels,
     Setpoint,
+    Shutdown,
     Sightings,
     StatusText,
 )
@@ -218,6 +219,21 @@ def test_a_restarted_landerd_does_not_fly_with_the_switch_left_high() -> None:
     flight.lander = Lander(flight.config, PAD)
     assert flight.run(5.0) == []
     assert said(flight, "low, then high")
+
+
+def test_told_to_stop_it_hovers_and_lets_go_whatever_the_switch_does() -> None:
+    flight = Flight().engaged()
+    flight.run(1.0)
+    flight.give(Shutdown(flight.t))
+    first = flight.run(0.5)
+    assert first == [STOP] * len(first)
+    assert len(first) == 20
+    assert said(flight, "told to stop: take over")
+    flight.pulse_us = LOW
+    flight.run(0.2)
+    flight.pulse_us = HIGH
+    assert set(flight.run(0.5)) == {STOP}
+    assert flight.run(3.0) == []
 
 
 # ---- out of sight ------------------------------------------------------------------------------

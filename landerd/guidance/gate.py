@@ -28,6 +28,7 @@ class Gate:
         self._freshness = freshness
         self._heartbeat: Heartbeat | None = None
         self._rc_t = -math.inf
+        self._ending = False
 
     def configure(self, rc: RcSection) -> None:
         """Take the channel and its threshold; another switch must be seen low first."""
@@ -74,6 +75,10 @@ class Gate:
         """Ask for the switch to be low once before landerd flies again."""
         self._latched = True
 
+    def end(self) -> None:
+        """Never let landerd fly again: its process is about to end, whatever the switch does."""
+        self._ending = True
+
     def authority(self, now: float) -> tuple[Authority, str]:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
@@ -83,6 +88,8 @@ class Gate:
             return Authority.SILENT, "not armed"
         if not beat.guided:
             return Authority.SILENT, f"mode is {beat.mode}, not GUIDED"
+        if self._ending:
+            return Authority.RELEASED, "told to stop: take over"
         if now - self._rc_t > self._freshness.rc_s:
             return Authority.RELEASED, "RC channels are stale"
         if self._pulse_us == 0:
