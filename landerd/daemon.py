@@ -53,6 +53,7 @@ OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
 IDLE_S = 0.1  # how often it is looked whether pictures are needed again
 LAST_ORDERS_S = 1.2  # longest stream of zero velocity before the daemon ends, within 2 s
 BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
+AWAY_S = 60.0  # how often it is said again that a device is away
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,7 @@ class Daemon:
         self._vision_latency_s = vision_latency_s
         self._observers = observers
         self._logged: dict[str, float] = {}
+        self._away: dict[str, str] = {}  # devices that were said to be lost, and why
         self._frame_t = -math.inf
         self._armed = True  # as far as is known: an unknown vehicle may be flying
         self.lander = Lander(config, layout)
@@ -159,7 +161,7 @@ class Daemon:
                 wait = BACK_OFF_S[0]
                 await serve()
             except DeviceLost as e:
-                self._fault(f"{name} lost", str(e))
+                self._lose(name, str(e))
             finally:
                 await device.close()
             await asyncio.sleep(wait)
@@ -180,6 +182,7 @@ class Daemon:
                 await asyncio.sleep(IDLE_S)
                 continue
             frame = await self._devices.camera.newest()
+            self._find("camera")
             if not self._usable(frame, loop.time()):
                 continue
             prior = self.lander.prior(frame.t)
@@ -255,6 +258,7 @@ class Daemon:
 
     def _take_from(self, source: str, message: Input) -> None:
         """Take a device's message unless a number or its time is impossible."""
+        self._find(source)
         now = asyncio.get_running_loop().time()
         if not _finite(message):
             self._fault(f"{source} sent a number that is none", type(message).__name__)
@@ -289,6 +293,20 @@ class Daemon:
             self._frame_t = frame.t
             return True
         return False
+
+    def _lose(self, device: str, reason: str) -> None:
+        """Count the loss of a device; log it when it is news, and then now and again."""
+        self.faults[f"{device} lost"] += 1
+        now = asyncio.get_running_loop().time()
+        every_s = AWAY_S if self._away.get(device) == reason else 1.0
+        if now - self._logged.get(device, -math.inf) >= every_s:
+            self._logged[device], self._away[device] = now, reason
+            log.warning("%s lost: %s", device, reason)
+
+    def _find(self, device: str) -> None:
+        """Log that a lost device has been heard again."""
+        if self._away.pop(device, None) is not None:
+            log.info("%s is back", device)
 
     def _fault(self, kind: str, detail: str) -> None:
         """Count bad input and log each kind at most once a second."""

@@ -130,7 +130,11 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
 def _maker(loaded: Loaded, section: str, driver: str) -> Callable[..., Any]:
     factory = registry.factory(section, driver)
     if factory is None:
-        raise SetUpError(f"{section}.driver: {driver} is only flown by landerd sim")
+        others = sorted(set(registry.names()[section]) - {driver})
+        raise SetUpError(
+            f"{section}.driver: {driver} is only flown by landerd sim; "
+            f"expected one of {', '.join(others)}"
+        )
     options = _options(loaded, section, driver)
     return partial(factory, options=options) if options else factory
 

@@ -160,8 +160,10 @@ def from_plain(value: Any, place: Place) -> Node:
 def shown(path: Path) -> str:
     """Return the path as it is shortest to read from the working directory."""
     absolute = path.absolute()
-    below_here = absolute.is_relative_to(Path.cwd())
-    return str(absolute.relative_to(Path.cwd()) if below_here else path)
+    here = Path.cwd()
+    # A service runs in the root folder: its paths stay whole.
+    is_near = here.parent != here and absolute.is_relative_to(here)
+    return str(absolute.relative_to(here) if is_near else path)
 
 
 def _file_names(include: Node, faults: list[Fault]) -> list[Node]:

@@ -1,7 +1,9 @@
 """A serial port: a UART of the board, a USB adapter, a pseudo-terminal."""
 
 import asyncio
+import errno
 import os
+import termios
 
 import serial
 
@@ -11,6 +13,14 @@ from landerd.ports import DeviceLost
 _READ_SIZE = 4096
 # At 57600 baud this much takes 0.7 s to send; nothing older is worth sending.
 _UNSENT_LIMIT = 4096
+_REASONS = {
+    errno.ENOENT: "is not there",
+    errno.ENXIO: "is not there",
+    errno.ENODEV: "is not there",
+    errno.EACCES: "may not be opened: is the user in group dialout?",
+    errno.EAGAIN: "is used by another program",  # pyserial's lock
+    errno.EBUSY: "is used by another program",
+}
 
 
 class SerialLink:
@@ -30,7 +40,7 @@ class SerialLink:
             # pyserial opens without waiting for modem lines and sets any baud rate.
             self._port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
         except (OSError, ValueError) as e:
-            raise DeviceLost(f"serial {self._path}: {e}") from None
+            raise DeviceLost(f"serial {self._path} {_reason(e)}") from None
         os.set_blocking(self._port.fileno(), False)
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._receive)
 
@@ -90,3 +100,10 @@ class SerialLink:
             port.close()
         self._unsent.clear()
         self._inbox.lose(f"serial {self._path}: {reason}")
+
+
+def _reason(e: Exception) -> str:
+    if isinstance(e.__context__, termios.error):  # of pyserial, which keeps no number then
+        return "is no serial port"
+    number = e.errno if isinstance(e, OSError) else None
+    return _REASONS.get(number or 0) or f"cannot be opened: {e}"

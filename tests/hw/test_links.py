@@ -292,9 +292,19 @@ def test_a_bad_url_is_refused_in_one_line(url: str) -> None:
     assert "\n" not in str(refusal.value)
 
 
-def test_a_serial_device_that_is_not_there_is_a_lost_device() -> None:
+def test_a_serial_port_that_cannot_be_opened_says_why() -> None:
     async def scene() -> None:
-        with pytest.raises(DeviceLost, match="/dev/no-such-port"):
+        with pytest.raises(DeviceLost, match="serial /dev/no-such-port is not there"):
             await open_link("serial:/dev/no-such-port").open()
+        with pytest.raises(DeviceLost, match="serial /dev/null is no serial port"):
+            await open_link("serial:/dev/null").open()
+        device, port = pty.openpty()
+        first, second = (open_link(f"serial:{os.ttyname(port)}") for _ in range(2))
+        await first.open()
+        with pytest.raises(DeviceLost, match="is used by another program"):
+            await second.open()
+        await first.close()
+        os.close(device)
+        os.close(port)
 
     run(scene)
