@@ -41,6 +41,8 @@ class GimbalSection(Section):
     driver: str = "sim"
     yaw_limits_deg: tuple[Finite, Finite] = (-90.0, 90.0)
     pitch_limits_deg: tuple[Finite, Finite] = (-180.0, 0.0)
+    # How the camera sits turned on the last axis: roll right, pitch up, yaw right.
+    camera_rotation_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     lag_s: Positive = 0.08  # behind its orders; used where a gimbal does not measure its angles
 
 

@@ -210,6 +210,12 @@ def angles_zxy(R: Mat3) -> Vec3:
     )
 
 
+def camera_mount(rotation_deg: Vec3) -> Mat3:
+    """Return R_gimbal_camera of a camera that sits turned by roll, pitch, yaw (degrees)."""
+    roll, pitch, yaw = (math.radians(angle) for angle in rotation_deg)
+    return matmul(rot_zyx(yaw, pitch, roll), R_GIMBAL_CAMERA)
+
+
 def heading_of(v: Vec3) -> float:
     """Return the angle of v's horizontal part from x (north) towards y (east), rad."""
     return math.atan2(v[1], v[0])

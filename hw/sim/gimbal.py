@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from hw.sim.options import SimGimbalOptions
 from hw.sim.response import STEP_S
+from landerd.geometry import camera_mount
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost
 
@@ -93,9 +94,11 @@ class GimbalPlant:
     Attributes:
         reference: what the angles are relative to; a stabilised gimbal takes the airframe's roll
             and pitch out.
+        R_gimbal_camera: how the camera sits on the last axis.
     """
 
     def __init__(self, options: SimGimbalOptions) -> None:
+        self.R_gimbal_camera = camera_mount(options.mount.camera_rotation_deg)
         self.reference = Reference.BODY
         limit = math.radians(options.rate_limit_deg_s)
         self.yaw = Axis(0.0, YAW_LIMITS, options.lag_s, limit)
@@ -131,17 +134,57 @@ class SimMount:
             pitch_bias = math.radians(options.pitch_bias_deg)
         self.yaw_bias = rng.choice((-yaw_bias, yaw_bias))
         self.pitch_bias = rng.choice((-pitch_bias, pitch_bias))
+        mount = options.mount
+        self._yaw_sign, self._pitch_sign = mount.yaw_sign, mount.pitch_sign
+        self._yaw_zero = math.radians(mount.yaw_zero_deg)
+        self._pitch_zero = math.radians(mount.pitch_zero_deg)
 
     def advance(self) -> None:
         """Let the world go on to the loop's time; done before each order."""
         self._world.advance(asyncio.get_running_loop().time())
 
+    def aim(self, yaw: float, pitch: float) -> None:
+        """Order angles, rad."""
+        self.advance()
+        self.plant.aim(
+            self._yaw_sign * yaw + self._yaw_zero, self._pitch_sign * pitch + self._pitch_zero
+        )
+
+    def turn(self, yaw: float, pitch: float) -> None:
+        """Order speeds, rad/s."""
+        self.advance()
+        self.plant.yaw.turn(self._yaw_sign * yaw)
+        self.plant.pitch.turn(self._pitch_sign * pitch)
+
+    def bolt(self, yaw: float, pitch: float) -> None:
+        """Fix the camera where these angles (rad) would be measured, but for zeros."""
+        self.plant.yaw.bolt(yaw - self.yaw_bias + self._yaw_zero)
+        self.plant.pitch.bolt(pitch - self.pitch_bias + self._pitch_zero)
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        """Speeds of yaw and pitch, rad/s."""
+        return self._yaw_sign * self.plant.yaw.rate, self._pitch_sign * self.plant.pitch.rate
+
+    @property
+    def ordered(self) -> tuple[float, float]:
+        """Yaw and pitch that were ordered last, rad."""
+        return self._counted(self.plant.yaw.target, self.plant.pitch.target)
+
+    def _counted(self, yaw: float, pitch: float) -> tuple[float, float]:
+        """Return angles of the axes as the electronics count them."""
+        return self._yaw_sign * (yaw - self._yaw_zero), self._pitch_sign * (
+            pitch - self._pitch_zero
+        )
+
     def measure(self, *, pitch_measured: bool = True) -> tuple[float, float]:
         """Return yaw and pitch now, rad; without a sensor the pitch that was ordered."""
         self.advance()
-        pitch = self.plant.pitch.angle if pitch_measured else self.plant.pitch.target
+        plant = self.plant
+        yaw, pitch = self._counted(plant.yaw.angle, plant.pitch.angle)
+        pitch = pitch if pitch_measured else self.ordered[1]
         return (
-            self.plant.yaw.angle + self.yaw_bias + self._rng.gauss(0.0, self._noise),
+            yaw + self.yaw_bias + self._rng.gauss(0.0, self._noise),
             pitch + self.pitch_bias + self._rng.gauss(0.0, self._noise),
         )
 
@@ -188,8 +231,7 @@ class SimGimbal:
         if self.fault is GimbalFault.LOST:
             return
         if math.isfinite(command.yaw) and math.isfinite(command.pitch):
-            self._mount.advance()
-            self._mount.plant.aim(command.yaw, command.pitch)
+            self._mount.aim(command.yaw, command.pitch)
 
     async def close(self) -> None:
         """Release the device."""

@@ -50,6 +50,16 @@ class PadOptions(Section):
     tilt_azimuth_deg: Finite | None = 0.0  # where it slopes down, from pad north; null: by seed
 
 
+class MountOptions(Section):
+    """How the gimbal really is built in, in the terms of the drivers' options."""
+
+    yaw_sign: Literal[1, -1] = 1
+    pitch_sign: Literal[1, -1] = 1
+    yaw_zero_deg: Finite = 0.0
+    pitch_zero_deg: Finite = 0.0
+    camera_rotation_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # roll, pitch, yaw
+
+
 class SimGimbalOptions(Section):
     """The simulated gimbal."""
 
@@ -58,6 +68,7 @@ class SimGimbalOptions(Section):
     bias_deg: Annotated[float, Field(ge=0, le=10)] = 0.5  # of reported angles; sign by seed
     pitch_bias_deg: Annotated[float, Field(ge=0, le=10)] | None = None  # of pitch; null: bias_deg
     noise_deg: NotNegative = 0.05
+    mount: MountOptions = MountOptions()
     pitch_feedback: bool = True  # false: a servo without an encoder, reported is what was ordered
 
 

@@ -17,7 +17,6 @@ from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from hw.sim.vehicle import MODELS, Vehicle
 from hw.sim.wind import UPDATE_S, make_wind
 from landerd.geometry import (
-    R_GIMBAL_CAMERA,
     Mat3,
     Vec3,
     add,
@@ -272,7 +271,9 @@ class World:
         R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
         is_stabilised = self.gimbal.reference is Reference.HORIZON
         R_local_base = rot_z(s.yaw) if is_stabilised else R_local_body
-        R_local_camera: Mat3 = matmul(matmul(R_local_base, R_base_gimbal), R_GIMBAL_CAMERA)
+        R_local_camera: Mat3 = matmul(
+            matmul(R_local_base, R_base_gimbal), self.gimbal.R_gimbal_camera
+        )
         lens = add(s.position, rotate(R_local_body, air.camera_offset_m))
         pad = self._motion.at(t - self._t0)
         return Snapshot(

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from landerd.config import Config
 from landerd.estimation.history import History
 from landerd.geometry import (
-    R_GIMBAL_CAMERA,
     Mat3,
     Vec3,
     add,
+    camera_mount,
     clamp,
     diagonal,
     dot,
@@ -76,6 +76,7 @@ class Placement:
         self._sigma_bearing = math.radians(config.estimation.bearing_noise_deg)
         self._sigma_late = config.estimation.gimbal_late_s
         self._gimbal_lag_s = config.gimbal.lag_s
+        self._R_gimbal_camera = camera_mount(config.gimbal.camera_rotation_deg)
         self._sigma_position = config.estimation.position_sigma_m
         fresh = config.freshness
         self.position = History(angles=[False] * 6, max_gap_s=fresh.position_s)
@@ -157,7 +158,7 @@ class Placement:
         body = self._reference is Reference.BODY
         R_local_base = rot_zyx(yaw, pitch, roll) if body else rot_z(yaw)
         R_base_gimbal = rot_zxy(gimbal[0], gimbal[2], gimbal[1])
-        return matmul(matmul(R_local_base, R_base_gimbal), R_GIMBAL_CAMERA)
+        return matmul(matmul(R_local_base, R_base_gimbal), self._R_gimbal_camera)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:
         """Return the gimbal's pivot (local, m) and R_local_base, ahead_s after the newest attitude.

@@ -17,9 +17,9 @@ from landerd.flightlog import codec, contents, foxglove
 from landerd.flightlog.contents import Dropped, Head, Searched, State
 from landerd.flightlog.disk import SyncedFile
 from landerd.geometry import (
-    R_GIMBAL_CAMERA,
     Mat3,
     Vec3,
+    camera_mount,
     cross,
     matmul,
     rot_z,
@@ -58,6 +58,7 @@ class LogWriter:
         self._attitude: Attitude | None = None
         self._drawn: dict[str, float] = {}  # when each frame's transform was last written
         self._mcap.start(profile="", library=f"landerd {__version__}")
+        self._R_gimbal_camera = camera_mount(head.config.gimbal.camera_rotation_deg)
         self._mcap.add_metadata(contents.VERSIONS, versions() | _clock(head))
         for name, data in (
             (contents.CONFIG_JSON, config_json(head.config)),
@@ -125,7 +126,7 @@ class LogWriter:
             R = _R_local_body(self._attitude)
             self._transform(now, message.t, "local", "body", message.position, R)
         elif isinstance(message, GimbalState) and self._attitude is not None:
-            R = matmul(rot_zxy(message.yaw, message.roll, message.pitch), R_GIMBAL_CAMERA)
+            R = matmul(rot_zxy(message.yaw, message.roll, message.pitch), self._R_gimbal_camera)
             if message.reference is Reference.HORIZON:
                 level = matmul(transpose(_R_local_body(self._attitude)), rot_z(self._attitude.yaw))
                 R = matmul(level, R)

@@ -109,8 +109,7 @@ def mount_control(mount: SimMount, command: Message) -> int | None:
 
 def aim(mount: SimMount, yaw: float, pitch: float) -> None:
     """Order angles within the limits, rad."""
-    mount.advance()
-    mount.plant.aim(yaw, clamp(pitch, *_PITCH_LIMITS))
+    mount.aim(yaw, clamp(pitch, *_PITCH_LIMITS))
 
 
 def connect_v2(options: MavlinkOptions, bench: Bench) -> Connected:

@@ -46,14 +46,12 @@ class Servos:
     def move(self, pulses: Mapping[int, float]) -> None:
         """Take pulse widths, us by channel; a channel without pulses leaves its servo as it is."""
         mount = self._mount
-        mount.advance()
-        plant = mount.plant
-        yaw, pitch = plant.yaw.target, plant.pitch.target
+        yaw, pitch = mount.ordered
         if self._yaw is not None and self._yaw.channel in pulses:
             yaw = angle_of(self._yaw, pulses[self._yaw.channel]) - mount.yaw_bias
         if self._pitch.channel in pulses:
             pitch = angle_of(self._pitch, pulses[self._pitch.channel]) - mount.pitch_bias
-        plant.aim(yaw, pitch)
+        mount.aim(yaw, pitch)
 
 
 def angle_of(axis: ServoAxisOptions, pulse: float) -> float:

@@ -44,7 +44,7 @@ class SimpleBgcModel(ByteModel):
         elif command == CMD_CONTROL and len(payload) == CONTROL.size and self._motors:
             _, pitch_mode, yaw_mode, _, _, _, pitch, _, yaw = CONTROL.unpack(payload)
             if (pitch_mode, yaw_mode) == (MODE_ANGLE, MODE_ANGLE_REL_FRAME):
-                self.mount.plant.aim(UNIT * yaw, -clamp(UNIT * pitch, *_PITCH_LIMITS))
+                self.mount.aim(UNIT * yaw, -clamp(UNIT * pitch, *_PITCH_LIMITS))
         elif command == CMD_GET_ANGLES_EXT:
             yaw, pitch = (round(angle / UNIT) for angle in self.mount.measure())
             heading = 1000  # of the IMU, from wherever it was switched on

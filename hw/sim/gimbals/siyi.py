@@ -20,6 +20,7 @@ from hw.gimbals.siyi import (
 from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.bench import Bench, Connected
 from hw.sim.gimbals.byte_model import ByteModel
+from landerd.geometry import clamp
 from landerd.messages import Reference
 from landerd.ports import ByteLink
 
@@ -49,15 +50,13 @@ class SiyiModel(ByteModel):
             self._answer(encode(ANSWER, number, CMD_ROTATE, b"\x01"))
         elif command == CMD_ATTITUDE:
             yaw, pitch = (round(angle / UNIT) for angle in self.mount.measure())
-            plant = self.mount.plant
-            yaw_rate, pitch_rate = (round(axis.rate / UNIT) for axis in (plant.yaw, plant.pitch))
+            yaw_rate, pitch_rate = (round(rate / UNIT) for rate in self.mount.rates)
             answer = ATTITUDE.pack(-yaw, pitch, 0, -yaw_rate, pitch_rate, 0)
             self._answer(encode(ANSWER, number, CMD_ATTITUDE, answer))
 
     def _turn(self, yaw: int, pitch: int) -> None:
         share = _FULL_SPEED / 100.0
-        self.mount.plant.yaw.turn(share * max(-100, min(100, yaw)))
-        self.mount.plant.pitch.turn(share * max(-100, min(100, pitch)))
+        self.mount.turn(share * clamp(yaw, -100, 100), share * clamp(pitch, -100, 100))
 
 
 def connect(options: SiyiOptions, bench: Bench) -> Connected:

@@ -35,13 +35,13 @@ class Storm32Model(ByteModel):
         mount.plant.reference = Reference.HORIZON
 
     def _booted(self) -> None:
-        self.mount.plant.aim(0.0, 0.0)  # it levels itself
+        self.mount.aim(0.0, 0.0)  # it levels itself
 
     def _take(self, frame: bytes) -> None:
         command, payload = frame[2], frame[3:-2]
         if command == CMD_SETANGLES and len(payload) == SET_ANGLES.size:
             pitch, _, yaw, _, _ = SET_ANGLES.unpack(payload)
-            self.mount.plant.aim(-math.radians(yaw), -math.radians(pitch))
+            self.mount.aim(-math.radians(yaw), -math.radians(pitch))
             if frame[:1] == TO_GIMBAL:
                 self._answer(encode(FROM_GIMBAL, _CMD_ACK, _OK))
         elif command == CMD_GETDATAFIELDS and payload == struct.pack("<H", ATTITUDE_RELATIVE):
