@@ -255,15 +255,33 @@ def _detect(args: argparse.Namespace) -> int:
 
 
 def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd.calibrate_command import add_arguments
+    from landerd import calibrate_camera_command, calibrate_gimbal_command
 
-    add_arguments(parser)
+    devices = parser.add_subparsers(metavar="DEVICE", required=True)
+    camera = devices.add_parser("camera", help="lens, from pictures of a board")
+    calibrate_camera_command.add_arguments(camera)
+    camera.set_defaults(calibrate=calibrate_camera_command.run)
+    gimbal = devices.add_parser(
+        "gimbal",
+        help="signs, zeros or tables, and delays, from views of a pad",
+        epilog="example: landerd calibrate gimbal -c landerd.yaml -o gimbal-found.yaml",
+    )
+    calibrate_gimbal_command.add_arguments(gimbal)
+    _add_config(gimbal, required=True)
+    _add_overlay(gimbal)
+    gimbal.set_defaults(calibrate=_calibrate_gimbal)
 
 
 def _calibrate(args: argparse.Namespace) -> int:
-    from landerd.calibrate_command import run
+    code: int = args.calibrate(args)
+    return code
 
-    return run(args)
+
+def _calibrate_gimbal(args: argparse.Namespace) -> int:
+    from landerd.calibrate_gimbal_command import run
+
+    overlay = _overlay(args)
+    return run(args, _load(args, overlays=[overlay] if overlay.exists() else []), overlay)
 
 
 # ---- campaign ----------------------------------------------------------------------------------

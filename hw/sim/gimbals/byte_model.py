@@ -20,12 +20,14 @@ class ByteModel(ABC):
     Attributes:
         silent: it hears and obeys but says nothing.
         garbage: it answers with as many random bytes.
+        late_s: its answers come so much later.
         mount: the gimbal it moves.
     """
 
     def __init__(self, mount: SimMount, link: ByteLink, scanner: FrameScanner) -> None:
         self.silent = False
         self.garbage = False
+        self.late_s = 0.0
         self.mount = mount
         self._link, self._scanner = link, scanner
         self._rng = Random(0)
@@ -69,5 +71,5 @@ class ByteModel(ABC):
             return
         if self.garbage:
             frame = self._rng.randbytes(len(frame))
-        delay = _TURNAROUND_S + len(frame) * _BYTE_S
+        delay = self.late_s + _TURNAROUND_S + len(frame) * _BYTE_S
         asyncio.get_running_loop().call_later(delay, self._link.write, frame)

@@ -31,49 +31,41 @@ _ENOUGH_VIEWS = 40
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    devices = parser.add_subparsers(metavar="DEVICE", required=True)
-    camera = devices.add_parser("camera", help="lens, from pictures of a board")
-    camera.add_argument(
+    parser.add_argument(
         "sources",
         nargs="+",
         metavar="SOURCE",
         help="images, folders of them, a video or a camera (/dev/video0; Ctrl-C when done)",
     )
-    camera.add_argument(
+    parser.add_argument(
         "--board", choices=("chessboard", "charuco"), default="chessboard", help="(chessboard)"
     )
-    camera.add_argument(
+    parser.add_argument(
         "--size",
         type=_size,
         required=True,
         metavar="COLUMNSxROWS",
         help="chessboard: inner corners, as 9x6; charuco: squares, as 8x11",
     )
-    camera.add_argument(
+    parser.add_argument(
         "--square", type=_length, required=True, metavar="M", help="side of a square, measured"
     )
-    camera.add_argument("--marker", type=_length, metavar="M", help="charuco: side of a marker")
-    camera.add_argument(
+    parser.add_argument("--marker", type=_length, metavar="M", help="charuco: side of a marker")
+    parser.add_argument(
         "--dictionary", default="4X4_50", metavar="NAME", help="charuco: its markers (4X4_50)"
     )
-    camera.add_argument(
+    parser.add_argument(
         "--lens",
         choices=("plumb_bob", "rational"),
         default="plumb_bob",
         help="rational for lenses wider than 90 degrees (plumb_bob)",
     )
-    camera.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="camera_info")
-    camera.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
-    camera.set_defaults(calibrate=_camera)
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="camera_info")
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate; return 0, 1 if the pictures are too poor, 2 if the input is wrong."""
-    code: int = args.calibrate(args)
-    return code
-
-
-def _camera(args: argparse.Namespace) -> int:
     try:
         board = _board(args)
         if args.output is not None and not args.output.absolute().parent.is_dir():

@@ -1,0 +1,147 @@
+"""What the views and swings of a gimbal come to, and whether it can be trusted."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.calibration.gimbal_fit import Axis, GimbalFit, View, fit
+from landerd.calibration.gimbal_motion import FEWEST_VIEWS, AxisName, Delays, Measured
+
+_LEAST_RANGE = math.radians(8.0)
+_LARGEST_ERROR = math.radians(0.6)  # of the direction of the pad: something moved, or gives way
+_LARGEST_SIGMA = math.radians(1.0)
+_SLOPE = 0.05  # by how much a degree that is reported may differ from one
+_SAME = math.radians(0.3)  # angles nearer than this are one row of a table
+
+
+@dataclass(frozen=True)
+class AxisResult:
+    """What is known of an axis: its sign and zero, or a table; angles in rad."""
+
+    sign: int
+    zero: float | None  # true = sign * reported + zero
+    table: tuple[tuple[float, float], ...] | None  # reported, true
+    sigma: float
+    delays: Delays | None
+
+
+@dataclass(frozen=True)
+class GimbalCalibration:
+    """How a gimbal is built in."""
+
+    yaw: AxisResult | None  # None: it does not turn
+    pitch: AxisResult
+    camera_rotation: tuple[float, float, float]  # roll, pitch, yaw on the last axis
+    error: float  # rms of the pad's direction
+
+
+def calibrate(
+    measured: Measured, *, tables: bool, turns: bool, aside_m: float
+) -> tuple[GimbalCalibration | None, list[str]]:
+    """Return what was found, and why it is not to be flown with; no reasons: it is good.
+
+    Args:
+        measured: views and delays.
+        tables: the axes are servos with tables instead of zeros.
+        turns: there is a yaw axis, or a zero for it.
+        aside_m: how far to the right of the gimbal's pivot straight ahead is.
+    """
+    views = measured.views
+    if len(views) < FEWEST_VIEWS:
+        return None, [
+            f"the pad was seen in {len(views)} pictures, {FEWEST_VIEWS} are needed: lay it farther "
+            "away, so that it stays in the picture while the camera turns"
+        ]
+    reasons = []
+    for name in measured.signs:
+        angles = [getattr(view, name) for view in views]
+        if max(angles) - min(angles) < _LEAST_RANGE:
+            degrees = math.degrees(max(angles) - min(angles))
+            reasons.append(
+                f"{name} was turned by {degrees:.0f} degrees only, "
+                f"{math.degrees(_LEAST_RANGE):.0f} are needed: farther away, or wider limits"
+            )
+    if reasons:
+        return None, reasons
+    axes: dict[AxisName, Axis] = {
+        "yaw": _axis("yaw", measured, tables=tables) if turns else Axis("none"),
+        "pitch": _axis("pitch", measured, tables=tables),
+    }
+    if not tables:
+        reasons += _slopes(measured, axes, aside_m)
+    found = fit(views, axes["yaw"], axes["pitch"], aside_m, turns=bool(measured.signs))
+    if found.error > _LARGEST_ERROR:
+        reasons.append(
+            f"the pad was {math.degrees(found.error):.2f} degrees (rms) from where it should have "
+            "been: did pad, airframe or camera move? Is there play in the gimbal?"
+        )
+    for name, sigma in (("yaw", found.yaw_sigma), ("pitch", found.pitch_sigma)):
+        if sigma > _LARGEST_SIGMA:
+            reasons.append(
+                f"{name} is only known to {math.degrees(sigma):.1f} degrees (1 sigma): a larger or "
+                "nearer pad, wider turns"
+            )
+    result = _result(measured, axes, found)
+    for name, axis in (("yaw", result.yaw), ("pitch", result.pitch)):
+        if axis is not None and axis.table is not None and not _monotonic(axis.table):
+            reasons.append(f"{name}: the camera turns to and fro while the pulse rises: play?")
+    return result, reasons
+
+
+def _axis(name: AxisName, measured: Measured, *, tables: bool) -> Axis:
+    sign = measured.signs.get(name, 1)
+    if not tables or name not in measured.signs:
+        return Axis("shift", sign)
+    return Axis("table", sign, _rows(measured.views, name))
+
+
+def _rows(views: Sequence[View], name: AxisName) -> tuple[float, ...]:
+    """Return the angles that were reported, those of the same order as one."""
+    rows: list[list[float]] = []
+    for angle in sorted(getattr(view, name) for view in views):
+        if rows and angle - rows[-1][0] < _SAME:
+            rows[-1].append(angle)
+        else:
+            rows.append([angle])
+    return tuple(float(np.mean(row)) for row in rows)
+
+
+def _slopes(measured: Measured, axes: dict[AxisName, Axis], aside_m: float) -> list[str]:
+    """Say which axis turns by other angles than it reports."""
+    free: dict[AxisName, Axis] = {}
+    for name, axis in axes.items():
+        angles = [getattr(view, name) for view in measured.views]
+        turned = name in measured.signs
+        free[name] = Axis("table", axis.sign, (min(angles), max(angles))) if turned else axis
+    found = fit(measured.views, free["yaw"], free["pitch"], aside_m, turns=True)
+    reasons = []
+    for (name, axis), values in zip(free.items(), (found.yaw, found.pitch), strict=True):
+        if axis.kind != "table":
+            continue
+        slope = axis.sign * (values[1] - values[0]) / (axis.at[1] - axis.at[0])
+        if abs(slope - 1.0) > _SLOPE:
+            reasons.append(
+                f"{name} turns by {slope:.2f} degrees for each one that it reports: is the "
+                "camera's calibration right? Else set the gimbal's own scale"
+            )
+    return reasons
+
+
+def _result(measured: Measured, axes: dict[AxisName, Axis], found: GimbalFit) -> GimbalCalibration:
+    def axis_result(name: AxisName, values: tuple[float, ...], sigma: float) -> AxisResult:
+        axis = axes[name]
+        table = tuple(zip(axis.at, values, strict=True)) if axis.kind == "table" else None
+        zero = values[0] if axis.kind == "shift" else None
+        return AxisResult(axis.sign, zero, table, sigma, measured.delays.get(name))
+
+    yaw = axis_result("yaw", found.yaw, found.yaw_sigma) if axes["yaw"].kind != "none" else None
+    pitch = axis_result("pitch", found.pitch, found.pitch_sigma)
+    rotation = (found.camera_roll, 0.0, found.camera_yaw)
+    return GimbalCalibration(yaw, pitch, rotation, found.error)
+
+
+def _monotonic(table: tuple[tuple[float, float], ...]) -> bool:
+    steps = np.diff([true for _, true in table])
+    return bool(np.all(steps > 0.0) or np.all(steps < 0.0))

@@ -1,0 +1,396 @@
+"""Moves a gimbal over a pad that lies still, and notes what the camera sees meanwhile."""
+
+import asyncio
+import math
+from bisect import bisect_right
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NoReturn
+
+import numpy as np
+
+from landerd.calibration.gimbal_fit import View, turn_between
+from landerd.camera_model import F64, CameraModel
+from landerd.daemon import Devices
+from landerd.geometry import Vec3, clamp, dot, rot_zyx, rotate, transpose
+from landerd.messages import (
+    Attitude,
+    Frame,
+    GimbalCommand,
+    GimbalState,
+    Heartbeat,
+    PoseSolution,
+    Reference,
+    Sightings,
+)
+from landerd.ports import Autopilot, Camera, Gimbal
+
+AxisName = Literal["yaw", "pitch"]
+
+_ORDER_S = 0.025  # orders come as often as in flight
+_HEARD_S = 5.0  # until autopilot and gimbal must have been heard
+_REST_S = 1.2  # from an order until the camera stands still,
+_CREEP_S = 6.0  # and where nobody measures whether it still creeps
+_PICTURES = 2  # of each direction
+_STEP = math.radians(6.0)  # to see which way an axis turns
+FEWEST_VIEWS = 8
+_FOLLOWED = 0.3  # of an order, at least
+_SEARCH = tuple(math.radians(a) for a in (0.0, -20.0, -40.0, -60.0, -80.0, 20.0))
+_PART = 0.6  # of half the picture: how far from its middle the pad is brought
+_WIDEST_YAW = math.radians(35.0)  # straight down it would be any
+_WAVE = math.radians(5.0)
+_WAVE_HZ, _WAVE_S = 0.5, 3.0
+_WAVE_PERIOD_S = 0.05  # between pictures that are searched
+_DELAYS = np.arange(-0.25, 0.6, 0.002)  # s
+
+
+class Refused(Exception):
+    """The gimbal cannot be calibrated like this; the text is one line and says why."""
+
+
+@dataclass(frozen=True)
+class Delays:
+    """How late pictures are of an axis in motion, s; by their times of exposure."""
+
+    order: float  # behind the orders
+    report: float  # behind what was reported, by its own times
+
+
+@dataclass
+class Measured:
+    """All that was seen."""
+
+    views: list[View] = field(default_factory=list)
+    signs: dict[AxisName, int] = field(default_factory=dict)  # of axes that turn
+    delays: dict[AxisName, Delays] = field(default_factory=dict)
+
+
+class GimbalMotion:
+    """Moves one gimbal, once."""
+
+    def __init__(
+        self,
+        devices: Devices,
+        camera: CameraModel,
+        reach: Mapping[AxisName, tuple[float, float]],
+        search: Callable[[Frame], Sightings],
+        say: Callable[[str], None],
+        *,
+        is_measured: bool = True,
+        with_autopilot: bool = True,
+    ) -> None:
+        """Take what is needed.
+
+        Args:
+            devices: closed.
+            camera: calibration of the pictures.
+            reach: least and greatest angle of each axis, rad.
+            search: finds the pad in a picture.
+            say: tells the user a line.
+            is_measured: the gimbal knows where it is.
+            with_autopilot: whether it has to be heard, disarmed; else the airframe stands level.
+        """
+        self._devices, self._camera = devices, camera
+        self._limits, self._search, self._say = reach, search, say
+        self._rest_s = _REST_S if is_measured else _CREEP_S
+        self._with_autopilot = with_autopilot
+        self._orders: list[tuple[float, float, float]] = []  # time, yaw, pitch
+        self._states: list[GimbalState] = []
+        self._disarmed: bool | None = None if with_autopilot else True
+        self._attitude: Attitude | None = None
+        self._tasks: list[asyncio.Task[NoReturn]] = []
+        self.measured = Measured()
+
+    async def run(self, places: int, ask: Callable[[int], Awaitable[None]]) -> Measured:
+        """Look at pads in so many places, and return what was seen.
+
+        Args:
+            places: where the pad lies in turn, each straight ahead and level.
+            ask: waits until the pad lies in a place, which count from 0.
+
+        Raises:
+            DeviceLost: a device is gone.
+            Refused: the pad is not seen, or the gimbal does not do what it is told.
+        """
+        devices = self._devices
+        opened: list[Camera | Gimbal | Autopilot] = [devices.gimbal, devices.camera]
+        jobs: list[Coroutine[Any, Any, NoReturn]] = [self._hear_gimbal()]
+        if self._with_autopilot:
+            opened.insert(0, devices.autopilot)
+            jobs += [self._hear_autopilot(), self._beat()]
+        try:
+            for device in opened:
+                await device.open()
+            self._tasks = [asyncio.create_task(job) for job in jobs]
+            await self._hear()
+            for place in range(places):
+                await ask(place)
+                await self._turn_around(place)
+            return self.measured
+        finally:
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+            if self._states:
+                start = self._states[0]
+                devices.gimbal.command(GimbalCommand(start.yaw, start.pitch))
+            for device in reversed(opened):
+                await device.close()
+
+    async def _hear(self) -> None:
+        """Wait until gimbal and autopilot are heard."""
+        loop = asyncio.get_running_loop()
+        end = loop.time() + _HEARD_S
+        while loop.time() < end and not (self._states and self._disarmed is not None):
+            self._check()
+            await asyncio.sleep(0.1)
+        if self._disarmed is None:
+            raise Refused(
+                "the autopilot is not heard: the gimbal is moved only while the vehicle is known "
+                "to be disarmed (--without-autopilot on a bench)"
+            )
+        if not self._states:
+            raise Refused("the gimbal says nothing of its angles")
+
+    # ---- the trial -----------------------------------------------------------------------------
+
+    async def _turn_around(self, place: int) -> None:
+        """Look at a pad from many angles; the first time, also find signs and delays."""
+        yaw, pitch, pad = await self._find()
+        self._say(f"the pad is seen {_metres(pad)} away; turning the camera around it")
+        measured = self.measured
+        if place == 0:
+            for axis in ("yaw", "pitch"):
+                sign = await self._sign(axis, yaw, pitch)
+                if sign is not None:
+                    measured.signs[axis] = sign
+        grid = self._grid(yaw, pitch, pad)
+        if len(grid) == 1:
+            grid *= FEWEST_VIEWS  # it is bolted
+        seen = 0
+        for to_yaw, to_pitch in grid:
+            found = await self._look(to_yaw, to_pitch, place)
+            seen += bool(found)
+            measured.views += found
+        self._say(f"{seen} of {len(grid)} directions show the pad")
+        if place == 0:
+            middle = [0.5 * (min(angles) + max(angles)) for angles in zip(*grid, strict=True)]
+            for axis in measured.signs:
+                measured.delays[axis] = await self._wave(axis, middle[0], middle[1])
+
+    async def _find(self) -> tuple[float, float, PoseSolution]:
+        """Return orders that bring the pad into the picture, and where it is seen."""
+        start = self._states[-1]
+        low, high = self._limits["yaw"]
+        yaws = [clamp(yaw, low, high) for yaw in (0.0, -_WIDEST_YAW, _WIDEST_YAW)]
+        tries = [(start.yaw, start.pitch)]
+        for yaw in dict.fromkeys(yaws):
+            tries += [(yaw, clamp(p, *self._limits["pitch"])) for p in _SEARCH]
+        for yaw, pitch in dict.fromkeys(tries):
+            views = await self._look(yaw, pitch, 0)
+            if views:
+                return yaw, pitch, views[0].pad
+        raise Refused(
+            "the pad is nowhere to be seen: is it lit, flat, whole in the picture, and the one "
+            "that pad.layout names?"
+        )
+
+    async def _sign(self, axis: AxisName, yaw: float, pitch: float) -> int | None:
+        """Return 1 if the camera turns as is reported, -1 for the other way; None: it is bolted."""
+        low, high = self._limits[axis]
+        at = yaw if axis == "yaw" else pitch
+        if high - low < _STEP:
+            return None
+        steps = [s for s in (_STEP, -_STEP) if low <= at + s <= high]
+        before = await self._look(yaw, pitch, 0)
+        why = f"{axis}: the pad leaves the picture when it turns by {_deg(_STEP)}"
+        for step in steps:
+            turn = {"yaw": (yaw + step, pitch), "pitch": (yaw, pitch + step)}[axis]
+            after = await self._look(*turn, 0)
+            if not (before and after):
+                continue
+            told = getattr(after[0], axis) - getattr(before[0], axis)
+            turned = turn_between(before[0].pad, after[0].pad)
+            # The camera's x lies along the pitch axis; yaw turns about gravity, the pad's normal.
+            came = turned[0] if axis == "pitch" else dot(turned, before[0].pad.normal)
+            if abs(came) > _FOLLOWED * abs(step):
+                break
+            why = (
+                f"{axis} does not follow: {_deg(step)} were ordered, {_deg(came)} came. Are its "
+                "motors on? Is its mode one that takes orders?"
+            )
+        else:
+            raise Refused(why)
+        if told * step < 0.0 or abs(told) < _FOLLOWED * abs(step):
+            raise Refused(
+                f"{axis} reports {_deg(told)} for an order of {_deg(step)}: orders and reports do "
+                "not belong together"
+            )
+        return 1 if came * told > 0.0 else -1
+
+    def _grid(self, yaw: float, pitch: float, pad: PoseSolution) -> list[tuple[float, float]]:
+        """Return orders that bring the pad all over the picture, in a cross and its corners."""
+        camera = self._camera
+        x, y, z = pad.position
+        across, down = math.atan2(x, z), math.atan2(y, z)
+        most_across = _PART * math.atan(0.5 * camera.width / camera.fx)
+        most_down = _PART * math.atan(0.5 * camera.height / camera.fy)
+        # The camera's pitch by the pad, which lies level.
+        flat = max(0.3, abs(pad.normal[1]))
+        signs = self.measured.signs
+        yaws = [
+            clamp((across - a) / flat, -_WIDEST_YAW, _WIDEST_YAW) * signs.get("yaw", 0)
+            for a in (-most_across, most_across)
+        ]
+        pitches = [(d - down) * signs.get("pitch", 0) for d in (-most_down, most_down)]
+        ys = _spread(yaw, yaws, self._limits["yaw"])
+        ps = _spread(pitch, pitches, self._limits["pitch"])
+        cross = [(ys[2], p) for p in ps] + [(y, ps[2]) for y in ys]
+        corners = [(y, p) for y in (ys[0], ys[4]) for p in (ps[0], ps[4])]
+        return list(dict.fromkeys(cross + corners))
+
+    async def _wave(self, axis: AxisName, yaw: float, pitch: float) -> Delays:
+        """Swing an axis to and fro, and return how late the picture is."""
+        low, high = self._limits[axis]
+        at = yaw if axis == "yaw" else pitch
+        at = (
+            clamp(at, low + _WAVE, high - _WAVE) if high - low > 2.0 * _WAVE else 0.5 * (low + high)
+        )
+        size = min(_WAVE, high - at, at - low)
+        loop = asyncio.get_running_loop()
+        start = loop.time() + _REST_S
+
+        def target(t: float) -> GimbalCommand:
+            swung = at + size * math.sin(2.0 * math.pi * _WAVE_HZ * max(0.0, t - start))
+            return GimbalCommand(swung, pitch) if axis == "yaw" else GimbalCommand(yaw, swung)
+
+        moving = asyncio.create_task(self._order(target))
+        frames: list[Frame] = []
+        try:
+            while loop.time() < start + _WAVE_S:
+                frame = await self._devices.camera.newest()
+                if frame.t > (frames[-1].t + _WAVE_PERIOD_S if frames else start):
+                    frames.append(frame)
+                self._check()
+        finally:
+            moving.cancel()
+        times, angles = [], []
+        for frame in frames:
+            pad = await self._pad_in(frame)
+            if pad is not None:
+                x, y, z = pad.position
+                times.append(frame.t)
+                angles.append(math.atan2(-x if axis == "yaw" else y, z))
+        if len(times) < 0.5 * len(frames) or len(times) < 20:
+            raise Refused(f"{axis}: the pad is not seen while it swings; more light, a larger pad")
+        column = 1 if axis == "yaw" else 2
+        orders = self._orders
+        order_t = [order[0] for order in orders]
+
+        def ordered(t: float) -> float:  # one order holds until the next
+            return orders[max(0, bisect_right(order_t, t) - 1)][column]
+
+        reports = np.array([(s.t, getattr(s, axis)) for s in self._states])
+        seen_t, seen = np.array(times), np.array(angles)
+        return Delays(
+            _delay(seen_t, seen, lambda t: np.array([ordered(float(x)) for x in t])),
+            _delay(seen_t, seen, lambda t: np.interp(t, reports[:, 0], reports[:, 1])),
+        )
+
+    # ---- orders and pictures -------------------------------------------------------------------
+
+    async def _look(self, yaw: float, pitch: float, place: int) -> list[View]:
+        """Turn there, wait until it stands still, and return what some pictures show."""
+        holding = asyncio.create_task(self._order(lambda _: GimbalCommand(yaw, pitch)))
+        views = []
+        try:
+            await asyncio.sleep(self._rest_s)
+            start = asyncio.get_running_loop().time()
+            taken = 0
+            while taken < _PICTURES:
+                frame = await self._devices.camera.newest()
+                self._check()
+                if frame.t < start:
+                    continue
+                taken += 1
+                pad = await self._pad_in(frame)
+                if pad is not None:
+                    state = self._states[-1]
+                    down = self._down(state)
+                    views.append(View(place, state.yaw, state.pitch, state.roll, pad, down))
+        finally:
+            holding.cancel()
+        return views
+
+    async def _pad_in(self, frame: Frame) -> PoseSolution | None:
+        await asyncio.sleep(0.0)  # a search takes long: links are served in between
+        pads = [pad for pad in self._search(frame).pad if pad.north is not None]
+        return pads[0] if pads else None
+
+    async def _order(self, target: Callable[[float], GimbalCommand]) -> NoReturn:
+        loop = asyncio.get_running_loop()
+        while True:
+            now = loop.time()
+            command = target(now)
+            self._devices.gimbal.command(command)
+            self._orders.append((now, command.yaw, command.pitch))
+            await asyncio.sleep(_ORDER_S)
+
+    def _down(self, state: GimbalState) -> Vec3:
+        if state.reference is Reference.HORIZON or self._attitude is None:
+            return (0.0, 0.0, 1.0)
+        R_level_body = rot_zyx(0.0, self._attitude.pitch, self._attitude.roll)
+        return rotate(transpose(R_level_body), (0.0, 0.0, 1.0))
+
+    # ---- what is heard -------------------------------------------------------------------------
+
+    def _check(self) -> None:
+        """Raise what ended a task, or Refused if the vehicle is armed."""
+        for task in self._tasks:
+            if task.done():
+                task.result()
+        if self._disarmed is False:
+            raise Refused("the vehicle is armed: disarm it first")
+
+    async def _hear_gimbal(self) -> NoReturn:
+        while True:
+            self._states.append(await self._devices.gimbal.state())
+
+    async def _hear_autopilot(self) -> NoReturn:
+        while True:
+            message = await self._devices.autopilot.receive()
+            if isinstance(message, Heartbeat):
+                self._disarmed = not message.armed
+            elif isinstance(message, Attitude):
+                self._attitude = message
+
+    async def _beat(self) -> NoReturn:
+        while True:
+            self._devices.autopilot.heartbeat()
+            await asyncio.sleep(1.0)
+
+
+def _spread(at: float, ends: list[float], limits: tuple[float, float]) -> list[float]:
+    """Return five angles over a range around an angle, within limits."""
+    low, high = sorted(clamp(at + end, *limits) for end in ends)
+    return [low + 0.25 * i * (high - low) for i in range(5)]
+
+
+def _delay(t: F64, seen: F64, model: Callable[[F64], F64]) -> float:
+    """Return the delay (s) behind a model of t with which a straight line explains best."""
+    best, least = 0.0, math.inf
+    for delay in _DELAYS:
+        A = np.column_stack([np.ones(len(t)), model(t - delay)])
+        x, *_ = np.linalg.lstsq(A, seen, rcond=None)
+        left = float(np.sum((A @ x - seen) ** 2))
+        if left < least:
+            best, least = float(delay), left
+    return best
+
+
+def _deg(angle: float) -> str:
+    return f"{math.degrees(angle):+.1f} degrees"
+
+
+def _metres(pad: PoseSolution) -> str:
+    return f"{math.hypot(*pad.position):.2f} m"
