@@ -15,7 +15,10 @@ from landerd.camera_model import CalibrationError, CameraModel, load_camera
 from landerd.config_file import Loaded
 from landerd.daemon import Devices
 from landerd.pad import PadError, load_pad
-from landerd.preflight import AutopilotCheck, Finding, check_camera, check_gimbal
+from landerd.preflight.autopilot import AutopilotCheck
+from landerd.preflight.camera import check_camera
+from landerd.preflight.finding import Finding
+from landerd.preflight.gimbal import check_gimbal
 from landerd.run_command import SetUpError, fitting_camera, make_devices
 
 _ENOUGH_DISK_MB = 500.0

@@ -26,7 +26,7 @@ from landerd.config_file import config_dir, load
 from landerd.daemon import Devices
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost
-from landerd.preflight import Finding
+from landerd.preflight.finding import Finding
 from tests.hw.flight import PlainAirframe
 
 GOOD_PARAMETERS = {

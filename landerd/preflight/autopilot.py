@@ -1,0 +1,171 @@
+"""The autopilot: heartbeat, rates, the pilot's gate, and its parameters."""
+
+import asyncio
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any, NoReturn, Protocol
+
+from landerd.config import Config
+from landerd.messages import (
+    Attitude,
+    AutopilotMessage,
+    Heartbeat,
+    LocalPosition,
+    RcChannels,
+)
+from landerd.ports import Autopilot, DeviceLost
+from landerd.preflight.finding import Finding
+from landerd.preflight.parameters import judged_parameters, parameter_findings
+
+AUTOPILOT_S = 6.0  # how long it is listened to
+PARAMETER_S = 1.0  # until a parameter is asked for again
+
+
+class VehicleParameters(Protocol):
+    """An autopilot whose parameters can be asked for by name."""
+
+    vehicle_parameters: Mapping[str, float]  # those that were answered
+    counters: Mapping[str, int]  # of what was dropped, by kind
+
+    def ask_parameter(self, name: str) -> None:
+        """Ask for one; the answer comes with what `receive` takes in."""
+
+
+class AutopilotCheck:
+    """Hears an autopilot for a while and says what it found.
+
+    Attributes:
+        disarmed: the last heartbeat said so; False while there was none.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.disarmed = False
+        self._config = config
+        self._got: list[tuple[float, AutopilotMessage]] = []
+
+    async def run(
+        self, autopilot: Autopilot, parameters: VehicleParameters, others: asyncio.Event
+    ) -> list[Finding]:
+        """Return what is found; opens and closes the link.
+
+        Args:
+            autopilot: closed.
+            parameters: the same, asked for its parameters.
+            others: set when the link is no longer needed: a gimbal may be behind it.
+        """
+        names = list(judged_parameters(self._config))
+        tasks: set[asyncio.Task[Any]] = set()
+        try:
+            await autopilot.open()
+            listening = asyncio.create_task(self._listen(autopilot))
+            tasks = {listening, asyncio.create_task(self._ask(autopilot, parameters, names))}
+            await asyncio.wait({listening}, timeout=AUTOPILOT_S)
+            if listening.done():
+                listening.result()
+            findings = self._judge(parameters)
+            tasks.add(asyncio.create_task(others.wait()))
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            return findings
+        except DeviceLost as e:
+            return [
+                Finding(
+                    "fail",
+                    "autopilot link",
+                    f"{e}: landerd cannot fly without the autopilot",
+                    "check autopilot.url, the cable, and group dialout",
+                )
+            ]
+        finally:
+            self.disarmed = False
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            await autopilot.close()
+
+    async def _listen(self, autopilot: Autopilot) -> NoReturn:
+        loop = asyncio.get_running_loop()
+        while True:
+            message = await autopilot.receive()
+            self._got.append((loop.time(), message))
+            if isinstance(message, Heartbeat):
+                self.disarmed = not message.armed
+
+    def _judge(self, parameters: VehicleParameters) -> list[Finding]:
+        if not self._of(Heartbeat):
+            return [self._no_heartbeat(parameters.counters)]
+        findings = [self._heartbeat(), *self._rates(), *self._gate()]
+        return findings + parameter_findings(self._config, parameters.vehicle_parameters)
+
+    async def _ask(
+        self, autopilot: Autopilot, parameters: VehicleParameters, names: Sequence[str]
+    ) -> NoReturn:
+        while True:
+            autopilot.heartbeat()
+            for name in names:
+                if name not in parameters.vehicle_parameters:
+                    parameters.ask_parameter(name)
+                    await asyncio.sleep(0.02)  # a slow link has the streams to carry too
+            await asyncio.sleep(PARAMETER_S)
+
+    def _of(self, kind: type[Any]) -> list[tuple[float, Any]]:
+        return [(t, m) for t, m in self._got if isinstance(m, kind)]
+
+    def _no_heartbeat(self, counters: Mapping[str, int]) -> Finding:
+        system = self._config.autopilot.system_id
+        if counters.get("foreign"):
+            what = f"somebody speaks MAVLink, but not the autopilot of system {system}"
+            return Finding("fail", "heartbeat", what, "set autopilot.system_id to SYSID_THISMAV")
+        if counters:
+            what = "bytes come, but they are not MAVLink that can be read"
+            mend = "make the baud rate of autopilot.url that of SERIALn_BAUD; SERIALn_PROTOCOL 2"
+            return Finding("fail", "heartbeat", f"{what} ({', '.join(counters)})", mend)
+        what = f"nothing is heard at {self._config.autopilot.url}"
+        mend = "is the autopilot on? SERIALn_PROTOCOL 2, TX and RX crossed, the right port and baud"
+        return Finding("fail", "heartbeat", what, mend)
+
+    def _heartbeat(self) -> Finding:
+        beat: Heartbeat = self._of(Heartbeat)[-1][1]
+        if beat.armed:
+            what = f"the vehicle is armed, mode {beat.mode}"
+            return Finding("warn", "heartbeat", what, "check before arming")
+        return Finding("ok", "heartbeat", f"ArduCopter, disarmed, mode {beat.mode}")
+
+    def _rates(self) -> list[Finding]:
+        limits = self._config.freshness
+        found = []
+        for item, kind, limit, mend in (
+            ("attitude", Attitude, limits.attitude_s, "a faster link; SRn_* 0"),
+            ("position", LocalPosition, limits.position_s, "wait for GPS and EKF; a faster link"),
+            ("RC channels", RcChannels, limits.rc_s, "switch the transmitter on; a faster link"),
+        ):
+            # The first second goes by until the streams run.
+            got = [(t, m) for t, m in self._of(kind) if t > self._got[0][0] + 1.5]
+            if not got:
+                what = f"no {item} comes: landerd does not fly without"
+                found.append(Finding("fail", item, what, mend))
+                continue
+            span = max(self._got[-1][0] - self._got[0][0] - 1.5, 1e-9)
+            rate, age = len(got) / span, statistics.median(t - m.t for t, m in got)
+            text = f"{rate:.0f} a second, {1e3 * age:.0f} ms old"
+            if rate * limit < 2.0 or age > 0.5 * limit:
+                what = f"{text}: data older than {limit:g} s are not flown on"
+                found.append(Finding("fail", item, what, mend))
+            else:
+                found.append(Finding("ok", item, text))
+        return found
+
+    def _gate(self) -> list[Finding]:
+        got = self._of(RcChannels)
+        if not got:
+            return []
+        rc, last = self._config.rc, got[-1][1].channels_us
+        pulse = last[rc.gate_channel - 1] if rc.gate_channel <= len(last) else 0
+        name = f"RC {rc.gate_channel}"
+        if pulse == 0:
+            what = f"{name} has no signal: you could not hand over to landerd, nor take back"
+            mend = "give the channel to a switch in the transmitter, or set rc.gate_channel"
+            return [Finding("fail", "gate", what, mend)]
+        if pulse > rc.gate_threshold_us:
+            what = f"{name} is high ({pulse} us): landerd flies only after it was low"
+            return [Finding("warn", "gate", what, "put the switch low; is it the right channel?")]
+        return [Finding("ok", "gate", f"{name} is low ({pulse} us)")]

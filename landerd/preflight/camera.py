@@ -1,0 +1,116 @@
+"""The camera: is it there, and are its pictures of the right size, in time, and lit?"""
+
+import asyncio
+import statistics
+
+import numpy as np
+
+from landerd.camera_model import CameraModel
+from landerd.messages import Frame
+from landerd.ports import Camera, DeviceLost
+from landerd.preflight.finding import Finding, gather
+
+CAMERA_S = 3.0  # how long it is measured
+_SLOWEST_CAMERA_HZ = 10.0
+_OLDEST_PICTURE_S = 0.2
+_DARK, _BRIGHT = 12.0, 243.0  # mean brightness of a picture that shows nothing
+
+
+async def check_camera(camera: Camera, model: CameraModel, fps: float | None) -> list[Finding]:
+    """Return what is found of a camera.
+
+    Args:
+        camera: closed; it is opened and closed again.
+        model: the calibration at the size of the pictures.
+        fps: asked of it; None: not known.
+    """
+    try:
+        await camera.open()
+        first = await camera.newest()  # the start of a stream is slow and not measured
+        got = [(asyncio.get_running_loop().time(), first), *await gather(camera.newest, CAMERA_S)]
+    except DeviceLost as e:
+        return [
+            Finding(
+                "fail",
+                "camera",
+                f"{e}: without pictures the pad is never seen",
+                "plug it in, close other programs that use it, check camera.*.device",
+            )
+        ]
+    finally:
+        await camera.close()
+    findings = [
+        Finding("warn", "camera", remark, "see docs/cameras.md")
+        for remark in getattr(camera, "remarks", ())
+    ]
+    found = [f for f in (_size(got, model), _rate(got, fps), _age(got), _light(got)) if f]
+    height, width = got[-1][1].image.shape
+    if not any(f.level == "fail" for f in found):
+        rate = (len(got) - 1) / max(got[-1][0] - got[0][0], 1e-9)
+        age_ms = 1e3 * statistics.median(t - frame.t for t, frame in got)
+        text = f"{width}x{height}, {rate:.0f} pictures a second, {age_ms:.0f} ms old on arrival"
+        found.insert(0, Finding("ok", "camera", text))
+    return found + findings
+
+
+_Frames = list[tuple[float, Frame]]
+
+
+def _size(got: _Frames, model: CameraModel) -> Finding | None:
+    height, width = got[-1][1].image.shape
+    if (width, height) == (model.width, model.height):
+        return None
+    return Finding(
+        "fail",
+        "calibration",
+        f"pictures are {width}x{height}, the calibration is for {model.width}x{model.height}: all "
+        "directions would be wrong, so such pictures are not searched",
+        "set the camera's size, or calibrate at this size: landerd calibrate camera",
+    )
+
+
+def _rate(got: _Frames, fps: float | None) -> Finding | None:
+    rate = (len(got) - 1) / max(got[-1][0] - got[0][0], 1e-9) if len(got) > 1 else 0.0
+    if rate >= 0.8 * (fps or _SLOWEST_CAMERA_HZ):
+        return None
+    wanted = f", {fps:g} were asked for" if fps else ""
+    return Finding(
+        "fail" if rate < _SLOWEST_CAMERA_HZ else "warn",
+        "camera rate",
+        f"{rate:.1f} pictures a second{wanted}: the pad's motion is seen late",
+        "set a fixed, shorter exposure (cameras slow down in the dark), use a USB 3 port of its "
+        "own, or a format with less data (MJPG)",
+    )
+
+
+def _age(got: _Frames) -> Finding | None:
+    age = statistics.median(t - frame.t for t, frame in got)
+    if -0.02 <= age <= _OLDEST_PICTURE_S:
+        return None
+    what = f"{age:.2f} s old on arrival" if age > 0 else f"stamped {-age:.2f} s in the future"
+    return Finding(
+        "warn" if 0 < age < 0.5 else "fail",
+        "camera time",
+        f"pictures are {what}: they are matched with the attitude of another moment",
+        "set time_offset_s of the camera (docs/cameras.md), or use a camera without buffers",
+    )
+
+
+def _light(got: _Frames) -> Finding | None:
+    first, last = got[0][1].image, got[-1][1].image
+    mean = float(last.mean())
+    if len(got) > 2 and np.array_equal(first, last) and np.ptp(last) > 0:
+        return Finding(
+            "warn",
+            "camera picture",
+            "all pictures are the same to the last bit: is it frozen?",
+            "unplug it and plug it in again",
+        )
+    if _DARK <= mean <= _BRIGHT:
+        return None
+    return Finding(
+        "warn",
+        "camera picture",
+        f"the picture is {'black' if mean < _DARK else 'white'}: nothing can be seen in it",
+        "take the cap off; set exposure_s and gain for the light there is",
+    )

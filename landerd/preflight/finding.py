@@ -1,0 +1,31 @@
+"""One line of the check, and how a device is listened to for it."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the check: what is so and why it matters, and how to mend it."""
+
+    level: Literal["ok", "warn", "fail"]
+    item: str
+    what: str
+    mend: str = ""
+
+
+async def gather(receive: Callable[[], Awaitable[T]], seconds: float) -> list[tuple[float, T]]:
+    """Return all that comes in this time, with the time of arrival. Raises DeviceLost."""
+    loop = asyncio.get_running_loop()
+    got: list[tuple[float, T]] = []
+    with suppress(TimeoutError):
+        async with asyncio.timeout(seconds):
+            while True:
+                message = await receive()
+                got.append((loop.time(), message))
+    return got

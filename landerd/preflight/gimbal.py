@@ -1,0 +1,112 @@
+"""The gimbal: does it tell its angles, and turn as it is told?"""
+
+import asyncio
+import math
+import statistics
+from collections.abc import Callable
+
+from landerd.config import Config
+from landerd.messages import GimbalCommand, GimbalState
+from landerd.ports import DeviceLost, Gimbal
+from landerd.preflight.finding import Finding, gather
+
+GIMBAL_S = 1.0  # how long it is listened to,
+GIMBAL_MOVE_S = 3.0  # and waited for each motion
+_MOVE_DEG, _MOVED_DEG = 20.0, 5.0  # ordered, and taken as an answer
+
+
+async def check_gimbal(
+    gimbal: Gimbal, config: Config, may_move: Callable[[], bool]
+) -> list[Finding]:
+    """Return what is found of a gimbal.
+
+    Args:
+        gimbal: closed; it is opened and closed again.
+        config: limits and freshness.
+        may_move: asked once, when it is known that it answers.
+    """
+    try:
+        await gimbal.open()
+        got = await gather(gimbal.state, GIMBAL_S)
+        if not got:
+            raise DeviceLost("the gimbal says nothing of its angles")
+        traits = getattr(gimbal, "traits", None)  # the real drivers state them
+        findings = _gimbal_stream(got, config)
+        if config.gimbal.driver == "fixed":
+            return findings
+        if not may_move():
+            text = "not moved: the vehicle is armed, or it is not known to be disarmed"
+            return [*findings, Finding("warn", "gimbal motion", text, "disarm and check again")]
+        start = got[-1][1]
+        if not start.pitch_measured or (traits and traits.feedback.value != "measured"):
+            text = "has no feedback: whether it turns the right way cannot be measured"
+            return [*findings, Finding("warn", "gimbal motion", text, "look: -90 is straight down")]
+        return [*findings, *await _moves(gimbal, start, config)]
+    except DeviceLost as e:
+        return [
+            Finding(
+                "fail",
+                "gimbal",
+                f"{e}: where the camera looks would not be known",
+                "check its power, wiring and gimbal.driver",
+            )
+        ]
+    finally:
+        await gimbal.close()
+
+
+def _gimbal_stream(got: list[tuple[float, GimbalState]], config: Config) -> list[Finding]:
+    rate = len(got) / GIMBAL_S
+    age = statistics.median(t - state.t for t, state in got)
+    limit = config.freshness.gimbal_s
+    if rate * limit < 2.0 or age > limit:
+        return [
+            Finding(
+                "fail",
+                "gimbal rate",
+                f"angles come {rate:.0f} times a second, {age:.2f} s old: older than {limit:g} s "
+                "they are not flown on",
+                "raise its rate, or the link's",
+            )
+        ]
+    return [Finding("ok", "gimbal", f"angles come {rate:.0f} times a second")]
+
+
+async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Finding]:
+    """Order a change of pitch, then of yaw, and look which way the gimbal says it goes."""
+    findings = []
+    limits = {"pitch": config.gimbal.pitch_limits_deg, "yaw": config.gimbal.yaw_limits_deg}
+    for axis, (low, high) in limits.items():
+        now = math.degrees(getattr(start, axis))
+        middle = 0.5 * (low + high)
+        step = min(_MOVE_DEG, 0.4 * (high - low)) * (1.0 if now < middle else -1.0)
+        if abs(step) <= _MOVED_DEG:
+            continue
+        target = {"yaw": start.yaw, "pitch": start.pitch, axis: math.radians(now + step)}
+        gimbal.command(GimbalCommand(**target))
+        states = await gather(gimbal.state, GIMBAL_MOVE_S)
+        gimbal.command(GimbalCommand(start.yaw, start.pitch))
+        end = math.degrees(getattr(states[-1][1], axis)) if states else now
+        moved = math.remainder(end - now, 360.0) * math.copysign(1.0, step)
+        if moved < -_MOVED_DEG:
+            findings.append(
+                Finding(
+                    "fail",
+                    "gimbal motion",
+                    f"{axis} moves the wrong way: {step:+.0f} degrees ordered, {end - now:+.0f} "
+                    "came. The camera would turn away from the pad",
+                    f"reverse its {axis}: {axis}_sign of the driver, or the servo's table",
+                )
+            )
+        elif moved < _MOVED_DEG:
+            findings.append(
+                Finding(
+                    "fail",
+                    "gimbal motion",
+                    f"{axis} does not follow: {step:+.0f} degrees ordered, {end - now:+.0f} came "
+                    f"in {GIMBAL_MOVE_S:g} s",
+                    "are its motors on, does its mode take orders, are the limits right?",
+                )
+            )
+        await asyncio.sleep(0.5)
+    return findings or [Finding("ok", "gimbal motion", "pitch and yaw follow orders")]
