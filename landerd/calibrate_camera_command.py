@@ -56,9 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--lens",
-        choices=("plumb_bob", "rational"),
+        choices=("plumb_bob", "rational", "fisheye"),
         default="plumb_bob",
-        help="rational for lenses wider than 90 degrees (plumb_bob)",
+        help="rational beyond 90 degrees of view, fisheye beyond 120 (plumb_bob)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="camera_info")
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")

@@ -20,6 +20,7 @@ from tests.calibration.boards import (
     charuco,
     chessboard,
     good_views,
+    wide_views,
 )
 
 CAMERA = CameraModel(480, 360, 400.0, 398.0, 246.0, 173.0, (-0.12, 0.05, 0.001, -0.002, 0.0))
@@ -85,6 +86,19 @@ def test_a_charuco_board_that_reaches_beyond_the_picture_gives_the_lens(
     assert code == 0, told["reasons"]
     assert told["error_px"] < 0.2
     check_lens(load_camera(made), CAMERA)
+
+
+def test_a_fisheye_is_found_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fisheye = CameraModel(480, 360, 190.0, 189.0, 243.0, 176.0, (0.02, -0.01, 0.004, -0.001), True)
+    shoot(tmp_path, fisheye, chessboard(8, 6), wide_views(0.28, 38.0))
+    made = tmp_path / "mine.yaml"
+    code, told = report(capsys, str(tmp_path), *CHESSBOARD, "--lens", "fisheye", "-o", str(made))
+    assert code == 0, told["reasons"]
+    assert told["error_px"] < 0.2
+    assert 0.0 < told["focal_sigma"] < 0.003
+    found = load_camera(made)
+    assert found.fisheye
+    check_lens(found, fisheye)
 
 
 def test_too_few_views_are_refused(

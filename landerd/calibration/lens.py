@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from landerd.calibration.board import Board, View
 from landerd.camera_model import CameraModel
 
-Lens = Literal["plumb_bob", "rational"]
+Lens = Literal["plumb_bob", "rational", "fisheye"]
 
 FEWEST_VIEWS = 10
 GRID = (4, 4)  # cells of the picture, across and down
@@ -65,7 +65,7 @@ def calibrate(
         board: that was seen.
         views: at least three.
         size: of the pictures, width and height.
-        lens: plumb_bob (k1 k2 p1 p2 k3) or rational (and k4 k5 k6).
+        lens: plumb_bob (k1 k2 p1 p2 k3), rational (and k4 k5 k6) or fisheye (k1 k2 k3 k4).
 
     Raises:
         ValueError: no camera explains them; the text is one line.
@@ -97,6 +97,8 @@ def _solve(
     lens: Lens,
 ) -> tuple[CameraModel, Sequence[Any], Sequence[Any], float]:
     """Return camera, rotation vectors and translations of the views, uncertainty."""
+    if lens == "fisheye":
+        return _solve_fisheye(places, pixels, size)
     flags, count = (cv2.CALIB_RATIONAL_MODEL, 8) if lens == "rational" else (0, 5)
     _, K, D, rotations, translations, sigmas, _, _ = cv2.calibrateCameraExtended(
         places, pixels, size, np.eye(3), np.zeros(count), flags=flags
@@ -105,9 +107,40 @@ def _solve(
     return _camera(size, K, D, count), rotations, translations, focal_sigma
 
 
-def _camera(size: tuple[int, int], K: Any, D: Any, count: int) -> CameraModel:
+def _solve_fisheye(
+    places: list[NDArray[np.float32]], pixels: list[NDArray[np.float32]], size: tuple[int, int]
+) -> tuple[CameraModel, Sequence[Any], Sequence[Any], float]:
+    """Do as `_solve`; OpenCV does not tell the uncertainty of a fisheye."""
+    points = [place.reshape(1, -1, 3).astype(np.float64) for place in places]
+    seen = [pixel.reshape(1, -1, 2).astype(np.float64) for pixel in pixels]
+    flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+    rms, K, D, rotations, translations = cv2.fisheye.calibrate(
+        points, seen, size, np.eye(3), np.zeros(4), flags=flags
+    )
+    # Linear error propagation; the columns of OpenCV's Jacobian: f, c, k of the lens (8), then
+    # rotation and translation of the view (6), and skew.
+    N = np.zeros((8 + 6 * len(points),) * 2)
+    for i, (point, rotation, translation) in enumerate(
+        zip(points, rotations, translations, strict=True)
+    ):
+        _, J = cv2.fisheye.projectPoints(point, rotation, translation, K, D)
+        own = slice(8 + 6 * i, 14 + 6 * i)
+        lens, view = J[:, :8], J[:, 8:14]
+        N[:8, :8] += lens.T @ lens
+        N[:8, own] = lens.T @ view
+        N[own, :8] = N[:8, own].T
+        N[own, own] = view.T @ view
+    sigmas = rms / math.sqrt(2.0) * np.sqrt(np.diag(np.linalg.pinv(N)))
+    focal_sigma = max(float(sigmas[0] / K[0, 0]), float(sigmas[1] / K[1, 1]))
+    return _camera(size, K, D, 4, fisheye=True), rotations, translations, focal_sigma
+
+
+def _camera(
+    size: tuple[int, int], K: Any, D: Any, count: int, *, fisheye: bool = False
+) -> CameraModel:
     fx, fy, cx, cy = (float(K[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    return CameraModel(*size, fx, fy, cx, cy, tuple(float(k) for k in D.flat[:count]))
+    distortion = tuple(float(k) for k in D.flat[:count])
+    return CameraModel(*size, fx, fy, cx, cy, distortion, fisheye)
 
 
 # ---- the verdict -------------------------------------------------------------------------------

@@ -72,6 +72,26 @@ class Photographer:
         return np.asarray(np.clip(np.rint(image), 0, 255), np.uint8)
 
 
+def wide_views(distance_m: float, most_deg: float) -> list[Pose]:
+    """Return poses all around a wide picture, so far away, turned towards the camera and tilted."""
+    poses = []
+    directions = [(across, down) for down in (-1.0, 0.0, 1.0) for across in (-1.0, 0.0, 1.0)]
+    for i, (across, down) in enumerate([*directions, (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)]):
+        a, e = math.radians(most_deg * across), math.radians(0.75 * most_deg * down)
+        x, y, z = math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)
+        tilt = (20.0, -20.0)[i % 2]
+        pose = Pose(
+            distance_m * x,
+            distance_m * y,
+            distance_m * z,
+            -0.75 * most_deg * down + tilt,
+            most_deg * across - tilt,
+            10.0 * (i % 3 - 1),
+        )
+        poses.append(pose)
+    return poses
+
+
 def rotation(pose: Pose) -> NDArray[np.float64]:
     """Return R_camera_board."""
     axes = ((1, 0, 0), pose.pitch_deg), ((0, 1, 0), pose.yaw_deg), ((0, 0, 1), pose.roll_deg)
