@@ -21,7 +21,10 @@ _NO_YAW = 1e-6  # information of a heading that nobody knows, 1/rad^2: keeps mat
 _PRIOR_NORTH_SIGMA = math.radians(5.0)
 _PLACE_SIGMA_M = 1e-3  # of a marker on its pad, as printed and laid out
 _FLATNESS_SIGMA = math.radians(0.1)  # of its tilt and heading against the pad's
+_PLACING = np.array([_PLACE_SIGMA_M**2] * 3 + [_FLATNESS_SIGMA**2] * 3)
+_ONE = np.eye(6)
 _IMPOSSIBLE = 50.0  # chi-square above the best solution's beyond which another one is dropped
+_HOPELESS = 200.0  # chi-square above the better pose's, of the same ring, that no others make up
 _DOWN_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
 
 
@@ -39,6 +42,8 @@ def measured_ring(place: tuple[float, float], solutions: tuple[PoseSolution, ...
     poses = []
     best = min(s.cost for s in solutions)
     for s in solutions:
+        if s.cost > best + _HOPELESS:
+            continue
         n = np.array(s.normal)
         information = np.zeros((6, 6))
         information[:3, :3] = np.linalg.inv(np.array(s.covariance))
@@ -63,7 +68,8 @@ def pad_poses(
         return []
     prior_north = None if north is None else np.array(north)
     measured = [
-        Measured(m.place, m.heading, tuple(_as_placed(p) for p in m.poses)) for m in measured
+        Measured(m.place, m.heading, tuple(_as_placed(p, m.heading) for p in m.poses))
+        for m in measured
     ]
     # Start from the solutions of the marker that knows its tilt best: the others then choose.
     measured = sorted(measured, key=lambda m: -_tilt_information(m.poses[0]))
@@ -91,14 +97,17 @@ def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
     return Pose(pose.R, pose.t, pose.information, pose.cost + (angle / _DOWN_SIGMA) ** 2)
 
 
-def _as_placed(pose: Pose) -> Pose:
-    """Return the pose with what is uncertain about the marker's own place on the pad."""
-    placing = np.diag([_PLACE_SIGMA_M**2] * 3 + [_FLATNESS_SIGMA**2] * 3)
+def _as_placed(pose: Pose, heading: float | None) -> Pose:
+    """Return a marker's pose turned to the pad's axes, its own place on the pad being uncertain."""
     # (information^-1 + placing)^-1, also where the information is singular.
     information = np.asarray(
-        np.linalg.solve(np.eye(6) + pose.information @ placing, pose.information), dtype=np.float64
+        np.linalg.solve(_ONE + pose.information * _PLACING, pose.information), dtype=np.float64
     )
-    return Pose(pose.R, pose.t, information, pose.cost)
+    R = pose.R
+    if heading is not None:
+        c, s = math.cos(heading), math.sin(heading)
+        R = R @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Pose(R, pose.t, information, pose.cost)
 
 
 def _tilt_information(pose: Pose) -> float:
@@ -154,8 +163,7 @@ def _start_rotation(measured: list[Measured], first: Pose, prior_north: F64 | No
     """Return a rotation of the pad about the first marker's normal to start from."""
     for m in measured:
         if m.heading is not None:
-            c, s = math.cos(m.heading), math.sin(m.heading)
-            return rotation_from(first.normal, m.poses[0].R @ np.array([c, -s, 0.0]))
+            return rotation_from(first.normal, m.poses[0].R[:, 0])
     for m in measured[1:]:
         arm = m.place - measured[0].place
         if np.abs(arm).max() > 1e-6:
@@ -189,9 +197,7 @@ def _nearest(m: Measured, pose: Pose) -> tuple[F64, Pose]:
         if m.heading is None:
             residual[3:] = cross(vec3(pose.normal), vec3(candidate.normal))
         else:
-            c, s = math.cos(m.heading), math.sin(m.heading)
-            turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-            residual[3:] = _rotation_vector(candidate.R @ (pose.R @ turn).T)
+            residual[3:] = _rotation_vector(candidate.R @ pose.R.T)
         cost = candidate.cost + float(residual @ candidate.information @ residual)
         if best is None or cost < best[0]:
             best = (cost, residual, candidate)
@@ -200,7 +206,9 @@ def _nearest(m: Measured, pose: Pose) -> tuple[F64, Pose]:
 
 
 def _rotation_vector(R: F64) -> F64:
-    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    angle = math.atan2(float(np.linalg.norm(sine)), 0.5 * (float(np.trace(R)) - 1.0))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+    angle = math.atan2(math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0))
     size = math.sin(angle)
-    return sine if size < 1e-9 else sine * (angle / size)
+    scale = 1.0 if size < 1e-9 else angle / size
+    return np.array([scale * x, scale * y, scale * z])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pixels import Pixels, PlaneView
+from landerd.vision.ring_pixels import Pixels, PlaneView, plane_axes
 from landerd.vision.ring_pose import F64
 
 _CLEAR_PX = 0.7  # beyond the blur: pixels that are all white or all black
@@ -17,8 +17,7 @@ def evenly_lit(pixels: Pixels, fit: RingFit, radius: float, ratio: float) -> Pix
     The white inside and around the ring, as a first fit has it, is split into bright and dim; the
     line that parts them is the edge. Pixels beyond it are divided by the loss of light.
     """
-    t, n = (v[None].astype(np.float32) for v in (fit.position, fit.normal))
-    g = PlaneView(pixels.rays, pixels.focal, t, n)
+    g = PlaneView(pixels.rays, pixels.focal, *plane_axes(fit.position[None], fit.normal[None]))
     d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in (radius, radius * ratio))
     clear = fit.blur_px + _CLEAR_PX
     white = (d_o > clear) | (d_i < -clear)

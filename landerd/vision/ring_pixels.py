@@ -1,7 +1,9 @@
 """The pixels near a ring's edges, and where their rays meet the plane of a pose."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +30,20 @@ class Pixels:
     focal: float  # pixels per ray unit, geometric mean
 
 
-def edge_pixels(camera: CameraModel, pose: Pose, radius: float, count: int = 48) -> F64:
-    """Return pixels (count, 2) of a circle in the pad's plane."""
+def edge_pixels(camera: CameraModel, pose: Pose, radii: Sequence[float], count: int = 48) -> F64:
+    """Return pixels (radii, count, 2) of circles in the pad's plane."""
     position, normal = pose
-    e1, e2 = tangents(normal)
-    a = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)[:, None]
-    points = position + radius * (np.cos(a) * e1 + np.sin(a) * e2)
-    points[:, 2] = np.maximum(points[:, 2], 1e-3)
-    return camera.pixels(points)
+    circle = _unit_circle(count) @ np.array(tangents(normal))
+    points = position + np.array(radii)[:, None, None] * circle
+    points[..., 2] = np.maximum(points[..., 2], 1e-3)
+    return camera.pixels(points).reshape(points.shape[0], count, 2)
+
+
+@lru_cache
+def _unit_circle(count: int) -> F64:
+    """Return evenly spaced points (count, 2)."""
+    a = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    return np.column_stack([np.cos(a), np.sin(a)])
 
 
 def pixels_near(
@@ -53,12 +61,10 @@ def pixels_near(
     At most about `most` pixels are taken. With `fine`, small rings will be fitted with all care.
     """
     h, w = image.shape
-    outer = edge_pixels(camera, pose, radius)
-    low, high = outer.min(axis=0), outer.max(axis=0)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        return None
+    edges = edge_pixels(camera, pose, (radius, radius * ratio))
+    low, high = edges[0].min(axis=0), edges[0].max(axis=0)
     size = float((high - low).max())
-    if size > 4.0 * max(h, w):
+    if not size <= 4.0 * max(h, w):
         return None
     if size < _FINE_PX:
         x0, y0 = np.maximum(np.floor(low - band_px), 0).astype(int)
@@ -66,10 +72,7 @@ def pixels_near(
         gx, gy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
         p = np.column_stack([gx.ravel(), gy.ravel()])
     else:
-        inner = edge_pixels(camera, pose, radius * ratio)
-        p = np.concatenate(
-            [_across(inner, band_px, 0.4 * most), _across(outer, band_px, 0.6 * most)]
-        )
+        p = _across(edges, band_px, most)
         p = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
     if len(p) < 30:
         return None
@@ -78,7 +81,7 @@ def pixels_near(
     grey = image[p[:, 1], p[:, 0]].astype(np.float32)
     v = np.ones((3, len(p)), dtype=np.float32)
     v[:2] = rays.T
-    g = PlaneView(v, focal, *(a[None].astype(np.float32) for a in pose))
+    g = PlaneView(v, focal, *plane_axes(pose[0][None], pose[1][None]))
     d_o, d_i = (g.rho[0] - radius) / g.scale[0], (g.rho[0] - radius * ratio) / g.scale[0]
     # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
     beyond, _ = blurred_step((d_o - MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
@@ -92,42 +95,63 @@ def pixels_near(
     return Pixels(v[:, near], grey[near], trust[near], fine and size < _FINE_PX, focal)
 
 
-def _across(edge: F64, band_px: float, most: float) -> NDArray[np.intp]:
-    """Return whole pixels (n, 2) on short lines across a closed outline."""
+def _across(edges: F64, band_px: float, most: float) -> NDArray[np.intp]:
+    """Return whole pixels (n, 2) on short lines across closed outlines (outlines, count, 2)."""
     step = max(1.0, band_px / 4.0)
     offsets = np.arange(-band_px, band_px + 0.5 * step, step)
-    count = int(most / len(offsets))
-    at = np.arange(count) * (len(edge) / count)
+    count = int(most / (len(edges) * len(offsets)))
+    at = np.arange(count) * (edges.shape[1] / count)
     i = at.astype(int)
-    closed = np.vstack([edge, edge[:1]])
-    along = closed[i + 1] - closed[i]
-    p = closed[i] + (at - i)[:, None] * along
-    normal = np.column_stack([-along[:, 1], along[:, 0]])
-    normal /= np.sqrt((normal * normal).sum(axis=1))[:, None] + 1e-12
-    lines = p[:, None, :] + offsets[None, :, None] * normal[:, None, :]
+    first = edges[:, i]
+    along = np.roll(edges, -1, axis=1)[:, i] - first
+    p = first + (at - i)[:, None] * along
+    normal = along[..., ::-1] * (-1.0, 1.0)
+    normal *= (1.0 / (np.sqrt((normal * normal).sum(axis=-1)) + 1e-12))[..., None]
+    lines = p[..., None, :] + offsets[:, None] * normal[..., None, :]
     pixels: NDArray[np.intp] = np.rint(lines).reshape(-1, 2).astype(np.intp)
     return pixels
+
+
+def plane_axes(t: F64, normal: F64) -> tuple[F32, F32]:
+    """Return centres (starts, 3) and plane axes (starts, 3, 3) as `PlaneView` takes them."""
+    axes = [(*tangents(n), n.tolist()) for n in normal]
+    return t.astype(np.float32), np.array(axes, dtype=np.float32)
 
 
 class PlaneView:
     """Rays v = (x, y, 1), (3, n) or (starts, 3, n), against the planes of several poses.
 
-    Arrays are (starts, n), vectors (starts, 3, n).
+    Arrays are (starts, n). `axes` are the planes' own axes in the camera frame, (starts, 3, 3): two
+    tangents and the normal, a row each.
     """
 
-    def __init__(self, v: F32, focal: float, t: F32, normal: F32) -> None:
-        self.v, self.focal, self.t, self.normal = v, focal, t, normal
-        self.m = np.maximum((normal[:, None] @ v)[:, 0], 1e-6)
-        self.depth = (normal * t).sum(axis=1)[:, None] / self.m
-        q = self.depth[:, None] * v - t[:, :, None]
-        self.rho = np.sqrt((q * q).sum(axis=1)) + 1e-9
-        # Unit vector from the centre; d rho = (a n - u) . dt and d rho = -a rho u . dn.
-        self.u = q / self.rho[:, None]
-        self.a = (self.u * v).sum(axis=1) / self.m
-        gradient = self.u[:, :2] - normal[:, :2, None] * self.a[:, None]
-        length = np.sqrt((gradient * gradient).sum(axis=1)) + 1e-12
-        self.across = gradient / length[:, None]  # unit gradient of rho in the image
-        self.scale = length * self.depth / focal  # metres in the plane per pixel, across
+    def __init__(self, v: F32, focal: float, t: F32, axes: F32) -> None:
+        self.v, self.focal, self.axes, self.t = v, focal, axes, t
+        along = axes @ v
+        self.m = np.maximum(along[:, 2], 1e-6)
+        centre = (axes @ t[:, :, None])[:, :, 0]
+        off = centre[:, 2:]
+        self.depth = off / self.m
+        q = along[:, :2] * self.depth[:, None]
+        q -= centre[:, :2, None]
+        self.rho = np.sqrt(q[:, 0] * q[:, 0] + q[:, 1] * q[:, 1]) + np.float32(1e-9)
+        # Unit vector u from the centre, and a: d rho = (a n - u) . dt and d rho = -a rho u . dn.
+        # Stacked as (u, -a) they are -d rho / dt on the plane's axes.
+        self.u = np.empty_like(along)
+        np.divide(q, self.rho[:, None], out=self.u[:, :2])
+        self.a = ((centre[:, None, :2] @ self.u[:, :2])[:, 0] + self.rho) / off
+        np.negative(self.a, out=self.u[:, 2])
+        self.gradient = axes[:, :, :2].transpose(0, 2, 1) @ self.u  # of rho on z = 1, over depth
+        length = self.gradient[:, 0] * self.gradient[:, 0]
+        length += self.gradient[:, 1] * self.gradient[:, 1]
+        self.length = np.sqrt(length) + np.float32(1e-12)
+        # Metres in the plane per pixel, across the level lines of rho.
+        self.scale = self.length * self.depth * np.float32(1.0 / focal)
+
+    def across(self) -> F32:
+        """Return the unit gradient of rho in the image, (starts, 2, n)."""
+        unit: F32 = self.gradient / self.length[:, None]
+        return unit
 
     def bends(self) -> tuple[F32, F32]:
         """Return the plane's area in a pixel (m^2) and rho'' / (2 rho') across a level line (1/px).
@@ -136,40 +160,49 @@ class PlaneView:
         the line's curvature det M / (rho g^3), and rho'' (w^T M w - g^2) / rho, w the unit
         gradient.
         """
-        nw = (self.normal[:, :2, None] * self.across).sum(axis=1) / self.m
+        across = self.across()
+        nw = (self.axes[:, 2:, :2] @ across)[:, 0] / self.m
         k = self.depth / self.focal
         e = nw[:, None] * self.v
-        e[:, :2] -= self.across
+        e[:, :2] -= across
         excess = np.maximum(k * k * (e * e).sum(axis=1) - self.scale * self.scale, 0.0)
         return k * k / self.m, excess / (2.0 * self.rho * self.scale)
 
     def foot(self, d: F32, radii: F32) -> tuple[F32, F32]:
         """Return distances (px) to circles and g (m/px), (starts, 2, n), seen from their edges.
 
-        `d` are first distances (starts, 2, n) to the circles of two radii.
+        `d` are first distances (starts, 2, n) to the circles of two radii (2, 1).
         """
         d = np.clip(d, -3.0, 3.0)
         count, _, n = d.shape
+        across = self.across()
         v = np.broadcast_to(self.v, (count, 3, n))[:, :, None] + np.zeros((2, 1), np.float32)
-        v[:, :2] -= (d / self.focal)[:, None] * self.across[:, :, None]
-        near = PlaneView(v.reshape(count, 3, -1), self.focal, self.t, self.normal)
+        v[:, :2] -= (d / self.focal)[:, None] * across[:, :, None]
+        near = PlaneView(v.reshape(count, 3, -1), self.focal, self.t, self.axes)
         scale = near.scale.reshape(count, 2, n)
-        turn = (near.across.reshape(count, 2, 2, n) * self.across[:, :, None]).sum(axis=1)
-        return (near.rho.reshape(count, 2, n) - radii[:, None]) / scale + d * turn, scale
+        turn = (near.across().reshape(count, 2, 2, n) * across[:, :, None]).sum(axis=1)
+        return (near.rho.reshape(count, 2, n) - radii) / scale + d * turn, scale
 
 
 def blurred_step(z: F32) -> tuple[F32, F32]:
     """Return the normal distribution function (to 3e-4) and the density."""
     square = z * z
-    half = np.float32(0.5)
-    cdf: F32 = half + half * np.tanh(z * (0.7978845608 + 0.0356774081 * square))
-    density: F32 = np.exp(-0.5 * square) * np.float32(0.3989422804)
+    cdf: F32 = square * np.float32(0.0356774081)
+    cdf += np.float32(0.7978845608)
+    cdf *= z
+    np.tanh(cdf, out=cdf)
+    cdf *= np.float32(0.5)
+    cdf += np.float32(0.5)
+    square *= np.float32(-0.5)
+    density: F32 = np.exp(square, out=square)
+    density *= np.float32(0.3989422804)
     return cdf, density
 
 
 def shifted(pixels: Pixels, shift_px: F64) -> F32:
     """Return the rays (starts, 3, parts n) of pixels moved by (starts, 2, parts) pixels."""
     count, _, parts = shift_px.shape
-    v = np.repeat(pixels.rays[None, :, None], parts, axis=2).repeat(count, axis=0)
+    v = np.empty((count, 3, parts, pixels.rays.shape[1]), dtype=np.float32)
+    v[:] = pixels.rays[:, None]
     v[:, :2] += (shift_px / pixels.focal).astype(np.float32)[..., None]
     return v.reshape(count, 3, -1)

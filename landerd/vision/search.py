@@ -23,7 +23,6 @@ _LARGEST_SCALE = 4.0
 _THOROUGH_EVERY = 5  # frames in which nothing is found: the search is thorough in every fifth
 _SQUARES_WAIT = 4  # frames after one in which small squares were looked for beside a ring
 _LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
-_SMALLEST_FULL_PX = 14.0  # smaller squares are often not found in the whole image
 
 FoundRing = tuple[Ring, MarkerSighting]
 
@@ -79,10 +78,10 @@ class Search:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
 
         First where the pad is expected; what is not found there, everywhere. But one square tells
-        where the rings are, and a large one all that they could; a far ring tells that squares
-        are too small. While nothing is found the search is thorough in every fifth frame only, the
-        first one included: of the whole image although the pad is expected in a part of it, with a
-        second threshold for rings, and for squares too.
+        where the rings are, and a large one all that they could; and squares are beside the rings
+        of their pad or, if none is seen, anywhere. While nothing is found the search is thorough in
+        every fifth frame only, the first one included: of the whole image although the pad is
+        expected in a part of it, with a second threshold for rings, and for squares too.
 
         Args:
             image: grey image (height, width).
@@ -111,8 +110,7 @@ class Search:
             if expected is None or thorough:
                 rings = self._rings_anywhere(image, down, thorough=thorough)
         if not squares and self._layout.squares:
-            whole_image = thorough and (expected is None or not rings)
-            squares = self._squares_unexpected(image, rings, whole_image=whole_image)
+            squares = self._squares_unexpected(image, rings, whole_image=thorough)
         return rings, squares
 
     def _rings_anywhere(
@@ -162,14 +160,12 @@ class Search:
     def _squares_unexpected(
         self, image: Image, rings: list[FoundRing], *, whole_image: bool
     ) -> list[FoundSquare]:
-        """Look for squares round the rings, else in the whole image if asked to."""
+        """Look for squares round the rings, without rings in the whole image if asked to."""
         for ring, sighting in rings:
             found = self._squares_near(image, ring, sighting)
             if found:
                 return found
-        if any(self._is_far(s) for _, s in rings):
-            return []
-        return self._finder.find(image) if whole_image else []
+        return self._finder.find(image) if whole_image and not rings else []
 
     def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
         """Look for squares where they should be: a fit that starts there, else the detector."""
@@ -246,12 +242,6 @@ class Search:
                     if f.square.size_m == size
                 ]
         return found
-
-    def _is_far(self, ring: MarkerSighting) -> bool:
-        """Tell whether a ring is too far off for squares to be found in the whole image."""
-        size = max(s.size_m for s in self._layout.squares)
-        side_px = self._focal * size / float(ring.solutions[0].position[2])
-        return side_px < _SMALLEST_FULL_PX
 
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:
         distance = float(np.linalg.norm(position))

@@ -14,6 +14,7 @@ from landerd.vision.window import Window
 Image = NDArray[np.uint8]
 
 _SMALLEST_SIDE_PX = 5.0
+_LOCAL_MEANS_PX = 7, 21  # sides of the two windows for OpenCV's thresholds; it takes three
 
 
 @dataclass(frozen=True)
@@ -34,15 +35,17 @@ class SquareFinder:
         Raises:
             ValueError: OpenCV does not have a dictionary of the pad, or it lacks an id.
         """
-        self._detectors: list[tuple[cv2.aruco.ArucoDetector, dict[int, Square], int]] = []
+        self._detectors: list[tuple[cv2.aruco.ArucoDetector, list[Square], int]] = []
         for name in sorted({s.dictionary for s in layout.squares}):
-            squares = {s.id: s for s in layout.squares if s.dictionary == name}
-            dictionary = _dictionary(name)
-            too_high = [i for i in squares if i >= len(dictionary.bytesList)]
+            squares = [s for s in layout.squares if s.dictionary == name]
+            whole = _dictionary(name)
+            too_high = [s.id for s in squares if s.id >= len(whole.bytesList)]
             if too_high:
                 raise ValueError(f"dictionary {name} has no id {too_high[0]}")
-            detector = cv2.aruco.ArucoDetector(dictionary)
-            self._detectors.append((detector, squares, _turns(name)))
+            # Comparing every dark patch with hundreds of ids would take longer than finding it.
+            ids = whole.bytesList[[s.id for s in squares]]
+            known = cv2.aruco.Dictionary(ids, whole.markerSize, whole.maxCorrectionBits)
+            self._detectors.append((cv2.aruco.ArucoDetector(known), squares, _turns(name)))
 
     def find(
         self,
@@ -78,9 +81,8 @@ class SquareFinder:
             if ids is None:
                 continue
             for quad, number in zip(corners, ids.reshape(-1), strict=True):
-                if int(number) in squares:
-                    px = (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (x0, y0)
-                    found.append(FoundSquare(squares[int(number)], np.roll(px, turn, axis=0)))
+                px = (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (x0, y0)
+                found.append(FoundSquare(squares[int(number)], np.roll(px, turn, axis=0)))
         return found
 
 
@@ -106,6 +108,8 @@ def _parameters(perimeter_rate: float) -> cv2.aruco.DetectorParameters:
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.minMarkerPerimeterRate = perimeter_rate
     parameters.minDistanceToBorder = 1
+    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = _LOCAL_MEANS_PX
+    parameters.adaptiveThreshWinSizeStep = _LOCAL_MEANS_PX[1] - _LOCAL_MEANS_PX[0]
     return parameters
 
 

@@ -8,6 +8,7 @@ blur and light are eliminated.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -31,6 +32,7 @@ _MARGIN_CELLS = 2  # white round the print
 _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
 _LARGEST_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
 _STEPS = 8
+_DAMPED = 1.0 + 1e-6 * np.eye(11)
 # A last step moves the corners by less than this and gains less than this in chi-square: along the
 # way to the other solution corners hardly move.
 _CONVERGED_PX = 0.03
@@ -61,6 +63,11 @@ _TRACKED = 0.93  # and one that nothing decoded must explain more
 # lean by 15 degrees at most.
 _LEVEL = math.cos(math.radians(6.0))
 _LEANING = math.cos(math.radians(17.0))
+
+# Derivatives of a sampled print, as kernels along u (their transposes: along v).
+_SLOPE_U = np.array([[1.0, -8.0, 0.0, 8.0, -1.0]]) / 12.0
+_CURVED_U = np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 1.0], [0.0, 0.0, 0.0]])
+_TWISTED = np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]]) / 2.0  # both, doubled
 
 
 @dataclass(frozen=True)
@@ -208,12 +215,13 @@ class SquarePrint:
             JW = J * weight
             normal = JW @ J.T
             gradient = JW @ residual
-            normal[np.diag_indices(11)] *= 1.0 + 1e-6
+            normal *= _DAMPED
             try:
                 step = np.linalg.solve(normal, gradient)
             except np.linalg.LinAlgError:
                 return None
-            gain = float(step @ gradient)
+            # Of the pose alone: the blur's step has no effect until the print is blurred anew.
+            gain = float(step[:6] @ gradient[:6])
             moved = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
             motion_px = np.abs(self._corner_rays(moved) - self._corner_rays(pose)) / patch.pixel
             pose = moved
@@ -319,20 +327,14 @@ class SquarePrint:
             + 2.0 * spread[0, 1] * self._ku * self._kv
             + spread[1, 1] * self._kv**2
         )
-        value = self._spectrum * np.exp(-0.5 * square)
         n = self._spectrum.shape[0]
-        layers = np.fft.irfft2(
-            np.stack(
-                [
-                    value,
-                    value * (1j * self._ku),
-                    value * (1j * self._kv),
-                    value * (-0.5 / blur * square),
-                ]
-            ),
-            s=(n, n),
-        )
-        return np.ascontiguousarray(layers.transpose(1, 2, 0), dtype=np.float32)
+        spectrum = self._spectrum * np.exp(-0.5 * square)
+        value = np.fft.irfft2(spectrum, s=(n, n)).astype(np.float32)
+        # A Gaussian's variance spreads as heat does: its slope is half the Laplacian.
+        heat = spread[0, 0] * _CURVED_U + spread[1, 1] * _CURVED_U.T + spread[0, 1] * _TWISTED
+        slopes = (_SLOPE_U, _SLOPE_U.T, (0.5 / blur) * heat)
+        layers = cv2.merge([value, *(cv2.filter2D(value, -1, kernel) for kernel in slopes)])
+        return np.asarray(layers, dtype=np.float32)
 
     def _seen(
         self, layers: NDArray[np.float32], north: F64, east: F64
@@ -373,21 +375,24 @@ def _lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int]
 
     The lens's map is smooth: it is computed at a few nodes and interpolated by polynomials.
     """
-    nodes, weights = [], []
-    for first, n in zip(low, size, strict=True):
-        centres = first + (np.arange(n) + 0.5) * step - 0.5
-        nodes.append(np.linspace(centres[0], centres[-1], _LENS_NODES))
-        weights.append(_lagrange(np.linspace(-1.0, 1.0, n)))
-    gx, gy = np.meshgrid(nodes[0], nodes[1])
-    at = camera.rays(np.column_stack([gx.ravel(), gy.ravel()])).T.reshape(2, *gx.shape)
+    columns, rows = (
+        first + (np.linspace(0.5, n - 0.5, _LENS_NODES)) * step - 0.5
+        for first, n in zip(low.tolist(), size, strict=True)
+    )
+    nodes = np.empty((_LENS_NODES, _LENS_NODES, 2))
+    nodes[..., 0] = columns
+    nodes[..., 1] = rows[:, None]
+    at = camera.rays(nodes.reshape(-1, 2)).T.reshape(2, _LENS_NODES, _LENS_NODES)
     rays = np.ones((3, size[0] * size[1]))
-    rays[:2] = (weights[1] @ at @ weights[0].T).reshape(2, -1)
+    rays[:2] = (_lagrange(size[1]) @ at @ _lagrange(size[0]).T).reshape(2, -1)
     return rays
 
 
-def _lagrange(x: F64) -> F64:
-    """Return the weights (len(x), nodes) of polynomial interpolation from nodes on [-1, 1]."""
+@lru_cache
+def _lagrange(n: int) -> F64:
+    """Return the weights (n, nodes) of polynomial interpolation at n even steps between nodes."""
     powers = np.vander(np.linspace(-1.0, 1.0, _LENS_NODES), increasing=True)
+    x = np.linspace(-1.0, 1.0, n)
     weights: F64 = np.vander(x, _LENS_NODES, increasing=True) @ np.asarray(np.linalg.inv(powers))
     return weights
 

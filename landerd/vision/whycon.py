@@ -111,7 +111,7 @@ def track_ring(
     if other is not None and (down is None or float(other[1] @ np.array(down)) > _LEVEL):
         starts.append(other)
     pixels = pixels_near(image, camera, starts[0], radius, ratio, _TRACK_REACH_PX, 200, True)
-    fits = [] if pixels is None else fit_ring(pixels, starts, radius, ratio, 0.8, 3)
+    fits = [] if pixels is None else fit_ring(pixels, starts, radius, ratio, 0.8, 4)
     return _sighting(fits, ring, camera, down) if fits and _is_ring(fits[0], ratio) else None
 
 
@@ -269,12 +269,12 @@ def _sighting(
         level = np.array(down)
         fits = sorted(fits, key=lambda f: -float(f.normal @ level))
     radius = ring.outer_diameter_m / 2.0
-    edge = edge_pixels(camera, (fits[0].position, fits[0].normal), radius, 32)
+    edge = edge_pixels(camera, (fits[0].position, fits[0].normal), (radius,), 32)[0]
     return MarkerSighting(
         kind="whycon",
         id=None,
         solutions=tuple(_solution(f, fits, radius, camera) for f in fits),
-        outline_px=tuple((float(x), float(y)) for x, y in edge),
+        outline_px=tuple((x, y) for x, y in edge.tolist()),
     )
 
 
