@@ -123,9 +123,9 @@ class PidSection(Section):
 class TrackingSection(Section):
     """The controller on the pad filter's state."""
 
-    kp: Annotated[float, Field(gt=0, le=5)] = 1.0  # closing speed per m of distance, near the pad
-    ki: Annotated[float, Field(ge=0, le=2)] = 0.15
-    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.4  # how late the vehicle answers an order
+    kp: Annotated[float, Field(gt=0, le=5)] = 2.5  # closing speed per m of distance, near the pad
+    ki: Annotated[float, Field(ge=0, le=2)] = 0.6
+    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.5  # how late the vehicle answers an order
     approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
     brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
     descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.6

@@ -27,6 +27,7 @@ ADAPT = 0.05  # a frame: how fast the assumed noises follow what the innovations
 NOISE_RANGE = (0.05, 100.0)  # of the frames' variance, times what vision and configuration say
 OUTLIER = 4.0  # an innovation beyond the gate by this factor tells nothing of the noise
 CALMEST_MPS2, WILDEST_MPS2 = 0.05, 2.0  # how little and how much acceleration of a pad is assumed
+SWINGING = 0.001  # rad: so far off is the lens's direction that swings as the airframe does
 
 MAX_SIGMA_HEADING = math.radians(5.0)  # a heading less certain than this is not known
 
@@ -117,7 +118,7 @@ class PadFilter:
         chosen = costs.index(min(costs))
         best, innovation = candidates[chosen], innovations[chosen]
         self.nis = innovation.distance
-        self._adapt(innovation)
+        self._adapt(best, innovation)
         if not self.nis <= self._gate:  # so that NaN is outside
             self.rejected += 1
             self._rejections += 1
@@ -181,11 +182,13 @@ class PadFilter:
             seen.position, matscale(seen.covariance, self._noise), common
         )
 
-    def _adapt(self, innovation: Innovation) -> None:
+    def _adapt(self, seen: PlacedPad, innovation: Innovation) -> None:
         """Let the assumed noises follow the innovations (Mehra 1970).
 
         They should be as large as their covariance says, or the frames' noise is another one; and
-        not like the one before, or the pad moves otherwise than assumed.
+        not like the one before, or the pad moves otherwise than assumed. What comes of a swinging
+        airframe (a gimbal or a clock a little late) is alike from frame to frame too. Taken for
+        the pad's motion it would be flown after, and so keep the airframe swinging.
         """
         if not self.nis <= OUTLIER * self._gate:  # so that NaN is outside
             return
@@ -196,7 +199,9 @@ class PadFilter:
         u, v, w = self._last_vector
         self._last_vector = innovation.vector
         S = innovation.S
-        level = (x * u + y * v) / (S[0][0] + S[1][1])
+        expected = S[0][0] + S[1][1]
+        swinging = min(expected, 2.0 * (SWINGING * seen.range_m) ** 2)
+        level = (x * u + y * v - swinging) / expected
         q_north, _, q_down = self._motion.q
         q_north = _drifted(q_north, level)
         self._motion.q = (q_north, q_north, _drifted(q_down, z * w / S[2][2]))

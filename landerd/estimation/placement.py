@@ -46,6 +46,7 @@ class PlacedPad:
 
     t: float
     position: Vec3  # landing point, m
+    range_m: float  # from the camera
     covariance: Mat3  # of what is new in every frame, m^2
     common: Mat3  # how errors common to all frames move it: lens about x and y, m/rad; clock, m/s
     heading: float | None  # rad
@@ -194,6 +195,7 @@ class Placement:
         return PlacedPad(
             t=t,
             position=position,
+            range_m=norm(arm),
             covariance=matadd(
                 rotate_covariance(R, solution.covariance),
                 matadd(self._noise(arm), matscale(outer(swing, swing), self._sigma_late**2)),

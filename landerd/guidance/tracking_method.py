@@ -20,6 +20,7 @@ WITHIN_M = 1.0  # the integral runs only this near the pad
 LARGEST_INTEGRAL = 0.5  # m/s
 ANSWER_DOWN_S = 0.35  # to a vertical order
 ANSWER_YAW_S = 0.3
+DOWN_KP = 1.5  # sink rate in m/s per m of height, near where it is to stop
 ROOM = 1.3  # times the error: how wide the region is to be where it sinks to
 WELL_KNOWN_MPS = 0.15
 TURN_BRAKE = math.radians(30.0)  # rad/s^2
@@ -90,9 +91,11 @@ class TrackingMethod:
         floor = max(floor_m, region_height(self._region, off))
         height = relative.height - ANSWER_DOWN_S * max(0.0, relative.error_rate[2] * -1.0)
         to_go = height - floor
-        braked = _braked(max(0.0, to_go), 1.5, self._gains.descent_brake_mps2)
+        slowest = 0.0
         if floor <= 0.0:
-            braked += self._touchdown_mps
+            # At touch-down speed from the commit height on: sight may be lost just above it.
+            to_go, slowest = to_go - self._region.commit_height_m, self._touchdown_mps
+        braked = slowest + _braked(max(0.0, to_go), DOWN_KP, self._gains.descent_brake_mps2)
         return min(braked, self._limits.descent_mps)
 
     def _turning(self, relative: Relative) -> float:

@@ -13,6 +13,7 @@ from landerd.geometry import (
     Vec3,
     add,
     dot,
+    horizontal,
     inverse,
     matadd,
     matscale,
@@ -49,6 +50,7 @@ def sighting(
     cost: float = 0.0,
     covariance: Mat3 = COVARIANCE,
     common: Mat3 = NO_COMMON,
+    range_m: float = 0.0,
 ) -> PlacedPad:
     if noise is not None:
         error = (
@@ -62,7 +64,7 @@ def sighting(
     sigma_heading = math.inf if heading is None else 0.03
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
     return PlacedPad(
-        t, position, covariance, common, heading, sigma_heading, normal, sigma_tilt, cost
+        t, position, range_m, covariance, common, heading, sigma_heading, normal, sigma_tilt, cost
     )
 
 
@@ -164,6 +166,36 @@ def test_a_heaving_deck_is_tracked_and_its_innovations_stay_white() -> None:
             yield sighting(t, add(PAD, off), covariance=close)
 
     assert mean_nis(pad_filter, sightings()) == pytest.approx(3.0, rel=0.2)
+    assert worst < 0.05
+
+
+def test_what_swings_with_the_airframe_is_not_taken_for_the_pads_motion() -> None:
+    # From 8 m a lens that is 1.5 mrad off one way and the other, once a second.
+    noise = random.Random(9)
+    pad_filter = PadFilter(OPTIONS)
+    close = matscale(IDENTITY, 0.005**2)
+    fastest = 0.0
+    for t in times(600):
+        swing = 0.0015 * 8.0 * math.sin(2.0 * math.pi * t)
+        seen_at = add(PAD, (swing + noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), 0.0))
+        pad_filter.update([sighting(t, seen_at, covariance=close, range_m=8.0)])
+        if t > 5.0:
+            fastest = max(fastest, horizontal(estimate(pad_filter, t).velocity))
+    assert fastest < 0.1
+
+
+def test_a_pad_that_sways_is_tracked() -> None:
+    noise = random.Random(10)
+    pad_filter = PadFilter(OPTIONS)
+    omega, size = 2.0 * math.pi * 0.3, 0.5
+    close = matscale(IDENTITY, 0.005**2)
+    worst = 0.0
+    for t in times(600):
+        sway = size * math.sin(omega * t)
+        seen_at = add(PAD, (noise.gauss(0.0, 0.005), sway + noise.gauss(0.0, 0.005), 0.0))
+        if t > 3.0:
+            worst = max(worst, abs(estimate(pad_filter, t).position[1] - PAD[1] - sway))
+        pad_filter.update([sighting(t, seen_at, covariance=close, range_m=4.0)])
     assert worst < 0.05
 
 

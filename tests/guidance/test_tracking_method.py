@@ -60,6 +60,22 @@ def test_a_vehicle_that_lags_comes_to_rest_over_any_pad_without_overshoot(
     assert beyond < 0.3
 
 
+def test_a_gust_does_not_push_it_out_of_the_descent_region() -> None:
+    # 1 m/s^2 for half a second on a vehicle that answers an order after 0.5 s.
+    method, limiter = TrackingMethod(OPTIONS), Limiter(OPTIONS.limits)
+    position = velocity = farthest = 0.0
+    for i in range(round(8.0 / DT)):
+        seen = situation(error=(-position, 0.0, 2.0), rate=(-velocity, 0.0, 0.0))
+        wanted, _ = method.step(Phase.DESCENT, seen, 2.0, DT)
+        flown = limiter.step(wanted, 0.0, DT, may_descend=False).velocity[0]
+        gust = 1.0 if i * DT < 0.5 else 0.0
+        velocity += DT * ((flown - velocity) / 0.5 + gust)
+        position += DT * velocity
+        farthest = max(farthest, abs(position))
+    assert farthest < OPTIONS.descent.k1_m
+    assert abs(position) < 0.01
+
+
 def test_it_sinks_only_as_low_as_the_region_is_wide() -> None:
     assert order(0.0, 5.0)[0][2] > 1.0
     assert order(0.3, 5.0)[0][2] < order(0.0, 5.0)[0][2]
@@ -70,7 +86,8 @@ def test_it_brakes_its_descent_before_the_ground_and_before_a_floor() -> None:
     heights = [5.0, 2.0, 1.0, 0.5, 0.2]
     speeds = [order(0.0, h)[0][2] for h in heights]
     assert speeds == sorted(speeds, reverse=True)
-    assert speeds[-1] <= 2.0 * OPTIONS.touchdown_descent_mps + 1e-9
+    at_commit = order(0.0, OPTIONS.descent.commit_height_m)[0][2]
+    assert at_commit == pytest.approx(OPTIONS.touchdown_descent_mps)
     assert order(0.0, 2.1, floor_m=2.1)[0][2] == 0.0
 
 
