@@ -282,6 +282,9 @@ class Lander:
             self._enter(phase, why)
             if self._phases.climbs_again and not climbed:
                 self._break_off(now, why)
+            elif climbed and not self._phases.climbs_again and self._tried_enough:
+                self._hand_back(now, "no landing possible")
+                return
             if phase is Phase.LANDED:
                 self._touchdown.begin(now)
                 self._landed = Landed.UNDEFINED  # what was said of the air or another landing
@@ -330,9 +333,11 @@ class Lander:
         if self._touchdown.in_contact:
             self._settle(now, dt)
             return
-        (north, east, _), _ = self._method.step(self.phase, rel, 0.0, dt)
+        (north, east, _), yaw_rate = self._method.step(self.phase, rel, 0.0, dt)
+        if age > self._config.guidance.lost.after_s:
+            yaw_rate = 0.0
         descent = heave + self._config.guidance.touchdown_descent_mps
-        self._send((north, east, descent), 0.0, dt, may_descend=True)
+        self._send((north, east, descent), yaw_rate, dt, may_descend=True)
 
     def _settle(self, now: float, dt: float) -> None:
         """On the pad: go with it and press down until the autopilot knows, then disarm."""
@@ -362,11 +367,8 @@ class Lander:
             self._lose(now, vehicle)
         down = vehicle.feet[2] if vehicle else self._lost_down
         plan = self._lost.step(now, down)
-        if plan is None or self._broken_off > self._config.guidance.lost.retries:
-            self._finish("handed_back")
-            self._say(now, Severity.CRITICAL, "pad not found: pilot, take over")
-            self._gate.latch()
-            self._release(now, "pad not found")
+        if plan is None or self._tried_enough:
+            self._hand_back(now, "pad not found")
             return
         # Climbing needs a position to know when to stop.
         velocity, what = plan if vehicle is not None else (HOVER, "holding")
@@ -378,6 +380,17 @@ class Lander:
         self._lost_down = vehicle.feet[2] if vehicle else 0.0
         self._lost.begin(now, self._lost_down, low=self._low)
         self._break_off(now, None)
+
+    @property
+    def _tried_enough(self) -> bool:
+        """Whether as many descents were broken off as are allowed."""
+        return self._broken_off > self._config.guidance.lost.retries
+
+    def _hand_back(self, now: float, why: str) -> None:
+        self._finish("handed_back")
+        self._say(now, Severity.CRITICAL, f"{why}: pilot, take over")
+        self._gate.latch()
+        self._release(now, why)
 
     def _break_off(self, now: float, why: str | None) -> None:
         """Count an abort; those of the descent are limited in number."""

@@ -514,6 +514,30 @@ def test_lost_for_good_just_before_commit_it_climbs_away() -> None:
     assert flight.disarm_orders == []
 
 
+def test_a_landing_that_is_never_good_enough_is_given_back_to_the_pilot_from_higher_up() -> None:
+    never = {"commit_sink_mps": 0.01}  # slower than any landing
+    config = Config.model_validate({"guidance": {"descent": never, "lost": {"retries": 1}}})
+    flight = Flight(config=config).engaged()
+    flight.run(40.0)
+    assert flight.contact_t is None
+    assert flight.lander.aborts == 2
+    assert flight.lander.outcome == "handed_back"
+    assert said(flight, "take over")
+    assert flight.height > 0.8
+    assert flight.run(1.0) == []
+
+
+def test_it_turns_with_a_turning_pad_until_contact() -> None:
+    flight = Flight()
+    turn = math.radians(10.0)
+    flight.engaged()
+    while flight.contact_t is None:
+        assert flight.t < 160.0
+        flight.pad_heading += turn * DT
+        flight.tick()
+    assert abs(math.degrees(flight.heading_error)) < 2.0
+
+
 def test_disarmed_in_the_air_after_commit_is_not_called_landed() -> None:
     flight = Flight().engaged().until(Phase.LANDED)
     assert flight.contact_t is None

@@ -7,9 +7,10 @@ is as wide as the error, and turns as soon as the camera keeps the pad whatever 
 """
 
 import math
+from dataclasses import replace
 
 from landerd.config import GuidanceSection
-from landerd.geometry import Vec3, clamp
+from landerd.geometry import Vec3, add, clamp, rot_z, rotate
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative import Relative
 from landerd.messages import Phase
@@ -22,6 +23,7 @@ ANSWER_DOWN_S = 0.35  # to a vertical order
 ANSWER_YAW_S = 0.3
 DOWN_KP = 1.5  # sink rate in m/s per m of height, near where it is to stop
 ROOM = 1.3  # times the error: how wide the region is to be where it sinks to
+SMOOTH_S = 0.7
 WELL_KNOWN_MPS = 0.15
 TURN_BRAKE = math.radians(30.0)  # rad/s^2
 
@@ -43,6 +45,7 @@ class TrackingMethod:
     def restart(self) -> None:
         """Begin a landing."""
         self._integral = (0.0, 0.0)
+        self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
 
     def step(
         self, phase: Phase, relative: Relative, floor_m: float, dt: float
@@ -56,6 +59,7 @@ class TrackingMethod:
             dt: time since the last step, s.
         """
         gains = self._gains
+        relative = self._smoothed(relative, dt)
         north, east = self._error_ahead(relative, gains.lead_s)
         distance = math.hypot(north, east)
         closing = min(_braked(distance, gains.kp, gains.brake_mps2), gains.approach_mps)
@@ -69,6 +73,26 @@ class TrackingMethod:
             + self._sinking(relative, floor_m),
         )
         return velocity, self._turning(relative)
+
+    def _smoothed(self, relative: Relative, dt: float) -> Relative:
+        """Return the same with the pad's level velocity smoothed.
+
+        A swinging airframe lets the pad seem to move a little (a lens or a clock a little late).
+        What flies after that at once swings on.
+        """
+        north, east, down = relative.pad_velocity
+        if self._pad_velocity is None:
+            self._pad_velocity = (north, east)
+        turned = rotate(rot_z(relative.pad_turn_rate * dt), (*self._pad_velocity, 0.0))
+        k = min(1.0, dt / SMOOTH_S)
+        smooth = (turned[0] + k * (north - turned[0]), turned[1] + k * (east - turned[1]))
+        self._pad_velocity = smooth
+        change = (smooth[0] - north, smooth[1] - east, 0.0)
+        return replace(
+            relative,
+            pad_velocity=(*smooth, down),
+            error_rate=add(relative.error_rate, change),
+        )
 
     def _error_ahead(self, relative: Relative, lead_s: float) -> tuple[float, float]:
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
