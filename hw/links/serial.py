@@ -1,9 +1,12 @@
 """A serial port: a UART of the board, a USB adapter, a pseudo-terminal."""
 
 import asyncio
+import contextlib
 import errno
 import os
 import termios
+import threading
+from collections.abc import Callable
 
 import serial
 
@@ -13,6 +16,8 @@ from landerd.ports import DeviceLost
 _READ_SIZE = 4096
 # At 57600 baud this much takes 0.7 s to send; nothing older is worth sending.
 _UNSENT_LIMIT = 4096
+_LAST_WORDS_S = 0.1
+_LOOK_S = 0.002
 _REASONS = {
     errno.ENOENT: "is not there",
     errno.ENXIO: "is not there",
@@ -36,11 +41,21 @@ class SerialLink:
         """Open and set up the port, for this process alone. Raises DeviceLost."""
         await self.close()
         self._inbox.clear()
-        try:
-            # pyserial opens without waiting for modem lines and sets any baud rate.
-            self._port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
-        except (OSError, ValueError) as e:
-            raise DeviceLost(f"serial {self._path} {_reason(e)}") from None
+        opened: list[serial.Serial | Exception] = []
+
+        def work() -> None:
+            try:
+                # pyserial opens without waiting for modem lines and sets any baud rate.
+                opened.append(serial.Serial(self._path, self._baud, timeout=0, exclusive=True))
+            except (OSError, ValueError, termios.error) as e:
+                opened.append(e)
+
+        opening = _aside(work)
+        while opening.is_alive():
+            await asyncio.sleep(_LOOK_S)
+        if not isinstance(opened[0], serial.Serial):
+            raise DeviceLost(f"serial {self._path} {_reason(opened[0])}")
+        self._port = opened[0]
         os.set_blocking(self._port.fileno(), False)
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._receive)
 
@@ -58,8 +73,15 @@ class SerialLink:
             self._send()
 
     async def close(self) -> None:
-        """Release the port; safe to call twice."""
-        self._release("closed")
+        """Release the port; safe to call twice. What was written last has a moment to go out."""
+        loop = asyncio.get_running_loop()
+        end = loop.time() + _LAST_WORDS_S
+        with contextlib.suppress(OSError):
+            while (port := self._port) is not None and port.out_waiting and loop.time() < end:
+                await asyncio.sleep(_LOOK_S)
+        closing = self._release("closed")
+        while closing is not None and closing.is_alive() and loop.time() < end:
+            await asyncio.sleep(_LOOK_S)
 
     def _receive(self) -> None:
         assert self._port is not None
@@ -91,15 +113,29 @@ class SerialLink:
         else:
             loop.remove_writer(fd)
 
-    def _release(self, reason: str) -> None:
+    def _release(self, reason: str) -> threading.Thread | None:
+        """Let go of the port, and return the thread that closes it."""
         port, self._port = self._port, None
+        closing = None
         if port is not None:
             loop = asyncio.get_running_loop()
             loop.remove_reader(port.fileno())
             loop.remove_writer(port.fileno())
-            port.close()
+            closing = _aside(port.close)
         self._unsent.clear()
         self._inbox.lose(f"serial {self._path}: {reason}")
+        return closing
+
+
+def _aside(work: Callable[[], None]) -> threading.Thread:
+    """Do it in a thread that nobody has to wait for, not even the end of the process.
+
+    With bytes that the device does not take, the kernel holds up who closes a port for 30 s, and
+    who opens it in the meantime.
+    """
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    return thread
 
 
 def _reason(e: Exception) -> str:

@@ -5,9 +5,12 @@ import os
 import pty
 import random
 import socket
+import time
 from collections.abc import Awaitable, Callable
+from typing import Any
 
 import pytest
+import serial
 
 from hw.links import open_link
 from hw.links.memory import memory_pair
@@ -233,6 +236,47 @@ def test_serial_carries_every_byte_value_and_is_lost_with_its_device() -> None:
         link.write(b"nobody hears")
         with pytest.raises(DeviceLost):
             await link.open()
+
+    run(scene)
+
+
+def test_a_kernel_that_takes_its_time_with_a_serial_port_holds_nobody_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As one does for half a minute whose device takes no bytes."""
+    open_port, close_port = serial.Serial.open, serial.Serial.close
+
+    def late(work: Callable[[Any], None]) -> Callable[[Any], None]:
+        def do(port: Any) -> None:
+            time.sleep(0.6)
+            work(port)
+
+        return do
+
+    async def scene() -> None:
+        longest = 0.0
+
+        async def tick() -> None:
+            nonlocal longest
+            while True:
+                start = time.monotonic()
+                await asyncio.sleep(0.01)
+                longest = max(longest, time.monotonic() - start)
+
+        device, port = pty.openpty()
+        ticking = asyncio.create_task(tick())
+        link = open_link(f"serial:{os.ttyname(port)}")
+        monkeypatch.setattr(serial.Serial, "open", late(open_port))
+        await link.open()
+        monkeypatch.setattr(serial.Serial, "close", late(close_port))
+        start = time.monotonic()
+        await link.close()
+        assert time.monotonic() - start < 0.5
+        await asyncio.sleep(1.0)
+        assert longest < 0.5
+        ticking.cancel()
+        os.close(device)
+        os.close(port)
 
     run(scene)
 
