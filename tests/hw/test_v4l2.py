@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import logging
 import threading
 import time
 from collections.abc import Awaitable, Callable
@@ -9,11 +10,19 @@ from typing import Any
 
 import pytest
 
+from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.cameras.v4l2 import V4l2Camera, V4l2Options
 from hw.cameras.v4l2_node import Mode, Range, Stamp
+from hw.links.memory import memory_pair
+from landerd.camera_model import load_camera
+from landerd.config import Config
+from landerd.config_file import config_dir
+from landerd.daemon import Daemon, Devices
+from landerd.pad import load_pad
 from landerd.ports import DeviceLost
 from tests.hw import fake_v4l2 as fake
 from tests.hw.fake_v4l2 import FakeCamera
+from tests.hw.idle import Idle
 
 
 def camera(source: FakeCamera, **options: Any) -> V4l2Camera:
@@ -314,6 +323,57 @@ def test_unplugged_it_is_lost_at_once_and_works_again_when_it_is_back() -> None:
 
     run(source, use)
     assert source.opened == 2
+
+
+def test_the_daemon_tells_of_the_outage_and_is_back_within_a_second(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    source = FakeCamera([Mode("YUYV", 640, 480, 30.0)])
+    searched: list[float] = []
+
+    class Seen:
+        def on_flight(self, lander: Any) -> None: ...
+        def on_step(self, *_: Any) -> None: ...
+        def on_frame(self, *_: Any) -> None:
+            searched.append(time.monotonic())
+
+    async def shoot() -> None:
+        while True:
+            await asyncio.sleep(0.03)
+            source.shoot()
+
+    async def main() -> None:
+        driver, idle = V4l2Camera(options=V4l2Options(), node=source.open), Idle()
+        daemon = Daemon(
+            Config(),
+            load_pad(config_dir() / "pads" / "thesis.yaml"),
+            load_camera(config_dir() / "cameras" / "thesis.yaml"),
+            Devices(driver, idle, MavlinkAutopilot(memory_pair()[0])),
+            observers=(Seen(),),
+        )
+        tasks = [asyncio.create_task(job) for job in (shoot(), daemon.run())]
+        while len(searched) < 5:
+            await asyncio.sleep(0.01)
+        source.unplug()
+        await asyncio.sleep(1.5)
+        source.plugged = True
+        plugged = time.monotonic()
+        while searched[-1] < plugged:
+            await asyncio.sleep(0.01)
+        assert searched[-1] < plugged + 1.0
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    caplog.set_level(logging.INFO, "landerd")
+    asyncio.run(asyncio.wait_for(main(), 20.0))
+    told = [r.getMessage() for r in caplog.records if r.name == "landerd"]
+    told = [line for line in told if line.startswith("camera")]
+    assert told == [
+        "camera lost: camera /dev/video0 has gone, or is no camera",
+        "camera lost: camera /dev/video0 is not there",
+        "camera is back",
+    ]
 
 
 def test_an_error_of_the_stream_and_a_poll_without_pictures_are_a_loss() -> None:
