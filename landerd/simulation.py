@@ -156,7 +156,7 @@ class Simulation:
             ground_stations=config.autopilot.ground_stations,
             parameters=ParameterSet(config),
         )
-        mount = SimMount(self.world, options.gimbal, stream(seed, "gimbal"))
+        mount = self._mount = SimMount(self.world, options.gimbal, stream(seed, "gimbal"))
         connect = registry.model("gimbal", config.gimbal.driver)
         self.gimbal: Any  # the tests break it
         self.gimbal_model: Any = None  # the device below a real driver
@@ -241,6 +241,11 @@ class Simulation:
     async def _open_gate(self) -> None:
         await asyncio.sleep(GATE_OPENS_S)
         self.autopilot.pilot.set(self.config.rc.gate_channel, 1900)
+
+    def gimbal_angles(self) -> tuple[float, float]:
+        """Return the gimbal's true yaw and pitch, rad, against what its driver's are against."""
+        traits = getattr(self.gimbal, "traits", self.world.gimbal)
+        return self._mount.angles(traits.reference)
 
     # ---- truth for camera and judge ------------------------------------------------------------
 
@@ -330,9 +335,9 @@ class Recording:
 
     def _compare_gimbal(self, ordered: GimbalCommand) -> None:
         """Note how far off the picture is that an order has not moved yet."""
-        gimbal = self._simulation.world.gimbal
-        yaw = (ordered.yaw - gimbal.yaw.angle) * math.cos(gimbal.pitch.angle)
-        pitch = ordered.pitch - gimbal.pitch.angle
+        yaw, pitch = self._simulation.gimbal_angles()
+        yaw = (ordered.yaw - yaw) * math.cos(pitch)
+        pitch = ordered.pitch - pitch
         self.gimbal_errors_px.append(self._simulation.camera_model.fx * math.hypot(yaw, pitch))
 
     def _compare_velocity(self, now: float) -> None:

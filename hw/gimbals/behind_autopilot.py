@@ -14,7 +14,7 @@ from pydantic import Field
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import Message
-from hw.gimbals.mounting import Feedback, Latency, Mounting, MountOptions, Traits
+from hw.gimbals.mounting import SERVO_SIGMA, Feedback, Latency, Mounting, MountOptions, Traits
 from landerd.messages import GimbalCommand, GimbalState
 from landerd.section import Angle
 
@@ -34,8 +34,9 @@ class BehindAutopilotOptions(MountOptions):
     @property
     def traits(self) -> Traits:
         """What there is to know of the gimbal."""
-        feedback = Feedback.MEASURED if self.feedback else Feedback.ORDERED
-        return replace(super().traits, feedback=feedback)
+        if self.feedback:
+            return super().traits
+        return replace(super().traits, feedback=Feedback.ORDERED, sigma=SERVO_SIGMA)
 
 
 class BehindAutopilotGimbal(ABC):

@@ -18,7 +18,7 @@ from landerd.section import Angle, Section
 
 Latency = Annotated[float, Field(ge=0, le=0.2)]
 _LARGEST = 2.0 * math.pi + 1e-6  # no gimbal reports more, rad
-_UNMEASURED_SIGMA = math.radians(1.5)  # of hobby servos after their table was calibrated
+SERVO_SIGMA = math.radians(1.5)  # of hobby servos whose table was calibrated
 
 
 class Feedback(Enum):
@@ -38,11 +38,7 @@ class Traits:
     rate_hz: float  # of its reports
     yaw_limits: tuple[float, float]  # rad
     pitch_limits: tuple[float, float]
-
-    @property
-    def sigma(self) -> float:
-        """How far the lens may look beside what is reported, beyond what all gimbals may, rad."""
-        return 0.0 if self.feedback is Feedback.MEASURED else _UNMEASURED_SIGMA
+    sigma: float = 0.0  # of the lens's direction where it is worse than of other gimbals, rad
 
 
 class MountOptions(Section):

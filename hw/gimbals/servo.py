@@ -2,23 +2,30 @@
 
 Angles are relative to the airframe. What is reported is where the servos should be by now: the
 ordered angle, followed with a limited speed and a lag, read back through the table of calibration.
-The drivers differ in how the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
+With an IMU on the camera pitch and roll are measured, against the horizon, and the pitch servo is
+moved so that the camera keeps the pitch that was ordered however the airframe leans. The drivers
+differ in how the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
 """
 
 import asyncio
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Annotated, Protocol
 
 from pydantic import Field, model_validator
+from smbus2 import SMBus
 
-from hw.gimbals.mounting import Feedback, Traits
-from landerd.geometry import clamp
+from hw.gimbals.imu import ImuOptions, ReadableBus, make_imu
+from hw.gimbals.mounting import SERVO_SIGMA, Feedback, Traits
+from landerd.geometry import clamp, wrap
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost
 from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
+_LEAN_S = 0.2  # time constant with which the pitch servo makes up for the airframe's lean
+OpenBus = Callable[[int], ReadableBus]
 Pulse = Annotated[float, Field(ge=400, le=2600)]
 TILT = ((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))  # a usual servo, middle at 45 down
 
@@ -57,12 +64,16 @@ class ServoOptions(Section):
     pitch: ServoAxisOptions = ServoAxisOptions(channel=0, table=TILT)
     slew_deg_s: Annotated[float, Field(gt=0, le=1000)] = 120.0  # largest speed under load
     lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.08  # behind a slowly moving order
+    imu: ImuOptions | None = None  # a sensor on the camera
 
     @property
     def traits(self) -> Traits:
         """What there is to know of the gimbal: it reaches what is in its tables."""
         yaw = self.yaw.limits if self.yaw is not None else (0.0, 0.0)
-        return Traits(Reference.BODY, Feedback.MODELLED, _RATE_HZ, yaw, self.pitch.limits)
+        reference, feedback = Reference.BODY, Feedback.MODELLED
+        if self.imu is not None:  # but the yaw is still modelled
+            reference, feedback = Reference.HORIZON, Feedback.MEASURED
+        return Traits(reference, feedback, _RATE_HZ, yaw, self.pitch.limits, SERVO_SIGMA)
 
 
 class PulseOutput(Protocol):
@@ -108,7 +119,12 @@ class ServoAxis:
 class ServoGimbal:
     """Servos behind any output; a Gimbal."""
 
-    def __init__(self, options: ServoOptions, output: PulseOutput) -> None:
+    def __init__(
+        self, options: ServoOptions, output: PulseOutput, open_imu: OpenBus = SMBus
+    ) -> None:
+        self._imu = make_imu(options.imu, open_imu) if options.imu is not None else None
+        self._levelled = False
+        self._lean = 0.0  # of the airframe under the pitch servo, as the IMU shows it, rad
         slew = math.radians(options.slew_deg_s)
         self._pitch = ServoAxis(options.pitch, slew, options.lag_s)
         self._yaw = ServoAxis(options.yaw, slew, options.lag_s) if options.yaw else None
@@ -120,29 +136,44 @@ class ServoGimbal:
         self.traits = options.traits
 
     async def open(self) -> None:
-        """Get the output ready. Raises DeviceLost."""
+        """Get output and sensor ready. Raises DeviceLost."""
+        if self._imu is not None:
+            self._imu.open()
+            self._levelled = False
         self._output.open()
         self._due = self._t = asyncio.get_running_loop().time()
         self._lost = None
         self._is_open = True
 
     async def state(self) -> GimbalState:
-        """Return where the servos should be, 50 times a second. Raises DeviceLost."""
+        """Return where the camera looks, 50 times a second. Raises DeviceLost."""
         loop = asyncio.get_running_loop()
-        self._due = max(self._due + 1.0 / _RATE_HZ, loop.time())
-        await asyncio.sleep(self._due - loop.time())
-        if self._lost is not None:
-            raise self._lost
-        self._advance(loop.time())
-        yaw = self._yaw.angle if self._yaw else 0.0
-        return GimbalState(self._t, yaw, self._pitch.angle, 0.0, Reference.BODY)
+        while True:
+            self._due = max(self._due + 1.0 / _RATE_HZ, loop.time())
+            await asyncio.sleep(self._due - loop.time())
+            if self._lost is not None:
+                raise self._lost
+            self._advance(loop.time())
+            yaw = self._yaw.angle if self._yaw else 0.0
+            if self._imu is None:
+                return GimbalState(self._t, yaw, self._pitch.angle, 0.0, Reference.BODY)
+            measured = self._imu.angles()
+            if measured is not None:
+                pitch, roll = measured
+                self._levelled = True
+                lean = wrap(pitch - self._pitch.angle)
+                self._lean += (lean - self._lean) / (_LEAN_S * _RATE_HZ)
+                t = self._t - self._imu.latency_s
+                return GimbalState(t, yaw, pitch, roll, Reference.HORIZON)
 
     def command(self, command: GimbalCommand) -> None:
         """Send pulses for new angles; a lost output is told by `state`."""
+        if self._imu is not None and not self._levelled:
+            return  # the sensor is still finding the horizon
         if not (self._is_open and math.isfinite(command.yaw) and math.isfinite(command.pitch)):
             return
         self._advance(asyncio.get_running_loop().time())
-        self._pitch.target = clamp(command.pitch, *self._pitch.limits)
+        self._pitch.target = clamp(command.pitch - self._lean, *self._pitch.limits)
         if self._yaw is not None:
             self._yaw.target = clamp(command.yaw, *self._yaw.limits)
         try:
@@ -155,6 +186,8 @@ class ServoGimbal:
         """Release the output; the servos hold their angles."""
         self._is_open = False
         self._output.close()
+        if self._imu is not None:
+            self._imu.close()
 
     def _advance(self, now: float) -> None:
         dt, self._t = now - self._t, now

@@ -10,9 +10,10 @@ from typing import Annotated
 
 from pydantic import Field
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from smbus2 import SMBus
 
 from hw.autopilots.mavlink import MavlinkAutopilot
-from hw.gimbals.servo import TILT, ServoAxisOptions, ServoGimbal, ServoOptions
+from hw.gimbals.servo import TILT, OpenBus, ServoAxisOptions, ServoGimbal, ServoOptions
 
 _AGAIN_S = 1.0  # an order is repeated after this: one may have been lost
 
@@ -27,8 +28,13 @@ class ServoMavlinkOptions(ServoOptions):
 class ServoMavlinkGimbal(ServoGimbal):
     """Servos on the autopilot's outputs."""
 
-    def __init__(self, options: ServoMavlinkOptions, autopilot: MavlinkAutopilot) -> None:
-        super().__init__(options, AutopilotOutputs(autopilot, 1.0 / options.command_hz))
+    def __init__(
+        self,
+        options: ServoMavlinkOptions,
+        autopilot: MavlinkAutopilot,
+        open_imu: OpenBus = SMBus,
+    ) -> None:
+        super().__init__(options, AutopilotOutputs(autopilot, 1.0 / options.command_hz), open_imu)
 
 
 class AutopilotOutputs:

@@ -10,7 +10,7 @@ from typing import Annotated, Protocol
 from pydantic import Field
 from smbus2 import SMBus
 
-from hw.gimbals.servo import ServoGimbal, ServoOptions
+from hw.gimbals.servo import OpenBus, ServoGimbal, ServoOptions
 from landerd.ports import DeviceLost
 
 MODE1, LED0_ON_L, PRE_SCALE = 0x00, 0x06, 0xFE
@@ -43,9 +43,12 @@ class ServoPca9685Gimbal(ServoGimbal):
     """Servos on a PCA9685."""
 
     def __init__(
-        self, options: ServoPca9685Options, open_bus: Callable[[int], Bus] = SMBus
+        self,
+        options: ServoPca9685Options,
+        open_bus: Callable[[int], Bus] = SMBus,
+        open_imu: OpenBus = SMBus,
     ) -> None:
-        super().__init__(options, Pca9685(options, open_bus))
+        super().__init__(options, Pca9685(options, open_bus), open_imu)
 
 
 class Pca9685:

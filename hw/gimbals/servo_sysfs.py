@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
+from smbus2 import SMBus
 
-from hw.gimbals.servo import ServoGimbal, ServoOptions
+from hw.gimbals.servo import OpenBus, ServoGimbal, ServoOptions
 from landerd.ports import DeviceLost
 
 
@@ -23,8 +24,8 @@ class ServoSysfsOptions(ServoOptions):
 class ServoSysfsGimbal(ServoGimbal):
     """Servos on sysfs PWM."""
 
-    def __init__(self, options: ServoSysfsOptions) -> None:
-        super().__init__(options, SysfsPwm(options.chip, options.frequency_hz))
+    def __init__(self, options: ServoSysfsOptions, open_imu: OpenBus = SMBus) -> None:
+        super().__init__(options, SysfsPwm(options.chip, options.frequency_hz), open_imu)
 
 
 class SysfsPwm:

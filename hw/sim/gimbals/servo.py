@@ -25,6 +25,7 @@ from hw.gimbals.servo_pca9685 import (
 from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
 from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.bench import Bench, Connected
+from hw.sim.gimbals.imu import imu_bus
 
 _FRAME_S = 0.02  # a servo looks at its pulse once a period
 
@@ -90,7 +91,8 @@ def connect_mavlink(options: ServoMavlinkOptions, bench: Bench) -> Connected:
     """Return the driver; the servos are on the simulated autopilot."""
     assert bench.autopilot is not None
     bench.autopilot.attach(SetServo(Servos(options, bench.mount)))
-    return ServoMavlinkGimbal(options, bench.driver), None
+    imu = imu_bus(options.imu, bench.mount)
+    return ServoMavlinkGimbal(options, bench.driver, imu), None
 
 
 class PwmChip:
@@ -137,7 +139,8 @@ class _OwnPwmChip(PwmChip):
 def connect_sysfs(options: ServoSysfsOptions, bench: Bench) -> Connected:
     """Return driver and chip; the chip's files are in a folder of their own."""
     chip = _OwnPwmChip(Servos(options, bench.mount))
-    return ServoSysfsGimbal(options.model_copy(update={"chip": chip.chip})), chip
+    own = options.model_copy(update={"chip": chip.chip})
+    return ServoSysfsGimbal(own, imu_bus(options.imu, bench.mount)), chip
 
 
 class Pca9685Model:
@@ -188,4 +191,5 @@ class Pca9685Model:
 def connect_pca9685(options: ServoPca9685Options, bench: Bench) -> Connected:
     """Return the driver on a bus with the chip."""
     chip = Pca9685Model(Servos(options, bench.mount), options.address, options.oscillator_hz)
-    return ServoPca9685Gimbal(options, lambda _: chip), None
+    imu = imu_bus(options.imu, bench.mount)
+    return ServoPca9685Gimbal(options, lambda _: chip, imu), None

@@ -1,0 +1,237 @@
+"""An IMU on the camera of a servo gimbal: which way is down, over I2C.
+
+Sources: InvenSense, "MPU-6000 and MPU-6050 Register Map and Descriptions", rev. 4.2 (WHO_AM_I,
+PWR_MGMT_1, CONFIG, GYRO_CONFIG, ACCEL_CONFIG, ACCEL_XOUT_H to GYRO_ZOUT_L); Bosch Sensortec,
+"BNO055 Intelligent 9-axis absolute orientation sensor", rev. 1.8 (CHIP_ID, OPR_MODE, UNIT_SEL,
+GRV_DATA). The BNO055 does its own fusion. For the MPU-6050 the gyroscope carries the direction
+along and the accelerometer pulls it back, as in Mahony, Hamel and Pflimlin, "Nonlinear
+Complementary Filters on the Special Orthogonal Group" (2008): slowly, because an accelerometer on
+an aircraft that speeds up shows the thrust and not the horizon.
+"""
+
+import asyncio
+import math
+import struct
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Annotated, Literal, Protocol
+
+from pydantic import Field, model_validator
+from smbus2 import SMBus
+
+from landerd.geometry import Vec3, add, cross, dot, norm, scale, sub, unit
+from landerd.ports import DeviceLost
+from landerd.section import Section
+
+# MPU-6050
+CONFIG, GYRO_CONFIG, ACCEL_CONFIG, ACCEL_XOUT_H = 0x1A, 0x1B, 0x1C, 0x3B
+PWR_MGMT_1, WHO_AM_I = 0x6B, 0x75
+MPU_ID = 0x68
+MPU_DATA = struct.Struct(">7h")  # acceleration, temperature, turn rates
+ACCEL_UNIT = 9.80665 / 8192.0  # m/s^2 at +-4 g
+GYRO_UNIT = math.radians(1.0 / 65.5)  # rad/s at +-500 degrees/s
+# BNO055
+CHIP_ID, GRV_DATA, UNIT_SEL, OPR_MODE = 0x00, 0x2E, 0x3B, 0x3D
+BNO_ID = 0xA0
+MODE_IMU = 0x08
+BNO_DATA = struct.Struct("<3h")  # away from the ground, 0.01 m/s^2
+
+_G = 9.80665
+_STILL_SAMPLES = 25  # that tell the gyroscope's error when it begins
+_TRIES = 10  # then it begins in motion, as after a restart in flight
+_STILL = math.radians(2.0)  # rad/s: what shakes more is not still
+_PULL_S = 15.0  # time constant of the accelerometer's pull
+_LEARN = 0.01  # 1/s^2: how fast the gyroscope's error is learnt
+_FORCE = 0.15  # of g: beside it the accelerometer tells nothing of gravity
+_LONGEST_S = 0.2  # between two samples of one motion
+
+Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
+Kind = Literal["mpu6050", "bno055"]
+
+
+class ImuOptions(Section):
+    """The sensor and how it sits on the camera."""
+
+    kind: Kind
+    bus: Annotated[int, Field(ge=0, le=99)] = 1  # /dev/i2c-1
+    address: Annotated[int, Field(ge=0x08, le=0x77)] | None = None  # none: 0x68, of a BNO055 0x28
+    # Which of the sensor's axes points along the lens, to the picture's right, to its bottom.
+    axes: tuple[Direction, Direction, Direction] = ("x", "-y", "-z")
+
+    @model_validator(mode="after")
+    def _right_handed(self) -> "ImuOptions":
+        along, right, bottom = (AXES[axis] for axis in self.axes)
+        if cross(along, right) != bottom:
+            raise ValueError("axes: expected a right-handed set, as [x, -y, -z]")
+        return self
+
+
+AXES: dict[str, Vec3] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+
+
+class ReadableBus(Protocol):
+    """What is used of an I2C bus (smbus2.SMBus)."""
+
+    def read_byte_data(self, i2c_addr: int, register: int) -> int: ...  # noqa: D102
+    def read_i2c_block_data(  # noqa: D102
+        self, i2c_addr: int, register: int, length: int
+    ) -> list[int]: ...
+    def write_byte_data(self, i2c_addr: int, register: int, value: int) -> None: ...  # noqa: D102
+    def close(self) -> None: ...  # noqa: D102
+
+
+class Imu(ABC):
+    """A sensor on the camera; its angles are those of the gimbal frame."""
+
+    latency_s: float  # of its angles
+
+    def __init__(
+        self, options: ImuOptions, address: int, open_bus: Callable[[int], ReadableBus]
+    ) -> None:
+        self._number, self._open_bus = options.bus, open_bus
+        self._address = address if options.address is None else options.address
+        self._rows = tuple(AXES[axis] for axis in options.axes)
+        self._bus: ReadableBus | None = None
+
+    def open(self) -> None:
+        """Set the sensor up. Raises DeviceLost."""
+        self.close()
+        try:
+            self._bus = self._open_bus(self._number)
+            self._set_up(self._bus, self._address)
+        except OSError as e:
+            self.close()
+            raise self._lost(e.strerror or str(e)) from None
+
+    def angles(self) -> tuple[float, float] | None:
+        """Return pitch and roll against the horizon, rad; None: not yet. Raises DeviceLost."""
+        if self._bus is None:
+            raise self._lost("closed")
+        try:
+            down = self._down(self._bus, self._address)
+        except OSError as e:
+            raise self._lost(e.strerror or str(e)) from None
+        if down is None:
+            return None
+        # The last row of Rz(yaw) Rx(roll) Ry(pitch).
+        return math.atan2(-down[0], down[2]), math.asin(max(-1.0, min(1.0, down[1])))
+
+    def close(self) -> None:
+        """Release the bus; safe to call twice."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()
+
+    @abstractmethod
+    def _set_up(self, bus: ReadableBus, address: int) -> None:
+        """Make it measure. Raises OSError, DeviceLost."""
+
+    @abstractmethod
+    def _down(self, bus: ReadableBus, address: int) -> Vec3 | None:
+        """Return the direction of gravity in the gimbal frame, a unit vector. Raises OSError."""
+
+    def _in_gimbal(self, x: float, y: float, z: float) -> Vec3:
+        along, right, bottom = self._rows
+        v = (x, y, z)
+        return (dot(along, v), dot(right, v), dot(bottom, v))
+
+    def _lost(self, why: str) -> DeviceLost:
+        return DeviceLost(f"IMU at 0x{self._address:02x} of /dev/i2c-{self._number}: {why}")
+
+
+class Mpu6050(Imu):
+    """Accelerometer and gyroscope; the filter is here."""
+
+    latency_s = 0.005  # of its low-pass at 44 Hz
+
+    def __init__(self, options: ImuOptions, open_bus: Callable[[int], ReadableBus]) -> None:
+        super().__init__(options, 0x68, open_bus)
+        self._bias: Vec3 = (0.0, 0.0, 0.0)  # of the gyroscope, rad/s; kept when it is lost
+        self._still: list[tuple[Vec3, Vec3]] = []
+        self._tries = 0
+        self._direction: Vec3 | None = None
+        self._t = 0.0
+
+    def _set_up(self, bus: ReadableBus, address: int) -> None:
+        found = bus.read_byte_data(address, WHO_AM_I)
+        if found != MPU_ID:
+            raise self._lost(f"found 0x{found:02x}, expected an MPU-6050")
+        bus.write_byte_data(address, PWR_MGMT_1, 0x01)  # awake, clock of the gyroscope
+        bus.write_byte_data(address, CONFIG, 0x03)  # low-pass 44 Hz
+        bus.write_byte_data(address, GYRO_CONFIG, 0x08)
+        bus.write_byte_data(address, ACCEL_CONFIG, 0x08)
+        self._still, self._tries, self._direction = [], 0, None
+
+    def _down(self, bus: ReadableBus, address: int) -> Vec3 | None:
+        data = bytes(bus.read_i2c_block_data(address, ACCEL_XOUT_H, MPU_DATA.size))
+        ax, ay, az, _, p, q, r = MPU_DATA.unpack(data)
+        force = scale(self._in_gimbal(ax, ay, az), ACCEL_UNIT)
+        rates = scale(self._in_gimbal(p, q, r), GYRO_UNIT)
+        now = asyncio.get_running_loop().time()
+        dt, self._t = now - self._t, now
+        if self._direction is None:
+            self._begin(force, rates)
+        elif norm(force) > 0.0:
+            self._direction = self._carried(self._direction, force, rates, min(dt, _LONGEST_S))
+        return self._direction
+
+    def _begin(self, force: Vec3, rates: Vec3) -> None:
+        """Take the first direction, and the gyroscope's error if all is still."""
+        self._still.append((force, rates))
+        still = self._still
+        if len(still) < _STILL_SAMPLES:
+            return
+        count = 1.0 / len(still)
+        mean: Vec3 = (0.0, 0.0, 0.0)
+        mean_rates: Vec3 = (0.0, 0.0, 0.0)
+        for one_force, one_rates in still:
+            mean = add(mean, scale(one_force, count))
+            mean_rates = add(mean_rates, scale(one_rates, count))
+        self._still = []
+        self._tries += 1
+        is_still = max(norm(sub(one, mean_rates)) for _, one in still) < _STILL
+        if is_still:
+            self._bias = mean_rates
+        if norm(mean) > 0.0 and (is_still or self._tries >= _TRIES):
+            self._direction = unit(scale(mean, -1.0))
+
+    def _carried(self, down: Vec3, force: Vec3, rates: Vec3, dt: float) -> Vec3:
+        down = unit(add(down, scale(cross(down, sub(rates, self._bias)), dt)))
+        if abs(norm(force) - _G) > _FORCE * _G:
+            return down
+        shown = unit(scale(force, -1.0))
+        self._bias = add(self._bias, scale(cross(down, shown), _LEARN * dt))
+        return unit(add(down, scale(sub(shown, down), dt / _PULL_S)))
+
+
+class Bno055(Imu):
+    """A sensor that does the fusion itself."""
+
+    latency_s = 0.01
+
+    def __init__(self, options: ImuOptions, open_bus: Callable[[int], ReadableBus]) -> None:
+        super().__init__(options, 0x28, open_bus)
+
+    def _set_up(self, bus: ReadableBus, address: int) -> None:
+        found = bus.read_byte_data(address, CHIP_ID)
+        if found != BNO_ID:
+            raise self._lost(f"found 0x{found:02x}, expected a BNO055")
+        bus.write_byte_data(address, UNIT_SEL, 0x00)  # m/s^2; may only be set before the fusion
+        bus.write_byte_data(address, OPR_MODE, MODE_IMU)
+
+    def _down(self, bus: ReadableBus, address: int) -> Vec3 | None:
+        data = bytes(bus.read_i2c_block_data(address, GRV_DATA, BNO_DATA.size))
+        up = self._in_gimbal(*BNO_DATA.unpack(data))
+        return unit(scale(up, -1.0)) if norm(up) > 0.0 else None  # zero until the fusion runs
+
+
+def make_imu(options: ImuOptions, open_bus: Callable[[int], ReadableBus] = SMBus) -> Imu:
+    """Return the sensor that the options name."""
+    return {"mpu6050": Mpu6050, "bno055": Bno055}[options.kind](options, open_bus)

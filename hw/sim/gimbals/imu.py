@@ -1,0 +1,120 @@
+"""The registers of an IMU on the camera of a servo gimbal; an I2C bus with nothing else on it."""
+
+import math
+from collections.abc import Callable
+from random import Random
+
+from hw.gimbals.imu import (
+    ACCEL_UNIT,
+    ACCEL_XOUT_H,
+    BNO_DATA,
+    BNO_ID,
+    CHIP_ID,
+    GRV_DATA,
+    GYRO_UNIT,
+    MODE_IMU,
+    MPU_DATA,
+    MPU_ID,
+    OPR_MODE,
+    PWR_MGMT_1,
+    WHO_AM_I,
+    ImuOptions,
+)
+from hw.gimbals.imu import AXES as SENSOR_AXES
+from hw.sim.gimbal import SimMount
+from landerd.geometry import Mat3, Vec3, add, matmul, rotate, scale, sub, transpose
+
+_G: Vec3 = (0.0, 0.0, 9.80665)
+_BIAS = math.radians(1.5)  # of the gyroscope about each axis, rad/s
+_RATE_NOISE = math.radians(0.1)
+_FORCE_NOISE = 0.05  # m/s^2
+_SLEEP = 0x40
+
+
+class ImuModel:
+    """What the sensor feels on a camera that turns with the gimbal and speeds up with the vehicle.
+
+    Attributes:
+        gone: nothing answers.
+    """
+
+    def __init__(self, options: ImuOptions, mount: SimMount) -> None:
+        self.gone = False
+        self._is_bno = options.kind == "bno055"
+        self._axes = [SENSOR_AXES[axis] for axis in options.axes]
+        self._mount = mount
+        self._rng = Random(3)
+        self._written = {PWR_MGMT_1: _SLEEP}
+        self._before: tuple[float, Mat3, Vec3] | None = None
+
+    def read_byte_data(self, i2c_addr: int, register: int) -> int:
+        """Read one register. Raises OSError."""
+        self._answer()
+        return ({CHIP_ID: BNO_ID} if self._is_bno else {WHO_AM_I: MPU_ID})[register]
+
+    def write_byte_data(self, i2c_addr: int, register: int, value: int) -> None:
+        """Write one register. Raises OSError."""
+        self._answer()
+        self._written[register] = value
+
+    def read_i2c_block_data(self, i2c_addr: int, register: int, length: int) -> list[int]:
+        """Read the registers of a measurement. Raises OSError."""
+        self._answer()
+        force, rates = self._feel()
+        if self._is_bno and register == GRV_DATA:
+            up = self._up() if self._written.get(OPR_MODE) == MODE_IMU else (0.0, 0.0, 0.0)
+            return list(BNO_DATA.pack(*(round(100.0 * v) for v in self._in_sensor(up))))
+        assert register == ACCEL_XOUT_H
+        if self._written[PWR_MGMT_1] & _SLEEP:
+            return [0] * length
+        a = [round(v / ACCEL_UNIT) for v in self._in_sensor(force)]
+        w = [round(v / GYRO_UNIT) for v in self._in_sensor(rates)]
+        return list(MPU_DATA.pack(*a, 0, *w))
+
+    def close(self) -> None:
+        """Let go of the bus."""
+
+    def _feel(self) -> tuple[Vec3, Vec3]:
+        """Return specific force (m/s^2) and turn rates (rad/s), gimbal frame."""
+        t, R, velocity = now = self._mount.motion()
+        before, self._before = self._before, now
+        acceleration: Vec3 = (0.0, 0.0, 0.0)
+        rates: Vec3 = (0.0, 0.0, 0.0)
+        if before is not None and t > before[0]:
+            per_s = 1.0 / (t - before[0])
+            acceleration = scale(sub(velocity, before[2]), per_s)
+            turned = matmul(transpose(before[1]), R)
+            axis = (turned[2][1], turned[0][2], turned[1][0])
+            other = (turned[1][2], turned[2][0], turned[0][1])
+            rates = scale(sub(axis, other), 0.5 * per_s)
+        force = rotate(transpose(R), sub(acceleration, _G))
+        return add(force, self._noise(_FORCE_NOISE)), add(
+            add(rates, (_BIAS, -_BIAS, _BIAS)), self._noise(_RATE_NOISE)
+        )
+
+    def _up(self) -> Vec3:
+        return rotate(transpose(self._mount.motion()[1]), scale(_G, -1.0))
+
+    def _noise(self, sigma: float) -> Vec3:
+        x, y, z = (self._rng.gauss(0.0, sigma) for _ in range(3))
+        return (x, y, z)
+
+    def _in_sensor(self, v: Vec3) -> Vec3:
+        out: Vec3 = (0.0, 0.0, 0.0)
+        for part, axis in zip(v, self._axes, strict=True):
+            out = add(out, scale(axis, part))
+        return out
+
+    def _answer(self) -> None:
+        if self.gone:
+            raise OSError(121, "Remote I/O error")
+
+
+def imu_bus(options: ImuOptions | None, mount: SimMount) -> Callable[[int], ImuModel]:
+    """Return what opens a bus with the sensor."""
+
+    def open_bus(number: int) -> ImuModel:
+        assert options is not None
+        return ImuModel(options, mount)
+
+    return open_bus
