@@ -88,9 +88,9 @@ class ReadableBus(Protocol):
 
 
 class Imu(ABC):
-    """A sensor on the camera; its angles are those of the gimbal frame."""
+    """A sensor on the camera."""
 
-    latency_s: float  # of its angles
+    latency_s: float  # of what it tells
 
     def __init__(
         self, options: ImuOptions, address: int, open_bus: Callable[[int], ReadableBus]
@@ -110,8 +110,11 @@ class Imu(ABC):
             self.close()
             raise self._lost(e.strerror or str(e)) from None
 
-    def angles(self) -> tuple[float, float] | None:
-        """Return pitch and roll against the horizon, rad; None: not yet. Raises DeviceLost."""
+    def pitch(self) -> float | None:
+        """Return the lens's angle above the horizon, rad; None: not yet. Raises DeviceLost.
+
+        Counted on beyond straight up and down: level to the rear is -pi.
+        """
         if self._bus is None:
             raise self._lost("closed")
         try:
@@ -120,8 +123,7 @@ class Imu(ABC):
             raise self._lost(e.strerror or str(e)) from None
         if down is None:
             return None
-        # The last row of Rz(yaw) Rx(roll) Ry(pitch).
-        return math.atan2(-down[0], down[2]), math.asin(max(-1.0, min(1.0, down[1])))
+        return math.atan2(-down[0], down[2])  # of Rz(yaw) Rx(roll) Ry(pitch)
 
     def close(self) -> None:
         """Release the bus; safe to call twice."""

@@ -2,9 +2,9 @@
 
 Angles are relative to the airframe. What is reported is where the servos should be by now: the
 ordered angle, followed with a limited speed and a lag, read back through the table of calibration.
-With an IMU on the camera pitch and roll are measured, against the horizon, and the pitch servo is
-moved so that the camera keeps the pitch that was ordered however the airframe leans. The drivers
-differ in how the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
+With an IMU on the camera the pitch is measured, against the horizon, and its servo is moved so that
+the camera keeps the pitch that was ordered however the airframe leans. The drivers differ in how
+the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
 """
 
 import asyncio
@@ -72,7 +72,7 @@ class ServoOptions(Section):
         yaw = self.yaw.limits if self.yaw is not None else (0.0, 0.0)
         reference, feedback = Reference.BODY, Feedback.MODELLED
         if self.imu is not None:  # but the yaw is still modelled
-            reference, feedback = Reference.HORIZON, Feedback.MEASURED
+            reference, feedback = Reference.TILT, Feedback.MEASURED
         return Traits(reference, feedback, _RATE_HZ, yaw, self.pitch.limits, SERVO_SIGMA)
 
 
@@ -157,14 +157,13 @@ class ServoGimbal:
             yaw = self._yaw.angle if self._yaw else 0.0
             if self._imu is None:
                 return GimbalState(self._t, yaw, self._pitch.angle, 0.0, Reference.BODY)
-            measured = self._imu.angles()
-            if measured is not None:
-                pitch, roll = measured
+            pitch = self._imu.pitch()
+            if pitch is not None:
                 self._levelled = True
                 lean = wrap(pitch - self._pitch.angle)
                 self._lean += (lean - self._lean) / (_LEAN_S * _RATE_HZ)
                 t = self._t - self._imu.latency_s
-                return GimbalState(t, yaw, pitch, roll, Reference.HORIZON)
+                return GimbalState(t, yaw, pitch, 0.0, Reference.TILT)
 
     def command(self, command: GimbalCommand) -> None:
         """Send pulses for new angles; a lost output is told by `state`."""

@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable
 
 from hw.replay.telemetry import Telemetry
-from landerd.geometry import R_GIMBAL_CAMERA, Mat3, Vec3, matmul, rot_z, rot_zxy, rot_zyx
+from landerd import gimbal_frames
+from landerd.geometry import R_GIMBAL_CAMERA, Mat3, Vec3, matmul, rot_zyx
 from landerd.messages import (
     Attitude,
     AutopilotMessage,
@@ -103,10 +104,9 @@ class RecordedVehicle:
         if attitude is None or gimbal is None:
             return None
         roll, pitch, yaw = attitude[:3]
-        by_body = gimbal.reference is Reference.BODY
-        base = rot_zyx(yaw, pitch, roll) if by_body else rot_z(yaw)
-        turned = rot_zxy(gimbal.yaw, gimbal.roll, gimbal.pitch)
-        return matmul(matmul(base, turned), R_GIMBAL_CAMERA)
+        angles = (gimbal.yaw, gimbal.pitch, gimbal.roll)
+        R_local_gimbal = gimbal_frames.look(gimbal.reference, (roll, pitch, yaw), angles)
+        return matmul(R_local_gimbal, R_GIMBAL_CAMERA)
 
     def body(self, t: float) -> tuple[Vec3, Mat3] | None:
         """Return position and R_local_body at a time."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from hw.sim.options import SimGimbalOptions
 from hw.sim.response import STEP_S
-from landerd.geometry import Mat3, Vec3, angles_zxy, camera_mount, matmul, rot_z, transpose
+from landerd.geometry import Mat3, Vec3, angles_zxy, camera_mount, matmul, transpose
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost
 
@@ -157,19 +157,18 @@ class SimMount:
         self.plant.pitch.turn(self._pitch_sign * pitch)
 
     def angles(self, reference: Reference) -> tuple[float, float]:
-        """Return yaw and pitch as they are, rad, against the airframe or the horizon."""
+        """Return yaw and pitch as they are, rad; the pitch perhaps against the horizon."""
         plant = self.plant
         if reference is plant.reference:
             return plant.yaw.angle, plant.pitch.angle
-        R_level_local = rot_z(-self._world.vehicle.yaw)
-        yaw, pitch, _ = angles_zxy(matmul(R_level_local, self.motion()[1]))
-        return yaw, pitch
+        _, pitch, _ = angles_zxy(self.motion()[1])
+        return plant.yaw.angle, pitch
 
-    def motion(self) -> tuple[float, Mat3, Vec3]:
-        """Return the time, R_local_gimbal and the vehicle's velocity (local, m/s), now."""
+    def motion(self, back_s: float = 0.0) -> tuple[float, Mat3, Vec3]:
+        """Return the time, R_local_gimbal so long ago, and the vehicle's velocity (local, m/s)."""
         self.advance()
         world, plant = self._world, self.plant
-        R_local_camera = world.snapshot(world.t).camera.R_local_camera
+        R_local_camera = world.snapshot(world.t - back_s).camera.R_local_camera
         R_local_gimbal = matmul(R_local_camera, transpose(plant.R_gimbal_camera))
         return world.t, R_local_gimbal, world.vehicle.velocity
 

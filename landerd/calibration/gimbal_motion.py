@@ -337,7 +337,7 @@ class GimbalMotion:
             await asyncio.sleep(_ORDER_S)
 
     def _down(self, state: GimbalState) -> Vec3:
-        if state.reference is Reference.HORIZON or self._attitude is None:
+        if state.reference is not Reference.BODY or self._attitude is None:
             return (0.0, 0.0, 1.0)
         R_level_body = rot_zyx(0.0, self._attitude.pitch, self._attitude.roll)
         return rotate(transpose(R_level_body), (0.0, 0.0, 1.0))

@@ -7,6 +7,7 @@ The thesis takes the camera's angles only; here the airframe's roll and pitch ar
 import math
 from dataclasses import dataclass
 
+from landerd import gimbal_frames
 from landerd.config import Config
 from landerd.estimation.history import History
 from landerd.geometry import (
@@ -23,8 +24,6 @@ from landerd.geometry import (
     matscale,
     norm,
     outer,
-    rot_z,
-    rot_zxy,
     rot_zyx,
     rotate,
     rotate_covariance,
@@ -156,10 +155,9 @@ class Placement:
         if attitude is None or gimbal is None:
             return None
         roll, pitch, yaw = attitude[:3]
-        body = self._reference is Reference.BODY
-        R_local_base = rot_zyx(yaw, pitch, roll) if body else rot_z(yaw)
-        R_base_gimbal = rot_zxy(gimbal[0], gimbal[2], gimbal[1])
-        return matmul(matmul(R_local_base, R_base_gimbal), self._R_gimbal_camera)
+        angles = (gimbal[0], gimbal[1], gimbal[2])
+        R_local_gimbal = gimbal_frames.look(self._reference, (roll, pitch, yaw), angles)
+        return matmul(R_local_gimbal, self._R_gimbal_camera)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:
         """Return the gimbal's pivot (local, m) and R_local_base, ahead_s after the newest attitude.
@@ -176,7 +174,7 @@ class Placement:
         R = rot_zyx(yaw, pitch, roll)
         origin = (x + dt * u, y + dt * v, z + dt * w)
         pivot = add(origin, rotate(R, self._offset))
-        return pivot, R if self._reference is Reference.BODY else rot_z(yaw)
+        return pivot, gimbal_frames.base(self._reference, (roll, pitch, yaw))
 
     def place(self, t: float, solution: PoseSolution) -> PlacedPad | None:
         """Return the pad in local NED, or None where position, attitude or gimbal is missing."""

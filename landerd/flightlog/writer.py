@@ -12,7 +12,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from pydantic import BaseModel
 
-from landerd import __version__
+from landerd import __version__, gimbal_frames
 from landerd.flightlog import codec, contents, foxglove
 from landerd.flightlog.contents import Dropped, Head, Searched, State
 from landerd.flightlog.disk import SyncedFile
@@ -22,8 +22,6 @@ from landerd.geometry import (
     camera_mount,
     cross,
     matmul,
-    rot_z,
-    rot_zxy,
     rot_zyx,
     transpose,
 )
@@ -36,7 +34,6 @@ from landerd.messages import (
     LocalPosition,
     PhaseChange,
     PoseSolution,
-    Reference,
     Severity,
     Sightings,
     StatusText,
@@ -126,10 +123,11 @@ class LogWriter:
             R = _R_local_body(self._attitude)
             self._transform(now, message.t, "local", "body", message.position, R)
         elif isinstance(message, GimbalState) and self._attitude is not None:
-            R = matmul(rot_zxy(message.yaw, message.roll, message.pitch), self._R_gimbal_camera)
-            if message.reference is Reference.HORIZON:
-                level = matmul(transpose(_R_local_body(self._attitude)), rot_z(self._attitude.yaw))
-                R = matmul(level, R)
+            a = self._attitude
+            angles = (message.yaw, message.pitch, message.roll)
+            R_local_gimbal = gimbal_frames.look(message.reference, (a.roll, a.pitch, a.yaw), angles)
+            R_body_gimbal = matmul(transpose(_R_local_body(a)), R_local_gimbal)
+            R = matmul(R_body_gimbal, self._R_gimbal_camera)
             offset = self._head.config.vehicle.camera_offset_m
             self._transform(now, message.t, "body", "camera", offset, R)
         elif isinstance(message, Sightings):

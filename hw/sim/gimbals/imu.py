@@ -29,6 +29,7 @@ _BIAS = math.radians(1.5)  # of the gyroscope about each axis, rad/s
 _RATE_NOISE = math.radians(0.1)
 _FORCE_NOISE = 0.05  # m/s^2
 _SLEEP = 0x40
+_MPU_LATE_S, _BNO_LATE_S = 0.005, 0.01
 
 
 class ImuModel:
@@ -76,7 +77,7 @@ class ImuModel:
 
     def _feel(self) -> tuple[Vec3, Vec3]:
         """Return specific force (m/s^2) and turn rates (rad/s), gimbal frame."""
-        t, R, velocity = now = self._mount.motion()
+        t, R, velocity = now = self._mount.motion(_MPU_LATE_S)
         before, self._before = self._before, now
         acceleration: Vec3 = (0.0, 0.0, 0.0)
         rates: Vec3 = (0.0, 0.0, 0.0)
@@ -93,7 +94,7 @@ class ImuModel:
         )
 
     def _up(self) -> Vec3:
-        return rotate(transpose(self._mount.motion()[1]), scale(_G, -1.0))
+        return rotate(transpose(self._mount.motion(_BNO_LATE_S)[1]), scale(_G, -1.0))
 
     def _noise(self, sigma: float) -> Vec3:
         x, y, z = (self._rng.gauss(0.0, sigma) for _ in range(3))
