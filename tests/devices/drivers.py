@@ -3,6 +3,7 @@
 import asyncio
 import math
 import os
+import struct
 import sys
 import time
 from collections.abc import Awaitable, Callable
@@ -190,13 +191,18 @@ TABLES = {
 }
 
 
-def check_servos_on_a_pca9685() -> None:
-    load_module("modprobe i2c-dev && modprobe i2c-stub chip_addr=0x40")
+def i2c_bus() -> int:
+    """Return the number of the bus on which the kernel plays a PCA9685 and an MPU-6050."""
+    load_module("modprobe i2c-dev && modprobe i2c-stub chip_addr=0x40,0x68")
     names = Path("/sys/bus/i2c/devices").glob("i2c-*/name")
     stub = next(path.parent for path in names if "stub" in path.read_text())
-    bus = int(stub.name.removeprefix("i2c-"))
-    wait_for(Path(f"/dev/i2c-{bus}").exists, "the bus")
+    wait_for(Path(f"/dev/{stub.name}").exists, "the bus")
     sh("udevadm settle")
+    return int(stub.name.removeprefix("i2c-"))
+
+
+def check_servos_on_a_pca9685() -> None:
+    bus = i2c_bus()
 
     def use() -> None:
         options = {"bus": bus, "address": 0x40, **TABLES}
@@ -218,6 +224,32 @@ def check_servos_on_a_pca9685() -> None:
     # 1500 us of 19988.48 us in 4096 steps is 307.4; 1750 us is 358.6.
     assert registers[6:10] == [0, 0, 307 & 255, 307 >> 8]
     assert registers[6 + 12 : 6 + 16] == [0, 0, 359 & 255, 359 >> 8]
+
+
+def check_an_imu_on_the_camera() -> None:
+    bus = i2c_bus()
+    # At rest, the lens 45 degrees down; at +-4 g a count is g/8192.
+    force = struct.pack(">7h", -5793, 0, 5793, 0, 0, 0, 0)
+    with SMBus(bus) as chip:
+        chip.write_byte_data(0x68, 0x75, 0x68)  # WHO_AM_I
+        for at, value in enumerate(force, start=0x3B):
+            chip.write_byte_data(0x68, at, value)
+
+    def use() -> None:
+        options = {"bus": bus, **TABLES, "imu": {"kind": "mpu6050", "bus": bus}}
+        driver = ServoPca9685Gimbal(ServoPca9685Options.model_validate(options))
+
+        async def main() -> None:
+            await driver.open()
+            pitch = math.degrees((await driver.state()).pitch)
+            await driver.close()
+            assert abs(pitch + 45.0) < 0.1, pitch
+
+        asyncio.run(main())
+
+    as_landerd(use)
+    with SMBus(bus) as chip:  # awake, +-500 degrees/s, +-4 g
+        assert [chip.read_byte_data(0x68, at) for at in (0x6B, 0x1B, 0x1C)] == [0x01, 0x08, 0x08]
 
 
 def check_servos_on_a_pwm_chip() -> None:

@@ -64,7 +64,7 @@ cat "$WORK/service.txt" 2> /dev/null || { echo "the container did not boot:"; ca
 grep -q "^ALL .* CHECKS OF THE SERVICE PASSED" "$WORK/service.txt" && service=0 || service=1
 
 # TCG: /dev/kvm may be there and yet run no ordinary kernel.
-timeout "$LIMIT" qemu-system-x86_64 -accel "${ACCEL:-tcg,thread=multi}" -M q35 -cpu max -smp 2 \
+timeout "$LIMIT" qemu-system-x86_64 -accel "${ACCEL:-tcg}" -M q35 -cpu max -smp 1 \
     -m 1024 -nodefaults -no-reboot -display none -kernel "$OUT/vmlinuz" -initrd "$OUT/initrd.img" \
     -append "console=ttyS0 quiet panic=-1 root=/dev/vda rw mitigations=off systemd.show_status=0 \
 systemd.mask=systemd-timesyncd.service systemd.unit=kernel-command-line.target systemd.run=\"/bin/sh -c '\
