@@ -50,7 +50,7 @@ find "$WORK/repo" -name __pycache__ -prune -exec rm -r {} +
 
 container() {
     timeout -k 5 "$LIMIT" systemd-nspawn --quiet --register=no --keep-unit --private-network \
-        --directory="$OUT/root" --bind="$WORK:/work" --bind="$WORK/repo:/repo" "$@" < /dev/null
+        --directory="$OUT/root" --bind="$WORK:/checks" --bind="$WORK/repo:/repo" "$@" < /dev/null
 }
 # Byte code is made here once: starting landerd without takes a minute in the virtual machine.
 container --volatile=overlay python3 -m compileall -q /repo > "$OUT/container.log" 2>&1
