@@ -38,11 +38,10 @@ BNO_DATA = struct.Struct("<3h")  # away from the ground, 0.01 m/s^2
 
 _G = 9.80665
 _STILL_SAMPLES = 25  # that tell the gyroscope's error when it begins
-_TRIES = 10  # then it begins in motion, as after a restart in flight
 _STILL = math.radians(2.0)  # rad/s: what shakes more is not still
-_PULL_S = 15.0  # time constant of the accelerometer's pull
-_LEARN = 0.01  # 1/s^2: how fast the gyroscope's error is learnt
-_FORCE = 0.15  # of g: beside it the accelerometer tells nothing of gravity
+_PULL_S = 20.0  # time constant of the accelerometer's pull
+_LEARN = 0.25 / _PULL_S**2  # 1/s^2: how fast the gyroscope's error is learnt; does not swing
+_FORCE = 0.1  # of g: beside it the accelerometer tells nothing of gravity
 _LONGEST_S = 0.2  # between two samples of one motion
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -155,9 +154,8 @@ class Mpu6050(Imu):
 
     def __init__(self, options: ImuOptions, open_bus: Callable[[int], ReadableBus]) -> None:
         super().__init__(options, 0x68, open_bus)
-        self._bias: Vec3 = (0.0, 0.0, 0.0)  # of the gyroscope, rad/s; kept when it is lost
+        self._bias: Vec3 = (0.0, 0.0, 0.0)  # of the gyroscope, rad/s
         self._still: list[tuple[Vec3, Vec3]] = []
-        self._tries = 0
         self._direction: Vec3 | None = None
         self._t = 0.0
 
@@ -169,7 +167,7 @@ class Mpu6050(Imu):
         bus.write_byte_data(address, CONFIG, 0x03)  # low-pass 44 Hz
         bus.write_byte_data(address, GYRO_CONFIG, 0x08)
         bus.write_byte_data(address, ACCEL_CONFIG, 0x08)
-        self._still, self._tries, self._direction = [], 0, None
+        self._still, self._direction = [], None
 
     def _down(self, bus: ReadableBus, address: int) -> Vec3 | None:
         data = bytes(bus.read_i2c_block_data(address, ACCEL_XOUT_H, MPU_DATA.size))
@@ -185,7 +183,10 @@ class Mpu6050(Imu):
         return self._direction
 
     def _begin(self, force: Vec3, rates: Vec3) -> None:
-        """Take the first direction, and the gyroscope's error if all is still."""
+        """Take the first direction, and the gyroscope's error, when all is still.
+
+        Without the error, which may be many degrees a second, no direction would be true for long.
+        """
         self._still.append((force, rates))
         still = self._still
         if len(still) < _STILL_SAMPLES:
@@ -197,11 +198,9 @@ class Mpu6050(Imu):
             mean = add(mean, scale(one_force, count))
             mean_rates = add(mean_rates, scale(one_rates, count))
         self._still = []
-        self._tries += 1
-        is_still = max(norm(sub(one, mean_rates)) for _, one in still) < _STILL
-        if is_still:
+        is_still = all(norm(sub(one, mean_rates)) < _STILL for _, one in still)
+        if is_still and norm(mean) > 0.0:
             self._bias = mean_rates
-        if norm(mean) > 0.0 and (is_still or self._tries >= _TRIES):
             self._direction = unit(scale(mean, -1.0))
 
     def _carried(self, down: Vec3, force: Vec3, rates: Vec3, dt: float) -> Vec3:

@@ -95,7 +95,8 @@ async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Fin
                     "gimbal motion",
                     f"{axis} moves the wrong way: {step:+.0f} degrees ordered, {end - now:+.0f} "
                     "came. The camera would turn away from the pad",
-                    f"reverse its {axis}: {axis}_sign of the driver, or the servo's table",
+                    f"reverse its {axis} ({axis}_sign, or the servo's table): landerd "
+                    "calibrate gimbal finds how",
                 )
             )
         elif moved < _MOVED_DEG:

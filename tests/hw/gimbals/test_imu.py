@@ -125,6 +125,18 @@ def test_its_gyroscope_carries_the_angle_and_its_error_is_learnt() -> None:
     with_imu(ImuOptions(kind="mpu6050"), {0x75: 0x68}, scene)
 
 
+def test_nothing_is_told_before_it_was_still_for_a_moment() -> None:
+    async def scene(sensor: Sensor, imu: object) -> None:
+        imu.open()  # type: ignore[attr-defined]
+        for i in range(200):
+            sensor.data = mpu(0, 0, G, 0, 400 * (i % 2))  # shaken by 6 degrees/s
+            assert await sample(imu, 1) is None
+        sensor.data = mpu(0, 0, G, 0, 200)
+        assert degrees(await sample(imu, 60)) == pytest.approx(0.0, abs=0.1)
+
+    with_imu(ImuOptions(kind="mpu6050"), {0x75: 0x68}, scene)
+
+
 def test_a_short_acceleration_hardly_moves_the_horizon_and_a_false_one_is_found_again() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
         imu.open()  # type: ignore[attr-defined]
