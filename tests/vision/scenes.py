@@ -8,6 +8,7 @@ detectors or with the simulator's renderer, so a mistake there cannot hide itsel
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import cast
 
 import cv2
@@ -21,6 +22,10 @@ from landerd.pad import PadLayout, Plate, Ring, Square, WhyCode
 F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+_SAMPLES_AT_ONCE = 32768  # that fit in a core's cache
+_RAYS_BEYOND_PX = 48  # round the image, kept from picture to picture
 
 THESIS_PAD = PadLayout(
     name="thesis",
@@ -383,57 +388,83 @@ def _sample(
 ) -> tuple[F32, F32]:
     """Return lit grey level and cover (0 or 1) of the pad, ss x ss samples a pixel of the box."""
     x0, y0, x1, y1 = box
-    gx, gy = np.meshgrid(np.arange(x0 - 1, x1 + 1), np.arange(y0 - 1, y1 + 1))
-    grid = np.column_stack([gx.ravel(), gy.ravel()]).astype(np.float64)
-    ray_x, ray_y = _exact_rays(camera, grid).reshape(*gx.shape, 2).transpose(2, 0, 1)
+    rays = _ray_grid(camera, (x0 - 1, y0 - 1, x1 + 1, y1 + 1))
     # The lens map bends by 1e-7 over a pixel: linear between pixel centres is exact enough.
     sx = (np.arange((x1 - x0) * ss) + 0.5) / ss + 0.5
     sy = (np.arange((y1 - y0) * ss) + 0.5) / ss + 0.5
-    vx, vy = _bilinear(ray_x, sx, sy), _bilinear(ray_y, sx, sy)
-    n, t = view.normal, np.array(view.position)
-    m = n[0] * vx + n[1] * vy + n[2]
-    depth = (n @ t) / np.where(np.abs(m) < 1e-9, 1e-9, m)
-    q = (vx * depth - t[0], vy * depth - t[1], depth - t[2])
-    axes = view.R_camera_pad
-    north = q[0] * axes[0, 0] + q[1] * axes[1, 0] + q[2] * axes[2, 0]
-    east = q[0] * axes[0, 1] + q[1] * axes[1, 1] + q[2] * axes[2, 1]
+    grey = np.empty((len(sy), len(sx)), np.float32)
+    cover = np.empty_like(grey)
+    R = view.R_camera_pad
+    to_plane = np.linalg.inv(np.column_stack([R[:, 0], R[:, 1], np.array(view.position)]))
+    strip = max(1, _SAMPLES_AT_ONCE // len(sx))
+    for i in range(0, len(sy), strip):
+        rows = slice(i, min(i + strip, len(sy)))
+        vx, vy = (_bilinear(axis, sx, sy[rows]) for axis in rays)
+        q = [(h[0] * vx + h[1] * vy + h[2]).astype(np.float64) for h in to_plane]
+        ahead = q[2] > 1e-9  # the inverse of the depth
+        inverse = 1.0 / np.where(ahead, q[2], 1.0)
+        north, east = (q[0] * inverse).astype(np.float32), (q[1] * inverse).astype(np.float32)
+        on_plate, white = _painted(layout, north, east)
+        px, py = np.meshgrid((x0 + sx - 1.0), (y0 + sy[rows] - 1.0))
+        cover[rows] = on_plate & ahead
+        level = np.where(white, optics.white, optics.black) * cover[rows]
+        grey[rows] = level * _light(optics, px.astype(np.float32), py.astype(np.float32))
+    return grey, cover
+
+
+def _painted(layout: PadLayout, north: F32, east: F32) -> tuple[Mask, Mask]:
+    """Tell which points of the pad's plane (m) are on the plate, and which of those are white."""
     plate = layout.plate
-    cover = (
+    on_plate = (
         (north < plate.north_m)
         & (north > -plate.south_m)
         & (east < plate.east_m)
         & (east > -plate.west_m)
-        & (depth > 0)
     )
-    white = np.ones(cover.shape, dtype=bool)
+    white = np.ones(north.shape, dtype=bool)
     for marker in layout.markers:
-        dn, de = north - marker.position_m[0], east - marker.position_m[1]
+        dn, de = north - np.float32(marker.position_m[0]), east - np.float32(marker.position_m[1])
         if isinstance(marker, Ring):
-            r2 = (dn * dn + de * de) / (marker.outer_diameter_m / 2) ** 2
+            r2 = (dn * dn + de * de) / np.float32((marker.outer_diameter_m / 2) ** 2)
             # The inner disc is printed too: a ring inside a ring's disc stays visible.
             white &= ~((r2 < 1.0) & (r2 > marker.inner_ratio**2))
         elif isinstance(marker, WhyCode):
             white &= ~_whycode_black(marker, dn, de)
         else:
             white &= ~_square_black(marker, dn, de)
-    px, py = np.meshgrid((x0 + sx - 1.0).astype(np.float32), (y0 + sy - 1.0).astype(np.float32))
-    grey = np.where(white, optics.white, optics.black) * cover * _light(optics, px, py)
-    return grey.astype(np.float32), cover.astype(np.float32)
+    return on_plate, white
 
 
-def _square_black(marker: Square, north: F64, east: F64) -> NDArray[np.bool_]:
+def _ray_grid(camera: CameraModel, box: tuple[int, int, int, int]) -> F64:
+    """Return the rays (2, rows, columns) of the pixels in a box that may reach out of the image."""
+    x0, y0, x1, y1 = box
+    m = _RAYS_BEYOND_PX
+    if min(x0, y0) < -m or x1 > camera.width + m or y1 > camera.height + m:
+        return _rays_in(camera, box)
+    whole = _rays_in(camera, (-m, -m, camera.width + m, camera.height + m))
+    return whole[:, y0 + m : y1 + m, x0 + m : x1 + m]
+
+
+@lru_cache(maxsize=4)
+def _rays_in(camera: CameraModel, box: tuple[int, int, int, int]) -> F64:
+    gx, gy = np.meshgrid(np.arange(box[0], box[2]), np.arange(box[1], box[3]))
+    grid = np.column_stack([gx.ravel(), gy.ravel()]).astype(np.float64)
+    return _exact_rays(camera, grid).reshape(*gx.shape, 2).transpose(2, 0, 1)
+
+
+def _square_black(marker: Square, north: F32, east: F32) -> Mask:
     cells = marker_cells(marker)
     a = math.radians(marker.heading_deg)
     up = north * math.cos(a) + east * math.sin(a)
     right = east * math.cos(a) - north * math.sin(a)
     n = cells.shape[0]
-    row = np.floor((0.5 - up / marker.size_m) * n).astype(np.int64)
-    col = np.floor((0.5 + right / marker.size_m) * n).astype(np.int64)
+    row = np.floor((0.5 - up / marker.size_m) * n).astype(np.int32)
+    col = np.floor((0.5 + right / marker.size_m) * n).astype(np.int32)
     inside = (row >= 0) & (row < n) & (col >= 0) & (col < n)
     return cast(NDArray[np.bool_], inside & ~cells[np.clip(row, 0, n - 1), np.clip(col, 0, n - 1)])
 
 
-def _whycode_black(code: WhyCode, north: F64, east: F64) -> NDArray[np.bool_]:
+def _whycode_black(code: WhyCode, north: F32, east: F32) -> Mask:
     """Tell black from white as whycode-gen draws: radii of 240, 420 and 700 units, sectors."""
     radius = np.hypot(north, east) / (code.outer_diameter_m / 2) * 700.0
     # Where the upright print has the point: its own angle from three o'clock, anticlockwise.
