@@ -13,7 +13,7 @@ import numpy as np
 from landerd.camera_model import F64
 from landerd.geometry import Vec3, cross
 from landerd.messages import PoseSolution
-from landerd.vision.pose import Pose, rotation_from, skew, solution, vec3
+from landerd.vision.pose import Pose, gravity_cost, rotation_from, skew, solution, vec3
 
 _STEPS = 5
 _CONVERGED = 1e-4  # chi-square that a further step would gain
@@ -25,7 +25,6 @@ _PLACING = np.array([_PLACE_SIGMA_M**2] * 3 + [_FLATNESS_SIGMA**2] * 3)
 _ONE = np.eye(6)
 _IMPOSSIBLE = 50.0  # chi-square above the best solution's beyond which another one is dropped
 _HOPELESS = 200.0  # chi-square above the better pose's, of the same ring, that no others make up
-_DOWN_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
 
 
 @dataclass(frozen=True)
@@ -91,10 +90,7 @@ def pad_poses(
 
 def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
     """Return the pose with the chi-square of its normal's angle to gravity added to its cost."""
-    if down is None:
-        return pose
-    angle = math.acos(max(-1.0, min(1.0, float(pose.normal @ np.array(down)))))
-    return Pose(pose.R, pose.t, pose.information, pose.cost + (angle / _DOWN_SIGMA) ** 2)
+    return Pose(pose.R, pose.t, pose.information, pose.cost + gravity_cost(pose.normal, down))
 
 
 def _as_placed(pose: Pose, heading: float | None) -> Pose:

@@ -17,6 +17,7 @@ from landerd.geometry import Mat3, Vec3, cross
 from landerd.messages import PoseSolution
 
 CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
+_DOWN_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
 SAME_NORMAL = math.cos(math.radians(1.0))  # two solutions that agree so well are one
 
 
@@ -69,6 +70,15 @@ def rotation_from(normal: F64, north: F64) -> F64:
     x /= np.linalg.norm(x)
     # numpy's own cross product takes ten times as long on single vectors.
     return np.column_stack([x, cross(vec3(normal), vec3(x)), normal])
+
+
+def gravity_cost(normal: F64, down: Vec3 | None) -> float:
+    """Return the chi-square of a pad's normal's angle to gravity; zero where that is not known."""
+    if down is None:
+        return 0.0
+    x, y, z = normal.tolist()
+    cosine = x * down[0] + y * down[1] + z * down[2]
+    return (math.acos(max(-1.0, min(1.0, cosine))) / _DOWN_SIGMA) ** 2
 
 
 def circle(radius: float) -> F64:

@@ -220,8 +220,8 @@ class SquarePrint:
                 step = np.linalg.solve(normal, gradient)
             except np.linalg.LinAlgError:
                 return None
-            # Of the pose alone: the blur's step has no effect until the print is blurred anew.
-            gain = float(step[:6] @ gradient[:6])
+            # Not of the blur: its step has no effect until the print is blurred anew.
+            gain = float(step @ gradient - step[6] * gradient[6])
             moved = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
             motion_px = np.abs(self._corner_rays(moved) - self._corner_rays(pose)) / patch.pixel
             pose = moved

@@ -13,6 +13,7 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Mat3, Vec3
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
+from landerd.vision.pose import gravity_cost
 from landerd.vision.ring_fit import RingFit, fit_ring
 from landerd.vision.ring_light import evenly_lit
 from landerd.vision.ring_pixels import MARGIN, edge_pixels, pixels_near
@@ -24,14 +25,14 @@ U8 = NDArray[np.uint8]
 
 _HARD_TRIES = 3  # best doubtful fits that are tried again with shadow and motion
 _EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
-_ASIDE = 0.4  # of such an error is not common to the whole outline
+_ASIDE = 0.75  # of such an error is not common to the whole outline
 # What lies beyond the white margin shines into it, the more the narrower the margin is in the
 # image. Measured on exact images of 20 to 30 m at 0 to 70 degrees.
-_NARROW_BIAS_PX = 0.3
+_NARROW_BIAS_PX = 0.18
 _NARROW_PX = 0.33
 _LEVEL = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 _TRACK_REACH_PX = 4.0  # how far from where they are expected edges are found
-_FLOOR_M = 5e-5  # of sigma: nobody prints or measures a pad more truly
+_FLOOR_M = 1.5e-5  # of sigma
 
 
 def find_rings(
@@ -265,9 +266,7 @@ def _sighting(
     fits: list[RingFit], ring: Ring, camera: CameraModel, down: Vec3 | None
 ) -> MarkerSighting:
     """Return the message of a fitted ring."""
-    if down is not None and len(fits) == 2 and fits[1].cost - fits[0].cost < 4.0:
-        level = np.array(down)
-        fits = sorted(fits, key=lambda f: -float(f.normal @ level))
+    fits = sorted(fits, key=lambda f: f.cost + gravity_cost(f.normal, down))
     radius = ring.outer_diameter_m / 2.0
     edge = edge_pixels(camera, (fits[0].position, fits[0].normal), (radius,), 32)[0]
     return MarkerSighting(
