@@ -107,7 +107,7 @@ def bound_m(view: scenes.View, camera: CameraModel, ring: Ring) -> float:
     """Return the Cramér-Rao bound of the position error's rms, m.
 
     An edge of contrast A between levels, blur s and noise sigma tells the offset of each pixel
-    length of it to a variance of 2 sqrt(pi) s (sigma / A)^2 (facts/detectors.md section 5). The
+    length of it to a variance of 2 sqrt(pi) s (sigma / A)^2. The
     five parameters of the pose move the outline; the information of both edges adds up. Unknown
     levels and blur cost no more than a few per cent and are left out.
     """

@@ -25,7 +25,7 @@ U8 = NDArray[np.uint8]
 
 _HARD_TRIES = 3  # best doubtful fits that are tried again with shadow and motion
 _EDGE_BIAS_PX = 0.004  # what the edge model leaves out, as an error of every edge
-_ASIDE = 0.75  # of such an error is not common to the whole outline
+_ASIDE_BIAS_PX = 0.003  # and as one that differs from side to side
 # What lies beyond the white margin shines into it, the more the narrower the margin is in the
 # image. Measured on exact images of 20 to 30 m at 0 to 70 degrees.
 _NARROW_BIAS_PX = 0.18
@@ -290,7 +290,7 @@ def _solution(
         -MARGIN * focal * radius / distance * float(n @ sight) / _NARROW_PX
     )
     along = bias_px * distance * distance / (focal * radius)
-    aside = _ASIDE * bias_px * distance / focal
+    aside = _ASIDE_BIAS_PX * distance / focal
     C = fit.covariance + np.outer(sight, sight) * along**2 + np.eye(3) * (aside**2 + _FLOOR_M**2)
     # As far as the other pose may be the true one, the error may be the way to it.
     for other in fits:
