@@ -43,11 +43,8 @@ _FAR_OFF = 1e5  # samples of the print
 _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
 # What lens model, light and sampling leave out, as an error of the corners in fitted pixels.
-_EDGE_BIAS_PX = 0.01
+_EDGE_BIAS_PX = 0.006
 _UNSHARP_BIAS = 0.05  # and as a share of the blur beyond a sharp lens's, which no Gaussian fits
-# Neighbouring residuals share the model's small errors, so n pixels tell less than n times one.
-_INFLATION = 1.15
-
 
 # Between two solutions the errors of light, blur and motion in the model tell as much as the pixels
 # do: their difference in chi-square is worth a tenth, and gravity decides where that is not enough.
@@ -162,7 +159,7 @@ class SquarePrint:
                 if other is not None and other.pose.normal @ first.pose.normal < SAME_NORMAL:
                     fits.append(other)
         fits.sort(key=lambda f: f.squares)
-        unit = _RIVALS * _INFLATION * fits[0].variance
+        unit = _RIVALS * fits[0].variance
         return [
             Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
             for f in fits
@@ -262,7 +259,7 @@ class SquarePrint:
         turn = np.kron(np.eye(2), pose.R)
         of_pose = turn @ (normal[:6, :6] - normal[:6, 6:] @ light) @ turn.T
         information: F64 = np.linalg.inv(
-            _INFLATION * variance * np.linalg.inv(of_pose)
+            variance * np.linalg.inv(of_pose)
             + np.linalg.inv(corner_information(pose, self._size, bias))
         )
         return information
