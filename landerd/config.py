@@ -86,7 +86,7 @@ class VisionSection(Section):
 class EstimationSection(Section):
     """Noise the pad filter assumes."""
 
-    pad_acceleration_mps2: Positive = 0.5  # how a pad may change its velocity, to begin with
+    pad_acceleration_mps2: Positive = 0.3  # how a pad may change its velocity, to begin with
     gimbal_sigma_deg: NotNegative = 1.0  # error of the lens's direction, slowly varying
     bearing_noise_deg: NotNegative = 0.05  # and from frame to frame
     gimbal_late_s: NotNegative = 0.01  # a turning gimbal is so much behind what it says
@@ -128,7 +128,7 @@ class TrackingSection(Section):
     lead_s: Annotated[float, Field(ge=0, le=2)] = 0.5  # how late the vehicle answers an order
     approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
     brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
-    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.6
+    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45
     yaw_kp: Annotated[float, Field(gt=0, le=5)] = 1.0
 
 

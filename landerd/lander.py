@@ -52,6 +52,7 @@ from landerd.parameters import with_value
 LARGEST = 1e6  # a number beyond this in a pose comes from a fit that failed
 CONTINUES_S = 0.5  # set-points go on from the last one if it is not older
 SAY_AGAIN_S = 1.0  # the same line is not told to the pilot more often
+LEAST_DESCENT_MPS = 0.05  # after commit, whatever the deck does
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -336,7 +337,8 @@ class Lander:
         (north, east, _), yaw_rate = self._method.step(self.phase, rel, 0.0, dt)
         if age > self._config.guidance.lost.after_s:
             yaw_rate = 0.0
-        descent = heave + self._config.guidance.touchdown_descent_mps
+        # A deck that comes up meets the vehicle: just over it, to give way would be to hover there.
+        descent = max(heave + self._config.guidance.touchdown_descent_mps, LEAST_DESCENT_MPS)
         self._send((north, east, descent), yaw_rate, dt, may_descend=True)
 
     def _settle(self, now: float, dt: float) -> None:
@@ -346,14 +348,16 @@ class Lander:
         if self._touchdown.unconfirmed(now, self._landed):
             self._finish("touchdown_unconfirmed")
             self._say(now, Severity.CRITICAL, "touch-down not confirmed, disarm by hand")
-        attitude = self._placement.attitude.newest
-        if self._touchdown.level_due(now, self._landed) and attitude is not None:
+        attitude, vehicle = self._placement.attitude.newest, self._fresh_vehicle(now)
+        sinking = vehicle.velocity[2] if vehicle is not None else math.inf
+        descent = self._config.guidance.touchdown_descent_mps
+        level = self._touchdown.level_due(now, sinking, descent, self._landed)
+        if level and attitude is not None:
             self._ordered_t = now
             self._limiter.stop()
             self._out.append(PressDown(attitude[1][2]))
             return
         north, east, _ = self._pad_velocity
-        descent = self._config.guidance.touchdown_descent_mps
         self._send((north, east, descent), 0.0, dt, may_descend=True)
 
     # ---- out of sight --------------------------------------------------------------------------

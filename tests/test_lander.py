@@ -473,6 +473,15 @@ def test_disarm_is_repeated_until_the_autopilot_does_it() -> None:
     assert orders >= 3
 
 
+def test_after_commit_it_does_not_give_way_to_a_deck_that_comes_up() -> None:
+    # It would hover just over the deck, and order no descent while standing on it.
+    flight = Flight(pad_velocity=(0.0, 0.0, -0.35), position=(-3.0, 1.0, -14.0)).engaged()
+    flight.until(Phase.LANDED)
+    flight.run(0.6)
+    assert flight.contact_t is not None
+    assert all(order.velocity[2] > 0.0 for order in flight.run(1.0))
+
+
 def test_without_on_ground_it_stands_level_and_the_pilot_is_told() -> None:
     flight = Flight().engaged()
     flight.detects_landing = False

@@ -43,6 +43,7 @@ class Phases:
         """Begin a landing."""
         self.phase = Phase.APPROACH
         self._aligned = not self._has_heading
+        self._heading_known = True  # or not needed
         self.climbs_again = False  # it was low over the pad, but not so that it could land
 
     def may_descend(self, relative: Relative) -> bool:
@@ -53,7 +54,7 @@ class Phases:
     @property
     def floor_m(self) -> float:
         """Height over the pad not to go below now: the alignment height until aligned."""
-        if self.climbs_again:
+        if self.climbs_again and self._heading_known:
             return self._options.retry_height_m
         return 0.0 if self._aligned else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
@@ -97,7 +98,10 @@ class Phases:
         """Just over the pad is no place to wait: what cannot land climbs and tries again."""
         o = self._options
         if self.climbs_again:
-            self.climbs_again = relative.height < o.retry_height_m
+            self.climbs_again = relative.height < self.floor_m
+        elif not self._heading_known:
+            # From higher up the camera sees all markers again.
+            self.climbs_again = relative.height < o.alignment_height_m
         elif relative.height < o.commit_height_m:
             outside = relative.distance > TOO_FAR * descent_radius(o, relative.height)
             self.climbs_again = outside or relative.height < 0.5 * o.commit_height_m
@@ -105,13 +109,16 @@ class Phases:
     def _update_alignment(self, heading_error: float | None) -> None:
         if not self._has_heading:
             return
+        self._heading_known = heading_error is not None
         if heading_error is None:
             self._aligned = False
         else:
             self._aligned = abs(heading_error) < (self._realign if self._aligned else self._align)
 
     def _why(self, relative: Relative) -> str:
-        if self.phase is Phase.YAW_CORRECTION and relative.heading_error is None:
+        if self.climbs_again and not self._heading_known:
+            return "pad's heading not seen, climbing again"
+        if self.phase is Phase.YAW_CORRECTION and not self._heading_known:
             return "pad's heading not seen"
         if self.climbs_again:
             return f"off by {relative.distance:.2f} m, climbing again"

@@ -58,12 +58,15 @@ class Touchdown:
             sighting_age: s since the exposure of the last accepted sighting.
             landed: what the autopilot's land detector says.
         """
-        slow = now >= self._watch_from and sinking < BELOW_ORDER * ordered
-        self._slow_since = min(self._slow_since, now) if slow else math.inf
+        self._watch(now, sinking, ordered)
         if landed is Landed.ON_GROUND or now - self._slow_since >= CONTACT_S:
             self._contact_t = now
             return Step.CONTACT
         return Step.ABORT if sighting_age > BLIND_S else Step.DESCEND
+
+    def _watch(self, now: float, sinking: float, ordered: float) -> None:
+        slow = now >= self._watch_from and sinking < BELOW_ORDER * ordered
+        self._slow_since = min(self._slow_since, now) if slow else math.inf
 
     def disarm_due(self, now: float, landed: Landed) -> bool:
         """Tell whether the disarm command is to be sent now."""
@@ -72,14 +75,23 @@ class Touchdown:
         self._disarm_t = now
         return True
 
-    def level_due(self, now: float, landed: Landed) -> bool:
+    def level_due(self, now: float, sinking: float, ordered: float, landed: Landed) -> bool:
         """Tell whether to stand level without thrust rather than to go with the pad.
 
         ArduCopter's land detector does not trust in a landing while more than 15 degrees of lean
-        are asked for, as a velocity kept in wind does. Once level it stays so.
+        are asked for, as a velocity kept in wind does. Once level it stays so, but never while it
+        sinks: what sinks is in the air, whatever was taken for contact, and needs its thrust.
+
+        Args:
+            now: s; called at every control step from contact on.
+            sinking: measured downward speed, m/s; infinity when not known.
+            ordered: downward speed that presses it onto the pad, m/s.
+            landed: what the autopilot's land detector says.
         """
+        self._watch(now, sinking, ordered)
         late = self._contact_t is not None and now - self._contact_t > LEVEL_AFTER_S
-        self._level = self._level or (late and landed is not Landed.ON_GROUND)
+        due = self._level or (late and landed is not Landed.ON_GROUND)
+        self._level = due and now - self._slow_since >= CONTACT_S
         return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:

@@ -114,12 +114,13 @@ class TrackingMethod:
         off = ROOM * max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
         height = relative.height - ANSWER_DOWN_S * max(0.0, relative.error_rate[2] * -1.0)
-        to_go = height - floor
-        slowest = 0.0
-        if floor <= 0.0:
+        brake = self._gains.descent_brake_mps2
+        if floor > 0.0:
+            braked = _braked(max(0.0, height - floor), DOWN_KP, brake)
+        else:
             # At touch-down speed from the commit height on: sight may be lost just above it.
-            to_go, slowest = to_go - self._region.commit_height_m, self._touchdown_mps
-        braked = slowest + _braked(max(0.0, to_go), DOWN_KP, self._gains.descent_brake_mps2)
+            to_go = max(0.0, height - self._region.commit_height_m)
+            braked = math.sqrt(self._touchdown_mps**2 + 2.0 * brake * to_go)
         return min(braked, self._limits.descent_mps)
 
     def _turning(self, relative: Relative) -> float:

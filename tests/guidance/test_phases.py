@@ -105,6 +105,21 @@ def test_a_heading_out_of_sight_stops_the_descent() -> None:
     assert p.floor_m > 1.0
 
 
+def test_low_down_a_heading_out_of_sight_is_climbed_for() -> None:
+    p = phases()
+    assert p.step(situation(0.1, 3.0, heading_deg=0.0))[0] is Phase.DESCENT
+    phase, why = p.step(situation(0.1, 0.6, heading_deg=None))
+    assert phase is not Phase.LANDED
+    assert p.climbs_again
+    assert "climbing" in why
+    p.step(situation(0.1, 2.0, heading_deg=None))
+    assert p.climbs_again
+    p.step(situation(0.1, 2.0, heading_deg=0.0))
+    assert not p.climbs_again
+    p.step(situation(0.1, 3.0, heading_deg=None))
+    assert not p.climbs_again
+
+
 @pytest.mark.parametrize("heading_deg", [None, 90.0])
 def test_a_pad_without_heading_needs_no_alignment(heading_deg: float | None) -> None:
     p = phases(has_heading=False)

@@ -107,17 +107,50 @@ def test_five_seconds_without_on_ground_is_unconfirmed() -> None:
     assert not touchdown.unconfirmed(contact + 5.1, Landed.ON_GROUND)
 
 
+class Standing:
+    """A contact at 10 s; stepped at the control rate."""
+
+    def __init__(self) -> None:
+        self.touchdown = Touchdown(5.0)
+        self.touchdown.begin(0.0)
+        self.t = 10.0
+        self.touchdown.step(self.t, 0.0, 0.3, 0.0, Landed.ON_GROUND)
+
+    def level(
+        self, seconds: float, *, sinking: float = 0.0, landed: Landed = Landed.IN_AIR
+    ) -> list[bool]:
+        """Return for each step of this time whether it is to stand level."""
+        due = []
+        for _ in range(round(seconds / DT)):
+            self.t += DT
+            due.append(self.touchdown.level_due(self.t, sinking, 0.3, landed))
+        return due
+
+
 def test_it_stands_level_once_on_ground_is_late_and_stays_so() -> None:
+    standing = Standing()
+    assert not any(standing.level(2.4))
+    assert all(standing.level(1.0)[5:])
+    assert all(standing.level(1.0, landed=Landed.ON_GROUND))
+
+
+def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time() -> None:
     touchdown = Touchdown(5.0)
     touchdown.begin(0.0)
-    assert not touchdown.level_due(9.0, Landed.IN_AIR)  # no contact
-    touchdown.step(10.0, 0.0, 0.3, 0.0, Landed.ON_GROUND)
-    assert not touchdown.level_due(12.0, Landed.IN_AIR)
-    assert not touchdown.level_due(13.0, Landed.ON_GROUND)
-    assert touchdown.level_due(13.0, Landed.IN_AIR)
-    assert touchdown.level_due(13.5, Landed.ON_GROUND)
-    touchdown.begin(20.0)
-    assert not touchdown.level_due(24.0, Landed.IN_AIR)
+    assert not any(touchdown.level_due(5.0 + i * DT, 0.0, 0.3, Landed.IN_AIR) for i in range(200))
+    assert not any(Standing().level(4.0, landed=Landed.ON_GROUND))
+
+
+@pytest.mark.parametrize("sinking", [0.3, 0.15, math.inf, math.nan])
+def test_what_sinks_or_may_sink_is_never_left_without_thrust(sinking: float) -> None:
+    # The contact was none: a gust held it up, and now it comes down as ordered.
+    assert not any(Standing().level(5.0, sinking=sinking))
+
+
+def test_thrust_comes_back_as_soon_as_it_sinks_without() -> None:
+    standing = Standing()
+    assert standing.level(3.5)[-1]
+    assert not any(standing.level(0.2, sinking=0.2))
 
 
 def test_without_contact_nothing_is_unconfirmed_however_long_it_takes() -> None:

@@ -98,3 +98,12 @@ def test_it_turns_the_short_way_as_soon_as_it_looks_down_on_the_pad() -> None:
     assert order(0.5, 5.0, heading_deg=None)[1] == 0.0
     most = math.radians(OPTIONS.limits.yaw_rate_deg_s)
     assert abs(order(0.0, 5.0, heading_deg=170.0)[1]) <= most
+
+
+def test_braking_its_descent_leaves_room_for_the_decks_own_acceleration() -> None:
+    # Half of what the vehicle can do: the rest is for a deck that turns from falling to rising.
+    most = 0.55 * OPTIONS.limits.vertical_acceleration_mps2
+    above = OPTIONS.descent.commit_height_m
+    for to_go in (0.05, 0.2, 0.5, 1.0):
+        speed, lower = (order(height=above + x)[0][2] for x in (to_go, to_go - 0.02))
+        assert (speed**2 - lower**2) / (2 * 0.02) < most
