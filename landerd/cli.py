@@ -258,12 +258,18 @@ def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     from landerd import calibrate_camera_command, calibrate_gimbal_command
 
     devices = parser.add_subparsers(metavar="DEVICE", required=True)
-    camera = devices.add_parser("camera", help="lens, from pictures of a board")
+    camera = devices.add_parser(
+        "camera",
+        help="lens, from pictures of a board",
+        description="Find out what a camera's lens does, from pictures of a board.",
+    )
     calibrate_camera_command.add_arguments(camera)
     camera.set_defaults(calibrate=calibrate_camera_command.run)
     gimbal = devices.add_parser(
         "gimbal",
         help="signs, zeros or tables, and delays, from views of a pad",
+        description="Move a gimbal about and find out how it answers, from views of a pad that "
+        "lies still. The vehicle stands disarmed.",
         epilog="example: landerd calibrate gimbal -c landerd.yaml -o gimbal-found.yaml",
     )
     calibrate_gimbal_command.add_arguments(gimbal)
@@ -449,7 +455,7 @@ _COMMANDS = {
         _detect,
     ),
     "calibrate": _Command(
-        "find out what a camera's lens does, from pictures of a board",
+        "find out what a camera's lens does, or how a gimbal answers",
         "landerd calibrate camera photos/ --size 9x6 --square 0.025 -o my-camera.yaml",
         _calibrate_arguments,
         _calibrate,
