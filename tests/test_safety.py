@@ -307,9 +307,9 @@ def test_2_no_descent_below_the_alignment_height_with_the_heading_off() -> None:
 # ---- rule 3: limits ----------------------------------------------------------------------------
 
 
-def test_3_set_points_keep_the_limits_from_far_away() -> None:
-    overrides = ["sim.start.position_m=[-16, 5]", "sim.start.altitude_m=8"]
-    overrides += [PID, "guidance.limits.speed_mps=3.0"]
+@pytest.mark.parametrize("method", [[], [PID, "guidance.limits.speed_mps=3.0"]])
+def test_3_set_points_keep_the_limits_from_far_away(method: list[str]) -> None:
+    overrides = ["sim.start.position_m=[-16, 5]", "sim.start.altitude_m=8", *method]
     simulation = fly(longest_s=60.0, overrides=overrides)
     assert simulation.score.landed
     assert simulation.rules.broken == {}
