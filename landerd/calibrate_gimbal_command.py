@@ -21,10 +21,12 @@ from landerd.calibration.gimbal_motion import AxisName, GimbalMotion, Refused
 from landerd.camera_model import CalibrationError
 from landerd.config_file import Loaded
 from landerd.daemon import Devices
+from landerd.geometry import clamp
 from landerd.pad import PadError, load_pad
 from landerd.ports import DeviceLost
 from landerd.run_command import SetUpError, fitting_camera, make_devices
 from landerd.vision import Vision
+from landerd.yaml_mapping import put
 
 _FIRST = (
     "Stand the vehicle level and unpowered by its motors, on a table, say. Lay the pad flat on the "
@@ -277,11 +279,7 @@ def _tree(values: dict[str, Any]) -> dict[str, Any]:
     """Return dotted keys as nested mappings."""
     tree: dict[str, Any] = {}
     for key, value in values.items():
-        *path, last = key.split(".")
-        block = tree
-        for part in path:
-            block = block.setdefault(part, {})
-        block[last] = value
+        put(tree, key.split("."), value)
     return tree
 
 
@@ -294,4 +292,4 @@ def _wrapped_deg(angle_deg: float) -> float:
 
 
 def _within(seconds: float, most: float) -> float:
-    return round(min(most, max(0.0, seconds)), 3)
+    return round(clamp(seconds, 0.0, most), 3)

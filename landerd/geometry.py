@@ -210,6 +210,15 @@ def angles_zxy(R: Mat3) -> Vec3:
     )
 
 
+def rotation_vector(R: Mat3) -> Vec3:
+    """Return the axis of a rotation times its angle, rad."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
+    x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+    angle = math.atan2(math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0))
+    size = math.sin(angle)
+    return scale((x, y, z), 1.0 if size < 1e-9 else angle / size)
+
+
 def camera_mount(rotation_deg: Vec3) -> Mat3:
     """Return R_gimbal_camera of a camera that sits turned by roll, pitch, yaw (degrees)."""
     roll, pitch, yaw = (math.radians(angle) for angle in rotation_deg)

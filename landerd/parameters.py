@@ -20,6 +20,7 @@ from pydantic.fields import FieldInfo
 
 from landerd.config import Config
 from landerd.ports import ParameterRefused
+from landerd.yaml_mapping import put
 
 NAME_LENGTH = 16  # param_id of MAVLink
 SECTIONS = ("guidance", "rc")
@@ -156,7 +157,7 @@ class ParameterSet:
             old = self._overlay.read_text("utf-8") if self._overlay.exists() else ""
             tree = yaml.safe_load(old) or {}
             for key, value in self._unsaved.items():
-                _put(tree, key.split("."), value)
+                put(tree, key.split("."), value)
             new = self._overlay.with_name(f".{self._overlay.name}.new")
             with new.open("w", encoding="utf-8") as file:
                 file.write("# Saved by a ground station; laid over the configuration.\n")
@@ -220,12 +221,6 @@ def _kind(parameter: Parameter) -> str:
 
 def _range(parameter: Parameter) -> str:
     return ", ".join(f"{word} {bound:g}" for word, bound in parameter.bounds) or "a number"
-
-
-def _put(tree: dict[str, Any], path: list[str], value: float) -> None:
-    for name in path[:-1]:
-        tree = tree.setdefault(name, {})
-    tree[path[-1]] = value
 
 
 def markdown() -> str:

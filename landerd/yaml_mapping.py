@@ -1,5 +1,6 @@
 """Small YAML files that are one mapping: camera calibrations and pad layouts."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,3 +27,10 @@ def read_mapping(path: Path, error: type[Exception], expected: str) -> dict[str,
     if not isinstance(data, dict):
         raise error(f"{path}: expected {expected}")
     return data
+
+
+def put(tree: dict[str, Any], path: Sequence[str], value: Any) -> None:
+    """Set a value in nested mappings, which are made where they are missing."""
+    for name in path[:-1]:
+        tree = tree.setdefault(name, {})
+    tree[path[-1]] = value

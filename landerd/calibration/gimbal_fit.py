@@ -19,6 +19,7 @@ from landerd.geometry import (
     R_GIMBAL_CAMERA,
     Mat3,
     Vec3,
+    clamp,
     cross,
     dot,
     matmul,
@@ -26,6 +27,7 @@ from landerd.geometry import (
     rot_zxy,
     rot_zyx,
     rotate,
+    rotation_vector,
     scale,
     sub,
     transpose,
@@ -157,7 +159,7 @@ class _Problem:
         view = self._views[0]
         down = rotate(R_GIMBAL_CAMERA, view.pad.normal)  # gimbal frame
         pitch = math.atan2(-down[0], down[2])
-        roll = math.asin(max(-1.0, min(1.0, down[1])))
+        roll = math.asin(clamp(down[1], -1.0, 1.0))
         x, y, _ = rotate(matmul(rot_zxy(0.0, roll, pitch), R_GIMBAL_CAMERA), view.pad.position)
         n = self._yaw.size
         self.start[:n] = self._guess(self._yaw, view.yaw, -math.atan2(y, x))
@@ -267,12 +269,7 @@ def R_camera_pad(pad: PoseSolution) -> Mat3:  # noqa: N802 - the frames' notatio
 
 def turn_between(before: PoseSolution, after: PoseSolution) -> Vec3:
     """Return how the camera turned from one view to the next: axis times angle (rad), its frame."""
-    R = matmul(R_camera_pad(before), transpose(R_camera_pad(after)))
-    axis = (R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1])
-    size = norm(axis)
-    if size < 1e-12:
-        return (0.0, 0.0, 0.0)
-    return scale(axis, math.atan2(size, R[0][0] + R[1][1] + R[2][2] - 1.0) / size)
+    return rotation_vector(matmul(R_camera_pad(before), transpose(R_camera_pad(after))))
 
 
 def _column(R: Mat3, i: int) -> Vec3:

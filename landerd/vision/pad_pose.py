@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from landerd.camera_model import F64
-from landerd.geometry import Vec3, cross
+from landerd.geometry import Vec3, cross, rotation_vector
 from landerd.messages import PoseSolution
 from landerd.vision.pose import Pose, gravity_cost, rotation_from, skew, solution, vec3
 
@@ -193,18 +193,9 @@ def _nearest(m: Measured, pose: Pose) -> tuple[F64, Pose]:
         if m.heading is None:
             residual[3:] = cross(vec3(pose.normal), vec3(candidate.normal))
         else:
-            residual[3:] = _rotation_vector(candidate.R @ pose.R.T)
+            residual[3:] = rotation_vector((candidate.R @ pose.R.T).tolist())
         cost = candidate.cost + float(residual @ candidate.information @ residual)
         if best is None or cost < best[0]:
             best = (cost, residual, candidate)
     assert best is not None
     return best[1], best[2]
-
-
-def _rotation_vector(R: F64) -> F64:
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
-    x, y, z = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
-    angle = math.atan2(math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0))
-    size = math.sin(angle)
-    scale = 1.0 if size < 1e-9 else angle / size
-    return np.array([scale * x, scale * y, scale * z])

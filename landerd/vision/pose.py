@@ -7,13 +7,14 @@ origin moved by dt, the axes turned by the rotation vector w.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64
-from landerd.geometry import Mat3, Vec3, cross
+from landerd.geometry import Mat3, Vec3, clamp, cross, dot
 from landerd.messages import PoseSolution
 
 CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
@@ -76,16 +77,18 @@ def gravity_cost(normal: F64, down: Vec3 | None) -> float:
     """Return the chi-square of a pad's normal's angle to gravity; zero where that is not known."""
     if down is None:
         return 0.0
-    x, y, z = normal.tolist()
-    cosine = x * down[0] + y * down[1] + z * down[2]
-    return (math.acos(max(-1.0, min(1.0, cosine))) / _DOWN_SIGMA) ** 2
+    return (math.acos(clamp(dot(vec3(normal), down), -1.0, 1.0)) / _DOWN_SIGMA) ** 2
 
 
-def circle(radius: float) -> F64:
-    """Return 16 points (16, 2) on a circle about the origin."""
-    angles = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
-    points: F64 = radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    return points
+def circle(radius: float, count: int = 16) -> F64:
+    """Return evenly spaced points (count, 2) on a circle about the origin."""
+    return radius * _unit_circle(count)
+
+
+@lru_cache
+def _unit_circle(count: int) -> F64:
+    angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def skew(v: F64) -> F64:

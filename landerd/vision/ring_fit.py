@@ -210,11 +210,11 @@ class _Model:
         if careful:
             area, bend = g.bends()
             d, scale = g.foot(d - bend[:, None] * d * d, radii)
-            bow = (0.5 * area * area)[:, None] / (radii * scale**3)
+            bow = _bow(area, radii, scale)
         else:
             if self._bends is None:
                 area, bend = g.bends()
-                self._bends = bend[:, None], (0.5 * area * area)[:, None] / (radii * scale**3)
+                self._bends = bend[:, None], _bow(area, radii, scale)
             bend, bow = self._bends
             d -= bend * d * d
         f, density = blurred_step(d / s + bow * s)
@@ -243,6 +243,11 @@ class _Model:
         np.multiply(base[:, None], self._xy, out=J[:, self._static : -1])
         np.subtract(pixels.grey, light * base, out=J[:, -1])
         return J
+
+
+def _bow(area: F32, radii: F32, scale: F32) -> F32:
+    """Return the shift of blurred bent edges (starts, 2, n), in blurs per pixel of blur."""
+    return (0.5 * area * area)[:, None] / (radii * scale**3)
 
 
 def _priors(rows: int, white: float, *, moving: bool) -> tuple[F64, F64, F64]:

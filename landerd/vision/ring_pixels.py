@@ -3,12 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
+from landerd.vision.pose import circle
 from landerd.vision.ring_pose import F64, Pose, tangents
 
 U8 = NDArray[np.uint8]
@@ -33,17 +33,10 @@ class Pixels:
 def edge_pixels(camera: CameraModel, pose: Pose, radii: Sequence[float], count: int = 48) -> F64:
     """Return pixels (radii, count, 2) of circles in the pad's plane."""
     position, normal = pose
-    circle = _unit_circle(count) @ np.array(tangents(normal))
-    points = position + np.array(radii)[:, None, None] * circle
+    around = circle(1.0, count) @ np.array(tangents(normal))
+    points = position + np.array(radii)[:, None, None] * around
     points[..., 2] = np.maximum(points[..., 2], 1e-3)
     return camera.pixels(points).reshape(points.shape[0], count, 2)
-
-
-@lru_cache
-def _unit_circle(count: int) -> F64:
-    """Return evenly spaced points (count, 2)."""
-    a = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
-    return np.column_stack([np.cos(a), np.sin(a)])
 
 
 def pixels_near(

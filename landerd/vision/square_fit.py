@@ -373,7 +373,7 @@ def _lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int]
     The lens's map is smooth: it is computed at a few nodes and interpolated by polynomials.
     """
     columns, rows = (
-        first + (np.linspace(0.5, n - 0.5, _LENS_NODES)) * step - 0.5
+        first + np.linspace(0.5, n - 0.5, _LENS_NODES) * step - 0.5
         for first, n in zip(low.tolist(), size, strict=True)
     )
     nodes = np.empty((_LENS_NODES, _LENS_NODES, 2))
