@@ -30,7 +30,7 @@ class Pixels:
     focal: float  # pixels per ray unit, geometric mean
 
 
-def edge_pixels(camera: CameraModel, pose: Pose, radii: Sequence[float], count: int = 48) -> F64:
+def edge_pixels(camera: CameraModel, pose: Pose, radii: Sequence[float], count: int = 64) -> F64:
     """Return pixels (radii, count, 2) of circles in the pad's plane."""
     position, normal = pose
     around = circle(1.0, count) @ np.array(tangents(normal))
@@ -92,12 +92,11 @@ def _across(edges: F64, band_px: float, most: float) -> NDArray[np.intp]:
     """Return whole pixels (n, 2) on short lines across closed outlines (outlines, count, 2)."""
     step = max(1.0, band_px / 4.0)
     offsets = np.arange(-band_px, band_px + 0.5 * step, step)
-    count = int(most / (len(edges) * len(offsets)))
-    at = np.arange(count) * (edges.shape[1] / count)
-    i = at.astype(int)
-    first = edges[:, i]
-    along = np.roll(edges, -1, axis=1)[:, i] - first
-    p = first + (at - i)[:, None] * along
+    corners = edges.shape[1]
+    count = min(corners, int(most / (len(edges) * len(offsets))))
+    at = np.arange(count) * corners // count
+    p = edges[:, at]
+    along = edges[:, (at + 1) % corners] - edges[:, at - 1]
     normal = along[..., ::-1] * (-1.0, 1.0)
     normal *= (1.0 / (np.sqrt((normal * normal).sum(axis=-1)) + 1e-12))[..., None]
     lines = p[..., None, :] + offsets[:, None] * normal[..., None, :]

@@ -14,7 +14,7 @@ from landerd.vision.window import Window
 Image = NDArray[np.uint8]
 
 _SMALLEST_SIDE_PX = 5.0
-_LOCAL_MEANS_PX = 7, 21  # sides of the two windows for OpenCV's thresholds; it takes three
+_LOCAL_MEANS_PX = 7, 21  # sides of the windows of the threshold, the second where the first fails
 
 
 @dataclass(frozen=True)
@@ -74,15 +74,21 @@ class SquareFinder:
             image = np.asarray(
                 cv2.resize(image, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8
             )
-        found = []
+        found: list[FoundSquare] = []
         for detector, squares, turn in self._detectors:
-            detector.setDetectorParameters(_parameters(4.0 * smallest_px / max(image.shape)))
-            corners, ids, _ = detector.detectMarkers(image)
-            if ids is None:
-                continue
-            for quad, number in zip(corners, ids.reshape(-1), strict=True):
-                px = (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (x0, y0)
-                found.append(FoundSquare(squares[int(number)], np.roll(px, turn, axis=0)))
+            seen: set[int] = set()
+            for mean_px in _LOCAL_MEANS_PX:
+                rate = 4.0 * smallest_px / max(image.shape)
+                detector.setDetectorParameters(_parameters(rate, mean_px))
+                corners, ids, _ = detector.detectMarkers(image)
+                numbers = [] if ids is None else [int(i) for i in ids.reshape(-1)]
+                for quad, number in zip(corners, numbers, strict=True):
+                    if number not in seen:
+                        px = (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (x0, y0)
+                        found.append(FoundSquare(squares[number], np.roll(px, turn, axis=0)))
+                seen.update(numbers)
+                if len(seen) == len(squares):
+                    break
         return found
 
 
@@ -103,13 +109,12 @@ def _turns(name: str) -> int:
     return 2 if name.upper().startswith("APRILTAG") else 0
 
 
-def _parameters(perimeter_rate: float) -> cv2.aruco.DetectorParameters:
+def _parameters(perimeter_rate: float, mean_px: int) -> cv2.aruco.DetectorParameters:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.minMarkerPerimeterRate = perimeter_rate
     parameters.minDistanceToBorder = 1
-    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = _LOCAL_MEANS_PX
-    parameters.adaptiveThreshWinSizeStep = _LOCAL_MEANS_PX[1] - _LOCAL_MEANS_PX[0]
+    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = mean_px
     return parameters
 
 

@@ -192,7 +192,7 @@ class SquarePrint:
         light = np.array([dark, bright - dark, 0.0, 0.0])  # black, contrast, gradients
         x, y = _normalised(patch.rays[0]), _normalised(patch.rays[1])
         J = np.empty((11, n))
-        for _ in range(_STEPS):
+        for i in range(_STEPS):
             layers = self._layers(blur * self._spread(patch, pose), blur)
             north, east = _plane(patch.rays, pose)
             value, slope_n, slope_e, J[6] = self._seen(layers, north, east)
@@ -222,7 +222,8 @@ class SquarePrint:
             moved = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
             motion_px = np.abs(self._corner_rays(moved) - self._corner_rays(pose)) / patch.pixel
             pose = moved
-            blur = min(max(blur + float(step[6]), 0.5 * blur, 0.05), 2.0 * blur)
+            if i > 0:  # before, a start beside the print looks like blur
+                blur = min(max(blur + float(step[6]), 0.5 * blur, 0.05), 2.0 * blur)
             light = light + step[7:]
             if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
                 return None
@@ -256,7 +257,8 @@ class SquarePrint:
             LinAlgError: the pixels leave the pose open.
         """
         light = np.linalg.solve(normal[6:, 6:], normal[6:, :6])
-        turn = np.kron(np.eye(2), pose.R)
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = pose.R
         of_pose = turn @ (normal[:6, :6] - normal[:6, 6:] @ light) @ turn.T
         information: F64 = np.linalg.inv(
             variance * np.linalg.inv(of_pose)
@@ -298,13 +300,12 @@ class SquarePrint:
 
     def _spread(self, patch: _Patch, pose: Pose) -> F64:
         """Return the covariance (2, 2) on the print (u, v) of a blur of one pixel's variance."""
-        x, y = pose.t[:2] / pose.t[2]
-        d = 0.5 * patch.pixel
-        rays = np.array([[x + d, x - d, x, x], [y, y, y + d, y - d], [1.0, 1.0, 1.0, 1.0]])
-        north, east = _plane(rays, pose)
-        A = self._per_m * np.array(
-            [[east[0] - east[1], east[2] - east[3]], [north[1] - north[0], north[3] - north[2]]]
-        )
+        # A turn of the ray t by dr moves its point on the plane by t_z (dr - t n.dr / n.t).
+        north, east, normal = pose.R.T
+        along = normal[:2] / float(normal @ pose.t)
+        A = np.array(
+            [east[:2] - float(east @ pose.t) * along, float(north @ pose.t) * along - north[:2]]
+        ) * (self._per_m * patch.pixel * float(pose.t[2]))
         spread: F64 = A @ A.T
         return spread
 
@@ -395,7 +396,7 @@ def _lagrange(n: int) -> F64:
 
 
 def _normalised(x: F64) -> F64:
-    centred: F64 = (x - x.mean()) / max(float(np.ptp(x)), 1e-9)
+    centred: F64 = (x - x.mean()) / max(float(x.max() - x.min()), 1e-9)
     return centred
 
 

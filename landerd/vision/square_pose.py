@@ -95,10 +95,12 @@ def _residual(rays: F64, points: F64, pose: Pose) -> tuple[F64, F64]:
     inverse_z = 1.0 / p[:, 2]
     x, y = p[:, 0] * inverse_z, p[:, 1] * inverse_z
     n = len(points)
-    J = np.empty((n, 2, 6))
-    J[:, 0, :3] = np.column_stack([inverse_z, np.zeros(n), -x * inverse_z])
-    J[:, 1, :3] = np.column_stack([np.zeros(n), inverse_z, -y * inverse_z])
-    # A turn w moves a point by w x arm: its derivative along g is arm x g.
-    J[:, 0, 3:] = np.cross(arms, J[:, 0, :3])
-    J[:, 1, 3:] = np.cross(arms, J[:, 1, :3])
+    J = np.zeros((n, 2, 6))
+    J[:, 0, 0] = J[:, 1, 1] = inverse_z
+    J[:, 0, 2], J[:, 1, 2] = -x * inverse_z, -y * inverse_z
+    # A turn w moves a point by w x arm: its derivative along g is arm x g. Written out: numpy's
+    # own cross product takes ten times as long.
+    a, b, c = arms.T * inverse_z
+    J[:, 0, 3], J[:, 0, 4], J[:, 0, 5] = -b * x, c + a * x, -b
+    J[:, 1, 3], J[:, 1, 4], J[:, 1, 5] = -b * y - c, a * y, a
     return (rays - np.column_stack([x, y])).reshape(-1), J.reshape(-1, 6)

@@ -112,7 +112,7 @@ def track_ring(
     if other is not None and (down is None or float(other[1] @ np.array(down)) > _LEVEL):
         starts.append(other)
     pixels = pixels_near(image, camera, starts[0], radius, ratio, _TRACK_REACH_PX, 200, True)
-    fits = [] if pixels is None else fit_ring(pixels, starts, radius, ratio, 0.8, 4)
+    fits = [] if pixels is None else fit_ring(pixels, starts, radius, ratio, 1.0, 4)
     return _sighting(fits, ring, camera, down) if fits and _is_ring(fits[0], ratio) else None
 
 
