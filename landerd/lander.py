@@ -83,6 +83,7 @@ class Lander:
         self._broken_off = 0  # descents of this landing
         self._low = False  # below the alignment height when last in sight
         self._lost_down = 0.0  # local z where the pad went out of sight, m
+        self._heading_t = -math.inf  # when the landing last did not wait for the pad's heading
         self._pad_velocity = HOVER  # the pad's when contact was made, m/s
         self._said: dict[str, float] = {}
         self._out: list[Command] = []
@@ -286,6 +287,11 @@ class Lander:
             elif climbed and not self._phases.climbs_again and self._tried_enough:
                 self._hand_back(now, "no landing possible")
                 return
+            if phase is not Phase.YAW_CORRECTION or rel.heading_error is not None:
+                self._heading_t = now
+            elif now - self._heading_t > self._config.guidance.lost.give_up_s:
+                self._hand_back(now, "pad's heading not seen")
+                return
             if phase is Phase.LANDED:
                 self._touchdown.begin(now)
                 self._landed = Landed.UNDEFINED  # what was said of the air or another landing
@@ -302,6 +308,7 @@ class Lander:
         if now - self._ordered_t > CONTINUES_S:
             self._limiter.reset(vehicle.velocity)
         self._flown, self._searching = True, False
+        self._heading_t = now
         self.outcome = None
         self._phases.restart()
         self._method.restart()

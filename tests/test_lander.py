@@ -96,6 +96,16 @@ def test_without_the_pads_heading_it_waits_above_the_alignment_height() -> None:
     flight.until_contact()
 
 
+def test_a_pad_whose_heading_stays_unseen_is_handed_back() -> None:
+    flight = Flight(position=(0.0, 0.0, -4.0))
+    flight.distort = lambda true: replace(true, north=None, sigma_yaw=None)
+    flight.engaged().run(flight.config.guidance.lost.give_up_s - 3.0)
+    assert flight.lander.outcome is None
+    flight.run(10.0)
+    assert flight.lander.outcome == "handed_back"
+    assert said(flight, "heading not seen: pilot, take over")
+
+
 # ---- who flies ---------------------------------------------------------------------------------
 
 
