@@ -54,7 +54,7 @@ _RIVALS = 10.0
 _TOLD_PX = 0.5
 _CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
 # A fit that explains less of the pixels' variance is no better than the corners.
-_EXPLAINED = 0.85
+EXPLAINED = 0.85
 _TRACKED = 0.93  # and one that nothing decoded must explain more
 # Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
 # lean by 15 degrees at most.
@@ -144,7 +144,7 @@ class SquarePrint:
         if first is None:
             starts = planar_poses(camera.rays(corners), self._size)
             first = self.fit(image, camera, starts[0][0]) if starts else None
-        if first is None or first.explained < _EXPLAINED:
+        if first is None or first.explained < EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
         if known_normal is not None and first.pose.normal @ np.array(known_normal) > CONTINUED:
             return [first.pose]

@@ -21,7 +21,7 @@ from landerd.vision.pose import CONTINUED, SAME_NORMAL, Pose, rotation_from
 from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
 from landerd.vision.search import Expected
-from landerd.vision.square_fit import Fit
+from landerd.vision.square_fit import EXPLAINED, Fit
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
@@ -32,7 +32,6 @@ _RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in o
 _LEAST_CONTRAST = 12.0  # along the band, grey levels
 _LEAST_SWING = 0.4  # of the mean bit, in the contrast along the band
 _LEAST_BIT = 0.45  # of a bit's swing, in mean swings of all bits
-_EXPLAINED = 0.85  # of the pixels' variance, by a print that is really there
 _LARGE_PX = 60.0  # a code this large tells all that smaller ones could
 _SMALLEST_PX = 9.0  # across; smaller rings have no teeth to be seen
 
@@ -140,7 +139,7 @@ class WhyCodeFinder:
         """Return the poses of a code near a start, best first; empty if it is not there."""
         printed, camera = self._prints[code], self._camera
         fits = [f for f in [printed.fit(image, camera, start)] if f is not None]
-        if not fits or fits[0].explained < _EXPLAINED:
+        if not fits or fits[0].explained < EXPLAINED:
             return ()
         if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < CONTINUED:
             other = _mirrored(fits[0].pose, 0.5 * code.outer_diameter_m)
