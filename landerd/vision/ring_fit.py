@@ -44,6 +44,7 @@ _NEAR = 30.0  # gain of chi-square by a step after which small rings are looked 
 _ENOUGH = 1.0  # and after which another step is not worth it
 _NO_RIVAL = 1.5  # times the other start's noise: it will not become the better one
 _MIN_BLUR, _MAX_BLUR = 0.2, 12.0  # px
+_TOLD_TILT = 7.0  # sigma of a tilt that is told from frontal view
 _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 
 
@@ -148,6 +149,7 @@ def fit_ring(
         C, e = inverse[k], axes[k].astype(np.float64)
         across = C[1:6, _RATIO]
         pose_covariance = scale * (C[1:6, 1:6] - np.outer(across, across) / C[_RATIO, _RATIO])
+        pose_covariance += _unseen_tilt(pose_covariance, e @ t[k] / np.linalg.norm(t[k]))
         fits.append(
             RingFit(
                 position=t[k],
@@ -167,6 +169,25 @@ def fit_ring(
             )
         )
     return sorted(fits, key=lambda f: f.cost)
+
+
+def _unseen_tilt(covariance: F64, sight: F64) -> F64:
+    """Return what is to be added to a covariance (5, 5) of centre and tilt near frontal view.
+
+    There the image changes with the square of the angle to the line of sight (unit vector, on the
+    plane's axes). If the true angle is zero, the error of the one that is found is twice what a
+    linear model at that angle says.
+    """
+    angle = math.hypot(sight[0], sight[1])
+    way = np.zeros(5)
+    way[3:] = sight[:2] / max(angle, 1e-9)
+    moved = covariance @ way
+    variance = float(way @ moved)
+    if not variance > 0.0:
+        return np.zeros((5, 5))
+    share = 3.0 * math.exp(-min((angle * angle / variance / _TOLD_TILT**2) ** 2, 50.0))
+    added: F64 = np.outer(moved, moved) * (share / variance)
+    return added
 
 
 class _Model:

@@ -44,6 +44,7 @@ _ROBUST = 2.5  # residuals beyond this many sigma count less (Huber)
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
 # What lens model, light and sampling leave out, as an error of the corners in fitted pixels.
 _EDGE_BIAS_PX = 0.006
+_REDUCED_BIAS_PX = 0.001  # and for each pixel of the image along a fitted one: no box is a Gaussian
 _UNSHARP_BIAS = 0.05  # and as a share of the blur beyond a sharp lens's, which no Gaussian fits
 
 # Between two solutions the errors of light, blur and motion in the model tell as much as the pixels
@@ -85,6 +86,7 @@ class _Patch:
     rays: F64  # homogeneous, (3, n)
     pixel: float  # width of one on the plane z = 1
     blur: float  # variance to start from, pixels^2: a sharp lens's spread and the pixel's box
+    bias: float  # error of the corners that no residual shows, pixels, with a sharp lens
 
 
 class SquarePrint:
@@ -231,7 +233,7 @@ class SquarePrint:
             if settled and (gain < _CONVERGED * sigma**2 or not has_rival):
                 break
         self._blur = blur / patch.blur
-        bias = _EDGE_BIAS_PX + _UNSHARP_BIAS * math.sqrt(max(0.0, blur - patch.blur))
+        bias = patch.bias + _UNSHARP_BIAS * math.sqrt(max(0.0, blur - patch.blur))
         squares = float(weight @ residual**2)
         variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - 11.0))
         try:
@@ -291,7 +293,9 @@ class SquarePrint:
             return None
         pixel = reduce / (0.5 * (camera.fx + camera.fy))
         blur = 0.36 / reduce**2 + 1.0 / 12.0
-        return _Patch(crop.reshape(-1)[inside].astype(np.float64), rays[:, inside], pixel, blur)
+        bias = math.hypot(_EDGE_BIAS_PX, _REDUCED_BIAS_PX * reduce)
+        grey = crop.reshape(-1)[inside].astype(np.float64)
+        return _Patch(grey, rays[:, inside], pixel, blur, bias)
 
     def _is_used(self, north: F64, east: F64) -> NDArray[np.bool_]:
         """Tell which points (n,) of the plane are compared with the image."""
