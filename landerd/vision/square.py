@@ -14,7 +14,10 @@ from landerd.vision.window import Window
 Image = NDArray[np.uint8]
 
 _SMALLEST_SIDE_PX = 5.0
-_LOCAL_MEANS_PX = 7, 21  # sides of the windows of the threshold, the second where the first fails
+# Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
+# Where a pad is known to be the first mostly shows them; a whole image needs OpenCV's own three.
+_WINDOW_MEANS_PX = (7, 7, 1), (21, 21, 1)
+_WHOLE_MEANS_PX = ((3, 23, 10),)
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,9 @@ class SquareFinder:
         found: list[FoundSquare] = []
         for detector, squares, turn in self._detectors:
             seen: set[int] = set()
-            for mean_px in _LOCAL_MEANS_PX:
+            for means_px in _WHOLE_MEANS_PX if window is None else _WINDOW_MEANS_PX:
                 rate = 4.0 * smallest_px / max(image.shape)
-                detector.setDetectorParameters(_parameters(rate, mean_px))
+                detector.setDetectorParameters(_parameters(rate, means_px))
                 corners, ids, _ = detector.detectMarkers(image)
                 numbers = [] if ids is None else [int(i) for i in ids.reshape(-1)]
                 for quad, number in zip(corners, numbers, strict=True):
@@ -109,12 +112,16 @@ def _turns(name: str) -> int:
     return 2 if name.upper().startswith("APRILTAG") else 0
 
 
-def _parameters(perimeter_rate: float, mean_px: int) -> cv2.aruco.DetectorParameters:
+def _parameters(
+    perimeter_rate: float, means_px: tuple[int, int, int]
+) -> cv2.aruco.DetectorParameters:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.minMarkerPerimeterRate = perimeter_rate
     parameters.minDistanceToBorder = 1
-    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = mean_px
+    least, most, step = means_px
+    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = least, most
+    parameters.adaptiveThreshWinSizeStep = step
     return parameters
 
 

@@ -113,20 +113,23 @@ class WhyCodeFinder:
         cone = cone_through(self._camera.rays(outline))
         poses = None if cone is None else poses_of_cone(cone, 1.0)
         best: tuple[float, WhyCode, Pose] | None = None
-        for position, normal in poses or ():
-            R = rotation_from(normal, np.array([0.0, -1.0, 0.0]))
-            for bits in {c.bits for c in self._prints}:
-                reading = read(
-                    image, self._camera, Pose(R, position, np.zeros((6, 6)), 0.0), 1.0, bits
-                )
-                if reading is None or (best is not None and reading.clearness < best[0]):
-                    continue
-                for code in self._prints:
-                    turn = _turn(reading, code)
-                    if code.bits == bits and turn is not None:
-                        scale = 0.5 * code.outer_diameter_m
-                        start = Pose(_turned(R, turn), scale * position, np.zeros((6, 6)), 0.0)
-                        best = reading.clearness, code, start
+        for bits in {c.bits for c in self._prints}:
+            # Under the wrong one of the two poses another number may be read, less clearly.
+            readings = []
+            for position, normal in poses or ():
+                R = rotation_from(normal, np.array([0.0, -1.0, 0.0]))
+                pose = Pose(R, position, np.zeros((6, 6)), 0.0)
+                reading = read(image, self._camera, pose, 1.0, bits)
+                if reading is not None:
+                    readings.append((reading.clearness, reading, pose))
+            if not readings:
+                continue
+            clearness, reading, pose = max(readings, key=lambda r: r[0])
+            for code in self._prints:
+                turn = _turn(reading, code)
+                if code.bits == bits and turn is not None and (not best or clearness > best[0]):
+                    t = 0.5 * code.outer_diameter_m * pose.t
+                    best = clearness, code, Pose(_turned(pose.R, turn), t, pose.information, 0.0)
         return best[1:] if best else None
 
     def _poses(

@@ -11,6 +11,7 @@ from landerd.config import VisionSection
 from landerd.messages import Frame, MarkerSighting, Prior, Sightings
 from landerd.pad import PadLayout, Plate, Ring, WhyCode, load_pad
 from landerd.vision import Vision
+from landerd.vision.pose import rotation_from
 from tests.vision import scenes
 
 # The thesis camera's middle: large images are slow to make.
@@ -99,6 +100,18 @@ def test_other_codes_are_never_taken_for_the_pads(number: int) -> None:
         found = seen(look(distance, tilt_deg), pad(number), wanted=pad(5))
         assert found.markers == ()
         assert found.pad == ()
+
+
+def test_an_other_number_is_not_read_under_the_other_pose() -> None:
+    # Under the mirrored pose of this view the band of code 7 reads as 31, though less clearly.
+    corner = replace(CAMERA, cx=scenes.THESIS_CAMERA.cx - 10.0, cy=scenes.THESIS_CAMERA.cy - 60.0)
+    normal, north = np.array([0.047, -0.466, 0.884]), np.array([-0.209, -0.87, -0.447])
+    R = rotation_from(normal / np.linalg.norm(normal), north)
+    view = scenes.View((-1.84, -0.79, 4.58), R)
+    image = scenes.render(view, corner, scenes.Optics(), np.random.default_rng(1), pad(7))
+    for number, markers in ((31, 0), (7, 1)):
+        vision = Vision(pad(number), corner, VisionSection())
+        assert len(vision.process(Frame(0.0, 0, image)).markers) == markers
 
 
 def test_a_plain_ring_is_no_code() -> None:
