@@ -69,7 +69,11 @@ class Lander:
         self._method = make_method(config.guidance)
         self._limiter = Limiter(config.guidance.limits)
         self._lost = LostPlan(config.guidance.lost)
-        self._touchdown = Touchdown(config.guidance.touchdown_timeout_s)
+        self._touchdown = Touchdown(
+            config.guidance.touchdown_timeout_s,
+            config.guidance.touchdown_descent_mps,
+            0.5 * max(config.vehicle.footprint_m),
+        )
         self._aim = Aim(config.aim, config.gimbal)
         self._view = View(layout)
         self._landed = Landed.UNDEFINED
@@ -196,7 +200,7 @@ class Lander:
         self._method.configure(guidance)
         self._limiter.configure(guidance.limits)
         self._lost.configure(guidance.lost)
-        self._touchdown.configure(guidance.touchdown_timeout_s)
+        self._touchdown.configure(guidance.touchdown_timeout_s, guidance.touchdown_descent_mps)
 
     def _on_restart(self) -> None:
         self._gate.on_restart()
@@ -345,7 +349,7 @@ class Lander:
         if age > self._config.guidance.lost.after_s:
             yaw_rate = 0.0
         # A deck that comes up meets the vehicle: just over it, to give way would be to hover there.
-        descent = max(heave + self._config.guidance.touchdown_descent_mps, LEAST_DESCENT_MPS)
+        descent = max(heave + self._touchdown.descent(vehicle.lean), LEAST_DESCENT_MPS)
         self._send((north, east, descent), yaw_rate, dt, may_descend=True)
 
     def _settle(self, now: float, dt: float) -> None:
@@ -355,17 +359,21 @@ class Lander:
         if self._touchdown.unconfirmed(now, self._landed):
             self._finish("touchdown_unconfirmed")
             self._say(now, Severity.CRITICAL, "touch-down not confirmed, disarm by hand")
-        attitude, vehicle = self._placement.attitude.newest, self._fresh_vehicle(now)
-        sinking = vehicle.velocity[2] if vehicle is not None else math.inf
-        descent = self._config.guidance.touchdown_descent_mps
-        level = self._touchdown.level_due(now, sinking, descent, self._landed)
-        if level and attitude is not None:
+        vehicle = self._fresh_vehicle(now)
+        sinking = slip = tipping = math.inf
+        north, east, _ = self._pad_velocity
+        if vehicle is not None:
+            v_north, v_east, sinking = vehicle.velocity
+            slip, tipping = math.hypot(v_north - north, v_east - east), vehicle.tipping
+        level = self._touchdown.level_due(
+            now, sinking, slip, tipping, math.hypot(north, east), self._landed
+        )
+        if level and vehicle is not None:
             self._ordered_t = now
             self._limiter.stop()
-            self._out.append(PressDown(attitude[1][2]))
+            self._out.append(PressDown(vehicle.yaw))
             return
-        north, east, _ = self._pad_velocity
-        self._send((north, east, descent), 0.0, dt, may_descend=True)
+        self._send((north, east, self._touchdown.descent(0.0)), 0.0, dt, may_descend=True)
 
     # ---- out of sight --------------------------------------------------------------------------
 

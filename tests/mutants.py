@@ -190,15 +190,15 @@ MUTANTS = [
     Mutant(
         "4: no descent ordered after contact",
         LANDER,
-        "self._send((north, east, descent), 0.0, dt, may_descend=True)\n\n    # ----",
-        "self._send((north, east, 0.0), 0.0, dt, may_descend=True)\n\n    # ----",
+        "self._send((north, east, self._touchdown.descent(0.0)), 0.0, dt, may_descend=True)",
+        "self._send((north, east, 0.0), 0.0, dt, may_descend=True)",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
     ),
     Mutant(
         "4: stands level as soon as it touches",
         TOUCHDOWN,
-        "self._contact_t > LEVEL_AFTER_S",
-        "self._contact_t > 0.0",
+        "waited > LEVEL_AFTER_S and now - self._still_since >= STILL_S",
+        "waited > 0.0",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),
     Mutant(

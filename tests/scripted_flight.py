@@ -81,6 +81,8 @@ class Flight:
         self.distort: Callable[[PoseSolution], PoseSolution] = lambda true: true
         self.silent: set[type] = set()  # kinds of messages that do not come
         self.detects_landing = True
+        self.pitch = 0.0  # what the autopilot says; pictures are taken level
+        self.skids = 0.0  # m/s across the pad once it touches
         self.pulse_us = LOW
         self.armed, self.mode = True, "GUIDED"
         self.order = Setpoint((0.0, 0.0, 0.0), 0.0)  # the last one, a ground station's at first
@@ -219,7 +221,7 @@ class Flight:
         self.velocity = add(self.velocity, change)
         if self.height <= 0.0 and self.velocity[2] >= 0.0 and self.distance < 1.0:
             self.contact_t = self.t if self.contact_t is None else self.contact_t
-            self.velocity = self.pad_velocity
+            self.velocity = add(self.pad_velocity, (self.skids, 0.0, 0.0))
         self.position = add(self.position, scale(self.velocity, DT))
         self.yaw_rate += (self.order.yaw_rate - self.yaw_rate) * DT / YAW_LAG_S
         self.yaw = wrap(self.yaw + self.yaw_rate * DT)
@@ -233,7 +235,7 @@ class Flight:
         t = self.t
         messages: list[Input] = [
             LocalPosition(t, self.position, self.velocity),
-            Attitude(t, 0.0, 0.0, self.yaw, (0.0, 0.0, self.yaw_rate)),
+            Attitude(t, 0.0, self.pitch, self.yaw, (0.0, 0.0, self.yaw_rate)),
             GimbalState(t, self.gimbal.yaw, self.gimbal.pitch, 0.0, Reference.BODY),
         ]
         if self._ticks % 2 == 0:

@@ -506,14 +506,44 @@ def test_without_on_ground_it_stands_level_and_the_pilot_is_told() -> None:
     assert flight.pressed[-1].heading == pytest.approx(flight.yaw, abs=0.01)
 
 
-def test_before_it_stands_level_it_presses_on_gently_for_two_seconds() -> None:
+@pytest.mark.parametrize("pad_velocity", [(0.0, 0.0, 0.0), (2.0, 1.0, 0.0)])
+def test_carried_by_the_pad_it_presses_on_gently_and_stands_level_within_a_second(
+    pad_velocity: Vec3,
+) -> None:
+    flight = Flight(pad_velocity=pad_velocity).engaged()
+    flight.detects_landing = False
+    flight.until_contact()
+    flown = flight.run(0.6)
+    assert len(flown) == 24
+    assert all(0.0 < setpoint.velocity[2] <= 0.3001 for setpoint in flown)
+    assert flight.pressed == []
+    flight.run(0.6)
+    assert flight.pressed
+
+
+def test_blown_across_the_pad_it_goes_with_the_pad_for_two_seconds() -> None:
     flight = Flight().engaged()
     flight.detects_landing = False
+    flight.skids = 0.2
     flight.until_contact()
     flown = flight.run(2.0)
     assert len(flown) == 80
-    assert all(0.0 < setpoint.velocity[2] <= 0.3001 for setpoint in flown)
+    assert all(setpoint.velocity[2] > 0.0 for setpoint in flown)
     assert flight.pressed == []
+    flight.run(1.0)
+    assert flight.pressed
+
+
+def test_leaning_against_wind_it_comes_down_quicker_once_it_is_committed() -> None:
+    fastest = {}
+    for pitch in (0.0, math.radians(-20.0)):
+        flight = Flight().engaged().until(Phase.LANDED)
+        flight.visible = False
+        flight.pitch = pitch
+        fastest[pitch] = max(order.velocity[2] for order in flight.run(0.4))
+    level, leaning = fastest.values()
+    assert level <= 0.3001
+    assert 0.45 < leaning <= 0.6
 
 
 def test_it_commits_below_the_commit_height_only() -> None:

@@ -18,7 +18,7 @@ from landerd.geometry import Vec3, horizontal, rot_z, rotate
 _HEADER = 10  # bytes of a MAVLink 2 header
 _SLACK = 1.02  # of the limits: the set-points travel as 32-bit floats
 _CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
-_LEVEL_AFTER_S = 2.0  # for so long the vehicle goes with the pad before it may stand level
+_LEVEL_AFTER_S = 0.5  # for so long the vehicle goes with the pad before it may stand level
 _BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
 _LOSS_NEWS = ("not in sight", "stale", "no pictures")

@@ -29,6 +29,8 @@ class VehicleNow:
     velocity: Vec3  # m/s
     yaw: float  # rad
     yaw_rate: float  # rad/s
+    lean: float  # from level, rad
+    tipping: float  # rate of roll and pitch, rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +70,12 @@ def vehicle_now(placement: Placement, vehicle: VehicleSection, now: float) -> Ve
     if position is None or attitude is None:
         return None
     t, p = position
-    roll, pitch, yaw, _, _, yaw_rate = attitude[1]
+    roll, pitch, yaw, roll_rate, pitch_rate, yaw_rate = attitude[1]
     velocity = (p[3], p[4], p[5])
     origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
     feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
-    return VehicleNow(feet, velocity, yaw, yaw_rate)
+    lean, tipping = math.hypot(roll, pitch), math.hypot(roll_rate, pitch_rate)
+    return VehicleNow(feet, velocity, yaw, yaw_rate, lean, tipping)
 
 
 def relative(vehicle: VehicleNow, pad: PadEstimate, sigma_bearing: float) -> Relative:

@@ -6,13 +6,18 @@ from landerd.guidance.touchdown import Step, Touchdown
 from landerd.messages import Landed
 
 DT = 0.025
+GENTLE = 0.3  # m/s
+
+
+def make_touchdown() -> Touchdown:
+    return Touchdown(timeout_s=5.0, descent_mps=GENTLE, reach_m=0.22)
 
 
 class Descent:
     """A touch-down that is stepped at the control rate from commit on."""
 
     def __init__(self) -> None:
-        self.touchdown = Touchdown(timeout_s=5.0)
+        self.touchdown = make_touchdown()
         self.t = 50.0
         self.touchdown.begin(self.t)
 
@@ -111,33 +116,73 @@ class Standing:
     """A contact at 10 s; stepped at the control rate."""
 
     def __init__(self) -> None:
-        self.touchdown = Touchdown(5.0)
+        self.touchdown = make_touchdown()
         self.touchdown.begin(0.0)
         self.t = 10.0
         self.touchdown.step(self.t, 0.0, 0.3, 0.0, Landed.ON_GROUND)
 
     def level(
-        self, seconds: float, *, sinking: float = 0.0, landed: Landed = Landed.IN_AIR
+        self,
+        seconds: float,
+        *,
+        sinking: float = 0.0,
+        slip: float = 0.0,
+        tipping: float = 0.0,
+        landed: Landed = Landed.IN_AIR,
     ) -> list[bool]:
         """Return for each step of this time whether it is to stand level."""
         due = []
         for _ in range(round(seconds / DT)):
             self.t += DT
-            due.append(self.touchdown.level_due(self.t, sinking, 0.3, landed))
+            due.append(self.touchdown.level_due(self.t, sinking, slip, tipping, 0.0, landed))
         return due
 
 
-def test_it_stands_level_once_on_ground_is_late_and_stays_so() -> None:
+def test_it_stands_level_soon_after_contact_and_stays_so() -> None:
     standing = Standing()
-    assert not any(standing.level(2.4))
-    assert all(standing.level(1.0)[5:])
+    assert not any(standing.level(0.5))
+    assert all(standing.level(1.0)[10:])
+    assert all(standing.level(1.0, slip=1.0, tipping=1.0))
     assert all(standing.level(1.0, landed=Landed.ON_GROUND))
 
 
+@pytest.mark.parametrize(
+    ("slip", "tipping"), [(0.3, 0.0), (0.0, 0.8), (math.inf, math.inf), (math.nan, math.nan)]
+)
+def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
+    slip: float, tipping: float
+) -> None:
+    # With thrust left and one edge down, levelling would let the wind carry it away.
+    standing = Standing()
+    assert not any(standing.level(2.4, slip=slip, tipping=tipping))
+    assert all(standing.level(1.0, slip=slip, tipping=tipping)[8:])
+
+
+def test_how_badly_a_fast_pads_speed_is_known_does_not_count_as_slip() -> None:
+    touchdown = Standing().touchdown
+    due = [
+        touchdown.level_due(10.0 + i * DT, 0.0, 0.45, 0.0, 15.0, Landed.IN_AIR) for i in range(60)
+    ]
+    assert due[-1]
+    touchdown = Standing().touchdown
+    due = [
+        touchdown.level_due(10.0 + i * DT, 0.0, 0.45, 0.0, 5.0, Landed.IN_AIR) for i in range(60)
+    ]
+    assert not any(due)
+
+
+def test_it_is_levelled_once_it_has_stood_still_for_a_moment() -> None:
+    standing = Standing()
+    standing.level(1.2, slip=0.5)
+    assert not any(standing.level(0.25))
+    assert all(standing.level(0.5)[4:])
+
+
 def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time() -> None:
-    touchdown = Touchdown(5.0)
+    touchdown = make_touchdown()
     touchdown.begin(0.0)
-    assert not any(touchdown.level_due(5.0 + i * DT, 0.0, 0.3, Landed.IN_AIR) for i in range(200))
+    due = [touchdown.level_due(5.0 + i * DT, 0.0, 0.0, 0.0, 0.0, Landed.IN_AIR) for i in range(200)]
+    assert not any(due)
     assert not any(Standing().level(4.0, landed=Landed.ON_GROUND))
 
 
@@ -151,6 +196,18 @@ def test_thrust_comes_back_as_soon_as_it_sinks_without() -> None:
     standing = Standing()
     assert standing.level(3.5)[-1]
     assert not any(standing.level(0.2, sinking=0.2))
+
+
+def test_the_more_it_leans_the_quicker_all_feet_are_to_be_down() -> None:
+    touchdown = make_touchdown()
+    touchdown.begin(0.0)
+    speeds = [touchdown.descent(math.radians(lean)) for lean in (0.0, 5.0, 10.0, 25.0, 80.0)]
+    assert speeds[:2] == [GENTLE, GENTLE]
+    assert GENTLE < speeds[2] < speeds[3] <= speeds[4] <= 0.6
+    # The pad has levelled it by now; it still slides.
+    assert touchdown.descent(0.0) == speeds[4]
+    touchdown.begin(10.0)
+    assert touchdown.descent(0.0) == GENTLE
 
 
 def test_without_contact_nothing_is_unconfirmed_however_long_it_takes() -> None:

@@ -142,15 +142,15 @@ def level(court: Court, *, q: Sequence[float] = (1.0, 0.0, 0.0, 0.0), thrust: fl
 @pytest.mark.parametrize(
     ("pressed_s", "order", "rule"),
     [
-        (2.2, {}, None),
-        (2.2, {"q": (0.7, 0.0, 0.0, 0.7)}, None),  # any heading
-        (1.5, {}, "4: did not go with the pad after contact"),
+        (0.7, {}, None),
+        (0.7, {"q": (0.7, 0.0, 0.0, 0.7)}, None),  # any heading
+        (0.3, {}, "4: did not go with the pad after contact"),
         (0.0, {}, "4: level and without thrust while no foot is down"),
-        (2.2, {"q": (0.99, 0.1, 0.0, 0.0)}, "4: an attitude ordered other than level"),
-        (2.2, {"thrust": 0.4}, "4: an attitude ordered other than level"),
+        (0.7, {"q": (0.99, 0.1, 0.0, 0.0)}, "4: an attitude ordered other than level"),
+        (0.7, {"thrust": 0.4}, "4: an attitude ordered other than level"),
     ],
 )
-def test_it_stands_level_only_on_the_pad_and_late(
+def test_it_stands_level_only_on_the_pad_and_not_at_once(
     pressed_s: float, order: dict[str, Any], rule: str | None
 ) -> None:
     court = Court()
