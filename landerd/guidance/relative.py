@@ -20,6 +20,8 @@ from landerd.geometry import (
     wrap,
 )
 
+PAD_REACH_M = 1.0  # from the landing point; further away a tilted pad's plane says nothing
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleNow:
@@ -49,8 +51,10 @@ class Relative:
 
     @property
     def height(self) -> float:
-        """Height of the feet over the plane of the pad, m."""
-        return dot(self.error, self.normal)
+        """Height of the feet over the pad, m: over its plane, as far as there is a pad."""
+        north, east, down = self.error
+        k = PAD_REACH_M / max(self.distance, PAD_REACH_M)
+        return dot((k * north, k * east, down), self.normal)
 
     @property
     def distance(self) -> float:

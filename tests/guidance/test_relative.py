@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -90,3 +91,14 @@ def test_the_worse_horizontal_direction_counts_and_so_does_the_lenss_direction()
     assert relative(vehicle(flying()), below, 0.0).sigma_m == pytest.approx(0.2)
     with_lens = relative(vehicle(flying()), below, 0.05).sigma_m
     assert with_lens == pytest.approx(math.hypot(0.2, 0.05 * 4.8))
+
+
+def test_a_tilted_pads_plane_counts_near_the_pad_only() -> None:
+    # From 30 m away its plane lies 5 m higher or lower: the descent region is not that wide.
+    tilted = (-math.sin(math.radians(10.0)), 0.0, math.cos(math.radians(10.0)))
+    over, far = (
+        relative(vehicle(flying()), replace(pad((1.0 + north, 2.0, 0.0)), normal=tilted), 0.0)
+        for north in (0.5, -30.0)
+    )
+    assert over.height == pytest.approx(4.8 * tilted[2] + 0.5 * tilted[0])
+    assert far.height == pytest.approx(4.8, abs=0.2)
