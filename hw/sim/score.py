@@ -7,9 +7,7 @@ from hw.sim.world import Airframe, World
 from landerd.geometry import Vec3, add, horizontal, norm, rot_zyx, rotate, sub
 from landerd.pad import Plate
 
-STANDS_M = (
-    0.01  # a foot this close to the plate stands on it: gusts take the load off some by turns
-)
+STANDS_M = 0.01  # so close to the plate a foot stands on it: gusts take the load off some by turns
 WITHIN_M = 18.0  # the thesis counts from the first sighting; it saw the pad from 18 m on
 
 
