@@ -37,6 +37,7 @@ _DAMPED = 1.0 + 1e-6 * np.eye(11)
 # way to the other solution corners hardly move.
 _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
+_NEAR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
 _BLUR_CHANGED = 0.1  # relative; less than that and the blurred print is kept
 _LENS_NODES = 5
 _FAR_OFF = 1e5  # samples of the print
@@ -194,7 +195,7 @@ class SquarePrint:
         light = np.array([dark, bright - dark, 0.0, 0.0])  # black, contrast, gradients
         x, y = _normalised(patch.rays[0]), _normalised(patch.rays[1])
         J = np.empty((11, n))
-        for i in range(_STEPS):
+        for _ in range(_STEPS):
             layers = self._layers(blur * self._spread(patch, pose), blur)
             north, east = _plane(patch.rays, pose)
             value, slope_n, slope_e, J[6] = self._seen(layers, north, east)
@@ -224,7 +225,7 @@ class SquarePrint:
             moved = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
             motion_px = np.abs(self._corner_rays(moved) - self._corner_rays(pose)) / patch.pixel
             pose = moved
-            if i > 0:  # before, a start beside the print looks like blur
+            if float(motion_px.max()) < _NEAR_PX:
                 blur = min(max(blur + float(step[6]), 0.5 * blur, 0.05), 2.0 * blur)
             light = light + step[7:]
             if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
