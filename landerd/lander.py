@@ -284,7 +284,7 @@ class Lander:
         self._low = rel.height < self._config.guidance.descent.alignment_height_m
         if self.phase is not Phase.LANDED:
             climbed = self._phases.climbs_again
-            phase, why = self._phases.step(rel)
+            phase, why = self._phases.step(rel, age)
             self._enter(phase, why)
             if self._phases.climbs_again and not climbed:
                 self._break_off(now, why)

@@ -8,6 +8,7 @@ from landerd.messages import Phase
 
 BACK = 1.3  # a phase is left backwards only this much outside the bound it was entered at
 COMMITTED_MPS = 0.4  # about how fast it sinks after commit
+COMMIT_AGE_S = 0.3  # of the last sighting at commit: sight may end there, and contact takes time
 TOO_FAR = 1.5  # low and this much outside the region it climbs and tries again
 ALIGNMENT_MARGIN_M = 0.1  # the floor kept over the alignment height, for the height's own error
 
@@ -58,8 +59,8 @@ class Phases:
             return self._options.retry_height_m
         return 0.0 if self._aligned else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
-    def step(self, relative: Relative) -> tuple[Phase, str]:
-        """Return the phase that holds from now on and why."""
+    def step(self, relative: Relative, sighting_age: float = 0.0) -> tuple[Phase, str]:
+        """Return the phase that holds from now on and why; the age is that at exposure, s."""
         self._update_alignment(relative.heading_error)
         radius = descent_radius(self._options, relative.height)
         close = self._options.close_factor * radius
@@ -78,6 +79,7 @@ class Phases:
             self.phase is Phase.DESCENT
             and relative.height < self._options.commit_height_m
             and not self.climbs_again
+            and sighting_age < COMMIT_AGE_S
             and self.will_land_well(relative)
         ):
             self.phase = Phase.LANDED

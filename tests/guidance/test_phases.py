@@ -96,6 +96,13 @@ def test_aligned_within_2_degrees_and_off_again_beyond_4() -> None:
     assert phase_at(1.0) is Phase.DESCENT
 
 
+def test_it_does_not_commit_to_a_pad_that_just_went_out_of_sight() -> None:
+    p = phases()
+    p.step(situation(0.02, 0.5, heading_deg=0.0))
+    assert p.step(situation(0.02, 0.1, heading_deg=0.0), 0.4)[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.1, heading_deg=0.0), 0.2)[0] is Phase.LANDED
+
+
 def test_a_heading_out_of_sight_stops_the_descent() -> None:
     p = phases()
     assert p.step(situation(0.1, 3.0, heading_deg=0.0))[0] is Phase.DESCENT
