@@ -7,7 +7,7 @@ message in the order the daemon took it; ticks at the control rate make the set-
 import math
 
 from landerd.config import Config
-from landerd.estimation.pad_filter import PadFilter
+from landerd.estimation.pad_filter import PadEstimate, PadFilter
 from landerd.estimation.placement import PlacedPad, Placement
 from landerd.geometry import Vec3, add, rotate, sub, transpose
 from landerd.guidance.aim import Aim
@@ -88,6 +88,7 @@ class Lander:
         self._low = False  # below the alignment height when last in sight
         self._lost_down = 0.0  # local z where the pad went out of sight, m
         self._heading_t = -math.inf  # when the landing last did not wait for the pad's heading
+        self._pad: PadEstimate | None = None  # as last known
         self._pad_velocity = HOVER  # the pad's when contact was made, m/s
         self._said: dict[str, float] = {}
         self._out: list[Command] = []
@@ -273,7 +274,7 @@ class Lander:
             self._settle(now, dt)
             return
         vehicle = self._fresh_vehicle(now)
-        estimate = self._filter.estimate(now, self._sighting_t)
+        estimate = self._pad_now(now)
         age = now - self._sighting_t
         if vehicle is None or estimate is None or not self._in_sight(age, dt):
             self._fly_blind(now, dt, vehicle)
@@ -307,6 +308,18 @@ class Lander:
             velocity = (velocity[0], velocity[1], -self._config.guidance.lost.climb_mps)
         may_descend = self._phases.may_descend(rel) and rel.height > self._phases.floor_m
         self._send(velocity, yaw_rate, dt, may_descend=may_descend)
+
+    def _pad_now(self, now: float) -> PadEstimate | None:
+        """Return the pad, None if it is not known.
+
+        At the touch the airframe is turned faster than gimbal and clock are known: sightings are
+        refused and the filter begins anew. After commit that is no reason to climb.
+        """
+        estimate = self._filter.estimate(now, self._sighting_t)
+        if estimate is None and self.phase is Phase.LANDED and self._pad is not None:
+            return self._pad.moved(now)
+        self._pad = estimate
+        return estimate
 
     def _engage(self, vehicle: VehicleNow, now: float) -> None:
         if now - self._ordered_t > CONTINUES_S:

@@ -492,6 +492,14 @@ def test_after_commit_it_does_not_give_way_to_a_deck_that_comes_up() -> None:
     assert all(order.velocity[2] > 0.0 for order in flight.run(1.0))
 
 
+def test_after_commit_refused_sightings_are_no_reason_to_climb() -> None:
+    flight = Flight().engaged().until(Phase.LANDED)
+    flight.distort = lambda true: replace(true, position=add(true.position, (0.0, 0.0, 2.0)))
+    orders = flight.run(0.5)
+    assert flight.lander.phase is Phase.LANDED
+    assert all(order.velocity[2] > 0.0 for order in orders)
+
+
 def test_without_on_ground_it_stands_level_and_the_pilot_is_told() -> None:
     flight = Flight().engaged()
     flight.detects_landing = False

@@ -6,13 +6,13 @@ where the pad should be, and by how it lay before.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from landerd.config import EstimationSection
 from landerd.estimation.heading_filter import HeadingFilter
 from landerd.estimation.motion_filter import Innovation, MotionFilter
 from landerd.estimation.placement import PlacedPad
-from landerd.geometry import Mat3, Vec3, clamp, matscale, unit
+from landerd.geometry import Mat3, Vec3, add, clamp, matscale, scale, unit
 
 CONFIRM = 3  # consistent sightings before a pad is believed: one false alarm must not fly
 REJECTIONS = 5  # sightings in a row outside the gate before the filter starts again from them
@@ -46,6 +46,10 @@ class PadEstimate:
     turn_rate: float  # rad/s; 0 without heading
     normal: Vec3  # unit vector into the pad
     sighting_t: float  # exposure of the last sighting accepted, s
+
+    def moved(self, now: float) -> "PadEstimate":
+        """Return the pad at another time if it goes on as it did."""
+        return replace(self, t=now, position=add(self.position, scale(self.velocity, now - self.t)))
 
     @property
     def sigma_m(self) -> float:
