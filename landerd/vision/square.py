@@ -77,11 +77,11 @@ class SquareFinder:
             image = np.asarray(
                 cv2.resize(image, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8
             )
+        rate = 4.0 * smallest_px / max(image.shape)
         found: list[FoundSquare] = []
         for detector, squares, turn in self._detectors:
             seen: set[int] = set()
             for means_px in _WHOLE_MEANS_PX if window is None else _WINDOW_MEANS_PX:
-                rate = 4.0 * smallest_px / max(image.shape)
                 detector.setDetectorParameters(_parameters(rate, means_px))
                 corners, ids, _ = detector.detectMarkers(image)
                 numbers = [] if ids is None else [int(i) for i in ids.reshape(-1)]

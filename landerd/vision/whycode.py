@@ -121,15 +121,20 @@ class WhyCodeFinder:
                 pose = Pose(R, position, np.zeros((6, 6)), 0.0)
                 reading = read(image, self._camera, pose, 1.0, bits)
                 if reading is not None:
-                    readings.append((reading.clearness, reading, pose))
+                    readings.append((reading, pose))
             if not readings:
                 continue
-            clearness, reading, pose = max(readings, key=lambda r: r[0])
+            reading, pose = max(readings, key=lambda r: r[0].clearness)
             for code in self._prints:
                 turn = _turn(reading, code)
-                if code.bits == bits and turn is not None and (not best or clearness > best[0]):
+                if (
+                    code.bits == bits
+                    and turn is not None
+                    and (best is None or reading.clearness > best[0])
+                ):
                     t = 0.5 * code.outer_diameter_m * pose.t
-                    best = clearness, code, Pose(_turned(pose.R, turn), t, pose.information, 0.0)
+                    start = Pose(_turned(pose.R, turn), t, pose.information, 0.0)
+                    best = reading.clearness, code, start
         return best[1:] if best else None
 
     def _poses(

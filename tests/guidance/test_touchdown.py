@@ -128,13 +128,14 @@ class Standing:
         sinking: float = 0.0,
         slip: float = 0.0,
         tipping: float = 0.0,
+        pad_speed: float = 0.0,
         landed: Landed = Landed.IN_AIR,
     ) -> list[bool]:
         """Return for each step of this time whether it is to stand level."""
         due = []
         for _ in range(round(seconds / DT)):
             self.t += DT
-            due.append(self.touchdown.level_due(self.t, sinking, slip, tipping, 0.0, landed))
+            due.append(self.touchdown.level_due(self.t, sinking, slip, tipping, pad_speed, landed))
         return due
 
 
@@ -159,16 +160,8 @@ def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
 
 
 def test_how_badly_a_fast_pads_speed_is_known_does_not_count_as_slip() -> None:
-    touchdown = Standing().touchdown
-    due = [
-        touchdown.level_due(10.0 + i * DT, 0.0, 0.45, 0.0, 15.0, Landed.IN_AIR) for i in range(60)
-    ]
-    assert due[-1]
-    touchdown = Standing().touchdown
-    due = [
-        touchdown.level_due(10.0 + i * DT, 0.0, 0.45, 0.0, 5.0, Landed.IN_AIR) for i in range(60)
-    ]
-    assert not any(due)
+    assert Standing().level(1.5, slip=0.45, pad_speed=15.0)[-1]
+    assert not any(Standing().level(1.5, slip=0.45, pad_speed=5.0))
 
 
 def test_it_is_levelled_once_it_has_stood_still_for_a_moment() -> None:
