@@ -16,7 +16,7 @@ import time
 
 from hw.cameras.v4l2 import V4l2Camera, V4l2Options
 from hw.cameras.v4l2_node import Mode
-from tests.hw.fake_v4l2 import FakeCamera
+from tests.hw.cameras.fake_v4l2 import FakeCamera
 
 
 async def ages(fps: float, search_s: float, count: int) -> tuple[list[float], list[float]]:

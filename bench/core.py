@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from hw import registry
-from landerd.clock import run_virtual
-from landerd.config_file import Loaded, config_dir, config_files, load
+from landerd import devices as registry
+from landerd.config.files import Loaded, config_dir, config_files, load
 from landerd.geometry import matmul, rot_zyx
 from landerd.lander import Lander
 from landerd.messages import Input
 from landerd.pad import load_pad
-from landerd.simulation import Simulation
+from landerd.runtime.clock import run_virtual
+from landerd.simulation.flight import Simulation
 
 MOST_US = {"Sightings": 300.0, "Tick": 100.0}  # a picture, with its prior; a control step
 NAMES = {"Sightings": "picture", "Tick": "control step"}

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hw import registry
-from hw.sim.renderer import Renderer
+from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
+from landerd import devices as registry
 from landerd.camera_model import load_camera
-from landerd.config import Config, LogSection
-from landerd.config_file import config_dir, load
+from landerd.config.files import config_dir, load
+from landerd.config.models import Config, LogSection
 from landerd.flightlog.contents import Head
 from landerd.flightlog.reader import read_log
 from landerd.flightlog.recorder import Recorder

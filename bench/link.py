@@ -20,9 +20,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links import open_link
-from landerd.config import Config
+from landerd.config.models import Config
+from landerd.config.parameters import ParameterSet
 from landerd.messages import Setpoint
-from landerd.parameters import ParameterSet
 from landerd.ports import DeviceLost
 
 RATE_HZ = 250

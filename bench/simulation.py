@@ -11,10 +11,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from hw import registry
-from landerd.clock import run_virtual
-from landerd.config_file import config_dir, load
-from landerd.simulation import Simulation
+from landerd import devices as registry
+from landerd.config.files import config_dir, load
+from landerd.runtime.clock import run_virtual
+from landerd.simulation.flight import Simulation
 
 
 class Stopwatch:

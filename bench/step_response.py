@@ -5,7 +5,7 @@ Run as `python bench/step_response.py`; exits 1 where a value is off by more tha
 
 import math
 
-from hw.sim.response import (
+from hw.sim.physics.response import (
     STEP_S,
     HorizontalResponse,
     MeasuredYawResponse,

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.config import VisionSection
+from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior
 from landerd.vision import Vision
 from tests.vision import scenes

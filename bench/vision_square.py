@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from landerd.camera_model import F64
-from landerd.config import VisionSection
+from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, Prior
 from landerd.vision import Vision

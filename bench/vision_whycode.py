@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from landerd.config import VisionSection
+from landerd.config.models import VisionSection
 from landerd.messages import Frame
 from landerd.pad import PadLayout, Plate, WhyCode, whycode_ids
 from landerd.vision import Vision

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.yaml_mapping import read_mapping
+from landerd.section import read_mapping
 
 F64 = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from landerd import __version__
 
 if TYPE_CHECKING:
-    from landerd.config_file import Loaded
+    from landerd.config.files import Loaded
 
 
 class InputError(Exception):
@@ -141,8 +141,8 @@ def _sim(args: argparse.Namespace) -> int:
 
     from landerd.camera_model import CalibrationError
     from landerd.pad import PadError
-    from landerd.simulation import simulate
-    from landerd.sitl import AutopilotError, simulate_sitl
+    from landerd.simulation.flight import simulate
+    from landerd.simulation.sitl import AutopilotError, simulate_sitl
 
     logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
     shows_progress = sys.stdout.isatty() and not args.json
@@ -215,7 +215,7 @@ def _summary(result: dict[str, Any]) -> str:
 
 
 def _scenarios() -> dict[str, Path]:
-    from landerd.config_file import config_files
+    from landerd.config.files import config_files
 
     return config_files("scenarios")
 
@@ -240,13 +240,13 @@ def _seed(text: str) -> int:
 
 
 def _detect_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd.detect_command import add_arguments
+    from landerd.commands.detect import add_arguments
 
     add_arguments(parser)
 
 
 def _detect(args: argparse.Namespace) -> int:
-    from landerd.detect_command import run
+    from landerd.commands.detect import run
 
     return run(args)
 
@@ -255,7 +255,7 @@ def _detect(args: argparse.Namespace) -> int:
 
 
 def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd import calibrate_camera_command, calibrate_gimbal_command
+    from landerd.commands import calibrate_camera, calibrate_gimbal
 
     devices = parser.add_subparsers(metavar="DEVICE", required=True)
     camera = devices.add_parser(
@@ -263,8 +263,8 @@ def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:
         help="lens, from pictures of a board",
         description="Find out what a camera's lens does, from pictures of a board.",
     )
-    calibrate_camera_command.add_arguments(camera)
-    camera.set_defaults(calibrate=calibrate_camera_command.run)
+    calibrate_camera.add_arguments(camera)
+    camera.set_defaults(calibrate=calibrate_camera.run)
     gimbal = devices.add_parser(
         "gimbal",
         help="signs, zeros or tables, and delays, from views of a pad",
@@ -272,7 +272,7 @@ def _calibrate_arguments(parser: argparse.ArgumentParser) -> None:
         "lies still. The vehicle stands disarmed.",
         epilog="example: landerd calibrate gimbal -c landerd.yaml -o gimbal-found.yaml",
     )
-    calibrate_gimbal_command.add_arguments(gimbal)
+    calibrate_gimbal.add_arguments(gimbal)
     _add_config(gimbal, required=True)
     _add_overlay(gimbal)
     gimbal.set_defaults(calibrate=_calibrate_gimbal)
@@ -284,7 +284,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _calibrate_gimbal(args: argparse.Namespace) -> int:
-    from landerd.calibrate_gimbal_command import run
+    from landerd.commands.calibrate_gimbal import run
 
     overlay = _overlay(args)
     return run(args, _load(args, overlays=[overlay] if overlay.exists() else []), overlay)
@@ -294,14 +294,14 @@ def _calibrate_gimbal(args: argparse.Namespace) -> int:
 
 
 def _campaign_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd.campaign_command import add_arguments
+    from landerd.commands.campaign import add_arguments
 
     add_arguments(parser)
     _add_config(parser)
 
 
 def _campaign(args: argparse.Namespace) -> int:
-    from landerd.campaign_command import run
+    from landerd.commands.campaign import run
 
     return run(args)
 
@@ -310,13 +310,13 @@ def _campaign(args: argparse.Namespace) -> int:
 
 
 def _replay_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd.replay_command import add_arguments
+    from landerd.commands.replay import add_arguments
 
     add_arguments(parser)
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from landerd.replay_command import run
+    from landerd.commands.replay import run
 
     return run(args)
 
@@ -325,13 +325,13 @@ def _replay(args: argparse.Namespace) -> int:
 
 
 def _report_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd.report_command import add_arguments
+    from landerd.commands.report import add_arguments
 
     add_arguments(parser)
 
 
 def _report(args: argparse.Namespace) -> int:
-    from landerd.report_command import run
+    from landerd.commands.report import run
 
     return run(args)
 
@@ -340,14 +340,14 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _dry_run_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd.dry_run_command import add_arguments
+    from landerd.commands.dry_run import add_arguments
 
     add_arguments(parser)
     _add_config(parser)
 
 
 def _dry_run(args: argparse.Namespace) -> int:
-    from landerd.dry_run_command import run
+    from landerd.commands.dry_run import run
 
     return run(args, _load(args))
 
@@ -356,7 +356,7 @@ def _dry_run(args: argparse.Namespace) -> int:
 
 
 def _check_arguments(parser: argparse.ArgumentParser) -> None:
-    from landerd.check_command import add_arguments
+    from landerd.commands.check import add_arguments
 
     add_arguments(parser)
     _add_config(parser, required=True)
@@ -364,7 +364,7 @@ def _check_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from landerd.check_command import run
+    from landerd.commands.check import run
 
     overlay = _overlay(args)
     loaded = _load(args, overlays=[overlay] if overlay.exists() else [])
@@ -380,7 +380,7 @@ def _run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from landerd.run_command import run
+    from landerd.commands.run import run
 
     overlay = _overlay(args)
     return run(_load(args, overlays=[overlay] if overlay.exists() else []), overlay)
@@ -423,8 +423,8 @@ def _overlay(args: argparse.Namespace) -> Path:
 
 
 def _load(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loaded":
-    from hw import registry
-    from landerd.config_file import ConfigError, config_dir, load
+    from landerd import devices as registry
+    from landerd.config.files import ConfigError, config_dir, load
 
     try:
         loaded = load(

@@ -6,7 +6,8 @@ message in the order the daemon took it; ticks at the control rate make the set-
 
 import math
 
-from landerd.config import Config
+from landerd.config.models import Config
+from landerd.config.parameters import with_value
 from landerd.estimation.pad_filter import PadEstimate, PadFilter
 from landerd.estimation.placement import PlacedPad, Placement
 from landerd.geometry import Vec3, add, rotate, sub, transpose
@@ -47,7 +48,6 @@ from landerd.messages import (
     Tick,
 )
 from landerd.pad import PadLayout
-from landerd.parameters import with_value
 
 LARGEST = 1e6  # a number beyond this in a pose comes from a fit that failed
 CONTINUES_S = 0.5  # set-points go on from the last one if it is not older

@@ -9,8 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from landerd.section import Finite, Positive, Section
-from landerd.yaml_mapping import read_mapping
+from landerd.section import Finite, Positive, Section, read_mapping
 
 
 class PadError(Exception):

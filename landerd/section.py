@@ -3,8 +3,10 @@
 Unlike `landerd.config` this may be imported by `hw`.
 """
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
+import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -17,3 +19,25 @@ class Section(BaseModel):
     """A block of keys: unknown ones are errors, values never change."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def read_mapping(path: Path, error: type[Exception], expected: str) -> dict[str, Any]:
+    """Return the mapping in a YAML file.
+
+    Args:
+        path: the file.
+        error: raised with one line, which names the file, if it is no mapping.
+        expected: what the mapping is, in words.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as e:
+        reason = e.strerror if isinstance(e, OSError) else "not text"
+        raise error(f"{path}: cannot be read: {reason}") from None
+    except yaml.YAMLError as e:
+        mark = getattr(e, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark else ""
+        raise error(f"{path}{line}: not YAML") from None
+    if not isinstance(data, dict):
+        raise error(f"{path}: expected {expected}")
+    return data

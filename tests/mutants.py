@@ -182,7 +182,7 @@ MUTANTS = [
     ),
     Mutant(
         "3: set-points too seldom",
-        "landerd/daemon.py",
+        "landerd/runtime/daemon.py",
         "period = 1.0 / self._config.control.rate_hz",
         "period = 0.1",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from landerd.camera_model import CameraModel
-from landerd.config import Config, LogSection
+from landerd.config.models import Config, LogSection
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.messages import Command, Frame, Input, Prior, Sightings

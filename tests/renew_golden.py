@@ -10,16 +10,16 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from hw import registry
-from landerd.clock import run_virtual
-from landerd.config_file import config_dir, load
+from landerd import devices as registry
+from landerd.commands.replay import config_of
+from landerd.config.files import config_dir, load
 from landerd.flightlog.contents import Head
 from landerd.flightlog.disk import SyncedFile
 from landerd.flightlog.reader import read_log
 from landerd.flightlog.replay import replay
 from landerd.flightlog.writer import LogWriter
-from landerd.replay_command import config_of
-from landerd.simulation import Simulation
+from landerd.runtime.clock import run_virtual
+from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, Script
 
 FOLDER = Path(__file__).parent / "golden"

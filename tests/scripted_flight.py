@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.geometry import (
     IDENTITY,
     R_GIMBAL_CAMERA,

@@ -2,10 +2,10 @@
 
 from collections.abc import Awaitable, Callable, Sequence
 
-from hw import registry
-from landerd.clock import run_virtual
-from landerd.config_file import config_dir, load
-from landerd.simulation import Simulation
+from landerd import devices as registry
+from landerd.config.files import config_dir, load
+from landerd.runtime.clock import run_virtual
+from landerd.simulation.flight import Simulation
 
 ABOVE = (  # close over the pad, so that a landing takes seconds
     "sim.start.position_m=[-0.8, 0.4]",  # the ground station sends nobody who is so near

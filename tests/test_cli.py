@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from landerd import __version__
-from landerd.config_file import config_dir
+from landerd.config.files import config_dir
 
 
 def landerd(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:

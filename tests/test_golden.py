@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from landerd.commands.replay import config_of
 from landerd.flightlog.reader import read_log
 from landerd.flightlog.replay import replay
 from landerd.messages import Disarm, Phase
-from landerd.replay_command import config_of
 
 GOLDEN = sorted((Path(__file__).parent / "golden").glob("*.mcap"))
 

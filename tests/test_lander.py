@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.geometry import Vec3, add, horizontal, norm, rotate, sub, transpose
 from landerd.lander import Lander
 from landerd.messages import (

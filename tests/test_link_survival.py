@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from landerd.messages import Phase
-from landerd.simulation import Simulation
+from landerd.simulation.flight import Simulation
 from tests.simulated import fly
 
 BAD_S, BACK_S = 3.2, 2.0

@@ -1,7 +1,7 @@
 """Every safety rule of docs/safety.md, flown: the daemon with simulated devices that fail.
 
-The judge (hw.sim.rules) watches each flight from the bytes on the wire and the truth; these tests
-make the situations in which a rule matters, and say what a pilot would notice besides.
+The judge (hw.sim.judge.rules) watches each flight from the bytes on the wire and the truth; these
+tests make the situations in which a rule matters, and say what a pilot would notice besides.
 `make mutants` shows for each rule that a test here fails when the rule is taken out.
 """
 
@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.sim.camera import CameraFaults
-from hw.sim.gimbal import GimbalFault
+from hw.sim.physics.gimbal import GimbalFault
+from hw.sim.picture.camera import CameraFaults
 from landerd.messages import Phase
-from landerd.simulation import Simulation
+from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, fly
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from hw.sim.renderer import RenderOptions
+from hw.sim.picture.renderer import RenderOptions
 from landerd.section import Finite, NotNegative, Positive, Section
 
 

@@ -14,9 +14,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.sim.options import SimOptions
-from hw.sim.pad_motion import PadState
-from hw.sim.vehicle import Touchdown
-from hw.sim.world import HISTORY_S, Airframe, Sample, World
+from hw.sim.physics.pad_motion import PadState
+from hw.sim.physics.vehicle import Touchdown
+from hw.sim.physics.world import HISTORY_S, Airframe, Sample, World
 from landerd.geometry import Vec3, add, rot_zyx, rotate, sub, wrap
 from landerd.pad import Plate
 from landerd.ports import ByteLink

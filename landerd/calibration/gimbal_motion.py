@@ -11,7 +11,6 @@ import numpy as np
 
 from landerd.calibration.gimbal_fit import View, turn_between
 from landerd.camera_model import F64, CameraModel
-from landerd.daemon import Devices
 from landerd.geometry import Vec3, clamp, dot, rot_zyx, rotate, transpose
 from landerd.messages import (
     Attitude,
@@ -24,6 +23,7 @@ from landerd.messages import (
     Sightings,
 )
 from landerd.ports import Autopilot, Camera, Gimbal
+from landerd.runtime.daemon import Devices
 
 AxisName = Literal["yaw", "pitch"]
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from landerd.config_file import ConfigError, config_files, read_model
+from landerd.config.files import ConfigError, config_files, read_model
 from landerd.section import Positive, Section
 
 

@@ -8,7 +8,7 @@ where the pad should be, and by how it lay before.
 import math
 from dataclasses import dataclass, replace
 
-from landerd.config import EstimationSection
+from landerd.config.models import EstimationSection
 from landerd.estimation.heading_filter import HeadingFilter
 from landerd.estimation.motion_filter import Innovation, MotionFilter
 from landerd.estimation.placement import PlacedPad

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 from landerd import gimbal_frames
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.estimation.history import History
 from landerd.geometry import (
     Mat3,

@@ -14,7 +14,7 @@ import typing
 from dataclasses import dataclass
 
 from landerd.camera_model import CameraModel
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.guidance.relative import Relative
 from landerd.messages import Command, Input, Phase, Prior
 from landerd.pad import PadLayout

@@ -60,7 +60,7 @@ class FlightLog:
     """What could be read of one flight."""
 
     path: Path
-    config: dict[str, Any]  # plain; landerd.config_file.from_record makes a Config of it
+    config: dict[str, Any]  # plain; landerd.config.files.from_record makes a Config of it
     layout: PadLayout
     camera: CameraModel
     versions: dict[str, str]

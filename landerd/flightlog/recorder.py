@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from landerd.config import Config, LogSection
+from landerd.config.models import Config, LogSection
 from landerd.flightlog.contents import Dropped, Head, Searched, State
 from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, rotate
 from landerd.flightlog.writer import LogWriter

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.flightlog import codec
 from landerd.flightlog.reader import FlightLog, read_images
 from landerd.lander import Lander

@@ -14,7 +14,7 @@ every marker.
 
 import math
 
-from landerd.config import AimSection, GimbalSection
+from landerd.config.models import AimSection, GimbalSection
 from landerd.geometry import Vec3, clamp, is_finite, wrap
 from landerd.messages import GimbalCommand, MarkerSighting, Sightings
 

@@ -3,7 +3,7 @@
 import math
 from enum import Enum
 
-from landerd.config import FreshnessSection, RcSection
+from landerd.config.models import FreshnessSection, RcSection
 from landerd.messages import Heartbeat, RcChannels
 
 

@@ -6,7 +6,7 @@ ours. The shaper is the square-root controller that ArduPilot itself uses.
 
 import math
 
-from landerd.config import LimitsSection
+from landerd.config.models import LimitsSection
 from landerd.geometry import Vec3, clamp
 from landerd.messages import Setpoint
 

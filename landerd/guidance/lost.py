@@ -3,7 +3,7 @@
 The camera looks where the pad should be and then sweeps (guidance.aim), whatever is flown.
 """
 
-from landerd.config import LostSection
+from landerd.config.models import LostSection
 from landerd.geometry import Vec3
 
 

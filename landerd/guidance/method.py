@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from landerd.config import GuidanceSection
+from landerd.config.models import GuidanceSection
 from landerd.geometry import Vec3
 from landerd.guidance.pid_method import PidMethod
 from landerd.guidance.relative import Relative

@@ -2,7 +2,7 @@
 
 import math
 
-from landerd.config import DescentSection
+from landerd.config.models import DescentSection
 from landerd.guidance.relative import Relative
 from landerd.messages import Phase
 

@@ -1,6 +1,6 @@
 """PID controller with the integral in output units and gains that change without a bump."""
 
-from landerd.config import PidGains
+from landerd.config.models import PidGains
 from landerd.geometry import clamp
 
 

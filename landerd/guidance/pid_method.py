@@ -2,7 +2,7 @@
 
 import math
 
-from landerd.config import GuidanceSection, PidGains
+from landerd.config.models import GuidanceSection, PidGains
 from landerd.geometry import Vec3, clamp
 from landerd.guidance.pid import Pid
 from landerd.guidance.relative import Relative

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from landerd.config import VehicleSection
+from landerd.config.models import VehicleSection
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.placement import Placement
 from landerd.geometry import (

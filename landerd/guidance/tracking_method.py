@@ -9,7 +9,7 @@ is as wide as the error, and turns as soon as the camera keeps the pad whatever 
 import math
 from dataclasses import replace
 
-from landerd.config import GuidanceSection
+from landerd.config.models import GuidanceSection
 from landerd.geometry import Vec3, add, clamp, rot_z, rotate
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative import Relative

@@ -5,7 +5,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn, Protocol
 
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.messages import (
     Attitude,
     AutopilotMessage,

@@ -5,7 +5,7 @@ import math
 import statistics
 from collections.abc import Callable
 
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import DeviceLost, Gimbal
 from landerd.preflight.finding import Finding, gather

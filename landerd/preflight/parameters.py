@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.preflight.finding import Finding
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
-from landerd.config import VisionSection
+from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import PadLayout, Square, WhyCode

@@ -7,7 +7,7 @@ import pytest
 
 from landerd.analysis.flight import flight_of, sentences
 from landerd.cli import main
-from landerd.config import LogSection
+from landerd.config.models import LogSection
 from landerd.flightlog.reader import read_log
 from tests.recorded_flight import RecordedFlight, recorder
 

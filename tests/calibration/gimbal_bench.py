@@ -4,22 +4,22 @@ import asyncio
 import random
 from typing import Any
 
-from hw import registry
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
-from hw.sim.autopilot import SimAutopilot
-from hw.sim.camera import SimCamera
-from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.bench import Bench
 from hw.sim.options import SimOptions
-from hw.sim.renderer import Renderer
-from hw.sim.world import World
-from landerd.calibrate_gimbal_command import calibrate_gimbal
+from hw.sim.physics.gimbal import SimMount
+from hw.sim.physics.world import World
+from hw.sim.picture.camera import SimCamera
+from hw.sim.picture.renderer import Renderer
+from hw.sim.stand_in.autopilot import SimAutopilot
+from landerd import devices as registry
 from landerd.camera_model import load_camera
-from landerd.clock import run_virtual
-from landerd.config_file import Loaded, config_dir, load
-from landerd.daemon import Devices
+from landerd.commands.calibrate_gimbal import calibrate_gimbal
+from landerd.config.files import Loaded, config_dir, load
 from landerd.pad import load_pad
+from landerd.runtime.clock import run_virtual
+from landerd.runtime.daemon import Devices
 
 STANDS = (  # as on a table, the pad before it; little is disturbed
     "sim.start={position_m: [-2.6, 0.0], altitude_m: 1.5, spread_m: 0.0, heading_spread_deg: 0.0}",

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from hw import registry
+from landerd import devices as registry
 from landerd.campaigns import plan
 from landerd.campaigns.plan import load_campaign
-from landerd.config import Config
-from landerd.config_file import ConfigError, config_dir, config_files, load
+from landerd.config.files import ConfigError, config_dir, config_files, load
+from landerd.config.models import Config
 
 
 @pytest.mark.parametrize("name", list(config_files("campaigns")))

@@ -10,16 +10,16 @@ import time
 from pathlib import Path
 
 from hw.links.serial import SerialLink
-from hw.sim.autopilot import SimAutopilot
-from hw.sim.gimbal import GimbalPlant, SimMount
 from hw.sim.gimbals.simplebgc import SimpleBgcModel
 from hw.sim.options import SimGimbalOptions
+from hw.sim.physics.gimbal import GimbalPlant, SimMount
+from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.camera_model import load_camera
-from landerd.daemon import Daemon
+from landerd.commands.run import make_devices
 from landerd.lander import Lander
 from landerd.messages import Attitude, Command, Frame, GimbalState, Input, Prior, Sightings
 from landerd.pad import load_pad
-from landerd.run_command import make_devices
+from landerd.runtime.daemon import Daemon
 from tests.devices.bench import sh, show, wait_for
 from tests.devices.kernel import (
     AUTOPILOT,

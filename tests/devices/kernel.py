@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from hw import registry
-from landerd.config_file import Loaded, load
+from landerd import devices as registry
+from landerd.config.files import Loaded, load
 from tests.devices.bench import sh, wait_for
 
 CAMERA = "/dev/video0"

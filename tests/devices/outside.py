@@ -14,14 +14,14 @@ from typing import cast
 
 import numpy as np
 
-from hw import registry
 from hw.autopilots.mavlink_codec import MavlinkCodec
 from hw.links import open_link
-from landerd.config_file import load
-from landerd.daemon import Daemon
+from landerd import devices as registry
+from landerd.config.files import load
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
-from landerd.simulation import Simulation
+from landerd.runtime.daemon import Daemon
+from landerd.simulation.flight import Simulation
 
 CONFIG = Path("/etc/landerd/landerd.yaml")
 HEADER = struct.Struct(

@@ -3,7 +3,7 @@
 import sys
 from typing import cast
 
-from hw import registry
+from landerd import devices as registry
 from landerd.cli import main
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from landerd.config import EstimationSection
+from landerd.config.models import EstimationSection
 from landerd.estimation.pad_filter import PadEstimate, PadFilter
 from landerd.estimation.placement import PlacedPad
 from landerd.geometry import (

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from landerd.config import Config
+from landerd.config.models import Config
 from landerd.estimation.placement import PlacedPad, Placement
 from landerd.geometry import (
     R_GIMBAL_CAMERA,

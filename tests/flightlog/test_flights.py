@@ -3,13 +3,13 @@
 import asyncio
 from pathlib import Path
 
-from hw import registry
-from landerd.clock import run_virtual
-from landerd.config_file import config_dir, load
+from landerd import devices as registry
+from landerd.commands.replay import config_of
+from landerd.config.files import config_dir, load
 from landerd.flightlog.reader import read_log
 from landerd.messages import Heartbeat, ParameterChange
-from landerd.replay_command import config_of
-from landerd.simulation import Simulation
+from landerd.runtime.clock import run_virtual
+from landerd.simulation.flight import Simulation
 
 
 def test_each_arming_begins_a_core_and_a_log_with_the_parameters_changed_before(

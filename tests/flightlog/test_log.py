@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from landerd.config import Config, LogSection
+from landerd.config.models import Config, LogSection
 from landerd.flightlog.reader import FlightLog, LogError, read_log
 from landerd.flightlog.replay import replay
 from landerd.messages import Heartbeat, Phase, Setpoint

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from landerd.config import Config, LogSection
+from landerd.config.models import Config, LogSection
 from landerd.flightlog.disk import SyncedFile
 from landerd.flightlog.reader import read_images, read_log
 from landerd.flightlog.recorder import MOST_IMAGES, MOST_MESSAGES

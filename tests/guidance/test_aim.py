@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from landerd.config import AimSection, GimbalSection
+from landerd.config.models import AimSection, GimbalSection
 from landerd.geometry import (
     IDENTITY,
     R_GIMBAL_CAMERA,

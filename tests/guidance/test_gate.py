@@ -1,6 +1,6 @@
 import pytest
 
-from landerd.config import FreshnessSection, RcSection
+from landerd.config.models import FreshnessSection, RcSection
 from landerd.guidance.gate import Authority, Gate
 from landerd.messages import Heartbeat, RcChannels
 

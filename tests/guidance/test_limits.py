@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from landerd.config import LimitsSection
+from landerd.config.models import LimitsSection
 from landerd.geometry import Vec3, horizontal, norm, sub
 from landerd.guidance.limits import Limiter
 from landerd.messages import Setpoint

@@ -1,6 +1,6 @@
 import pytest
 
-from landerd.config import LostSection
+from landerd.config.models import LostSection
 from landerd.guidance.lost import LostPlan
 
 OPTIONS = LostSection(hold_s=3.0, climb_mps=0.5, climb_m=5.0, give_up_s=30.0)

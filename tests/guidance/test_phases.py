@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from landerd.config import DescentSection
+from landerd.config.models import DescentSection
 from landerd.geometry import Vec3
 from landerd.guidance.phases import Phases, descent_radius, region_height
 from landerd.messages import Phase

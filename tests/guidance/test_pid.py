@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from landerd.config import GuidanceSection, PidGains, PidSection
+from landerd.config.models import GuidanceSection, PidGains, PidSection
 from landerd.guidance.pid import Pid
 from landerd.guidance.pid_method import PidMethod
 from landerd.messages import Phase

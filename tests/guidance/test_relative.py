@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from landerd.config import Config, VehicleSection
+from landerd.config.models import Config, VehicleSection
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.placement import Placement
 from landerd.geometry import Vec3

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from landerd.config import GuidanceSection
+from landerd.config.models import GuidanceSection
 from landerd.geometry import Vec3, add, horizontal, scale, sub
 from landerd.guidance.limits import Limiter
 from landerd.guidance.tracking_method import TrackingMethod

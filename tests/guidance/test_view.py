@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from landerd.config import Config, VehicleSection
+from landerd.config.models import Config, VehicleSection
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.placement import Placement
 from landerd.geometry import IDENTITY, Vec3

@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import MemoryLink, memory_pair
-from hw.sim.autopilot import SimAutopilot
-from hw.sim.battery import Battery
+from hw.sim.physics.battery import Battery
+from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.geometry import Vec3
 from landerd.messages import AutopilotMessage
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from landerd.camera_model import F64
-from landerd.config import VisionSection
+from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, PoseSolution, Sightings
 from landerd.pad import PadLayout, Square, load_pad

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from landerd.config import VisionSection
+from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior, Sightings
 from landerd.vision import Vision
 from tests.vision.scenes import THESIS_CAMERA as BIG_CAMERA

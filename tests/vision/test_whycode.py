@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from landerd.config import VisionSection
+from landerd.config.models import VisionSection
 from landerd.messages import Frame, MarkerSighting, Prior, Sightings
 from landerd.pad import PadLayout, Plate, Ring, WhyCode, load_pad
 from landerd.vision import Vision

@@ -23,9 +23,9 @@ from hw.gimbals.servo_pca9685 import (
     ServoPca9685Options,
 )
 from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
-from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.bench import Bench, Connected
 from hw.sim.gimbals.imu import imu_bus
+from hw.sim.physics.gimbal import SimMount
 
 _FRAME_S = 0.02  # a servo looks at its pulse once a period
 

@@ -17,9 +17,9 @@ from hw.gimbals.storm32 import (
     encode,
     frame_scanner,
 )
-from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.bench import Bench, Connected
 from hw.sim.gimbals.byte_model import ByteModel
+from hw.sim.physics.gimbal import SimMount
 from landerd.messages import Reference
 from landerd.ports import ByteLink
 

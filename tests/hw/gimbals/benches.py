@@ -6,18 +6,18 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
-from hw import registry
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
-from hw.sim.autopilot import SimAutopilot
-from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.bench import Bench, Model
 from hw.sim.options import SimGimbalOptions
-from hw.sim.world import World
-from landerd.clock import run_realtime, run_virtual
+from hw.sim.physics.gimbal import SimMount
+from hw.sim.physics.world import World
+from hw.sim.stand_in.autopilot import SimAutopilot
+from landerd import devices as registry
 from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import Gimbal
-from tests.hw.sim_worlds import world
+from landerd.runtime.clock import run_realtime, run_virtual
+from tests.hw.sim.worlds import world
 
 DRIVERS = sorted(set(registry.names()["gimbal"]) - {"sim"})
 MOVING = [driver for driver in DRIVERS if driver != "fixed"]

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from hw.links.memory import MemoryLink, memory_pair
-from landerd.clock import run_virtual
 from landerd.messages import GimbalState
 from landerd.ports import ByteLink, Gimbal
+from landerd.runtime.clock import run_virtual
 
 
 def run_with(

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from hw import registry
-from landerd.config_file import config_dir, load
+from landerd import devices as registry
+from landerd.config.files import config_dir, load
 
 EXAMPLES = sorted((config_dir() / "gimbals").glob("*.yaml"))
 

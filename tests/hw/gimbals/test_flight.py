@@ -6,7 +6,7 @@ import math
 import pytest
 
 from landerd.messages import Reference
-from landerd.simulation import Simulation
+from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, fly
 
 

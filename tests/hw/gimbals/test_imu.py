@@ -9,9 +9,9 @@ from pydantic import ValidationError
 
 from hw.gimbals.imu import ImuOptions, make_imu
 from hw.gimbals.servo import ServoGimbal, ServoOptions
-from landerd.clock import run_virtual
 from landerd.messages import GimbalCommand, Reference
 from landerd.ports import DeviceLost
+from landerd.runtime.clock import run_virtual
 from tests.hw.gimbals.benches import Stand, on_stand
 
 G = 8192  # of the accelerometer at +-4 g

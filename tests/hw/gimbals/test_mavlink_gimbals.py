@@ -15,12 +15,12 @@ from hw.gimbals.mavlink_mount import MavlinkMountGimbal, MavlinkMountOptions
 from hw.gimbals.mavlink_v2 import MavlinkGimbal, MavlinkOptions
 from hw.gimbals.servo_mavlink import ServoMavlinkGimbal, ServoMavlinkOptions
 from hw.links.memory import MemoryLink, memory_pair
-from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.mavlink import GimbalManager
 from hw.sim.options import SimGimbalOptions
-from landerd.clock import run_virtual
+from hw.sim.physics.gimbal import SimMount
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import Gimbal
+from landerd.runtime.clock import run_virtual
 from tests.hw.gimbals.benches import Stand, on_stand
 
 VEHICLE_YAW = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME

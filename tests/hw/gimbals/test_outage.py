@@ -10,22 +10,22 @@ from typing import Any
 
 import pytest
 
-from hw import registry
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
-from hw.sim.gimbal import SimMount
 from hw.sim.gimbals.bench import Bench
 from hw.sim.options import SimGimbalOptions
+from hw.sim.physics.gimbal import SimMount
+from landerd import devices as registry
 from landerd.camera_model import load_camera
-from landerd.clock import run_realtime
-from landerd.config import Config
-from landerd.config_file import config_dir
-from landerd.daemon import Daemon, Devices
+from landerd.config.files import config_dir
+from landerd.config.models import Config
 from landerd.messages import Command, GimbalState, Input
 from landerd.pad import load_pad
+from landerd.runtime.clock import run_realtime
+from landerd.runtime.daemon import Daemon, Devices
 from tests.hw.gimbals.benches import EXACT, ON_BYTES
 from tests.hw.idle import Idle
-from tests.hw.sim_worlds import world
+from tests.hw.sim.worlds import world
 
 AWAY_S = 1.6  # longer than a driver waits for an answer
 BACK_S = 1.0

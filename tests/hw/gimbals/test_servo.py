@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from hw.gimbals.servo import ServoAxis, ServoAxisOptions, ServoGimbal, ServoOptions
 from hw.gimbals.servo_pca9685 import ServoPca9685Gimbal, ServoPca9685Options
 from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
-from landerd.clock import run_virtual
 from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import DeviceLost, Gimbal
+from landerd.runtime.clock import run_virtual
 
 TILT = {"channel": 0, "table": [[-90.0, 1100.0], [-45.0, 1500.0], [0.0, 2000.0]]}
 PAN = {"channel": 3, "table": [[-90.0, 2000.0], [90.0, 1000.0]]}

@@ -1,0 +1,1 @@
+"""Bodies and air: vehicle, gear, gimbal, pad, wind."""

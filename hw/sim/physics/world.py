@@ -1,0 +1,322 @@
+"""The simulated world: vehicle, air, pad, gimbal and battery on one clock, from one seed."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+from typing import Protocol
+
+from hw.sim.options import SimOptions
+from hw.sim.physics.battery import Battery
+from hw.sim.physics.contact import LandingGear
+from hw.sim.physics.gimbal import GimbalPlant
+from hw.sim.physics.pad_motion import PadMotion, PadState
+from hw.sim.physics.response import STEP_S
+from hw.sim.physics.vehicle import MODELS, Vehicle
+from hw.sim.physics.wind import UPDATE_S, make_wind
+from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    matmul,
+    rot_y,
+    rot_z,
+    rot_zyx,
+    rotate,
+    sub,
+    wrap,
+)
+from landerd.messages import Reference
+from landerd.pad import Plate
+
+HISTORY_S = 0.6
+_WIND_STEPS = round(UPDATE_S / STEP_S)
+_REACH_M = 0.4  # below the gear's height a foot may hang this much lower when the body leans
+
+
+class Airframe(Protocol):
+    """The vehicle's geometry, as landerd.config.VehicleSection has it."""
+
+    @property
+    def camera_offset_m(self) -> Vec3:
+        """From the body frame's origin to the gimbal's pivot, body, m."""
+
+    @property
+    def gear_height_m(self) -> float:
+        """From the origin down to the feet, m."""
+
+    @property
+    def footprint_m(self) -> tuple[float, float]:
+        """Between the feet along body x and y, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportedState:
+    """What the autopilot's estimator believes, local NED."""
+
+    t: float  # time of validity as the autopilot states it
+    position: Vec3
+    velocity: Vec3
+    roll: float
+    pitch: float
+    yaw: float
+    rates: Vec3  # body
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """True state at the end of one step."""
+
+    position: Vec3
+    velocity: Vec3
+    roll: float
+    pitch: float
+    yaw: float
+    rates: Vec3
+    gimbal_yaw: float
+    gimbal_pitch: float
+
+
+def stream(seed: int, name: str) -> Random:
+    """Return the random numbers of one part of the world; other parts do not disturb them."""
+    return Random(f"{seed}:{name}")
+
+
+class World:
+    """Everything that is true. Times are the event loop's; devices call `advance` first."""
+
+    def __init__(
+        self, options: SimOptions, airframe: Airframe, plate: Plate, seed: int, t0: float = 0.0
+    ) -> None:
+        """Put the vehicle into a hover at the start position.
+
+        Args:
+            options: the world
+            airframe: geometry of the vehicle
+            plate: outline of the pad
+            seed: of all that is random
+            t0: time on the event loop's clock now, s
+        """
+        self.options = options
+        self.on_step: list[Callable[[World], None]] = []
+        self.battery = Battery()
+        self.gimbal = GimbalPlant(options.gimbal)
+        self._airframe = airframe
+        self._t0 = t0
+        self._steps = 0
+        self._motion = PadMotion(options.pad, plate, stream(seed, "pad"))
+        self._wind = make_wind(options.wind, stream(seed, "wind"))
+        self._wind_now = self._wind.at(0.0)
+        gear = LandingGear(airframe.footprint_m, airframe.gear_height_m, plate)
+        self.vehicle = Vehicle(
+            MODELS[options.vehicle], options.yaw_response, gear, stream(seed, "vehicle")
+        )
+        # Feet of a vehicle whose origin is higher than this cannot touch anything.
+        self._contact_height = self._motion.highest + airframe.gear_height_m + _REACH_M
+        self._start(stream(seed, "start"), seed)
+        self._history: deque[Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
+        self._record()
+
+        self._ekf_rng = stream(seed, "ekf")
+        least, most = options.ekf.velocity_bias_mps
+        bias, heading = self._ekf_rng.uniform(least, most), self._ekf_rng.uniform(-math.pi, math.pi)
+        self._velocity_bias: Vec3 = (bias * math.cos(heading), bias * math.sin(heading), 0.0)
+        self._height_scale = 1.0 + self._ekf_rng.uniform(0.0, options.ekf.height_scale_max)
+
+    def _start(self, rng: Random, seed: int) -> None:
+        start = self.options.start
+        pad = self._motion.at(0.0)
+        spread = start.spread_m
+        vn, ve, _ = pad.velocity
+        if self.follows:
+            side = math.radians(self.options.pad.course_deg)
+            x, y, _ = rotate(rot_z(side), (-start.follow_m, 0.0, 0.0))
+        else:
+            side = 2.0 * math.pi * (seed % start.bearings) / start.bearings
+            x, y, _ = rotate(rot_z(side), (*start.position_m, 0.0))
+        n = pad.position[0] + x + rng.uniform(-spread, spread)
+        e = pad.position[1] + y + rng.uniform(-spread, spread)
+        d = -self._motion.mean_height - start.altitude_m
+        turned = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
+        velocity = (vn, ve) if self.follows else (0.0, 0.0)
+        self.vehicle.start((n, e, d), velocity, wrap(math.radians(turned) + side), self._wind_now)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the vehicle starts behind the pad and at its velocity."""
+        return self.options.pad.speed_mps >= self.options.start.follow_from_mps
+
+    @property
+    def t(self) -> float:
+        """The time the world has reached, s; never more than one step before `advance`'s."""
+        return self._t0 + self._steps * STEP_S
+
+    def advance(self, t: float) -> None:
+        """Let the world go on to time t; a time already passed changes nothing."""
+        target = math.floor((t - self._t0) / STEP_S + 1e-6)
+        while self._steps < target:
+            if self._steps % _WIND_STEPS == 0:
+                self._wind_now = self._wind.at(self._steps * STEP_S)
+            self._steps += 1
+            near = -self.vehicle.position[2] < self._contact_height
+            self._move(self._motion.at(self._steps * STEP_S) if near else None)
+            self.gimbal.step()
+            self._record()
+            for hook in self.on_step:
+                hook(self)
+
+    def _move(self, pad: PadState | None) -> None:
+        """Take vehicle and battery on by one step; pad: None while the vehicle is high above."""
+        vehicle = self.vehicle
+        vehicle.step(self.t, self._wind_now, pad)
+        self.battery.step(vehicle.motors, vehicle.load, vehicle.velocity[2])
+
+    def _record(self) -> None:
+        v = self.vehicle
+        self._history.append(
+            Sample(
+                v.position,
+                v.velocity,
+                v.roll,
+                v.pitch,
+                v.yaw,
+                v.rates,
+                self.gimbal.yaw.angle,
+                self.gimbal.pitch.angle,
+            )
+        )
+
+    # ---- the truth, now ------------------------------------------------------------------------
+
+    @property
+    def wind(self) -> tuple[float, float]:
+        """Velocity of the air, north and east, m/s."""
+        return self._wind_now
+
+    @property
+    def pad(self) -> PadState:
+        """Pose and motion of the pad."""
+        return self._motion.at(self._steps * STEP_S)
+
+    @property
+    def footprint_centre(self) -> Vec3:
+        """The vehicle's reference point: the centre of the feet, local, m."""
+        v = self.vehicle
+        R = rot_zyx(v.yaw, v.pitch, v.roll)
+        return add(v.position, rotate(R, (0.0, 0.0, self._airframe.gear_height_m)))
+
+    @property
+    def height(self) -> float:
+        """Height of the footprint's centre over the landing point, m."""
+        return self.pad.position[2] - self.footprint_centre[2]
+
+    @property
+    def offset(self) -> tuple[float, float]:
+        """From the landing point to the footprint's centre, north and east, m."""
+        d = sub(self.footprint_centre, self.pad.position)
+        return d[0], d[1]
+
+    @property
+    def relative_velocity(self) -> Vec3:
+        """Of the vehicle against the plate under it, local, m/s."""
+        return sub(self.vehicle.velocity, self.pad.velocity_at(self.footprint_centre))
+
+    @property
+    def heading_error(self) -> float:
+        """The vehicle's heading minus the pad's, rad."""
+        return wrap(self.vehicle.yaw - self.pad.heading)
+
+    # ---- the past ------------------------------------------------------------------------------
+
+    def _at(self, t: float) -> Sample:
+        """Return the state at time t, which lies within HISTORY_S before now.
+
+        Raises:
+            ValueError: t is older than that.
+        """
+        self.advance(t)
+        back = max(0.0, self._steps - (t - self._t0) / STEP_S)
+        newer = len(self._history) - 1 - int(back)
+        share = back - int(back)
+        if newer - (share > 0.0) < 0:
+            if self._steps * STEP_S < HISTORY_S:  # before the start it hovered there
+                return self._history[0]
+            raise ValueError(f"the world at {t:.3f} s is forgotten, it is {self.t:.3f} s now")
+        b = self._history[newer]
+        if share == 0.0:
+            return b
+        a = self._history[newer - 1]
+        return Sample(
+            _between(b.position, a.position, share),
+            _between(b.velocity, a.velocity, share),
+            b.roll + share * (a.roll - b.roll),
+            b.pitch + share * (a.pitch - b.pitch),
+            b.yaw + share * wrap(a.yaw - b.yaw),
+            _between(b.rates, a.rates, share),
+            b.gimbal_yaw + share * (a.gimbal_yaw - b.gimbal_yaw),
+            b.gimbal_pitch + share * (a.gimbal_pitch - b.gimbal_pitch),
+        )
+
+    def snapshot(self, t: float) -> Snapshot:
+        """Return what a picture taken at time t shows; t lies within HISTORY_S before now.
+
+        Raises:
+            ValueError: t is older than that.
+        """
+        s = self._at(t)
+        air = self._airframe
+        R_local_body = rot_zyx(s.yaw, s.pitch, s.roll)
+        R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
+        is_stabilised = self.gimbal.reference is Reference.HORIZON
+        R_local_base = rot_z(s.yaw) if is_stabilised else R_local_body
+        R_local_camera: Mat3 = matmul(
+            matmul(R_local_base, R_base_gimbal), self.gimbal.R_gimbal_camera
+        )
+        lens = add(s.position, rotate(R_local_body, air.camera_offset_m))
+        pad = self._motion.at(t - self._t0)
+        return Snapshot(
+            t,
+            CameraPose(lens, R_local_camera),
+            PadPose(pad.position, pad.R_local_pad),
+            VehiclePose(s.position, R_local_body, air.footprint_m, air.gear_height_m),
+        )
+
+    def reported(self, t: float) -> ReportedState:
+        """Return what the autopilot's estimator says at time t.
+
+        Heights over the local origin are off by the barometer's scale, velocities by a constant
+        bias; positions do not drift.
+        """
+        ekf, rng = self.options.ekf, self._ekf_rng
+        self.advance(t)
+        s = self._at(t - ekf.delay_s)
+        n, e, d = s.position
+        tilt = math.radians(ekf.attitude_noise_deg)
+
+        def noisy(v: Vec3, sigma: float) -> Vec3:
+            return (
+                v[0] + rng.gauss(0.0, sigma),
+                v[1] + rng.gauss(0.0, sigma),
+                v[2] + rng.gauss(0.0, sigma),
+            )
+
+        return ReportedState(
+            t,
+            noisy((n, e, d * self._height_scale), ekf.position_noise_m),
+            noisy(add(s.velocity, self._velocity_bias), ekf.velocity_noise_mps),
+            s.roll + rng.gauss(0.0, tilt),
+            s.pitch + rng.gauss(0.0, tilt),
+            wrap(s.yaw + rng.gauss(0.0, tilt)),
+            s.rates,
+        )
+
+
+def _between(a: Vec3, b: Vec3, share: float) -> Vec3:
+    """Return a + share (b - a)."""
+    return (
+        a[0] + share * (b[0] - a[0]),
+        a[1] + share * (b[1] - a[1]),
+        a[2] + share * (b[2] - a[2]),
+    )

@@ -1,0 +1,1 @@
+"""What the simulated camera shows, and when it delivers."""

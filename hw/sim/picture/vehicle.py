@@ -1,0 +1,150 @@
+"""What the camera sees of its own vehicle: the legs, and the shadow on pad and ground.
+
+The airframe is a small quadcopter whose legs spread from under the body to the feet at the
+corners of the footprint. Both hide the square marker when the heading is wrong (thesis 2.4.5).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.sim.picture.view import F64, Frustum, in_camera, matrix
+from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
+
+U8 = NDArray[np.uint8]
+
+LEG_GREY = 22
+LEG_RADIUS_M = 0.006
+FOOT_RADIUS_M = 0.011
+HULL_RADIUS_M = 0.09
+ARM_RADIUS_M = 0.015
+ROTOR_RADIUS_M = 0.12
+ROTOR_OFFSET_M = 0.19  # of the hubs from the middle, along x and along y
+ROTOR_SHARE = 0.35  # of the light that a turning rotor keeps off, against a solid part
+REACH_M = 0.6  # nothing of the vehicle is further from its middle
+SUN_SPREAD = 0.0023  # rad; standard deviation of the sun's disc of 0.53 degrees along one axis
+SUBPIXEL_BITS = 4
+
+_CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+_OCTAGON = np.array([[math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)] for k in range(8)])
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """A shadow on a plane as the camera sees it."""
+
+    polygons: list[F64]  # pixels (n, 2), convex
+    shares: list[float]  # of the sun's light that each keeps off, weakest first
+    sigma_px: float  # softness of the edges
+
+
+def draw_legs(image: U8, frustum: Frustum, pose: CameraPose, vehicle: VehiclePose) -> None:
+    """Draw the legs, thick dark lines with rounded feet, into image."""
+    points = in_camera(pose, _in_local(vehicle, np.concatenate(_legs(vehicle))))
+    hips, feet = points[:4], points[4:]
+    # Seen from the lens, a thin rod is the flat strip across the line of sight, a ball a disc.
+    across = _unit(np.cross(hips, feet))
+    second = _unit(np.cross(across, feet))
+    r = LEG_RADIUS_M * across
+    rods = np.stack([hips - r, hips + r, feet + r, feet - r], axis=1)
+    discs = feet[:, None] + FOOT_RADIUS_M * (_OCTAGON @ np.stack([across, second], axis=1))
+    for outline in frustum.outlines([*rods, *discs]):
+        fill(image, outline, LEG_GREY)
+
+
+def vehicle_shadow(
+    frustum: Frustum, pose: CameraPose, vehicle: VehiclePose, plane: PadPose, sunlight: F64
+) -> Shadow | None:
+    """Return the vehicle's shadow on a plane, None when it is out of sight.
+
+    sunlight (3,) is the direction the light travels, local frame.
+    """
+    to_plane = matrix(plane.R_local_pad).T
+    light = to_plane @ sunlight
+    middle = to_plane @ (np.array(vehicle.position) - np.array(plane.position))
+    if light[2] < 0.05 or middle[2] > 0.0:
+        return None
+    way = -middle[2] / light[2]
+    foot = np.array(vehicle.position) + way * sunlight
+    centre = in_camera(pose, foot[None])[0]
+    if not frustum.touches(centre, REACH_M / light[2]):
+        return None
+
+    def thrown(points: F64) -> F64:
+        p = (_in_local(vehicle, points) - np.array(plane.position)) @ to_plane.T
+        return cast(F64, p[:, :2] - p[:, 2:] * (light[:2] / light[2]))
+
+    hubs = np.column_stack([ROTOR_OFFSET_M * _CORNERS, np.full(4, -0.03)])
+    flat = np.column_stack([_OCTAGON, np.zeros(8)])
+    discs = [hub + ROTOR_RADIUS_M * flat for hub in hubs] + [HULL_RADIUS_M * flat]
+    hips, feet = _legs(vehicle)
+    ends = thrown(np.concatenate([*discs, hubs, hips, feet]))
+    hub, hip, tip = np.split(ends[40:], 3)
+    hull = np.broadcast_to(ends[32:40].mean(axis=0), hub.shape)
+    discs = list(np.split(ends[:40], 5))
+    outlines = [*discs, *_strips(hull, hub, ARM_RADIUS_M), *_strips(hip, tip, LEG_RADIUS_M)]
+    sizes = np.cumsum([len(o) for o in outlines])[:-1]
+    stacked = np.concatenate(outlines)
+    local = np.column_stack([stacked, np.zeros(len(stacked))]) @ to_plane
+    seen = in_camera(pose, local + np.array(plane.position))
+    polygons = frustum.outlines(np.split(seen, sizes))
+    shares = [ROTOR_SHARE] * 4 + [1.0] * (len(polygons) - 4)
+    sigma = SUN_SPREAD * way * frustum.camera.fx / max(float(centre[2]), 0.1)
+    return Shadow(polygons, shares, sigma)
+
+
+def shade(image: U8, shadow: Shadow, darkness: float) -> None:
+    """Darken image where the shadow falls; darkness is the sun's share of the light, 0 to 1."""
+    if not sum(len(p) for p in shadow.polygons):
+        return
+    everything = np.concatenate(shadow.polygons)
+    rows, columns = image.shape
+    sigma = min(max(shadow.sigma_px, 0.3), 12.0)
+    margin = 3 * sigma + 2
+    left, top = np.maximum(np.floor(everything.min(axis=0) - margin), 0).astype(int)
+    right, bottom = np.ceil(everything.max(axis=0) + margin).astype(int) + 1
+    part = image[top : min(bottom, rows), left : min(right, columns)]
+    if not part.size:
+        return
+    light = np.full(part.shape, 255, np.uint8)
+    for polygon, share in zip(shadow.polygons, shadow.shares, strict=True):
+        fill(light, polygon - (left, top), round(255 * (1 - darkness * share)))
+    size = 2 * math.ceil(2.5 * sigma) + 1
+    cv2.GaussianBlur(light, (size, size), sigma, dst=light, borderType=cv2.BORDER_REPLICATE)
+    cv2.multiply(part, light, dst=part, scale=1 / 255)
+
+
+def fill(image: U8, polygon: F64, grey: int) -> None:
+    """Fill a convex polygon (n, 2) in pixels with smooth edges."""
+    if len(polygon) >= 3:
+        points = np.rint(polygon * 2**SUBPIXEL_BITS).astype(np.int32)
+        cv2.fillConvexPoly(image, points, (float(grey),), cv2.LINE_AA, SUBPIXEL_BITS)
+
+
+def _legs(vehicle: VehiclePose) -> tuple[F64, F64]:
+    """Hips (4, 3) and feet (4, 3) in the body frame."""
+    size = np.array(vehicle.footprint_m)
+    feet = np.column_stack([_CORNERS * size / 2, np.full(4, vehicle.gear_height_m)])
+    hips = np.column_stack([_CORNERS * size / 5, np.full(4, 0.02)])
+    return hips, feet
+
+
+def _in_local(vehicle: VehiclePose, points: F64) -> F64:
+    return cast(F64, points @ matrix(vehicle.R_local_body).T + np.array(vehicle.position))
+
+
+def _strips(a: F64, b: F64, radius: float) -> F64:
+    """Rectangles (n, 4, 2) of width 2 radius from a to b (n, 2)."""
+    along = _unit(b - a)
+    r = radius * np.column_stack([-along[:, 1], along[:, 0]])
+    return np.stack([a - r, a + r, b + r, b - r], axis=1)
+
+
+def _unit(vectors: F64) -> F64:
+    """Scale vectors (n, k) to length 1; those of no length stay."""
+    lengths = np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
+    return cast(F64, vectors / np.maximum(lengths, 1e-12))

@@ -1,0 +1,1 @@
+"""The autopilot's stand-in, its pilot and a fake ground station."""

@@ -1,0 +1,424 @@
+"""The autopilot stand-in: MAVLink 2 around `hw.sim.stand_in.copter`, on any number of links.
+
+Streams, acknowledgements and refusals are those measured of ArduCopter 4.5. Messages that are not
+for the autopilot alone are passed on to the other links, as ArduPilot routes them.
+"""
+
+import asyncio
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Protocol
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.arducopter import Mode
+from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.sim.physics.battery import Battery
+from hw.sim.stand_in.copter import (
+    ARDUPILOT_DEFAULTS,
+    Copter,
+    CopterParameters,
+    Reported,
+    Vehicle,
+)
+from hw.sim.stand_in.pilot import PilotRadio
+from landerd.geometry import Vec3, add, clamp, is_finite, rot_z, rotate
+from landerd.messages import Landed
+from landerd.ports import ByteLink, DeviceLost
+
+_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+_GROUND_STATION = 255  # SYSID_MYGCS
+_TICK_S = 0.01
+_REOPEN_S = 0.1
+_ACK_DELAY_S = (0.001, 0.006)
+_LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received message
+_TIMESYNC_PERIOD_S = 10.0
+_FARTHEST_M = 1e6
+_FASTEST_MPS = 1e3
+_LEVEL = 1e-3  # of a quaternion's x and y
+
+# type_mask of SET_POSITION_TARGET_LOCAL_NED: one bit of a group ignores the group
+_IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x007, 0x038, 0x1C0
+_IGNORE_YAW_RATE = 0x800
+
+_NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED)
+_BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
+
+_ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+_DENIED: int = mavlink.MAV_RESULT_DENIED
+_UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+_FAILED: int = mavlink.MAV_RESULT_FAILED
+
+
+class World(Protocol):
+    """The simulated world as far as the autopilot moves and measures it."""
+
+    @property
+    def vehicle(self) -> Vehicle: ...  # noqa: D102
+    @property
+    def battery(self) -> Battery: ...  # noqa: D102
+
+    def advance(self, t: float) -> None:
+        """Move the world on to this time, s."""
+
+    def reported(self, t: float) -> Reported:
+        """Return what the EKF says at this time."""
+        ...
+
+
+class Mount(Protocol):
+    """A gimbal or servos that the autopilot drives."""
+
+    @property
+    def streams(self) -> Mapping[int, Callable[[float, int], Message]]:
+        """Makers of its messages by id, from loop time (s) and time since boot (ms)."""
+        ...
+
+    def command(self, command: Message, t: float) -> int | None:
+        """Obey a COMMAND_LONG and return its MAV_RESULT; None: not for a mount."""
+        ...
+
+    def message(self, message: Message, t: float) -> None:
+        """See any other message."""
+
+
+class _Channel:
+    """One link, with the streams asked for on it."""
+
+    def __init__(self, link: ByteLink, system: int) -> None:
+        self.link = link
+        self.codec = MavlinkCodec(system, _COMPONENT)
+        self.streams: dict[int, tuple[float, float]] = {}  # message id: interval, due; s
+
+    def send(self, message: Message) -> None:
+        self.link.write(self.codec.encode(message))
+
+
+class SimAutopilot:
+    """The stand-in. `run` serves its links until it is cancelled.
+
+    Attributes:
+        copter: the flight code.
+        pilot: the pilot's radio.
+        mute: ids of messages that it is to withhold, a fault to fly with.
+        parameters: what it answers when asked for one by name.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        links: Sequence[ByteLink],
+        *,
+        rng: random.Random,
+        parameters: CopterParameters = ARDUPILOT_DEFAULTS,
+        flying: bool = False,
+        boot_age_s: float = 60.0,
+        system_id: int = 1,
+    ) -> None:
+        """Flying: starts armed, in LOITER. boot_age_s: its boot time when `run` starts."""
+        self.mute: set[int] = set()
+        self.parameters: dict[str, float] = {}
+        self._mount: Mount | None = None
+        self.pilot = PilotRadio()
+        self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
+        self._world = world
+        self._rng = rng
+        self._system = system_id
+        self._boot_age_s = boot_age_s
+        self._channels = [_Channel(link, system_id) for link in links]
+        self._streams: dict[int, Callable[[float], Message]] = {
+            mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
+            mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
+        }
+
+    def attach(self, mount: Mount) -> None:
+        """Let it drive a gimbal."""
+        self._mount = mount
+        for message_id, make in mount.streams.items():
+            self._streams[message_id] = partial(self._of_mount, make)
+
+    async def run(self) -> None:
+        """Fly and serve the links, for ever."""
+        t = asyncio.get_running_loop().time()
+        self._booted_at = t - self._boot_age_s
+        self._reported = self._world.reported(t)
+        async with asyncio.TaskGroup() as tasks:
+            for channel in self._channels:
+                tasks.create_task(self._serve(channel))
+            tasks.create_task(self._tick())
+
+    def reboot(self) -> None:
+        """Restart as after a watchdog reset in flight: boot time from zero, streams forgotten."""
+        self._booted_at = asyncio.get_running_loop().time()
+        for channel in self._channels:
+            channel.streams.clear()
+
+    async def _serve(self, channel: _Channel) -> None:
+        while True:
+            try:
+                await channel.link.open()
+                while True:
+                    for message in channel.codec.decode(await channel.link.read()):
+                        self._take(channel, message)
+            except DeviceLost:
+                await asyncio.sleep(_REOPEN_S)
+
+    async def _tick(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        heartbeat_due = timesync_due = due
+        mode = self.copter.mode
+        while True:
+            t = loop.time()
+            self._step(t)
+            if t >= heartbeat_due:
+                heartbeat_due += 1.0
+                self._send_all(self._heartbeat())
+            elif self.copter.mode != mode:
+                self._send_all(self._heartbeat())
+            mode = self.copter.mode
+            if t >= timesync_due:
+                timesync_due += _TIMESYNC_PERIOD_S
+                self._send_all(mavlink.MAVLink_timesync_message(0, self._boot_ns(t)))
+            for channel in self._channels:
+                self._send_streams(channel, t)
+            due = max(due + _TICK_S, t)
+            await asyncio.sleep(due - t)
+
+    def _step(self, t: float) -> None:
+        self._world.advance(t)
+        self._reported = self._world.reported(t)
+        self.copter.step(self._reported, t)
+
+    # ---- out ----
+
+    def _send_streams(self, channel: _Channel, t: float) -> None:
+        for message_id, (interval, due) in channel.streams.items():
+            if t >= due - 1e-6:
+                channel.streams[message_id] = (interval, max(due + interval, t))
+                if message_id not in self.mute:
+                    channel.send(self._streams[message_id](t))
+
+    def _send_all(self, message: Message) -> None:
+        if message.get_msgId() not in self.mute:
+            for channel in self._channels:
+                channel.send(message)
+
+    def _say(self, text: str) -> None:
+        self._send_all(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, text.encode()))
+
+    def _later(self, delay_s: tuple[float, float], call: Callable[[], None]) -> None:
+        asyncio.get_running_loop().call_later(self._rng.uniform(*delay_s), call)
+
+    def _boot_ns(self, t: float) -> int:
+        return int((t - self._booted_at) * 1e9)
+
+    def _boot_ms(self, t: float) -> int:
+        return self._boot_ns(t) // 1_000_000
+
+    def _heartbeat(self) -> Message:
+        copter = self.copter
+        base_mode = (
+            mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+            | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+            | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+        )
+        if copter.mode in (Mode.GUIDED, Mode.LOITER, Mode.RTL):
+            base_mode |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+        if copter.armed:
+            base_mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        status = mavlink.MAV_STATE_STANDBY
+        if copter.failsafe:
+            status = mavlink.MAV_STATE_CRITICAL
+        elif copter.armed and copter.landed_state >= Landed.IN_AIR:
+            status = mavlink.MAV_STATE_ACTIVE
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR,
+            mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+            base_mode,
+            copter.mode,
+            status,
+            3,
+        )
+
+    def _attitude(self, t: float) -> Message:
+        r = self._reported
+        return mavlink.MAVLink_attitude_message(self._boot_ms(t), r.roll, r.pitch, r.yaw, *r.rates)
+
+    def _local_position(self, t: float) -> Message:
+        r = self._reported
+        return mavlink.MAVLink_local_position_ned_message(
+            self._boot_ms(t), *r.position, *r.velocity
+        )
+
+    def _rc_channels(self, t: float) -> Message:
+        channels = self.pilot.channels(t)
+        return mavlink.MAVLink_rc_channels_message(
+            self._boot_ms(t), len(channels), *channels, *(0,) * (18 - len(channels)), 255
+        )
+
+    def _of_mount(self, make: Callable[[float, int], Message], t: float) -> Message:
+        return make(t, self._boot_ms(t))
+
+    def _extended_sys_state(self, t: float) -> Message:
+        return mavlink.MAVLink_extended_sys_state_message(0, self.copter.landed_state)
+
+    def _battery_status(self, t: float) -> Message:
+        no_cell = [0xFFFF] * 9
+        return mavlink.MAVLink_battery_status_message(
+            *(0, 0, 0, 0x7FFF),
+            [round(1e3 * self._world.battery.voltage_v), *no_cell],
+            -1,
+            -1,
+            int(self._world.battery.energy_j / 100.0),
+            -1,
+        )
+
+    # ---- in ----
+
+    def _take(self, channel: _Channel, message: Message) -> None:
+        system = getattr(message, "target_system", 0)
+        component = getattr(message, "target_component", 0)
+        if not (system == self._system and component == _COMPONENT):
+            for other in self._channels:
+                if other is not channel:
+                    other.link.write(bytes(message.get_msgbuf()))
+        if system not in (0, self._system) or component not in (0, _COMPONENT):
+            return
+        t = asyncio.get_running_loop().time()
+        message_id = message.get_msgId()
+        if message_id == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+            self._on_position_target(message, t)
+            self._step(t)
+        elif message_id == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+            self._on_attitude_target(message, t)
+            self._step(t)
+        elif message_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
+            self._acknowledge(
+                channel, message, message.command, self._on_command(channel, message, t)
+            )
+        elif message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
+            self._acknowledge(channel, message, message_id, self._set_mode(message.custom_mode))
+        elif message_id == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
+            self._answer_parameter(channel, message.param_id)
+        elif message_id == mavlink.MAVLINK_MSG_ID_TIMESYNC and message.tc1 == 0:
+            self._later(_LOOP_DELAY_S, lambda: self._answer_timesync(channel, message.ts1))
+        elif (
+            message_id == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
+            and message.get_srcSystem() == _GROUND_STATION
+        ):
+            raw = tuple(getattr(message, f"chan{i}_raw") for i in range(1, 17))
+            self.pilot.override(raw, t)
+        elif self._mount is not None:
+            self._mount.message(message, t)
+
+    def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
+        now = asyncio.get_running_loop().time()
+        channel.send(mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
+
+    def _answer_parameter(self, channel: _Channel, name: str) -> None:
+        value = self.parameters.get(name)
+        if value is not None:
+            real = mavlink.MAV_PARAM_TYPE_REAL32
+            count = len(self.parameters)
+            channel.send(
+                mavlink.MAVLink_param_value_message(name.encode(), value, real, count, 0xFFFF)
+            )
+
+    def _acknowledge(self, channel: _Channel, asked: Message, command: int, result: int) -> None:
+        ack = mavlink.MAVLink_command_ack_message(
+            command, result, 0, 0, asked.get_srcSystem(), asked.get_srcComponent()
+        )
+        self._later(_ACK_DELAY_S, lambda: channel.send(ack))
+
+    def _on_command(self, channel: _Channel, m: Message, t: float) -> int:
+        if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return self._set_interval(channel, _whole(m.param1), m.param2, t)
+        if m.command == mavlink.MAV_CMD_DO_SET_MODE:
+            return self._set_mode(_whole(m.param2))
+        if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            if m.param1 == 1.0:
+                return _ACCEPTED if self.copter.arm() else _FAILED
+            if m.param1 == 0.0:
+                forced = m.param2 == 21196.0
+                return _ACCEPTED if self.copter.disarm(forced=forced) else _FAILED
+            return _UNSUPPORTED
+        if m.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
+            if _whole(m.param1) != mavlink.SPEED_TYPE_GROUNDSPEED:
+                return _FAILED
+            return _ACCEPTED if self.copter.set_speed(m.param2) else _FAILED
+        if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            done = self.copter.take_off(m.param7, self._reported, t)
+            return _ACCEPTED if done else _FAILED
+        result = self._mount.command(m, t) if self._mount is not None else None
+        return _UNSUPPORTED if result is None else result
+
+    def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:
+        if message_id not in self._streams:
+            self._say(f"No ap_message for mavlink id ({message_id})")
+            return _DENIED
+        if us > 0.0:
+            interval = max(1e-6 * us, _TICK_S)
+            channel.streams[message_id] = (interval, t + interval)
+        else:  # the default is off, too
+            channel.streams.pop(message_id, None)
+        return _ACCEPTED
+
+    def _set_mode(self, mode: int) -> int:
+        return _ACCEPTED if self.copter.set_mode(mode) else _FAILED
+
+    def _on_attitude_target(self, m: Message, t: float) -> None:
+        """Only level ones are modelled, with the thrust for a climb rate (GUID_OPTIONS 0)."""
+        ignored = m.type_mask & (
+            mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+            | mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
+        )
+        finite = is_finite((m.q[1], m.q[2], m.thrust))
+        if ignored or not finite or math.hypot(m.q[1], m.q[2]) > _LEVEL:
+            return
+        self.copter.fly_level(2.0 * clamp(m.thrust, 0.0, 1.0) - 1.0, t)
+
+    def _on_position_target(self, m: Message, t: float) -> None:
+        if m.coordinate_frame == mavlink.MAV_FRAME_BODY_FRD:
+            return
+        position, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
+        has_position = not m.type_mask & _IGNORE_POSITION
+        has_velocity = not m.type_mask & _IGNORE_VELOCITY
+        yaw_rate = None if m.type_mask & _IGNORE_YAW_RATE else m.yaw_rate
+        sound = (
+            m.coordinate_frame in _NED_FRAMES + _BODY_FRAMES
+            and (has_position or has_velocity)
+            and not (has_position and not _sane(position, _FARTHEST_M))
+            and not (has_velocity and not _sane(velocity, _FASTEST_MPS))
+            and (yaw_rate is None or math.isfinite(yaw_rate))
+            and not (
+                m.type_mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET
+                and not m.type_mask & _IGNORE_ACCELERATION
+            )
+        )
+        if not sound:
+            self.copter.stop()
+            return
+        reported = self._reported
+        if m.coordinate_frame in _BODY_FRAMES:
+            R_local_level = rot_z(reported.yaw)
+            position, velocity = rotate(R_local_level, position), rotate(R_local_level, velocity)
+        if has_position:
+            if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+                position = add(position, reported.position)
+            self.copter.fly_to(position, yaw_rate)
+        else:
+            self.copter.fly_velocity(velocity, yaw_rate, t)
+
+
+def _sane(v: Vec3, limit: float) -> bool:
+    return is_finite(v) and max(abs(v[0]), abs(v[1]), abs(v[2])) <= limit
+
+
+def _whole(value: float) -> int:
+    return int(value) if math.isfinite(value) else -1

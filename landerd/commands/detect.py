@@ -1,0 +1,242 @@
+"""`landerd detect`: markers in images, folders, videos and cameras."""
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.config.models import VisionSection
+from landerd.geometry import Vec3, cross, dot, scale, sub
+from landerd.messages import Frame, MarkerSighting, PoseSolution, Sightings
+from landerd.pad import PadError, PadLayout, load_pad
+from landerd.vision import Vision
+from landerd.vision.draw import draw
+
+_IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
+
+
+class SourceError(Exception):
+    """A source cannot be read; the text names it."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One grey picture of a source."""
+
+    name: str
+    t: float  # s, from the start of its source
+    image: NDArray[np.uint8]
+    follows: bool  # the picture before is the frame before
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "sources",
+        nargs="+",
+        metavar="SOURCE",
+        help="image, folder of images, video file, camera (/dev/video0 or its number) or URL",
+    )
+    parser.add_argument(
+        "--camera",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="calibration, ROS camera_info YAML",
+    )
+    parser.add_argument(
+        "--pad", required=True, type=Path, metavar="FILE", help="which markers, how large, where"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object an image and line"
+    )
+    parser.add_argument(
+        "--draw", type=Path, metavar="FOLDER", help="write pictures with the markers drawn in"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what each picture shows; return 0, or 2 if a file or source cannot be used."""
+    try:
+        camera, layout = load_camera(args.camera), load_pad(args.pad)
+        _new_vision(layout, camera)
+        if args.draw is not None:
+            args.draw.mkdir(parents=True, exist_ok=True)
+    except (CalibrationError, PadError) as e:
+        return _refuse(str(e))
+    except ValueError as e:
+        return _refuse(f"{args.pad}: {e}")
+    except OSError as e:
+        return _refuse(f"--draw {args.draw}: {e.strerror}")
+    code = 0
+    for source in args.sources:
+        try:
+            _detect(source, camera, layout, args)
+        except (SourceError, CalibrationError) as e:
+            code = _refuse(str(e))
+    return code
+
+
+def _refuse(text: str) -> int:
+    print(text, file=sys.stderr)
+    return 2
+
+
+def _detect(source: str, camera: CameraModel, layout: PadLayout, args: argparse.Namespace) -> None:
+    vision: Vision | None = None
+    for seq, picture in enumerate(pictures(source)):
+        height, width = picture.image.shape
+        if vision is None or not picture.follows:
+            try:
+                fitting = camera.scaled(width, height)
+            except CalibrationError as e:
+                raise CalibrationError(f"{picture.name}: {args.camera}: {e}") from None
+            vision = _new_vision(layout, fitting)
+        start = time.perf_counter()
+        sightings = vision.process(Frame(picture.t, seq, picture.image))
+        ms = 1e3 * (time.perf_counter() - start)
+        if args.json:
+            print(json.dumps(as_json(picture.name, sightings, ms)), flush=True)
+        else:
+            print(_in_words(picture.name, sightings, ms), flush=True)
+        if args.draw is not None:
+            drawn = args.draw / f"{Path(picture.name).name.replace('#', '_')}.png"
+            if not cv2.imwrite(str(drawn), draw(picture.image, sightings, fitting, layout)):
+                raise SourceError(f"{drawn}: cannot be written")
+
+
+def _new_vision(layout: PadLayout, camera: CameraModel) -> Vision:
+    return Vision(layout, camera, VisionSection())
+
+
+# ---- pictures ----------------------------------------------------------------------------------
+
+
+def pictures(source: str) -> Iterator[Picture]:
+    """Yield an image, the images of a folder, the frames of a video or camera.
+
+    Raises:
+        SourceError: it cannot be read.
+    """
+    path = Path(source)
+    if path.is_dir():
+        images = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES)
+        if not images:
+            raise SourceError(f"{source}: no images in this folder")
+        for image in images:
+            yield _still(image)
+    elif path.suffix.lower() in _IMAGES and "://" not in source:
+        yield _still(path)
+    else:
+        yield from _frames(source)
+
+
+def _still(path: Path) -> Picture:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as e:
+        raise SourceError(f"{path}: cannot be read: {e.strerror}") from None
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+    if image is None:
+        raise SourceError(f"{path}: not an image that can be read")
+    return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False)
+
+
+def _frames(source: str) -> Iterator[Picture]:
+    """Yield the frames of a video or camera; a camera's until it goes or Ctrl-C."""
+    is_camera = source.isdecimal() or source.startswith("/dev/")
+    if not is_camera and "://" not in source and not Path(source).is_file():
+        raise SourceError(f"{source}: no such file or folder")
+    # What a source that does not open is told in our own line.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    capture = cv2.VideoCapture(int(source) if source.isdecimal() else source)
+    try:
+        if not capture.isOpened():
+            what = "no camera that opens" if is_camera else "neither an image nor a video"
+            raise SourceError(f"{source}: {what}")
+        start = time.perf_counter()
+        rate = capture.get(cv2.CAP_PROP_FPS) or 30.0
+        number = 0
+        while True:
+            ok, image = capture.read()
+            if not ok:
+                break
+            t = time.perf_counter() - start if is_camera else number / rate
+            grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+            name = f"{source}#{number}"
+            yield Picture(name, t, np.asarray(grey, dtype=np.uint8), number > 0)
+            number += 1
+        if number == 0:
+            raise SourceError(f"{source}: no frames in it")
+    finally:
+        capture.release()
+
+
+# ---- what was seen -----------------------------------------------------------------------------
+
+
+def as_json(name: str, sightings: Sightings, ms: float) -> dict[str, Any]:
+    """Return the object that `--json` prints for one picture."""
+    return {
+        "image": name,
+        "markers": [_marker(m) for m in sightings.markers],
+        "pad": _pose(sightings.pad[0]) if sightings.pad else None,
+        "ms": round(ms, 3),
+    }
+
+
+def _marker(marker: MarkerSighting) -> dict[str, Any]:
+    return {
+        "kind": marker.kind,
+        "id": marker.id,
+        **_pose(marker.solutions[0]),
+        "outline_px": [[round(x, 3), round(y, 3)] for x, y in marker.outline_px],
+    }
+
+
+def _pose(pose: PoseSolution) -> dict[str, Any]:
+    return {
+        "position_m": list(pose.position),
+        "yaw_deg": None if pose.north is None else yaw_deg(pose.normal, pose.north),
+        "sigma_m": [math.sqrt(pose.covariance[i][i]) for i in range(3)],
+        "sigma_yaw_deg": None if pose.sigma_yaw is None else math.degrees(pose.sigma_yaw),
+        "normal": list(pose.normal),
+    }
+
+
+def yaw_deg(normal: Vec3, north: Vec3) -> float:
+    """Return the angle about the normal from image-up, in the plane, to north; clockwise, deg."""
+    up: Vec3 = (0.0, -1.0, 0.0)
+    up = sub(up, scale(normal, dot(normal, up)))
+    return math.degrees(math.atan2(dot(normal, cross(up, north)), dot(up, north)))
+
+
+def _in_words(name: str, sightings: Sightings, ms: float) -> str:
+    parts = []
+    for m in sightings.markers:
+        label = m.kind if m.id is None else f"{m.kind} {m.id}"
+        parts.append(f"{label} at {_place(m.solutions[0])}")
+    if sightings.pad:
+        parts.append(f"pad at {_place(sightings.pad[0])}")
+    return f"{name}: {'; '.join(parts) or 'nothing found'} ({ms:.1f} ms)"
+
+
+def _place(pose: PoseSolution) -> str:
+    x, y, z = pose.position
+    sigma = math.sqrt(max(pose.covariance[i][i] for i in range(3)))
+    text = f"({x:.3f}, {y:.3f}, {z:.3f}) m, sigma {sigma:.3f} m"
+    if pose.north is not None:
+        text += f", yaw {yaw_deg(pose.normal, pose.north):.1f} deg"
+    return text

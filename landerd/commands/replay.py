@@ -1,0 +1,144 @@
+"""`landerd replay`: a flight again on the desk, from its log alone."""
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+from landerd import devices as registry
+from landerd.config.files import ConfigError, from_record
+from landerd.config.models import Config
+from landerd.flightlog.reader import FlightLog, LogError, read_log
+from landerd.flightlog.replay import (
+    TOLERANCE,
+    Comparison,
+    Replayed,
+    VisionReplayed,
+    phases,
+    replay,
+    replay_vision,
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument("log", type=Path, metavar="LOG.mcap", help="flight log")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="what if this key of the configuration had been different; may be given again",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print how the replay compares; return 0, 1 if it differs, 2 if the log cannot be used."""
+    try:
+        log = read_log(args.log)
+        config, unknown = config_of(log, args.set)
+    except (LogError, ConfigError) as e:
+        print(e, file=sys.stderr)
+        return 2
+    for note in log.notes:
+        print(note, file=sys.stderr)
+    for key in unknown:
+        print(f"{log.path}: {key}: this version has no such key, it is left out", file=sys.stderr)
+    replayed = replay(log, config)
+    vision = replay_vision(log, config)
+    if args.json:
+        print(json.dumps(_as_json(replayed.comparison, vision), allow_nan=False))
+    else:
+        print(_in_words(log, replayed, vision, what_if=bool(args.set)))
+    good = _is_good(replayed.comparison) and (isinstance(vision, str) or vision.within_tolerance)
+    return 0 if good or args.set else 1
+
+
+def config_of(log: FlightLog, overrides: list[str]) -> tuple[Config, list[str]]:
+    """Return a log's configuration with overrides, and its keys that are not known any more.
+
+    Raises:
+        ConfigError: a value cannot be used.
+    """
+    others = registry.options_models()
+    return from_record(log.config, str(log.path), others=others, overrides=overrides)
+
+
+def _is_good(comparison: Comparison) -> bool:
+    return comparison.identical or comparison.largest <= TOLERANCE
+
+
+def _as_json(logic: Comparison, vision: VisionReplayed | str) -> dict[str, Any]:
+    seen = None
+    if isinstance(vision, VisionReplayed):
+        seen = _comparison(vision.comparison, "frames") | {
+            "largest_px": _finite(vision.pixels),
+            "largest_m": _finite(vision.metres),
+            "within_tolerance": vision.within_tolerance,
+        }
+    return _comparison(logic, "commands") | {"within_tolerance": _is_good(logic), "vision": seen}
+
+
+def _comparison(comparison: Comparison, what: str) -> dict[str, Any]:
+    return {
+        "identical": comparison.identical,
+        what: comparison.compared,
+        "first_difference": comparison.first.as_json() if comparison.first else None,
+        "largest_difference": _finite(comparison.largest),
+    }
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def _in_words(
+    log: FlightLog, replayed: Replayed, vision: VisionReplayed | str, *, what_if: bool
+) -> str:
+    logic = replayed.comparison
+    first, last = log.steps[0].now, log.steps[-1].now
+    recorded = ", ".join(f"{k} {log.versions[k]}" for k in ("landerd", "python", "machine"))
+    lines = [
+        f"{log.path}: {len(log.steps)} messages from {first:.1f} to {last:.1f} s, by {recorded}",
+        f"  commands: {_verdict(logic, logic.compared)}",
+        *_first(logic),
+        f"  vision: {vision}"
+        if isinstance(vision, str)
+        else f"  vision: {_verdict(vision.comparison, vision.comparison.compared, ' frames')}",
+    ]
+    if isinstance(vision, VisionReplayed):
+        lines += _first(vision.comparison)
+        if not vision.comparison.identical:
+            lines.append(f"    at most {vision.pixels:.3g} px and {vision.metres:.3g} m apart")
+    if what_if or not _is_good(logic):
+        lines += ["  phases as flown:", *_timeline([(s.now, s.commands) for s in log.steps])]
+        lines += ["  phases now:", *_timeline(replayed.steps)]
+        lines.append(f"  outcome now: {replayed.outcome}, pad lost {replayed.aborts} times")
+        lines.append("  (the vehicle moves as it was recorded, whatever is ordered now)")
+    return "\n".join(lines)
+
+
+def _verdict(comparison: Comparison, count: int, what: str = "") -> str:
+    if comparison.identical:
+        return f"all {count}{what} identical"
+    size = f", by at most {comparison.largest:.3g}" if math.isfinite(comparison.largest) else ""
+    return f"{comparison.differing} of {count}{what} differ{size}"
+
+
+def _first(comparison: Comparison) -> list[str]:
+    d = comparison.first
+    if d is None:
+        return []
+    return [
+        f"    first at {d.t:.3f} s, step {d.step}: {d.field}",
+        f"      logged   {d.logged!r}",
+        f"      replayed {d.replayed!r}",
+    ]
+
+
+def _timeline(steps: list[Any]) -> list[str]:
+    changes = phases(steps)
+    return [f"    {t:7.2f} s  {c.phase.value:14}  {c.reason}" for t, c in changes] or ["    none"]

@@ -1,0 +1,1 @@
+"""Typed models of the configuration, YAML with line numbers, tunable parameters."""

@@ -1,0 +1,348 @@
+"""Reads the configuration from YAML files and from `--set KEY=VALUE`.
+
+All faults are told at once, each with the file and line its value came from. Values are never
+changed to fit: text is not a number, true is not 1, and `.nan` and `.inf` are not numbers either.
+"""
+
+import difflib
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, Field, ValidationError, create_model
+
+from landerd.config.gimbal_reach import within_reach
+from landerd.config.models import Config
+from landerd.config.yaml_tree import (
+    Fault,
+    Loc,
+    Node,
+    Place,
+    from_plain,
+    read_file,
+    read_override,
+    shown,
+)
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class ConfigError(Exception):
+    """The configuration cannot be used; `lines` has one line a fault."""
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("\n".join(lines))
+        self.lines = list(lines)
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A whole configuration."""
+
+    config: Config
+    options: Mapping[str, BaseModel]  # of drivers and simulator, by section: "camera.v4l2", "sim"
+    remarks: tuple[str, ...] = ()  # what was changed to suit the gimbal, a line each
+
+
+def config_dir() -> Path:
+    """Return the folder of the configuration that comes with landerd."""
+    package = Path(__file__).parents[1]
+    installed = package / "config_files"
+    return installed if installed.is_dir() else package.parent / "config"
+
+
+def config_files(kind: str) -> dict[str, Path]:
+    """Return the files of a folder of `config_dir()`, as "scenarios", by name."""
+    return {path.stem: path for path in sorted((config_dir() / kind).glob("*.yaml"))}
+
+
+def read_model(path: Path, model: type[M]) -> M:
+    """Read a YAML file of its own kind.
+
+    Raises:
+        ConfigError: it cannot be read, or a key is unknown, missing, of another type or range.
+    """
+    faults: list[Fault] = []
+    read = _validated(model, read_file(path, faults), faults)
+    if read is None or faults:
+        raise ConfigError([str(fault) for fault in sorted(faults)])
+    return read
+
+
+def load(
+    path: Path,
+    *,
+    options_models: Mapping[str, type[BaseModel]],
+    drivers: Mapping[str, Collection[str]] | None = None,
+    overlays: Sequence[Path] = (),
+    overrides: Sequence[str] = (),
+) -> Loaded:
+    """Read and check a configuration file.
+
+    Later wins, key by key: the file's includes, the file, overlays, overrides. Relative paths are
+    meant from the file they are written in; in overrides, from the working directory; defaults,
+    and files that are not there, from `config_dir()`. What the gimbal does not reach is cut.
+
+    Args:
+        path: the file.
+        options_models: what drivers and the simulator add, by section ("camera.v4l2").
+        drivers: names that the key `driver` of a section may have, by section.
+        overlays: files laid over the first, as scenarios are.
+        overrides: KEY=VALUE, the key dotted, the value in YAML.
+
+    Raises:
+        ConfigError: a file cannot be read, or a key is unknown, given twice, missing, of another
+            type or out of range; or a range of angles is wanted that the gimbal does not reach.
+    """
+    faults: list[Fault] = []
+    tree = read_file(path, faults)
+    for overlay in overlays:
+        tree = tree.under(read_file(overlay, faults))
+    for override in overrides:
+        tree = tree.under(read_override(override, faults))
+
+    model = _with_options(Config, options_models)
+    config = _validated(model, tree, faults)
+    faults += _unknown_drivers(tree, drivers or {})
+    if config is None or faults:
+        raise ConfigError([str(fault) for fault in sorted(faults)])
+
+    config = _anchored(config)
+    options = {}
+    for section in options_models:
+        parent, _, driver = section.rpartition(".")
+        block = _at(config, section)
+        if block is not None:
+            options[section] = block
+        elif _at(config, parent).driver == driver:
+            raise ConfigError([f"{shown(path)}: {section}: missing, driver {driver} needs it"])
+    traits = getattr(options.get(f"gimbal.{config.gimbal.driver}"), "traits", None)
+    if traits is None:  # the simulator's own gimbal reaches all that may be asked of it
+        return Loaded(config, options)
+    try:
+        config, remarks = within_reach(config, traits)
+    except ValueError as e:
+        raise ConfigError([f"{shown(path)}: {e}"]) from None
+    return Loaded(config, options, tuple(remarks))
+
+
+def from_record(
+    data: Any, source: str, *, others: Collection[str] = (), overrides: Sequence[str] = ()
+) -> tuple[Config, list[str]]:
+    """Return the configuration that a flight log has, and the keys that are no longer known.
+
+    Args:
+        data: of the log, plain values.
+        source: the log's name, for what is said about it.
+        others: blocks of drivers and simulator ("camera.v4l2"), which decide nothing here.
+        overrides: KEY=VALUE, as `load` takes them.
+
+    Raises:
+        ConfigError: a value cannot be used.
+    """
+    unknown: list[str] = []
+    faults: list[Fault] = []
+    tree = from_plain(_known(Config, data, "", set(others), unknown), Place(source))
+    for override in overrides:
+        tree = tree.under(read_override(override, faults))
+    config = _validated(Config, tree, faults)
+    if config is None or faults:
+        raise ConfigError([str(fault) for fault in sorted(faults)])
+    return config, unknown
+
+
+def _known(
+    model: type[BaseModel], data: Any, at: str, others: Collection[str], unknown: list[str]
+) -> Any:
+    """Return the part of plain data that the model has keys for; the others' names are added."""
+    if not isinstance(data, dict):
+        return data
+    kept = {}
+    for key, value in data.items():
+        field, dotted = model.model_fields.get(key), f"{at}{key}"
+        if field is None:
+            if dotted not in others:
+                unknown.append(dotted)
+            continue
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            kept[key] = _known(inner, value, f"{dotted}.", others, unknown)
+        else:
+            kept[key] = value
+    return kept
+
+
+def _with_options(
+    model: type[M], options_models: Mapping[str, type[BaseModel]], at: str = ""
+) -> type[M]:
+    """Return the model with options added to its sections; None where they need arguments."""
+    fields: dict[str, Any] = {}
+    for section, options in options_models.items():
+        parent, _, name = section.rpartition(".")
+        if parent == at:
+            needed = any(field.is_required() for field in options.model_fields.values())
+            fields[name] = (options | None, None) if needed else (options, options())
+    for name in {section.partition(".")[0] for section in options_models if "." in section}:
+        if not at:
+            base = model.model_fields[name].annotation
+            assert isinstance(base, type)
+            extended = _with_options(base, options_models, name)
+            fields[name] = (extended, Field(default=extended()))
+    return create_model(model.__name__, __base__=model, **fields)
+
+
+def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
+    """Return the tree as a model; None if it is not one, and the faults added."""
+    schema = _Schema(model)
+    plain = json.dumps(_with_paths(tree, schema, ()).plain())
+    try:
+        # Strict JSON: a list may be a tuple and text a path, but nothing else is converted.
+        return model.model_validate_json(plain, strict=True)
+    except ValidationError as e:
+        errors = e.errors(include_url=False)
+    found: dict[Fault, None] = {}  # each variant of a union has its own error: the same fault
+    for error in errors:
+        node, loc = tree.locate(error["loc"])
+        if error["type"] == "missing":
+            loc = (*loc, error["loc"][-1])
+            text = f"missing, expected {schema.expected(loc)}"
+        elif error["type"] == "extra_forbidden":
+            text = f"unknown key; nearest known key: {schema.nearest(_dotted(loc))}"
+        elif error["type"] == "value_error":
+            text = str(error["ctx"]["error"])
+        else:
+            text = f"found {node.found()}, expected {schema.expected(loc)}"
+        found[Fault(node.place, _dotted(loc), text)] = None
+    faults += found
+    return None
+
+
+class _Schema:
+    """The JSON schema of a model: which keys there are and what is expected of them."""
+
+    def __init__(self, model: type[BaseModel]) -> None:
+        self._root = model.model_json_schema()
+        self._known = list(self._keys(self._root, ""))
+
+    def is_path(self, loc: Loc) -> bool:
+        """Tell whether a key is the path of a file."""
+        return any(variant.get("format") == "path" for variant in self._at(loc))
+
+    def expected(self, loc: Loc) -> str:
+        """Say in words what a key may be."""
+        return " or ".join(dict.fromkeys(self._words(variant) for variant in self._at(loc)))
+
+    def nearest(self, key: str) -> str:
+        """Return the known dotted key most like this one."""
+        candidates = [known for known in self._known if not key.startswith(f"{known}.")]
+        return difflib.get_close_matches(key, candidates, n=1, cutoff=0.0)[0]
+
+    def _at(self, loc: Loc) -> list[dict[str, Any]]:
+        """Return the variants that a key may have; none for an unknown key."""
+        variants = [self._root]
+        for part in loc:
+            inner = [self._inner(variant, part) for variant in variants]
+            variants = [v for schema in inner if schema for v in self._variants(schema)]
+        return variants
+
+    def _variants(self, schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        """Follow references and unions to plain schemas."""
+        if "$ref" in schema:
+            yield from self._variants(self._root["$defs"][schema["$ref"].rpartition("/")[2]])
+        elif "anyOf" in schema or "oneOf" in schema:
+            for variant in schema.get("anyOf") or schema["oneOf"]:
+                yield from self._variants(variant)
+        else:
+            yield schema
+
+    def _inner(self, schema: dict[str, Any], part: str | int) -> dict[str, Any] | None:
+        if isinstance(part, str):
+            inner: dict[str, Any] | None = schema.get("properties", {}).get(part)
+            return inner
+        items: list[dict[str, Any]] = schema.get("prefixItems", [])
+        return items[part] if part < len(items) else schema.get("items")
+
+    def _keys(self, schema: dict[str, Any], prefix: str) -> Iterator[str]:
+        for variant in self._variants(schema):
+            for name, inner in variant.get("properties", {}).items():
+                yield prefix + name
+                yield from self._keys(inner, f"{prefix}{name}.")
+
+    def _words(self, schema: dict[str, Any]) -> str:
+        kind = schema.get("type")
+        if "const" in schema:
+            return str(schema["const"])
+        if "enum" in schema:
+            return "one of " + ", ".join(str(value) for value in schema["enum"])
+        if kind == "array":
+            items = schema.get("prefixItems")
+            return f"a list of {len(items)} values" if items else "a list"
+        if schema.get("format") == "path":
+            return "a file name"
+        bounds = [f"{text} {schema[bound]:g}" for bound, text in _BOUNDS.items() if bound in schema]
+        return f"{_KINDS.get(str(kind), 'another value')} {' and '.join(bounds)}".rstrip()
+
+
+_KINDS = {
+    "number": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+    "string": "text",
+    "object": "a block of keys",
+    "null": "nothing",
+}
+_BOUNDS = {
+    "exclusiveMinimum": "above",
+    "minimum": "at least",
+    "exclusiveMaximum": "below",
+    "maximum": "at most",
+}
+
+
+def _with_paths(node: Node, schema: _Schema, loc: Loc) -> Node:
+    """Return the tree with relative paths made absolute."""
+    value = node.value
+    if isinstance(value, dict):
+        value = {key: _with_paths(inner, schema, (*loc, key)) for key, inner in value.items()}
+    elif isinstance(value, list):
+        value = [_with_paths(inner, schema, (*loc, i)) for i, inner in enumerate(value)]
+    elif isinstance(value, str) and schema.is_path(loc):
+        value = str(_found(node.folder / value, value))
+    return Node(node.place, node.folder, value)
+
+
+def _found(path: Path, name: str) -> Path:
+    """Return the path, or landerd's own file of that name where there is none."""
+    own = config_dir() / name
+    return own if own.exists() and not path.exists() else path
+
+
+def _anchored(model: M) -> M:
+    """Return the model with the paths that are still relative, defaults, made absolute."""
+    changes: dict[str, Any] = {}
+    for name, value in model:
+        if isinstance(value, Path) and not value.is_absolute():
+            changes[name] = config_dir() / value
+        elif isinstance(value, BaseModel):
+            changes[name] = _anchored(value)
+    return model.model_copy(update=changes)
+
+
+def _unknown_drivers(tree: Node, drivers: Mapping[str, Collection[str]]) -> Iterator[Fault]:
+    for section, known in drivers.items():
+        node, loc = tree.locate((section, "driver"))
+        if loc == (section, "driver") and isinstance(node.value, str) and node.value not in known:
+            expected = "one of " + ", ".join(sorted(known))
+            yield Fault(node.place, _dotted(loc), f"found {node.found()}, expected {expected}")
+
+
+def _at(model: Any, section: str) -> Any:
+    for name in section.split("."):
+        model = getattr(model, name)
+    return model
+
+
+def _dotted(loc: Loc) -> str:
+    return ".".join(str(part) for part in loc)

@@ -1,0 +1,241 @@
+"""The whole configuration as typed models. `config_file` reads it from YAML.
+
+Lengths in m, times in s; angles end in `_deg` because people type them. Drivers and the simulator
+bring models of their own (landerd.devices); they appear under the section they belong to.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from landerd.section import Finite, NotNegative, Positive, Section
+
+Gain = Annotated[float, Field(ge=0, le=10)]
+
+
+class PadSection(Section):
+    """Which pad to land on."""
+
+    layout: Path = Path("pads/thesis.yaml")
+
+
+class VehicleSection(Section):
+    """Geometry of the airframe, body frame (FRD) from the autopilot's position."""
+
+    camera_offset_m: tuple[Finite, Finite, Finite] = (0.10, 0.0, 0.04)  # to the gimbal's pivot
+    gear_height_m: NotNegative = 0.20  # down to the plane of the feet
+    footprint_m: tuple[Positive, Positive] = (0.44, 0.26)  # between the feet: along x, along y
+
+
+class CameraSection(Section):
+    """Which camera, and its calibration."""
+
+    driver: str = "sim"
+    calibration: Path = Path("cameras/thesis.yaml")
+
+
+class GimbalSection(Section):
+    """Which gimbal, and how far it may turn (thesis 2.3.3)."""
+
+    driver: str = "sim"
+    yaw_limits_deg: tuple[Finite, Finite] = (-90.0, 90.0)
+    pitch_limits_deg: tuple[Finite, Finite] = (-180.0, 0.0)
+    # How the camera sits turned on the last axis: roll right, pitch up, yaw right.
+    camera_rotation_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    lag_s: Positive = 0.08  # behind its orders; used where a gimbal does not measure its angles
+
+
+class AutopilotSection(Section):
+    """How the autopilot is reached."""
+
+    driver: str = "mavlink"
+    url: str = "memory:"
+    setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    # whose parameter changes and commands are taken
+    ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
+    signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
+    signing_time: Path | None = None  # where their time stamp is kept; None: beside the key
+
+
+class RcSection(Section):
+    """The pilot's gate."""
+
+    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11
+    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500
+
+
+class FreshnessSection(Section):
+    """How old data may be, by its own time, before it is not flown on."""
+
+    heartbeat_s: Annotated[float, Field(gt=0, le=3)] = 3.0
+    rc_s: Annotated[float, Field(gt=0, le=1)] = 0.5
+    attitude_s: Annotated[float, Field(gt=0, le=0.5)] = 0.2
+    position_s: Annotated[float, Field(gt=0, le=0.5)] = 0.3
+    gimbal_s: Annotated[float, Field(gt=0, le=0.5)] = 0.3
+
+
+class VisionSection(Section):
+    """How images are searched."""
+
+    min_ring_px: Positive = 8.0  # smallest outer diameter of a ring that is searched for
+    max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
+
+
+class EstimationSection(Section):
+    """Noise the pad filter assumes."""
+
+    pad_acceleration_mps2: Positive = 0.3  # how a pad may change its velocity, to begin with
+    gimbal_sigma_deg: NotNegative = 1.0  # error of the lens's direction, slowly varying
+    bearing_noise_deg: NotNegative = 0.05  # and from frame to frame
+    gimbal_late_s: NotNegative = 0.01  # a turning gimbal is so much behind what it says
+    clock_sigma_s: NotNegative = 0.01  # of the pictures' time against the telemetry's
+    position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
+    gate_sigma: Positive = 4.0  # innovations beyond this are not accepted
+
+
+class PidGains(Section):
+    """Gains of one controller; output = kp e + ki int(e) + kd de/dt, all positive here."""
+
+    kp: Gain
+    ki: Gain = 0.0
+    kd: Gain = 0.0
+
+
+class PidSection(Section):
+    """The thesis's four PID controllers (2.4.3), north and east alike.
+
+    Up, yaw and the approach have the thesis's gains (Tables 3.7, 3.8). Nearer the pad its low kp
+    and high kd creep (a time constant of 6 s), so ours are stiffer; config/thesis-gains.yaml has
+    the originals.
+    """
+
+    approach: PidGains = PidGains(kp=0.7, kd=0.4)
+    close_approach: PidGains = PidGains(kp=0.6, kd=0.5)
+    final: PidGains = PidGains(kp=0.8, ki=0.3, kd=0.4)  # YAW_CORRECTION and DESCENT
+    up: PidGains = PidGains(kp=0.9, kd=0.5)
+    yaw: PidGains = PidGains(kp=1.5, kd=0.1)
+    integral_limit_mps: Annotated[float, Field(ge=0, le=5)] = 1.0  # of the integral's share
+    speed_mps: Annotated[float, Field(gt=0, le=20)] = 5.0  # of the output
+
+
+class TrackingSection(Section):
+    """The controller on the pad filter's state."""
+
+    kp: Annotated[float, Field(gt=0, le=5)] = 2.5  # closing speed per m of distance, near the pad
+    ki: Annotated[float, Field(ge=0, le=2)] = 0.6
+    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.5  # how late the vehicle answers an order
+    approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
+    brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
+    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45
+    yaw_kp: Annotated[float, Field(gt=0, le=5)] = 1.0
+
+
+class DescentSection(Section):
+    """Where descent is allowed (thesis eq. 2.3) and when it is committed."""
+
+    k1_m: Annotated[float, Field(gt=0, le=1)] = 0.12
+    k2_per_m: Annotated[float, Field(ge=0, le=1)] = 0.36
+    close_factor: Annotated[float, Field(gt=1, le=10)] = 3.0  # CLOSE_APPROACH in this times delta
+    # not below this while the heading is off
+    alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
+    align_deg: Positive = 2.0  # the heading counts as aligned within this,
+    realign_deg: Positive = 4.0  # and as off again beyond this
+    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16
+    # committed only if at touch-down these will be kept; else it climbs to the last and tries again
+    commit_miss_m: Annotated[float, Field(gt=0, le=1)] = 0.2
+    commit_slip_mps: Annotated[float, Field(gt=0, le=2)] = 0.3  # against the pad, horizontal
+    commit_sink_mps: Annotated[float, Field(gt=0, le=2)] = 0.8
+    retry_height_m: Annotated[float, Field(ge=0.3, le=10)] = 1.0
+    # where descent is allowed it is not slower than this
+    slowest_mps: Annotated[float, Field(gt=0, le=0.5)] = 0.15
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> "DescentSection":
+        if not self.align_deg < self.realign_deg <= 5.0:
+            raise ValueError("expected align_deg < realign_deg <= 5")
+        return self
+
+
+class LimitsSection(Section):
+    """What is ever asked of the vehicle."""
+
+    speed_mps: Annotated[float, Field(gt=0, le=20)] = 20.0
+    climb_mps: Annotated[float, Field(gt=0, le=5)] = 1.0
+    descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.5
+    acceleration_mps2: Annotated[float, Field(gt=0, le=10)] = 2.5
+    vertical_acceleration_mps2: Annotated[float, Field(gt=0, le=5)] = 1.0
+    jerk_mps3: Annotated[float, Field(gt=0, le=50)] = 15.0
+    yaw_rate_deg_s: Annotated[float, Field(gt=0, le=180)] = 30.0
+
+
+class LostSection(Section):
+    """What is done after the pad went out of sight."""
+
+    after_s: Annotated[float, Field(gt=0, le=0.5)] = 0.5  # thesis: abort time
+    hold_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # hover and look
+    climb_mps: Annotated[float, Field(ge=0, le=3)] = 0.5
+    climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # at most this far up; 0: do not climb
+    give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # then hand back to the pilot
+    retries: Annotated[int, Field(ge=0, le=100)] = 5  # descents that may be broken off before that
+
+
+class GuidanceSection(Section):
+    """How the vehicle is led onto the pad."""
+
+    method: Literal["tracking", "pid"] = "tracking"
+    output: Literal["velocity", "landing_target"] = "velocity"
+    tracking: TrackingSection = TrackingSection()
+    pid: PidSection = PidSection()
+    descent: DescentSection = DescentSection()
+    limits: LimitsSection = LimitsSection()
+    lost: LostSection = LostSection()
+    release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
+    touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # after commit
+    touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0
+
+
+class AimSection(Section):
+    """How the gimbal is pointed (thesis 2.3.4)."""
+
+    method: Literal["predicted", "increment"] = "predicted"
+    lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: how late the gimbal answers
+    gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
+    idle_yaw_deg: Finite = 0.0
+    idle_pitch_deg: Finite = -23.0  # the thesis's 0.4 rad
+    search_after_s: NotNegative = 5.0  # without a sighting: sweep down and up
+
+
+class ControlSection(Section):
+    """The control task."""
+
+    rate_hz: Annotated[float, Field(ge=20, le=100)] = 40.0
+
+
+class LogSection(Section):
+    """What is recorded of a flight, and how much of the disk it may take."""
+
+    folder: Path | None = None  # None: $STATE_DIRECTORY/logs, which systemd sets
+    images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
+    every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
+    most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
+    keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
+
+
+class Config(Section):
+    """All sections that are not a driver's own."""
+
+    pad: PadSection = PadSection()
+    vehicle: VehicleSection = VehicleSection()
+    camera: CameraSection = CameraSection()
+    gimbal: GimbalSection = GimbalSection()
+    autopilot: AutopilotSection = AutopilotSection()
+    rc: RcSection = RcSection()
+    freshness: FreshnessSection = FreshnessSection()
+    vision: VisionSection = VisionSection()
+    estimation: EstimationSection = EstimationSection()
+    guidance: GuidanceSection = GuidanceSection()
+    aim: AimSection = AimSection()
+    control: ControlSection = ControlSection()
+    log: LogSection = LogSection()

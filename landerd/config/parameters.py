@@ -1,0 +1,255 @@
+"""The tunable parameters, which a pilot may read and change over MAVLink, from the config models.
+
+Every number below `guidance` and `rc` is one. Names follow from the keys by rule, are at most 16
+characters and never change their meaning; ranges are those of the models. `docs/parameters.md` is
+printed by `python -m landerd.config.parameters`.
+"""
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import annotated_types
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from landerd.config.models import Config
+from landerd.config.yaml_tree import put
+from landerd.ports import ParameterRefused
+
+NAME_LENGTH = 16  # param_id of MAVLink
+SECTIONS = ("guidance", "rc")
+# Gains and the shape of the descent region; all else is locked while the vehicle is armed.
+IN_FLIGHT = re.compile(
+    r"guidance\.(?!limits|lost|descent)\w+\.(?!integral_limit)[\w.]+"
+    r"|guidance\.descent\.(k1_m|k2_per_m|close_factor|slowest_mps)"
+)
+# Longer ones first.
+_UNITS = {
+    "_per_m": "1/m",
+    "_deg_s": "deg/s",
+    "_mps3": "m/s^3",
+    "_mps2": "m/s^2",
+    "_mps": "m/s",
+    "_deg": "deg",
+    "_us": "us",
+    "_hz": "Hz",
+    "_s": "s",
+    "_m": "m",
+}
+_SHORT = {
+    "acceleration": "ACC",
+    "alignment": "ALIGN",
+    "approach": "APP",
+    "channel": "CH",
+    "close": "CLS",
+    "descent": "DESC",
+    "height": "HGT",
+    "integral": "I",
+    "limit": "LIM",
+    "limits": "LIM",
+    "threshold": "THR",
+    "timeout": "TMO",
+    "tracking": "TRK",
+    "touchdown": "TD",
+    "vertical": "V",
+}
+_OTHER_NAMES = {"guidance.lost.climb_mps": "LOST_CLIMB_V"}  # where the rule gives a name twice
+
+M = TypeVar("M", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One tunable number of the configuration."""
+
+    name: str
+    key: str  # dotted key of the configuration
+    unit: str  # "" where it has none
+    default: float
+    whole: bool  # whole numbers only
+    bounds: tuple[tuple[str, float], ...]  # as ("above", 0.0); empty: any number
+    in_flight: bool  # may be changed while armed
+
+
+def parameters() -> dict[str, Parameter]:
+    """Return all parameters by name, in the order of the configuration."""
+    found: dict[str, Parameter] = {}
+    config = Config()
+    for section in SECTIONS:
+        for parameter in _walk(getattr(config, section), section):
+            assert parameter.name not in found, f"{parameter.name} twice: see _OTHER_NAMES"
+            found[parameter.name] = parameter
+    return found
+
+
+def value_of(config: BaseModel, key: str) -> float:
+    """Return the number at a dotted key."""
+    value: Any = config
+    for name in key.split("."):
+        value = getattr(value, name)
+    return float(value)
+
+
+def with_value(config: M, key: str, value: float) -> M:
+    """Return the configuration with one number changed.
+
+    Raises:
+        ValidationError: the models refuse the value.
+    """
+    name, _, rest = key.partition(".")
+    old = getattr(config, name)
+    new = with_value(old, rest, value) if rest else int(value) if isinstance(old, int) else value
+    return type(config).model_validate({**dict(config), name: new})
+
+
+class ParameterSet:
+    """The parameters as they are now, and the overlay file they are saved to."""
+
+    def __init__(self, config: Config, overlay: Path | None = None) -> None:
+        """Overlay: where `save` writes; None: nowhere."""
+        self._config = config
+        self._overlay = overlay
+        self._table = parameters()
+        self._unsaved: dict[str, float] = {}  # by key
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, in a fixed order."""
+        return tuple(self._table)
+
+    def value(self, name: str) -> float:
+        """Return a parameter's value. Raises KeyError."""
+        return value_of(self._config, self._table[name].key)
+
+    def change(self, name: str, value: float, *, disarmed: bool) -> str:
+        """Change a value and return its key of the configuration.
+
+        Raises:
+            KeyError: there is no such parameter.
+            ParameterRefused: it is locked or out of range; nothing has changed.
+        """
+        parameter = self._table[name]
+        if not (disarmed or parameter.in_flight):
+            raise ParameterRefused(f"{name}: only while disarmed")
+        try:
+            if not math.isfinite(value) or (parameter.whole and value != int(value)):
+                raise ParameterRefused(f"{name}: {value:g} is no {_kind(parameter)}")
+            self._config = with_value(self._config, parameter.key, value)
+        except ValidationError as e:
+            error = e.errors(include_url=False)[0]
+            if error["type"] == "value_error":  # of several keys together
+                raise ParameterRefused(f"{name}: {error['ctx']['error']}") from None
+            raise ParameterRefused(f"{name}: {_range(parameter)}") from None
+        self._unsaved[parameter.key] = int(value) if parameter.whole else value
+        return parameter.key
+
+    def save(self) -> None:
+        """Write what was changed into the overlay file. Raises ParameterRefused."""
+        if self._overlay is None:
+            raise ParameterRefused("no overlay file to save to")
+        try:
+            old = self._overlay.read_text("utf-8") if self._overlay.exists() else ""
+            tree = yaml.safe_load(old) or {}
+            for key, value in self._unsaved.items():
+                put(tree, key.split("."), value)
+            new = self._overlay.with_name(f".{self._overlay.name}.new")
+            with new.open("w", encoding="utf-8") as file:
+                file.write("# Saved by a ground station; laid over the configuration.\n")
+                yaml.safe_dump(tree, file, sort_keys=False)
+                file.flush()
+                os.fsync(file.fileno())
+            new.replace(self._overlay)
+        except (OSError, yaml.YAMLError) as e:
+            raise ParameterRefused(
+                f"not saved: {getattr(e, 'strerror', None) or 'bad YAML'}"
+            ) from None
+        self._unsaved.clear()
+
+
+def _walk(section: BaseModel, key: str) -> Iterator[Parameter]:
+    for name, field in type(section).model_fields.items():
+        value, inner = getattr(section, name), f"{key}.{name}"
+        if isinstance(value, BaseModel):
+            yield from _walk(value, inner)
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            stem, unit = _without_unit(inner)
+            yield Parameter(
+                name=_OTHER_NAMES.get(inner) or _short(stem),
+                key=inner,
+                unit=unit,
+                default=float(value),
+                whole=isinstance(value, int),
+                bounds=tuple(_bounds(field)),
+                in_flight=IN_FLIGHT.fullmatch(inner) is not None,
+            )
+
+
+def _without_unit(key: str) -> tuple[str, str]:
+    for suffix, unit in _UNITS.items():
+        if key.endswith(suffix):
+            return key.removesuffix(suffix), unit
+    return key, ""
+
+
+def _short(stem: str) -> str:
+    words = re.split(r"[._]", stem.removeprefix("guidance."))
+    return "_".join(_SHORT.get(word, word.upper()) for word in words)
+
+
+def _bounds(field: FieldInfo) -> Iterator[tuple[str, float]]:
+    for item in field.metadata:
+        match item:
+            case annotated_types.Gt(gt=bound):
+                yield "above", float(str(bound))
+            case annotated_types.Ge(ge=bound):
+                yield "at least", float(str(bound))
+            case annotated_types.Lt(lt=bound):
+                yield "below", float(str(bound))
+            case annotated_types.Le(le=bound):
+                yield "at most", float(str(bound))
+
+
+def _kind(parameter: Parameter) -> str:
+    return "whole number" if parameter.whole else "number"
+
+
+def _range(parameter: Parameter) -> str:
+    return ", ".join(f"{word} {bound:g}" for word, bound in parameter.bounds) or "a number"
+
+
+def markdown() -> str:
+    """Return docs/parameters.md."""
+    lines = [
+        _HEAD,
+        "| name | key of the configuration | range | default | unit | while armed |",
+        "|---|---|---|---|---|---|",
+    ]
+    for p in parameters().values():
+        kind = "whole number, " if p.whole else ""
+        lines.append(
+            f"| `{p.name}` | `{p.key}` | {kind}{_range(p)} | {p.default:g} | {p.unit} "
+            f"| {'yes' if p.in_flight else 'no'} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+_HEAD = """# Parameters over MAVLink
+
+landerd answers ground stations as component 191 of the vehicle's system: in QGroundControl and
+Mission Planner its parameters appear beside the autopilot's, in MAVProxy after
+`set target_component 191`. A change is checked against the range, flown from the next control step
+on, without a bump, and logged. What may not be changed while armed is refused and says so. Changes
+are gone with the next start unless you save them ("write to storage", MAV_CMD_PREFLIGHT_STORAGE):
+they go to an overlay file beside the configuration (`landerd run --help`).
+
+This table is made from the code: `python -m landerd.config.parameters > docs/parameters.md`.
+"""
+
+if __name__ == "__main__":
+    print(markdown(), end="")

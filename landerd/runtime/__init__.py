@@ -1,0 +1,1 @@
+"""What runs the core: the daemon, clocks, the service, dry runs."""

@@ -1,0 +1,327 @@
+"""The asyncio tasks that join camera, gimbal and autopilot with vision and the core.
+
+Four tasks: one a device, one for control. The control task never waits for vision: on the wall's
+clock a frame is searched in one worker thread (OpenCV lets go of the interpreter's lock), on a
+virtual clock inline, and the result is taken in after a modelled latency.
+"""
+
+import asyncio
+import dataclasses
+import logging
+import math
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NoReturn, Protocol
+
+import cv2
+import numpy as np
+
+from landerd.camera_model import CameraModel
+from landerd.config.models import Config
+from landerd.lander import Lander
+from landerd.messages import (
+    Command,
+    Disarm,
+    Frame,
+    GimbalCommand,
+    Heartbeat,
+    Input,
+    LandingTarget,
+    Phase,
+    PhaseChange,
+    PressDown,
+    Prior,
+    Setpoint,
+    Shutdown,
+    Sightings,
+    StatusText,
+    Tick,
+)
+from landerd.pad import PadLayout
+from landerd.ports import Autopilot, Camera, DeviceLost, Gimbal
+from landerd.vision import Vision
+
+log = logging.getLogger("landerd")
+
+HEARTBEAT_S = 1.0
+PLOT_S = 0.2
+PHASES = list(Phase)  # a phase is plotted as its place here
+FUTURE_S = 0.05  # a time stamp farther ahead than this is false
+OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
+IDLE_S = 0.1  # how often it is looked whether pictures are needed again
+LAST_ORDERS_S = 1.2  # longest stream of zero velocity before the daemon ends, within 2 s
+BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
+AWAY_S = 60.0  # how often it is said again that a device is away
+
+
+@dataclass(frozen=True)
+class Devices:
+    """What the daemon drives."""
+
+    camera: Camera
+    gimbal: Gimbal
+    autopilot: Autopilot
+
+
+class Observer(Protocol):
+    """Sees all that happens and changes nothing: the flight log, a progress line."""
+
+    def on_flight(self, lander: Lander) -> None:
+        """A flight begins, with a core that knows of no other."""
+
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
+        """A frame was searched."""
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        """The core took a message and gave commands."""
+
+
+class Daemon:
+    """Runs until cancelled."""
+
+    def __init__(
+        self,
+        config: Config,
+        layout: PadLayout,
+        camera_model: CameraModel,
+        devices: Devices,
+        *,
+        vision_latency_s: float | None = None,
+        observers: tuple[Observer, ...] = (),
+    ) -> None:
+        """Make a daemon.
+
+        Args:
+            config: the whole configuration.
+            layout: the pad to land on.
+            camera_model: intrinsics of the camera's images.
+            devices: opened and closed by the daemon.
+            vision_latency_s: None: search frames in a worker thread; else inline, taking the
+                result in this much later.
+            observers: see everything.
+        """
+        # Vision has one core; OpenCV's own threads would take that of the control task.
+        cv2.setNumThreads(1)
+        self._config = config
+        self._devices = devices
+        self._shape = (camera_model.height, camera_model.width)
+        self._layout, self._camera_model = layout, camera_model
+        self._vision = Vision(layout, camera_model, config.vision)
+        self._vision_latency_s = vision_latency_s
+        self._observers = observers
+        self._logged: dict[str, float] = {}
+        self._away: dict[str, str] = {}  # devices that were said to be lost, and why
+        self._frame_t = -math.inf
+        self._armed = True  # as far as is known: an unknown vehicle may be flying
+        self.lander = Lander(config, layout)
+        self.faults: Counter[str] = Counter()  # bad input by kind
+
+    async def run(self) -> NoReturn:
+        """Drive the devices until cancelled; a lost device is opened again, with back-off."""
+        devices = self._devices
+        for observer in self._observers:
+            observer.on_flight(self.lander)
+        executor = ThreadPoolExecutor(1) if self._vision_latency_s is None else None
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._control())
+                tasks.create_task(self._keep("autopilot", devices.autopilot, self._autopilot))
+                tasks.create_task(self._keep("gimbal", devices.gimbal, self._gimbal))
+                tasks.create_task(
+                    self._keep("camera", devices.camera, lambda: self._camera(executor))
+                )
+        finally:
+            if executor is not None:
+                executor.shutdown(wait=False, cancel_futures=True)
+        raise AssertionError("tasks run for ever")
+
+    async def shut_down(self) -> None:
+        """Stop the vehicle if landerd flies it; then `run` may be cancelled.
+
+        Without this the autopilot would fly the last velocity on until its own timeout.
+        """
+        self._take(Shutdown(asyncio.get_running_loop().time()))
+        await asyncio.sleep(min(self._config.guidance.release_s, LAST_ORDERS_S))
+
+    # ---- device tasks --------------------------------------------------------------------------
+
+    async def _keep(
+        self,
+        name: str,
+        device: Camera | Gimbal | Autopilot,
+        serve: Callable[[], Awaitable[NoReturn]],
+    ) -> NoReturn:
+        """Keep a device open and served."""
+        wait = BACK_OFF_S[0]
+        while True:
+            try:
+                await device.open()
+                wait = BACK_OFF_S[0]
+                await serve()
+            except DeviceLost as e:
+                self._lose(name, str(e))
+            finally:
+                await device.close()
+            await asyncio.sleep(wait)
+            wait = min(2.0 * wait, BACK_OFF_S[1])
+
+    async def _autopilot(self) -> NoReturn:
+        while True:
+            self._take_from("autopilot", await self._devices.autopilot.receive())
+
+    async def _gimbal(self) -> NoReturn:
+        while True:
+            self._take_from("gimbal", await self._devices.gimbal.state())
+
+    async def _camera(self, executor: ThreadPoolExecutor | None) -> NoReturn:
+        loop = asyncio.get_running_loop()
+        while True:
+            if not self.lander.needs_sight:
+                await asyncio.sleep(IDLE_S)
+                continue
+            frame = await self._devices.camera.newest()
+            self._find("camera")
+            if not self._usable(frame, loop.time()):
+                continue
+            prior = self.lander.prior(frame.t)
+            try:
+                if executor is None:
+                    sightings = self._vision.process(frame, prior)
+                    await asyncio.sleep(self._vision_latency_s or 0.0)
+                else:
+                    search = self._vision.process
+                    sightings = await loop.run_in_executor(executor, search, frame, prior)
+            except (ValueError, cv2.error) as e:
+                self._fault("image not searched", str(e))
+                continue
+            for observer in self._observers:
+                observer.on_frame(frame, prior, sightings)
+            self._take(sightings)
+
+    # ---- control -------------------------------------------------------------------------------
+
+    async def _control(self) -> NoReturn:
+        loop = asyncio.get_running_loop()
+        period = 1.0 / self._config.control.rate_hz
+        due = loop.time()
+        beat = plotted = -math.inf
+        while True:
+            due = max(due + period, loop.time())
+            await asyncio.sleep(due - loop.time())
+            now = loop.time()
+            if now - beat >= HEARTBEAT_S:
+                beat = now
+                self._devices.autopilot.heartbeat()
+            self._take(Tick(now))
+            if now - plotted >= PLOT_S:
+                plotted = now
+                self._devices.autopilot.plot(self._figures(now))
+
+    def _figures(self, now: float) -> dict[str, float]:
+        """What the pilot may watch in the ground station's plots."""
+        figures = {"phase": float(PHASES.index(self.lander.phase))}
+        pad = self.lander.relative(now)
+        if pad is not None:
+            figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
+        return figures
+
+    def _take(self, message: Input) -> None:
+        """Give the core a message and carry out what it orders."""
+        commands = self.lander.step(message)
+        for command in commands:
+            self._carry_out(command)
+        now = asyncio.get_running_loop().time()
+        for observer in self._observers:
+            observer.on_step(now, message, commands)
+
+    def _carry_out(self, command: Command) -> None:
+        autopilot = self._devices.autopilot
+        match command:
+            case Setpoint():
+                autopilot.fly(command)
+            case PressDown():
+                autopilot.press_down(command)
+            case GimbalCommand():
+                self._devices.gimbal.command(command)
+            case StatusText():
+                autopilot.tell(command)
+            case Disarm():
+                autopilot.disarm()
+            case LandingTarget():
+                autopilot.show_target(command)
+            case PhaseChange():
+                log.info("%s: %s", command.phase.value, command.reason)
+
+    # ---- bad input -----------------------------------------------------------------------------
+
+    def _take_from(self, source: str, message: Input) -> None:
+        """Take a device's message unless a number or its time is impossible."""
+        self._find(source)
+        now = asyncio.get_running_loop().time()
+        if not _finite(message):
+            self._fault(f"{source} sent a number that is none", type(message).__name__)
+        elif message.t > now + FUTURE_S:
+            self._fault(f"{source} sent a time in the future", type(message).__name__)
+        else:
+            if isinstance(message, Heartbeat):
+                self._watch_arming(message)
+            self._take(message)
+
+    def _watch_arming(self, heartbeat: Heartbeat) -> None:
+        """Begin each flight with a new core, so that its log alone replays."""
+        if heartbeat.armed and not self._armed:
+            self.lander = Lander(self.lander.config, self._layout)
+            self._vision = Vision(self._layout, self._camera_model, self._config.vision)
+            for observer in self._observers:
+                observer.on_flight(self.lander)
+        self._armed = heartbeat.armed
+
+    def _usable(self, frame: Frame, now: float) -> bool:
+        image = frame.image
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+            self._fault("image of a wrong type", str(getattr(image, "dtype", type(image))))
+        elif image.shape != self._shape:
+            expected = f"{self._shape[1]}x{self._shape[0]}"
+            self._fault("image of a wrong size", f"{image.shape}, calibrated for {expected}")
+        elif not math.isfinite(frame.t) or frame.t > now + FUTURE_S:
+            self._fault("frame from the future", f"{frame.t - now:.3f} s ahead")
+        elif frame.t < now - OLDEST_FRAME_S or frame.t <= self._frame_t:
+            self._fault("frame too old or out of order", f"{now - frame.t:.3f} s old")
+        else:
+            self._frame_t = frame.t
+            return True
+        return False
+
+    def _lose(self, device: str, reason: str) -> None:
+        """Count the loss of a device; log it when it is news, and then now and again."""
+        self.faults[f"{device} lost"] += 1
+        now = asyncio.get_running_loop().time()
+        every_s = AWAY_S if self._away.get(device) == reason else 1.0
+        if now - self._logged.get(device, -math.inf) >= every_s:
+            self._logged[device], self._away[device] = now, reason
+            log.warning("%s lost: %s", device, reason)
+
+    def _find(self, device: str) -> None:
+        """Log that a lost device has been heard again."""
+        if self._away.pop(device, None) is not None:
+            log.info("%s is back", device)
+
+    def _fault(self, kind: str, detail: str) -> None:
+        """Count bad input and log each kind at most once a second."""
+        self.faults[kind] += 1
+        now = asyncio.get_running_loop().time()
+        if now - self._logged.get(kind, -math.inf) >= 1.0:
+            self._logged[kind] = now
+            log.warning("%s: %s (%d so far)", kind, detail, self.faults[kind])
+
+
+def _finite(message: Input) -> bool:
+    """Tell whether every float of a flat message is finite."""
+    for field in dataclasses.fields(message):
+        value = getattr(message, field.name)
+        for part in value if isinstance(value, tuple) else (value,):
+            if isinstance(part, float) and not math.isfinite(part):
+                return False
+    return True

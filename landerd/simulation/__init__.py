@@ -1,0 +1,1 @@
+"""One closed-loop flight: composed, recorded, its result; with the stand-in or with SITL."""

@@ -1,0 +1,305 @@
+"""One landing of a real ArduCopter in SITL: camera, gimbal and pad are simulated around it.
+
+SITL flies the physics and keeps the clock; landerd's daemon, driver and link are those of a
+vehicle. With a take-off height a fake ground station does what a pilot would do.
+"""
+
+import asyncio
+import contextlib
+import gc
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from hw.autopilots.arducopter import Mode
+from hw.links import open_link
+from hw.sim.options import SimOptions
+from hw.sim.sitl import SitlWorld, Truth
+from hw.sim.stand_in.ground_station import GroundStation
+from hw.sim.stand_in.shared_link import SharedLink
+from landerd import devices as registry
+from landerd.analysis.picture import write_picture
+from landerd.config.files import Loaded
+from landerd.pad import load_pad
+from landerd.ports import DeviceLost
+from landerd.runtime.clock import SlavedLoop, run_slaved
+from landerd.simulation.flight import (
+    GATE_OPENS_S,
+    LONGEST_S,
+    WALL_JITTER_S,
+    Simulation,
+    Surroundings,
+    beyond_pad,
+    speed_on_the_way,
+)
+from landerd.simulation.result import result_of, trace_of
+
+CONNECTS_S = 10.0
+REPORTS_S = 90.0  # ArduCopter needs 42 s from its start to a local origin
+TAKES_OFF_S = 120.0  # arming, take-off and the way to the start
+ON_THE_WAY_MPS = 5.0  # as the stand-in flies, and ArduCopter up to 4.1; newer ones would fly 10
+ASK_S = 1.0
+REOPEN_S = 0.2
+_THROTTLE_CHANNEL = 3  # low to arm; in the air in the middle, or LOITER would sink
+_BOTTOM_US, _LOW_US, _MIDDLE_US, _HIGH_US = 1000, 1100, 1500, 1900
+
+Script = Callable[[Simulation], Awaitable[None]]
+
+
+class AutopilotError(Exception):
+    """The autopilot cannot be flown with; the text is one line for the user."""
+
+
+class SitlFlight:
+    """Brings the vehicle to the start, flies one landing, and puts it down.
+
+    Attributes:
+        link: landerd's, and everybody else's.
+        truth: the vehicle's, once `run` has begun.
+        simulation: there once the vehicle is at the start.
+        version: of the autopilot, as it says.
+        rate: seconds of the autopilot's in one of the wall's.
+    """
+
+    truth: Truth
+    simulation: Simulation
+
+    def __init__(
+        self,
+        loaded: Loaded,
+        seed: int,
+        url: str,
+        *,
+        take_off_m: float | None = None,
+        log: Path | None = None,
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        """take_off_m: None if somebody else flies the vehicle; else the height to start from.
+
+        Raises:
+            AutopilotError: the URL is none.
+        """
+        options = loaded.options["sim"]
+        assert isinstance(options, SimOptions)
+        self.version = ""
+        self.rate = 1.0
+        self._loaded = loaded
+        self._options = options
+        self._seed = seed
+        self._url = url
+        self._take_off_m = take_off_m
+        self._log = log
+        self._progress = progress
+        try:
+            self.link = SharedLink(open_link(url))
+        except ValueError as e:
+            raise AutopilotError(f"--autopilot: {e}") from None
+
+    def say(self, line: str) -> None:
+        """Show a line of progress."""
+        if self._progress is not None:
+            self._progress(line)
+
+    async def run(self, script: Script | None = None) -> None:
+        """Do it all. On a `SlavedLoop`.
+
+        Args:
+            script: what else happens; runs beside the landing.
+
+        Raises:
+            AutopilotError: the autopilot does not answer, or not as one in SITL.
+        """
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, SlavedLoop)
+        config = self._loaded.config
+        system_id = config.autopilot.system_id
+        self.truth = truth = Truth(self.link.side(), system_id, loop.place)
+        self.link.listeners.append(truth.take)
+        self._ground_station = GroundStation(self.link.side(), system_id=system_id)
+        world = SitlWorld(
+            self._options, config.vehicle, load_pad(config.pad.layout).plate, self._seed, truth
+        )
+        helpers = [asyncio.create_task(self._keep_asking(truth))]
+        if self._take_off_m is not None:
+            helpers.append(asyncio.create_task(self._ground_station.serve()))
+        try:
+            await self._until_ready()
+            if self._take_off_m is not None:
+                await self._to_start(world, self._take_off_m)
+            self.version, self.rate = truth.version, loop.rate
+            world.begin(loop.time())
+            await self.fly(world, script)
+            if self._take_off_m is not None:
+                await self._finish()
+        finally:
+            for task in helpers:
+                task.cancel()
+            await self.link.close()
+
+    async def _keep_asking(self, truth: Truth) -> None:
+        while True:
+            received = truth.received
+            await asyncio.sleep(ASK_S)
+            if truth.received == received or not truth.version:
+                truth.ask()
+
+    async def _read(self) -> None:
+        """Read the link while the daemon does not."""
+        while True:
+            try:
+                while True:
+                    await self.link.read()
+            except DeviceLost:
+                await asyncio.sleep(REOPEN_S)
+                with contextlib.suppress(DeviceLost):
+                    await self.link.open()
+
+    async def _until_ready(self) -> None:
+        """Connect, and wait for the first true state."""
+        self.say(f"waiting for the autopilot at {self._url}")
+        try:
+            async with asyncio.timeout(CONNECTS_S):
+                await self.link.open()
+        except (DeviceLost, TimeoutError) as e:
+            raise AutopilotError(f"--autopilot {self._url}: no connection: {e}") from None
+        self.truth.ask()
+
+        async def first_state() -> None:
+            while not self.truth.ready:
+                await asyncio.sleep(0.1)
+
+        await self.while_reading(
+            first_state(),
+            REPORTS_S,
+            f"--autopilot {self._url}: no SIM_STATE from system "
+            f"{self._loaded.config.autopilot.system_id}: expected an ArduCopter in SITL",
+        )
+
+    async def _to_start(self, world: SitlWorld, height_m: float) -> None:
+        """Arm, take off and hover where the scenario starts."""
+        station = self._ground_station
+        north, east, _ = world.vehicle.position
+        heading = world.vehicle.yaw
+
+        async def fly() -> None:
+            station.set_rc(_THROTTLE_CHANNEL, _BOTTOM_US)
+            station.set_rc(self._loaded.config.rc.gate_channel, _LOW_US)
+            await asyncio.sleep(2.0)  # until its heartbeat says whether it is armed
+            self.say("putting the vehicle down first")
+            await station.put_down()
+            self.say("arming")
+            await station.set_mode(Mode.GUIDED)
+            await station.take_off(height_m)
+            station.set_rc(_THROTTLE_CHANNEL, _MIDDLE_US)
+            self.say("flying to the start")
+            await station.bring_to((north, east, -height_m), heading)
+
+        await self.while_reading(fly(), TAKES_OFF_S, "the vehicle did not get to the start")
+
+    async def fly(self, world: SitlWorld, script: Script | None) -> None:
+        """Land. The vehicle hovers at the start; nobody reads the link."""
+        moving = self._options.pad.speed_mps > 0.0 or self._options.pad.turn_rate_deg_s != 0.0
+        self.simulation = simulation = Simulation(
+            self._loaded,
+            self._seed,
+            realtime=True,
+            log=self._log,
+            surroundings=Surroundings(
+                world,
+                self.link,
+                self._ground_station,
+                jitter_s=WALL_JITTER_S * max(1.0, self.rate),
+                ends_at_contact=moving,
+            ),
+        )
+        simulation.recording.progress = self._progress
+
+        async def beside(simulation: Simulation) -> None:
+            async with asyncio.TaskGroup() as tasks:
+                if self._take_off_m is not None:
+                    tasks.create_task(self._send_off(world, self._take_off_m))
+                if script is not None:
+                    tasks.create_task(_run(script(simulation)))
+
+        try:
+            await simulation.run(longest_s=LONGEST_S, script=beside)
+        finally:
+            if simulation.recorder is not None:
+                simulation.recorder.close()
+
+    async def _send_off(self, world: SitlWorld, height_m: float) -> None:
+        """Send the vehicle past the pad, as the stand-in's ground station does; open the gate."""
+        beyond = beyond_pad(world)
+        await self._ground_station.set_speed(speed_on_the_way(world) or ON_THE_WAY_MPS)
+        if beyond is not None:
+            self._ground_station.send_to((beyond[0], beyond[1], -height_m))
+        await asyncio.sleep(GATE_OPENS_S)
+        self._ground_station.set_rc(self._loaded.config.rc.gate_channel, _HIGH_US)
+
+    async def _finish(self) -> None:
+        """Leave the vehicle on the ground with its motors off, ready for the next landing."""
+        self._ground_station.set_rc(self._loaded.config.rc.gate_channel, _LOW_US)
+        await self.while_reading(self._ground_station.put_down(), 120.0, "it did not come down")
+
+    async def while_reading(self, work: Awaitable[None], limit_s: float, trouble: str) -> None:
+        """Do something with the link served, in a limited time. Raises AutopilotError."""
+        reading = asyncio.create_task(self._read())
+        try:
+            async with asyncio.timeout(limit_s):
+                await work
+        except TimeoutError:
+            said = f"; it says: {self.truth.texts[-1]}" if self.truth.texts else ""
+            raise AutopilotError(f"{trouble} within {limit_s:.0f} s{said}") from None
+        finally:
+            reading.cancel()
+
+
+def simulate_sitl(
+    loaded: Loaded,
+    scenario: str,
+    seed: int,
+    url: str,
+    *,
+    take_off_m: float | None = None,
+    picture: Path | None = None,
+    log: Path | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Fly one landing and return the object that `landerd sim --autopilot URL --json` prints.
+
+    Raises:
+        AutopilotError: the autopilot does not answer, or not as one in SITL.
+        CalibrationError: the camera's calibration cannot be used.
+        PadError: the pad's layout cannot be used.
+        ImportError: a picture is wanted and matplotlib is not installed.
+    """
+    gimbal = loaded.config.gimbal.driver
+    if registry.over("gimbal", gimbal) == "autopilot":
+        raise AutopilotError(f"gimbal.driver: {gimbal} needs the simulator's own autopilot")
+    started = time.perf_counter()
+    flight = SitlFlight(loaded, seed, url, take_off_m=take_off_m, log=log, progress=progress)
+    gc.freeze()  # collections then look only at what the flight makes
+    try:
+        run_slaved(flight.run())
+    finally:
+        gc.unfreeze()
+    result = result_of(flight.simulation, scenario, seed)
+    result["autopilot"] = flight.version
+    result["speedup"] = flight.rate
+    result["disarmed"] = _how_disarmed(flight.simulation)
+    result["judged_at_contact"] = flight.simulation.ends_at_contact
+    if picture is not None:
+        write_picture(trace_of(flight.simulation, result), picture)
+    result["wall_s"] = time.perf_counter() - started
+    return result
+
+
+def _how_disarmed(simulation: Simulation) -> str:
+    if simulation.score.disarm_t is None:
+        return "no"
+    return "by landerd's command" if simulation.rules.disarm_orders else "by itself"
+
+
+async def _run(work: Awaitable[None]) -> None:
+    await work

@@ -1,0 +1,171 @@
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Generator, Iterable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from landerd.campaigns.pool import Run, RunOne, Task
+from landerd.cli import main
+from landerd.commands import campaign as campaign_command
+from tests.campaigns.landings import landing
+
+
+@pytest.fixture
+def flown(monkeypatch: pytest.MonkeyPatch) -> dict[Task, Run | BaseException]:
+    """Landings are not flown; what comes of a task may be set here."""
+    outcomes: dict[Task, Run | BaseException] = {}
+
+    def run_all(run_one: RunOne, tasks: Iterable[Task], jobs: int) -> Generator[Run]:
+        for task in tasks:
+            outcome = outcomes.get(task, Run(*task, landing(*task)))
+            if isinstance(outcome, BaseException):
+                raise outcome
+            yield outcome
+
+    monkeypatch.setattr(campaign_command, "run_all", run_all)
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    return outcomes
+
+
+def as_json(text: str) -> dict[str, Any]:
+    (line,) = text.splitlines()
+    loaded: dict[str, Any] = json.loads(line)
+    return loaded
+
+
+def test_a_campaign_is_one_json_object_with_a_row_a_scenario(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["campaign", "guidance", "--runs", "3", "--json"]) == 0
+    rows = as_json(capsys.readouterr().out)["rows"]
+    assert len(rows) == 12
+    assert {row["runs"] for row in rows} == {row["landed"] for row in rows} == {3}
+
+
+def test_an_exception_is_counted_with_its_seed_and_makes_the_campaign_bad(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown["radial", 2] = Run("radial", 2, None, "ValueError: no (world.py:1)")
+    assert main(["campaign", "radial", "--runs", "3", "--json"]) == 1
+    captured = capsys.readouterr()
+    (row,) = as_json(captured.out)["rows"]
+    assert (row["landed"], row["exceptions"], row["failed_seeds"]) == (2, 1, [2])
+    assert "radial, seed 2: ValueError: no (world.py:1)\n" in captured.err
+
+
+def test_a_landing_that_fails_is_told_while_the_others_fly(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    lost = landing("radial", 1, landed=False, outcome="handed_back")
+    flown["radial", 1] = Run("radial", 1, lost)
+    assert main(["campaign", "radial", "--runs", "2"]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.startswith("radial, seed 1: did not land: handed_back\n")
+    assert "1/2" in captured.out
+    assert "radial: 50 % landed by the rules, needed 100 %" in captured.out
+
+
+def test_a_long_campaign_says_in_a_log_how_far_it_is(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["campaign", "radial", "--runs", "40"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 9
+    assert lines[0] == "4 of 40, 0 failed, 0 min left"
+
+
+def test_ctrl_c_shows_what_was_flown(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown["radial", 3] = KeyboardInterrupt()
+    assert main(["campaign", "radial", "--runs", "5"]) == 130
+    out = capsys.readouterr().out
+    assert "2/2" in out
+    assert out.endswith("stopped after 2 of 5 runs\n")
+
+
+def test_a_stopped_campaign_goes_on_with_what_it_kept(
+    flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["campaign", "radial", "--runs", "5", "--json", "--keep", str(tmp_path / "runs")]
+    flown["radial", 2] = Run("radial", 2, None, "ValueError: no (world.py:1)")
+    flown["radial", 4] = KeyboardInterrupt()
+    assert main(command) == 130
+    capsys.readouterr()
+    with (tmp_path / "runs").open("a") as file:
+        file.write('{"scenario": "radial", "se')  # killed while it wrote
+    flown["radial", 1] = flown["radial", 2] = AssertionError("flown again")
+    flown["radial", 4] = Run("radial", 4, landing("radial", 4))
+    for _ in range(2):
+        assert main(command) == 1
+        (row,) = as_json(capsys.readouterr().out)["rows"]
+        assert (row["runs"], row["landed"], row["failed_seeds"]) == (5, 4, [2])
+        flown["radial", 4] = flown["radial", 5] = AssertionError("flown again")
+
+
+def test_runs_of_two_configurations_are_not_mixed(
+    flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = str(tmp_path / "runs")
+    assert main(["campaign", "radial", "--runs", "1", "--keep", kept]) == 0
+    capsys.readouterr()
+    other = ["--set", "guidance.method=pid"]
+    assert main(["campaign", "radial", "--runs", "1", "--keep", kept, *other]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == f"{kept}: holds no runs of this campaign with this configuration\n"
+
+
+@pytest.mark.parametrize("text", ["mine\n", "\xff\n", None])
+def test_a_file_of_somebody_elses_is_left_alone(
+    text: str | None,
+    flown: dict[Task, Run | BaseException],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    kept = tmp_path / "runs"
+    if text is None:
+        kept.mkdir()
+    else:
+        kept.write_text(text, encoding="latin-1")
+    assert main(["campaign", "radial", "--runs", "1", "--keep", str(kept)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{kept}: ")
+    assert text is None or kept.read_text(encoding="latin-1") == text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["guidence"], "campaign 'guidence' is not known; nearest: guidance"),
+        (["hover", "--set", "sim.pad.sped_mps=1"], "nearest known key: sim.pad.speed_mps"),
+        (["hover", "--set", "pad.layout=none.yaml"], "none.yaml: cannot be read"),
+    ],
+)
+def test_wrong_input_is_one_line_and_nothing_is_flown(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["campaign", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.splitlines()
+    assert says in line
+
+
+def test_it_flies_the_simulator() -> None:
+    low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
+    done = subprocess.run(
+        [sys.executable, "-m", "landerd", "campaign", "hover", "--runs", "2", "--json", *low],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (row,) = as_json(done.stdout)["rows"]
+    assert (row["landed"], row["failed_seeds"]) == (2, [])
+    assert 0.0 < row["touchdown_error_m_median"] < 0.3

@@ -1,0 +1,300 @@
+"""`landerd check` on a good set-up and on broken ones: each is named, and how to mend it."""
+
+import asyncio
+import json
+import math
+import random
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.gimbals.mounting import Feedback, Traits
+from hw.links.memory import MemoryLink, memory_pair
+from hw.sim.stand_in.autopilot import SimAutopilot
+from landerd import devices as registry
+from landerd.cli import main
+from landerd.commands import check as check_command
+from landerd.commands.check import check
+from landerd.config.files import config_dir, load
+from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
+from landerd.ports import DeviceLost
+from landerd.preflight.finding import Finding
+from landerd.runtime.clock import run_virtual
+from landerd.runtime.daemon import Devices
+from tests.hw.flight import PlainAirframe
+
+GOOD_PARAMETERS = {
+    "RC11_OPTION": 0.0,
+    "GUID_TIMEOUT": 1.0,
+    "WP_YAW_BEHAVIOR": 0.0,
+    "FS_THR_ENABLE": 1.0,
+    "ARMING_CHECK": 1.0,
+}
+
+
+@dataclass
+class Camera:
+    """Sends noise."""
+
+    size: tuple[int, int] = (640, 480)
+    fps: float = 30.0
+    age_s: float = 0.05
+    brightness: int = 128
+    frozen: bool = False
+    lost: bool = False
+    remarks: tuple[str, ...] = ()
+
+    async def open(self) -> None:
+        self._seq = 0
+        self._random = np.random.default_rng(0)
+        if self.lost:
+            raise DeviceLost("camera /dev/video0 is not there")
+
+    async def newest(self) -> Frame:
+        await asyncio.sleep(1.0 / self.fps)
+        self._seq += 1
+        shape = (self.size[1], self.size[0])
+        image = np.full(shape, self.brightness, np.uint8)
+        image[0] = (
+            self._random.integers(0, 255, self.size[0])
+            if not self.frozen
+            else np.arange(self.size[0]) % 256
+        )
+        return Frame(asyncio.get_running_loop().time() - self.age_s, self._seq, image)
+
+    async def close(self) -> None: ...
+
+
+@dataclass
+class Gimbal:
+    """Follows orders at once, or as it is broken."""
+
+    sign: float = 1.0
+    stuck: bool = False
+    lost: bool = False
+    rate_hz: float = 50.0
+    measured: bool = True
+    pitch: float = -0.4
+    yaw: float = 0.0
+    orders: int = 0
+    traits: Traits | None = None
+
+    async def open(self) -> None:
+        if self.lost:
+            raise DeviceLost("serial /dev/ttyUSB0: no such file")
+
+    async def state(self) -> GimbalState:
+        await asyncio.sleep(1.0 / self.rate_hz)
+        now = asyncio.get_running_loop().time()
+        return GimbalState(now, self.yaw, self.pitch, 0.0, Reference.BODY, self.measured)
+
+    def command(self, command: GimbalCommand) -> None:
+        self.orders += 1
+        if not self.stuck:
+            self.pitch = -0.4 + self.sign * (command.pitch + 0.4)
+            self.yaw = command.yaw
+
+    async def close(self) -> None: ...
+
+
+class SetUp:
+    """A vehicle on the ground with everything right; tests break it."""
+
+    def __init__(self) -> None:
+        self.camera, self.gimbal = Camera(), Gimbal()
+        self.link, far = memory_pair()
+        self.far: MemoryLink = far
+        self.vehicle = SimAutopilot(PlainAirframe((0.0, 0.0, 0.0)), [far], rng=random.Random(1))
+        self.vehicle.parameters = dict(GOOD_PARAMETERS)
+        self.overrides: list[str] = []
+        self.system = 1
+        self.speaks = True
+
+    def check(self) -> list[Finding]:
+        loaded = load(
+            config_dir() / "default.yaml",
+            options_models=registry.options_models(),
+            overrides=self.overrides,
+        )
+        driver = MavlinkAutopilot(self.link, system_id=self.system)
+
+        async def run() -> list[Finding]:
+            flying = asyncio.create_task(self.vehicle.run() if self.speaks else asyncio.sleep(60))
+            try:
+                return await check(loaded, Devices(self.camera, self.gimbal, driver))
+            finally:
+                flying.cancel()
+                await asyncio.gather(flying, return_exceptions=True)
+
+        return run_virtual(run())
+
+
+def test_a_good_set_up_is_ready_and_the_gimbal_is_left_as_it_was() -> None:
+    set_up = SetUp()
+    findings = set_up.check()
+    assert {f.item for f in findings if f.level == "ok"} >= {
+        "heartbeat",
+        "attitude",
+        "position",
+        "RC channels",
+        "gate",
+        "parameters",
+        "camera",
+        "gimbal",
+        "gimbal motion",
+    }
+    assert [f for f in findings if f.level != "ok" and f.item != "log"] == []
+    assert set_up.gimbal.pitch == pytest.approx(-0.4)
+    assert set_up.gimbal.yaw == 0.0
+    # nothing was sent that could move the vehicle
+    assert set_up.vehicle.copter.armed is False
+
+
+def set_of(name: str, value: object) -> Callable[[SetUp], None]:
+    """Return what breaks a set-up: an attribute by its dotted name."""
+
+    def change(set_up: SetUp) -> None:
+        *path, last = name.split(".")
+        target: object = set_up
+        for part in path:
+            target = getattr(target, part)
+        setattr(target, last, value)
+
+    return change
+
+
+def no_signal(set_up: SetUp) -> None:
+    set_up.vehicle.pilot.set(11, 0)
+
+
+def gate_high(set_up: SetUp) -> None:
+    set_up.vehicle.pilot.set(11, 1900)
+
+
+def taken_switch(set_up: SetUp) -> None:
+    set_up.vehicle.parameters["RC11_OPTION"] = 31.0
+
+
+def wrong_baud(set_up: SetUp) -> None:
+    set_up.far.faults.corrupt = 0.5
+
+
+def no_position(set_up: SetUp) -> None:
+    set_up.vehicle.mute.add(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+
+
+@pytest.mark.parametrize(
+    ("change", "level", "item", "what", "mend"),
+    [
+        (set_of("camera.lost", True), "fail", "camera", "/dev/video0 is not there", "plug it in"),
+        (set_of("camera.size", (640, 360)), "fail", "calibration", "640x360.*640x480", "calibrate"),
+        (set_of("camera.fps", 5.0), "fail", "camera rate", "5.0 pictures", "exposure"),
+        (set_of("camera.age_s", 0.4), "warn", "camera time", "0.40 s old", "time_offset_s"),
+        (set_of("camera.age_s", -0.1), "fail", "camera time", "in the future", "time_offset_s"),
+        (set_of("camera.brightness", 0), "warn", "camera picture", "black", "cap"),
+        (set_of("camera.frozen", True), "warn", "camera picture", "frozen", "unplug"),
+        (set_of("camera.remarks", ("no gain",)), "warn", "camera", "no gain", "docs"),
+        (set_of("gimbal.lost", True), "fail", "gimbal", "ttyUSB0", "wiring"),
+        (set_of("gimbal.rate_hz", 3.0), "fail", "gimbal rate", "[23] times a second", "rate"),
+        (set_of("gimbal.sign", -1.0), "fail", "gimbal motion", "pitch.*wrong way", "reverse"),
+        (set_of("gimbal.stuck", True), "fail", "gimbal motion", "does not follow", "motors"),
+        (set_of("gimbal.measured", False), "warn", "gimbal motion", "no feedback", "look"),
+        (set_of("speaks", False), "fail", "heartbeat", "nothing is heard", "SERIALn_PROTOCOL"),
+        (wrong_baud, "fail", "heartbeat", "not MAVLink that can be read", "baud"),
+        (set_of("system", 7), "fail", "heartbeat", "not the autopilot of system", "SYSID_THISMAV"),
+        (no_position, "fail", "position", "no position comes", "GPS"),
+        (no_signal, "fail", "gate", "RC 11 has no signal", "transmitter"),
+        (gate_high, "warn", "gate", r"high \(1900 us\)", "low"),
+        (taken_switch, "fail", "parameters", "RC11_OPTION is 31", "RC11_OPTION 0"),
+        (set_of("vehicle.parameters", {}), "warn", "parameters", "did not tell", "docs"),
+    ],
+    ids=lambda value: getattr(value, "__name__", None),
+)
+def test_what_is_broken_is_named(
+    change: Callable[[SetUp], None], level: str, item: str, what: str, mend: str
+) -> None:
+    set_up = SetUp()
+    change(set_up)
+    findings = set_up.check()
+    wrong = [f for f in findings if f.level != "ok" and f.item != "log"]
+    assert [(f.level, f.item) for f in wrong if re.search(what, f.what)] != []
+    for finding in wrong:
+        assert finding.mend
+        assert "\n" not in finding.what + finding.mend
+    named = next(f for f in wrong if re.search(what, f.what))
+    assert (named.level, named.item) == (level, item)
+    assert mend in named.mend
+    # and nothing that works is blamed; unless it is known to be disarmed nothing is moved
+    unmoved = {"gimbal motion"} if item == "heartbeat" else set()
+    assert {f.item for f in wrong} == {item} | unmoved
+
+
+def test_the_gimbal_of_an_armed_vehicle_is_not_moved() -> None:
+    set_up = SetUp()
+    set_up.vehicle.copter.arm()
+    findings = set_up.check()
+    assert set_up.gimbal.orders == 0
+    assert any(f.item == "gimbal motion" and "armed" in f.what for f in findings)
+    assert any(f.item == "heartbeat" and f.level == "warn" for f in findings)
+
+
+def test_a_fixed_camera_is_not_asked_to_move() -> None:
+    set_up = SetUp()
+    set_up.overrides = ["gimbal.driver=fixed"]
+    findings = set_up.check()
+    assert set_up.gimbal.orders == 0
+    assert not any(f.item == "gimbal motion" for f in findings)
+
+
+def test_json_has_findings_and_ready(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def two(*_: object) -> list[Finding]:
+        return [Finding("ok", "gate", "RC 11 is low"), Finding("fail", "camera", "gone", "plug")]
+
+    monkeypatch.setattr(check_command, "check", two)
+    monkeypatch.setattr(check_command, "make_devices", lambda *_: None)
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"include: [{config_dir() / 'default.yaml'}]\n")
+    assert main(["check", "-c", str(mine), "--json"]) == 1
+    (line,) = capsys.readouterr().out.splitlines()
+    told = json.loads(line)
+    assert told["ready"] is False
+    assert told["findings"][1] == {
+        "level": "fail", "item": "camera", "what": "gone", "mend": "plug",
+    }  # fmt: skip
+    assert main(["check", "-c", str(mine)]) == 1
+    assert "FAIL camera: gone -> plug" in capsys.readouterr().out.splitlines()
+
+
+def test_a_size_of_another_aspect_than_the_calibration_is_a_finding_and_not_a_crash() -> None:
+    set_up = SetUp()
+    set_up.overrides = ["camera.driver=v4l2", "camera.v4l2.height=360"]
+    wrong = [f for f in set_up.check() if f.level == "fail"]
+    assert [f.item for f in wrong] == ["calibration"]
+    assert "another aspect" in wrong[0].what
+    assert math.isclose(set_up.gimbal.pitch, -0.4)
+
+
+def test_of_servos_it_is_told_that_nobody_measures_them_and_what_they_reach() -> None:
+    set_up = SetUp()
+    set_up.gimbal.traits = Traits(
+        Reference.BODY, Feedback.MODELLED, 50.0, (0.0, 0.0), (math.radians(-100.0), 0.3)
+    )
+    set_up.overrides = ["gimbal.driver=servo_sysfs", "gimbal.pitch_limits_deg=[-150.0, 0.0]"]
+    findings = [f for f in set_up.check() if f.item.startswith("gimbal ")]
+    assert set_up.gimbal.orders == 0
+    assert [(f.level, f.item, f.what) for f in findings if f.item == "gimbal limits"] == [
+        (
+            "ok",
+            "gimbal limits",
+            "gimbal.pitch_limits_deg: -150 to 0 is cut: servo_sysfs reaches -135 to 45",
+        )
+    ]
+    assert ("warn", "gimbal motion") in [(f.level, f.item) for f in findings]

@@ -1,0 +1,148 @@
+"""`landerd detect`: what it prints, draws and refuses."""
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from landerd.cli import main
+from landerd.commands.detect import yaw_deg
+from landerd.geometry import Vec3
+from landerd.pad import load_pad
+from landerd.vision.pose import vec3
+from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render
+
+CONFIG = Path(__file__).parents[2] / "config"
+FILES = [
+    "--camera",
+    str(CONFIG / "cameras" / "thesis.yaml"),
+    "--pad",
+    str(CONFIG / "pads" / "thesis.yaml"),
+]
+VIEW = look(THESIS_CAMERA, 4.0, 0.4, pixel=(300, 260), heading=math.radians(30))
+
+
+def picture(view: View | None = VIEW) -> np.ndarray:
+    return render(view, THESIS_CAMERA, Optics(), np.random.default_rng(1))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    images = tmp_path / "images"
+    images.mkdir()
+    cv2.imwrite(str(images / "a.png"), picture())
+    cv2.imwrite(str(images / "b.png"), picture(None))
+    return images
+
+
+def test_json_is_one_object_an_image(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["detect", str(folder), *FILES, "--json"]) == 0
+    first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert first["image"].endswith("a.png")
+    assert {(m["kind"], m["id"]) for m in first["markers"]} == {("whycon", None), ("apriltag", 0)}
+    assert math.dist(first["pad"]["position_m"], VIEW.position) < 0.02
+    assert len(first["pad"]["sigma_m"]) == 3
+    assert first["pad"]["yaw_deg"] == pytest.approx(
+        yaw_deg(vec3(VIEW.normal), vec3(VIEW.R_camera_pad[:, 0])), abs=0.5
+    )
+    assert all(m["yaw_deg"] is None for m in first["markers"] if m["kind"] == "whycon")
+    assert first["ms"] > 0
+    assert (second["markers"], second["pad"]) == ([], None)
+
+
+def test_a_whycode_is_printed_with_number_and_yaw(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = CONFIG / "pads" / "whycode.yaml"
+    image = render(VIEW, THESIS_CAMERA, Optics(), np.random.default_rng(1), load_pad(file))
+    cv2.imwrite(str(tmp_path / "code.png"), image)
+    source = ["detect", str(tmp_path / "code.png"), *FILES[:2], "--pad", str(file)]
+    assert main([*source, "--json"]) == 0
+    (marker,) = json.loads(capsys.readouterr().out)["markers"]
+    assert (marker["kind"], marker["id"]) == ("whycode", 5)
+    assert marker["yaw_deg"] == pytest.approx(
+        yaw_deg(vec3(VIEW.normal), vec3(VIEW.R_camera_pad[:, 0])), abs=0.5
+    )
+    assert main(source) == 0
+    assert "whycode 5 at" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("north", "degrees"),
+    [((0.0, -1.0, 0.0), 0.0), ((1.0, 0.0, 0.0), 90.0), ((-1.0, 0.0, 0.0), -90.0)],
+)
+def test_yaw_is_clockwise_from_image_up(north: Vec3, degrees: float) -> None:
+    assert yaw_deg((0.0, 0.0, 1.0), north) == pytest.approx(degrees)
+
+
+def test_a_video_is_followed_frame_by_frame(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = tmp_path / "v.avi"
+    fourcc = cv2.VideoWriter.fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(video), fourcc, 30.0, (640, 480), isColor=True)
+    frame = cv2.cvtColor(picture(), cv2.COLOR_GRAY2BGR)
+    for _ in range(3):
+        writer.write(frame)
+    writer.release()
+    assert main(["detect", str(video), *FILES, "--json"]) == 0
+    objects = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [o["image"][-2:] for o in objects] == ["#0", "#1", "#2"]
+    assert all(len(o["markers"]) == 2 for o in objects)
+
+
+def test_drawn_pictures_mark_the_tag_and_leave_the_rest(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "drawn"
+    assert main(["detect", str(folder / "a.png"), *FILES, "--draw", str(out)]) == 0
+    drawn = cv2.imread(str(next(out.iterdir())))
+    assert drawn is not None
+    coloured = np.ptp(drawn.astype(np.int16), axis=2) > 30
+    tag = np.array(VIEW.position) + 0.75 * VIEW.R_camera_pad[:, 0]
+    x, y = THESIS_CAMERA.pixels(tag[None])[0].astype(int)
+    assert coloured[y - 25 : y + 25, x - 25 : x + 25].any()
+    assert not coloured[:, 560:].any()
+
+
+@pytest.mark.parametrize("name", ["missing.png", "text.png", "missing.mp4", "text.mp4", "empty"])
+def test_a_bad_source_is_one_clear_line(
+    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "text.png").write_text("not an image")
+    (folder / "text.mp4").write_text("not a video")
+    (folder / "empty").mkdir()
+    assert main(["detect", str(folder / name), *FILES, "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert name in printed.err
+
+
+def test_an_image_of_another_aspect_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite(str(folder / "c.png"), np.zeros((400, 640), np.uint8))
+    assert main(["detect", str(folder / "c.png"), *FILES]) == 2
+    assert "640x400" in capsys.readouterr().err
+
+
+def test_an_image_of_half_the_size_is_measured_alike(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    half = cv2.resize(picture(), (320, 240), interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(folder / "h.png"), half)
+    assert main(["detect", str(folder / "h.png"), *FILES, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert math.dist(found["pad"]["position_m"], VIEW.position) < 0.05
+
+
+def test_a_pad_with_an_unknown_dictionary_is_refused(
+    tmp_path: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pad = tmp_path / "pad.yaml"
+    text = (CONFIG / "pads" / "thesis.yaml").read_text()
+    pad.write_text(text.replace("APRILTAG_36h11", "APRILTAG_99h9"))
+    assert main(["detect", str(folder), *FILES[:2], "--pad", str(pad)]) == 2
+    assert "APRILTAG_99h9" in capsys.readouterr().err

@@ -1,0 +1,135 @@
+"""`landerd dry-run` on recordings of a made-up flight, with drawn pictures and with a video."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from hw.replay.pictures import DrawnPictures
+from hw.replay.telemetry import read_telemetry
+from hw.replay.vehicle import RecordedVehicle
+from hw.sim.options import SimOptions
+from landerd import devices as registry
+from landerd.camera_model import load_camera
+from landerd.cli import main
+from landerd.config.files import config_dir, load
+from landerd.flightlog.reader import read_log
+from landerd.pad import load_pad
+from tests.recordings import ORIGIN, write_bin, write_tlog
+
+PAD = (0.0, 2.0, 0.2)  # under the end of the made-up flight
+FIXED = (0.0, -50.0)
+FPS = 12.0
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a.tlog, and video.avi, whose camera looked at the pad from 6.3 s to 17 s."""
+    folder = tmp_path_factory.mktemp("recording")
+    tlog = write_tlog(folder / "a.tlog")
+    telemetry = read_telemetry(tlog)
+    loaded = load(
+        config_dir() / "default.yaml",
+        options_models=registry.options_models(),
+        drivers=registry.names(),
+    )
+    options = loaded.options["sim"]
+    assert isinstance(options, SimOptions)
+    vehicle = RecordedVehicle(telemetry, FIXED, pretended=False, start=telemetry.start)
+    camera = load_camera(loaded.config.camera.calibration)
+    drawn = DrawnPictures(
+        load_pad(loaded.config.pad.layout),
+        camera,
+        options.render,
+        vehicle,
+        loaded.config.vehicle,
+        PAD,
+        start=telemetry.start + 6.3,
+        fps=FPS,
+    )
+    code = cv2.VideoWriter.fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(folder / "video.avi"), code, FPS, (640, 480), False)
+    while (frame := drawn.expose(telemetry.start + 17.0)) is not None:
+        writer.write(frame.image)
+    writer.release()
+    return folder
+
+
+def dry_run(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert main(["dry-run", *arguments, "--json"]) == 0
+    result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return result
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["dry-run", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+def test_a_video_is_aligned_by_its_motion(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = ("--video", str(recording / "video.avi"), "--gimbal", "0,-50")
+    result = dry_run(capsys, "--telemetry", str(recording / "a.tlog"), *video)
+    assert result["offset_s"] == pytest.approx(6.3, abs=0.1)
+    assert result["frames"] == pytest.approx(10.7 * FPS, abs=3)
+    assert result["frames_with_pad"] > 20
+    assert result["setpoints"] > 50
+    assert result["phases"][0]["name"] == "APPROACH"
+
+
+def test_without_a_video_a_drawn_pad_is_landed_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, film = tmp_path / "dry.mcap", tmp_path / "dry.mp4"
+    result = dry_run(
+        capsys,
+        *("--telemetry", str(write_bin(tmp_path / "a.bin", skip=("MNT",)))),
+        *("--pad-local", "0,2,0.2", "--fps", "5", "--to", "8"),
+        *("--log", str(log), "--draw", str(film)),
+    )
+    assert result["offset_s"] is None
+    assert result["frames_with_pad"] > 15
+    assert result["setpoints"] > 50
+    assert len(read_log(log).searched) == result["frames"]
+    capture = cv2.VideoCapture(str(film))
+    assert int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) == result["frames"]
+    capture.release()
+
+
+def test_a_pad_in_degrees_and_one_in_metres_are_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    telemetry = ("--telemetry", str(write_tlog(tmp_path / "a.tlog")))
+    north, east = ORIGIN[0], ORIGIN[1] + math.degrees(2 / 6378137.0 / math.cos(math.radians(47)))
+    part = ("--fps", "4", "--to", "4")
+    by_degrees = dry_run(capsys, *telemetry, *part, "--pad-at", f"{north},{east}")
+    by_metres = dry_run(capsys, *telemetry, *part, "--pad-local", "0,2")
+    assert by_degrees["frames_with_pad"] == by_metres["frames_with_pad"] > 5
+
+
+def test_what_cannot_be_used_is_one_line(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tlog = str(recording / "a.tlog")
+    video = str(recording / "video.avi")
+    (tmp_path / "empty.avi").touch()
+    (tmp_path / "images").mkdir()
+    for arguments, says in (
+        (("--telemetry", str(tmp_path / "no.bin")), "no.bin: cannot be read"),
+        (("--telemetry", video), "neither an ArduPilot .bin nor a .tlog"),
+        (("--telemetry", tlog, "--video", str(tmp_path / "empty.avi")), "not a video"),
+        (("--telemetry", tlog, "--video", str(tmp_path / "images")), "no images in this folder"),
+        (("--telemetry", tlog, "--video", video), "give --gimbal YAW,PITCH"),
+        (("--telemetry", tlog, "--from", "30"), "nothing between --from and --to"),
+        (("--telemetry", tlog, "--draw", "x.avi"), "expected a .mp4"),
+        (
+            ("--telemetry", tlog, "--video", video, "--gimbal", "0,-50", "--offset", "100"),
+            "no frame of it falls into the telemetry",
+        ),
+    ):
+        assert says in refused(capsys, *arguments)

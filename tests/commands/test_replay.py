@@ -1,0 +1,72 @@
+"""`landerd replay` and `landerd sim --log`, as a user runs them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+
+from landerd.cli import main
+from tests.simulated import ABOVE
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "gate-closed.mcap"
+
+
+def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
+    code = main(["replay", *arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_a_simulated_flight_with_lossless_images_replays_in_core_and_vision(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "flight.mcap"
+    options = (*ABOVE, "log.images=lossless", "log.every_nth=1", "log.keep_free_mb=0")
+    keys = [
+        part for option in (*options, "guidance.lost.give_up_s=2") for part in ("--set", option)
+    ]
+    main(["sim", "--log", str(log), *keys, "--set", "sim.start.altitude_m=0.8", "--json"])
+    flown = json.loads(capsys.readouterr().out)
+    code, result = replayed(capsys, str(log))
+    assert code == 0
+    assert result["identical"]
+    assert result["commands"] > 100
+    assert result["first_difference"] is None
+    assert result["vision"]["identical"]
+    assert result["vision"]["frames"] == pytest.approx(
+        flown["frames_per_s"] * flown["simulated_s"], abs=1.5
+    )
+
+    recorded = mavutil.mavlink_connection(str(log.with_suffix(".tlog")))
+    kinds = set()
+    while (message := recorded.recv_match()) is not None:
+        kinds.add((message.get_type(), message.get_srcComponent()))
+    recorded.close()
+    assert ("ATTITUDE", 1) in kinds
+    assert ("SET_POSITION_TARGET_LOCAL_NED", 191) in kinds  # both directions
+    assert ("BAD_DATA", 0) not in kinds
+
+
+def test_what_if_says_what_would_have_changed(capsys: pytest.CaptureFixture[str]) -> None:
+    code, result = replayed(capsys, str(GOLDEN), "--set", "guidance.descent.k1_m=0.01")
+    assert code == 0
+    assert not result["identical"]
+    first = result["first_difference"]
+    assert set(first) == {"step", "t", "field", "logged", "replayed"}
+    assert first["logged"] != first["replayed"]
+    assert main(["replay", str(GOLDEN), "--set", "guidance.descent.k1_m=0.01"]) == 0
+    assert "phases now:" in capsys.readouterr().out
+
+
+def test_wrong_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
+    for arguments, says in (
+        ([str(tmp_path / "none.mcap")], "cannot be read: No such file"),
+        ([str(tmp_path / "a.mcap")], "the attachment config.json is missing"),
+        ([str(GOLDEN), "--set", "guidance.sped=1"], "nearest known key"),
+        ([str(GOLDEN), "--set", "guidance.limits.speed_mps=fast"], "expected a number"),
+    ):
+        assert main(["replay", *arguments]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert says in line

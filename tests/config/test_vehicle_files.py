@@ -1,0 +1,29 @@
+"""The commented examples in config/vehicles must be sound, and the drivers they name made."""
+
+from pathlib import Path
+
+import pytest
+
+from landerd import devices as registry
+from landerd.commands.run import fitting_camera, make_devices
+from landerd.config.files import config_dir, load
+from landerd.pad import load_pad
+
+FILES = sorted((config_dir() / "vehicles").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_an_example_is_sound_and_its_devices_can_be_made(path: Path, tmp_path: Path) -> None:
+    loaded = load(path, options_models=registry.options_models(), drivers=registry.names())
+    camera = fitting_camera(loaded)
+    driver = loaded.config.camera.driver
+    options = loaded.options[f"camera.{driver}"]
+    assert (camera.width, camera.height) == (options.width, options.height)  # type: ignore[attr-defined]
+    assert load_pad(loaded.config.pad.layout).markers
+    devices = make_devices(loaded, tmp_path / "saved.yaml")
+    assert not type(devices.camera).__module__.startswith("hw.sim")
+    assert not type(devices.gimbal).__module__.startswith("hw.sim")
+
+
+def test_there_are_examples_for_the_boards_that_are_spoken_of() -> None:
+    assert {path.stem for path in FILES} >= {"pixhawk-usb", "pixhawk-uart", "jetson", "navio2"}

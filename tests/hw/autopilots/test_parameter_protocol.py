@@ -1,0 +1,184 @@
+"""A ground station reads, sets and saves landerd's parameters, through the stand-in's routing."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from landerd.config.models import Config
+from landerd.config.parameters import ParameterSet, parameters
+from landerd.messages import ParameterChange
+from landerd.runtime.clock import run_virtual
+from tests.hw.flight import Client, Flight
+
+
+def fly(
+    scene: Callable[[Flight, ParameterSet], Awaitable[None]],
+    *,
+    flying: bool = False,
+    overlay: Path | None = None,
+    **options: Any,
+) -> None:
+    async def main() -> None:
+        tuned = ParameterSet(Config(), overlay)
+        async with Flight(flying=flying, parameters=tuned, **options) as f:
+            await f.connect()
+            await scene(f, tuned)
+
+    run_virtual(main())
+
+
+def values(client: Client) -> dict[str, float]:
+    return {m.param_id: m.param_value for _, m in client.of("PARAM_VALUE")}
+
+
+async def set_value(f: Flight, name: str, value: float, *, component: int = 191) -> None:
+    f.client.send(
+        mavlink.MAVLink_param_set_message(
+            1, component, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32
+        )
+    )
+    await asyncio.sleep(0.05)
+
+
+@pytest.mark.parametrize("component", [0, 191])
+def test_the_list_is_whole_and_leaves_the_link_room(component: int) -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        f.client.send(mavlink.MAVLink_param_request_list_message(1, component))
+        await asyncio.sleep(2.0)
+        heard = f.client.of("PARAM_VALUE")
+        assert [m.param_id for _, m in heard] == list(parameters())
+        assert {m.param_count for _, m in heard} == {len(parameters())}
+        assert [m.param_index for _, m in heard] == list(range(len(parameters())))
+        for name, value in values(f.client).items():
+            assert value == pytest.approx(tuned.value(name))
+        # On 57600 baud set-points must still get through: no burst of more than a few messages.
+        times = [t for t, _ in heard]
+        assert all(b - a > 0.015 for a, b in pairwise(times))
+
+    fly(scene)
+
+
+def test_one_is_read_by_name_or_by_index() -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        f.client.send(mavlink.MAVLink_param_request_read_message(1, 191, b"RC_GATE_CH", -1))
+        f.client.send(mavlink.MAVLink_param_request_read_message(1, 191, b"", 3))
+        f.client.send(mavlink.MAVLink_param_request_read_message(1, 191, b"NO_SUCH", -1))
+        f.client.send(mavlink.MAVLink_param_request_read_message(1, 191, b"", 999))
+        await asyncio.sleep(0.1)
+        assert [m.param_id for _, m in f.client.of("PARAM_VALUE")] == [
+            "RC_GATE_CH",
+            tuned.names[3],
+        ]
+
+    fly(scene)
+
+
+def test_an_accepted_change_is_a_message_into_the_core() -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        await set_value(f, "PID_UP_KP", 1.1)
+        assert values(f.client) == {"PID_UP_KP": pytest.approx(1.1)}
+        (change,) = f.got(ParameterChange)
+        assert (change.key, change.value) == ("guidance.pid.up.kp", 1.1)  # no 1.10000002384
+        now = asyncio.get_running_loop().time()
+        assert change.t == pytest.approx(now, abs=0.1)
+
+    fly(scene)
+
+
+def test_a_refused_value_is_taken_back_and_the_pilot_is_told_why() -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        await set_value(f, "PID_UP_KP", 99.0)
+        assert values(f.client) == {"PID_UP_KP": pytest.approx(0.9)}
+        assert not f.got(ParameterChange)
+        assert "landerd: PID_UP_KP: at least 0, at most 10" in f.client.texts
+
+    fly(scene)
+
+
+@pytest.mark.parametrize(("flying", "taken"), [(False, 1), (True, 0)])
+def test_the_gate_is_locked_while_armed(*, flying: bool, taken: int) -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        for name, value in (("RC_GATE_CH", 7.0), ("LIM_SPEED", 2.0)):
+            await set_value(f, name, value)
+        assert len(f.got(ParameterChange)) == 2 * taken
+        assert tuned.value("RC_GATE_CH") == (7 if taken else 11)
+        assert ("landerd: LIM_SPEED: only while disarmed" in f.client.texts) is not bool(taken)
+        await set_value(f, "PID_UP_KD", 0.3)  # gains may be tuned in flight
+        assert tuned.value("PID_UP_KD") == 0.3
+
+    fly(scene, flying=flying)
+
+
+def test_without_fresh_heartbeats_the_vehicle_counts_as_armed() -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        f.autopilot.mute.add(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+        await asyncio.sleep(4.0)
+        before = tuned.value("LIM_SPEED")
+        await set_value(f, "LIM_SPEED", 2.0)
+        assert tuned.value("LIM_SPEED") == before
+
+    fly(scene)
+
+
+def test_only_configured_ground_stations_are_obeyed() -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        before = f.driver.counters["foreign"]
+        await set_value(f, "PID_UP_KP", 1.1)
+        assert tuned.value("PID_UP_KP") == 0.9
+        assert f.driver.counters["foreign"] == before + 1
+        assert not f.client.of("PARAM_VALUE")
+
+    fly(scene, ground_stations=[254])
+
+
+def test_what_is_meant_for_others_is_left_to_them() -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        await set_value(f, "PID_UP_KP", 1.1, component=154)
+        await set_value(f, "WPNAV_SPEED", 500.0, component=0)
+        f.client.send(
+            mavlink.MAVLink_param_set_message(
+                2, 191, b"PID_UP_KP", 1.1, mavlink.MAV_PARAM_TYPE_REAL32
+            )
+        )
+        await asyncio.sleep(0.1)
+        assert not f.client.of("PARAM_VALUE")
+        assert not [t for t in f.client.texts if "parameter" in t]
+        await set_value(f, "WPNAV_SPEED", 500.0)
+        assert "landerd: no parameter WPNAV_SPEED" in f.client.texts
+
+    fly(scene)
+
+
+def command(f: Flight, number: int, param1: float) -> None:
+    f.client.send(mavlink.MAVLink_command_long_message(1, 191, number, 0, param1, *(0.0,) * 6))
+
+
+def test_values_are_saved_on_request_and_the_order_acknowledged(tmp_path: Path) -> None:
+    overlay = tmp_path / "mine.saved.yaml"
+
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        await set_value(f, "PID_UP_KP", 1.1)
+        assert not overlay.exists()
+        command(f, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0)
+        await asyncio.sleep(0.1)
+        assert "kp: 1.1" in overlay.read_text()
+        command(f, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2.0)  # reset to factory defaults
+        command(f, mavlink.MAV_CMD_DO_SET_HOME, 1.0)
+        overlay.unlink()
+        tmp_path.rmdir()
+        command(f, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0)
+        await asyncio.sleep(0.1)
+        acks = [
+            (m.command, m.result)
+            for _, m in f.client.of("COMMAND_ACK")
+            if m.get_srcComponent() == 191
+        ]
+        assert acks == [(245, 0), (245, 3), (179, 3), (245, 4)]
+        assert any("not saved" in text for text in f.client.texts)
+
+    fly(scene, overlay=overlay)

@@ -1,0 +1,232 @@
+"""Peers over real UDP, TCP and pseudo-terminals that die and come back, under the real daemon."""
+
+import asyncio
+import os
+import pty
+import random
+import socket
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.links import open_link
+from hw.links.inbox import Inbox
+from hw.sim.stand_in.autopilot import SimAutopilot
+from landerd.camera_model import load_camera
+from landerd.config.files import config_dir
+from landerd.config.models import Config
+from landerd.lander import Lander
+from landerd.messages import (
+    Attitude,
+    AutopilotRestarted,
+    Command,
+    Frame,
+    Heartbeat,
+    Input,
+    LocalPosition,
+    Prior,
+    RcChannels,
+    Sightings,
+)
+from landerd.pad import load_pad
+from landerd.ports import ByteLink
+from landerd.runtime.daemon import Daemon, Devices
+from tests.hw.flight import PlainAirframe
+from tests.hw.idle import Idle
+
+NEEDED = (Heartbeat, Attitude, LocalPosition, RcChannels)
+
+
+class Heard:
+    """An observer: what reached the core."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[float, Input]] = []
+
+    def on_flight(self, lander: Lander) -> None: ...
+
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None: ...
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        self.messages.append((now, message))
+
+    def kinds(self) -> set[type]:
+        return {type(m) for _, m in self.messages}
+
+
+class PtyEnd:
+    """The autopilot's end of a pseudo-terminal; landerd opens `path`, as a serial port."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._fd = -1
+        self._inbox = Inbox()
+
+    async def open(self) -> None:
+        self._fd, port = pty.openpty()
+        tty.setraw(port)
+        self._path.unlink(missing_ok=True)
+        self._path.symlink_to(os.ttyname(port))
+        os.set_blocking(self._fd, False)
+        self._port = port
+        asyncio.get_running_loop().add_reader(self._fd, self._receive)
+
+    def _receive(self) -> None:
+        self._inbox.put(os.read(self._fd, 4096))
+
+    async def read(self) -> bytes:
+        return await self._inbox.get()
+
+    def write(self, data: bytes) -> None:
+        try:
+            os.write(self._fd, data)
+        except BlockingIOError:
+            return
+
+    async def close(self) -> None:
+        asyncio.get_running_loop().remove_reader(self._fd)
+        os.close(self._port)
+        os.close(self._fd)
+
+
+def port_of(kind: socket.SocketKind) -> int:
+    with socket.socket(socket.AF_INET, kind) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def udp(folder: Path) -> tuple[str, Callable[[], ByteLink]]:
+    port = port_of(socket.SOCK_DGRAM)
+    return f"udpin:127.0.0.1:{port}", lambda: open_link(f"udpout:127.0.0.1:{port}")
+
+
+def udp_out(folder: Path) -> tuple[str, Callable[[], ByteLink]]:
+    port = port_of(socket.SOCK_DGRAM)
+    return f"udpout:127.0.0.1:{port}", lambda: open_link(f"udpin:127.0.0.1:{port}")
+
+
+def tcp(folder: Path) -> tuple[str, Callable[[], ByteLink]]:
+    port = port_of(socket.SOCK_STREAM)
+    return f"tcp:127.0.0.1:{port}", lambda: open_link(f"tcpin:127.0.0.1:{port}")
+
+
+def tcp_in(folder: Path) -> tuple[str, Callable[[], ByteLink]]:
+    port = port_of(socket.SOCK_STREAM)
+    return f"tcpin:127.0.0.1:{port}", lambda: open_link(f"tcp:127.0.0.1:{port}")
+
+
+def serial(folder: Path) -> tuple[str, Callable[[], ByteLink]]:
+    return f"serial:{folder / 'tty'}?baud=57600", lambda: PtyEnd(folder / "tty")
+
+
+@pytest.mark.parametrize("link", [udp, udp_out, tcp, tcp_in, serial])
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_peer_that_dies_and_comes_back_is_heard_again(
+    tmp_path: Path,
+    link: Callable[[Path], tuple[str, Callable[[], ByteLink]]],
+    *,
+    restarted: bool,
+) -> None:
+    url, peer = link(tmp_path)
+    asyncio.run(asyncio.wait_for(scene(url, peer, restarted=restarted), 30.0))
+
+
+async def scene(url: str, peer: Callable[[], ByteLink], *, restarted: bool) -> None:
+    loop = asyncio.get_running_loop()
+    heard = Heard()
+    driver = MavlinkAutopilot(open_link(url))
+    idle = Idle()
+    daemon = Daemon(
+        Config(),
+        load_pad(config_dir() / "pads" / "thesis.yaml"),
+        load_camera(config_dir() / "cameras" / "thesis.yaml"),
+        Devices(idle, idle, driver),
+        observers=(heard,),
+    )
+    flying = asyncio.create_task(daemon.run())
+    booted = loop.time() - 60.0
+    for life in range(3):
+        heard.messages.clear()
+        age = (60.0, 30.0, 0.5)[life] if restarted else loop.time() - booted
+        far = peer()
+        autopilot = SimAutopilot(
+            PlainAirframe(), [far], rng=random.Random(1), flying=True, boot_age_s=age
+        )
+        living = asyncio.create_task(autopilot.run())
+        while not heard.kinds() >= set(NEEDED):
+            assert not flying.done()
+            await asyncio.sleep(0.02)
+        for now, m in heard.messages:
+            assert now - m.t < 1.0, "data of the life before"
+        restarts = [m for _, m in heard.messages if isinstance(m, AutopilotRestarted)]
+        assert len(restarts) == int(restarted and life > 0)
+        living.cancel()
+        await asyncio.gather(living, return_exceptions=True)
+        await far.close()
+        await asyncio.sleep(0.3)
+    assert not flying.done()
+    flying.cancel()
+    await asyncio.gather(flying, return_exceptions=True)
+
+
+def test_a_real_link_with_damaged_bytes_and_lost_packets_keeps_its_times_and_values() -> None:
+    """Through UDP and a relay that damages 5 % of the bytes or loses 30 % of the datagrams."""
+
+    async def main(corrupt: float, lost: float) -> None:
+        near, far = port_of(socket.SOCK_DGRAM), port_of(socket.SOCK_DGRAM)
+        rng = np.random.default_rng(1)
+        loop = asyncio.get_running_loop()
+
+        class Relay(asyncio.DatagramProtocol):
+            def connection_made(self, transport: Any) -> None:
+                self.transport = transport
+                self.autopilot: Any = None
+
+            def datagram_received(self, data: bytes, addr: Any) -> None:
+                from_landerd = addr[1] == near
+                if not from_landerd:
+                    self.autopilot = addr
+                if rng.random() < lost:
+                    return
+                bad = np.frombuffer(data, np.uint8).copy()
+                hit = rng.random(len(bad)) < corrupt
+                bad[hit] ^= rng.integers(1, 256, hit.sum(), dtype=np.uint8)
+                to = self.autopilot if from_landerd else ("127.0.0.1", near)
+                if to is not None:
+                    self.transport.sendto(bad.tobytes(), to)
+
+        relay, _ = await loop.create_datagram_endpoint(Relay, local_addr=("127.0.0.1", far))
+        driver = MavlinkAutopilot(open_link(f"udpin:127.0.0.1:{near}"))
+        await driver.open()
+        peer = open_link(f"udpout:127.0.0.1:{far}")
+        autopilot = SimAutopilot(PlainAirframe(), [peer], rng=random.Random(1), flying=True)
+        living = asyncio.create_task(autopilot.run())
+        got: list[Any] = []
+
+        async def receive() -> None:
+            while True:
+                got.append(await driver.receive())
+
+        receiving = asyncio.create_task(receive())
+        end = loop.time() + 20.0
+        while sum(isinstance(m, LocalPosition) for m in got) < 10 and loop.time() < end:
+            await asyncio.sleep(0.05)
+        for task in (living, receiving):
+            task.cancel()
+        await asyncio.gather(living, receiving, return_exceptions=True)
+        await peer.close()
+        await driver.close()
+        relay.close()
+        await asyncio.sleep(0.01)
+        positions = [m for m in got if isinstance(m, LocalPosition)]
+        assert len(positions) >= 10
+        assert {m.position for m in positions} == {(0.0, 0.0, -10.0)}
+        assert not [m for m in got if isinstance(m, AutopilotRestarted)]
+
+    asyncio.run(main(0.05, 0.0))
+    asyncio.run(main(0.0, 0.3))
