@@ -13,7 +13,7 @@ from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.response import STEP_S
 from landerd.geometry import Mat3, Vec3, angles_zxy, camera_mount, matmul, transpose
 from landerd.messages import GimbalCommand, GimbalState, Reference
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, Feedback, GimbalTraits
 
 if TYPE_CHECKING:
     from hw.sim.physics.world import World
@@ -223,6 +223,13 @@ class SimGimbal:
         self._options = options
         self._next_report = 0.0
         self._last: GimbalState | None = None
+        self.traits = GimbalTraits(
+            Reference.BODY,
+            Feedback.MEASURED if options.pitch_feedback else Feedback.ORDERED,
+            1.0 / REPORT_PERIOD_S,
+            YAW_LIMITS,
+            PITCH_LIMITS,
+        )
 
     async def open(self) -> None:
         """Start the device. Raises DeviceLost."""
