@@ -26,6 +26,7 @@ from landerd.config.yaml_tree import (
     shown,
 )
 from landerd.ports import GimbalOptions
+from landerd.section import Section
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -43,7 +44,7 @@ class Loaded:
     """A whole configuration."""
 
     config: Config
-    options: Mapping[str, BaseModel]  # of drivers and simulator, by section: "camera.v4l2", "sim"
+    options: Mapping[str, Section]  # of drivers and simulator, by section: "camera.v4l2", "sim"
     remarks: tuple[str, ...] = ()  # what was changed to suit the gimbal, a line each
 
 
@@ -75,7 +76,7 @@ def read_model(path: Path, model: type[M]) -> M:
 def load(
     path: Path,
     *,
-    options_models: Mapping[str, type[BaseModel]],
+    options_models: Mapping[str, type[Section]],
     drivers: Mapping[str, Collection[str]] | None = None,
     overlays: Sequence[Path] = (),
     overrides: Sequence[str] = (),
@@ -176,7 +177,7 @@ def _known(
 
 
 def _with_options(
-    model: type[M], options_models: Mapping[str, type[BaseModel]], at: str = ""
+    model: type[M], options_models: Mapping[str, type[Section]], at: str = ""
 ) -> type[M]:
     """Return the model with options added to its sections; None where they need arguments."""
     fields: dict[str, Any] = {}
