@@ -17,10 +17,11 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import MemoryLink, memory_pair
 from hw.links.tapped import TappedLink, TlogEncoder
 from hw.sim.gimbals.bench import Bench
+from hw.sim.gimbals.mount import SimMount
+from hw.sim.gimbals.sim import SimGimbal
 from hw.sim.judge.rules import RuleBounds, Rules, Truth
 from hw.sim.judge.score import Score
 from hw.sim.options import SimOptions
-from hw.sim.physics.gimbal import SimGimbal, SimMount
 from hw.sim.physics.world import World, stream
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.renderer import Renderer

@@ -7,8 +7,8 @@ from typing import Any
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimOptions
-from hw.sim.physics.gimbal import SimMount
 from hw.sim.physics.world import World
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.renderer import Renderer

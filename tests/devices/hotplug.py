@@ -10,9 +10,10 @@ import time
 from pathlib import Path
 
 from hw.links.serial import SerialLink
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.gimbals.simplebgc import SimpleBgcModel
 from hw.sim.options import SimGimbalOptions
-from hw.sim.physics.gimbal import GimbalPlant, SimMount
+from hw.sim.physics.gimbal import GimbalPlant
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.camera_model import load_camera
 from landerd.commands.run import make_devices

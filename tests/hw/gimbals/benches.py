@@ -9,8 +9,8 @@ from typing import Any
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench, Model
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
-from hw.sim.physics.gimbal import SimMount
 from hw.sim.physics.world import World
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd import devices as registry
