@@ -28,6 +28,7 @@ from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import Snapshot
 from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
 from landerd import devices as registry
@@ -226,6 +227,7 @@ class Simulation:
         self.autopilot = SimAutopilot(
             self.world,
             [self.autopilot_end, autopilot_ground_end],
+            ekf=Ekf(self.world, self.world.options.ekf, stream(seed, "ekf")),
             rng=stream(seed, "autopilot"),
             flying=True,
             system_id=system_id,
