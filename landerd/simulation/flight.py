@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink, memory_pair
-from hw.links.tapped import TappedLink, TlogEncoder
+from hw.links.tapped import TappedLink
 from hw.sim.gimbals.bench import Bench
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.gimbals.sim import SimGimbal
