@@ -20,7 +20,8 @@ from hw.links.tapped import TappedLink
 from hw.sim.gimbals.bench import Bench
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.gimbals.sim import SimGimbal
-from hw.sim.judge.rules import RuleBounds, Rules, Truth
+from hw.sim.judge.bounds import RuleBounds
+from hw.sim.judge.rules import Rules, Truth
 from hw.sim.judge.score import Score
 from hw.sim.options import SimOptions
 from hw.sim.physics.world import World, stream
