@@ -248,8 +248,9 @@ class SitlWorld(World):
         R_local_body = rot_zyx(v.yaw, v.pitch, v.roll)
         return [-pad.in_pad(add(v.position, rotate(R_local_body, f)))[2] for f in self._feet]
 
-    def _at(self, t: float) -> Sample:
-        sample, state = super()._at(t), self._truth.at(t)
+    def state_at(self, t: float) -> Sample:
+        """Return the state at time t: the vehicle's is SITL's, the gimbal's the world's own."""
+        sample, state = super().state_at(t), self._truth.at(t)
         return replace(
             sample,
             position=add(state.position, self._lift),

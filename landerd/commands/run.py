@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from hw.autopilots.signing import Signing
+from hw.autopilots.tlog import TlogEncoder
 from hw.links import open_link
-from hw.links.tapped import TappedLink, TlogEncoder
+from hw.links.tapped import TappedLink
 from landerd import devices as registry
 from landerd.camera_model import CalibrationError, CameraModel, load_camera
 from landerd.config.files import Loaded

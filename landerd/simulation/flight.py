@@ -14,19 +14,23 @@ from pathlib import Path
 from typing import Any
 
 from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink, memory_pair
-from hw.links.tapped import TappedLink, TlogEncoder
+from hw.links.tapped import TappedLink
 from hw.sim.gimbals.bench import Bench
-from hw.sim.judge.rules import RuleBounds, Rules, Truth
+from hw.sim.gimbals.mount import SimMount
+from hw.sim.gimbals.sim import SimGimbal
+from hw.sim.judge.bounds import RuleBounds
+from hw.sim.judge.rules import Rules, Truth
 from hw.sim.judge.score import Score
 from hw.sim.options import SimOptions
-from hw.sim.physics.gimbal import SimGimbal, SimMount
 from hw.sim.physics.world import World, stream
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import Snapshot
 from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
 from landerd import devices as registry
@@ -225,6 +229,7 @@ class Simulation:
         self.autopilot = SimAutopilot(
             self.world,
             [self.autopilot_end, autopilot_ground_end],
+            ekf=Ekf(self.world, self.world.options.ekf, stream(seed, "ekf")),
             rng=stream(seed, "autopilot"),
             flying=True,
             system_id=system_id,

@@ -21,7 +21,7 @@ from hw.gimbals.imu import (
     ImuOptions,
 )
 from hw.gimbals.imu import AXES as SENSOR_AXES
-from hw.sim.physics.gimbal import SimMount
+from hw.sim.gimbals.mount import SimMount
 from landerd.geometry import Mat3, Vec3, add, matmul, rotate, scale, sub, transpose
 
 _G: Vec3 = (0.0, 0.0, 9.80665)

@@ -10,6 +10,7 @@ from random import Random
 from typing import Literal
 
 from hw.sim.physics.contact import GRAVITY, LandingGear
+from hw.sim.physics.land_detector import LandDetector
 from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.response import (
     STEP_S,
@@ -21,7 +22,6 @@ from hw.sim.physics.response import (
     YawResponse,
 )
 from hw.sim.physics.wander import Wander
-from hw.sim.stand_in.land_detector import LandDetector
 from landerd.geometry import Vec3, add, clamp, rot_zyx, sub, wrap
 
 # Deceleration by the air is DRAG_1 v + DRAG_2 v^2: leans of 11.5 degrees at 5 m/s of airspeed and

@@ -53,19 +53,6 @@ class Airframe(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class ReportedState:
-    """What the autopilot's estimator believes, local NED."""
-
-    t: float  # time of validity as the autopilot states it
-    position: Vec3
-    velocity: Vec3
-    roll: float
-    pitch: float
-    yaw: float
-    rates: Vec3  # body
-
-
-@dataclass(frozen=True, slots=True)
 class Sample:
     """True state at the end of one step."""
 
@@ -118,12 +105,6 @@ class World:
         self._start(stream(seed, "start"), seed)
         self._history: deque[Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
         self._record()
-
-        self._ekf_rng = stream(seed, "ekf")
-        least, most = options.ekf.velocity_bias_mps
-        bias, heading = self._ekf_rng.uniform(least, most), self._ekf_rng.uniform(-math.pi, math.pi)
-        self._velocity_bias: Vec3 = (bias * math.cos(heading), bias * math.sin(heading), 0.0)
-        self._height_scale = 1.0 + self._ekf_rng.uniform(0.0, options.ekf.height_scale_max)
 
     def _start(self, rng: Random, seed: int) -> None:
         start = self.options.start
@@ -230,7 +211,7 @@ class World:
 
     # ---- the past ------------------------------------------------------------------------------
 
-    def _at(self, t: float) -> Sample:
+    def state_at(self, t: float) -> Sample:
         """Return the state at time t, which lies within HISTORY_S before now.
 
         Raises:
@@ -265,7 +246,7 @@ class World:
         Raises:
             ValueError: t is older than that.
         """
-        s = self._at(t)
+        s = self.state_at(t)
         air = self._airframe
         R_local_body = rot_zyx(s.yaw, s.pitch, s.roll)
         R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
@@ -281,35 +262,6 @@ class World:
             CameraPose(lens, R_local_camera),
             PadPose(pad.position, pad.R_local_pad),
             VehiclePose(s.position, R_local_body, air.footprint_m, air.gear_height_m),
-        )
-
-    def reported(self, t: float) -> ReportedState:
-        """Return what the autopilot's estimator says at time t.
-
-        Heights over the local origin are off by the barometer's scale, velocities by a constant
-        bias; positions do not drift.
-        """
-        ekf, rng = self.options.ekf, self._ekf_rng
-        self.advance(t)
-        s = self._at(t - ekf.delay_s)
-        n, e, d = s.position
-        tilt = math.radians(ekf.attitude_noise_deg)
-
-        def noisy(v: Vec3, sigma: float) -> Vec3:
-            return (
-                v[0] + rng.gauss(0.0, sigma),
-                v[1] + rng.gauss(0.0, sigma),
-                v[2] + rng.gauss(0.0, sigma),
-            )
-
-        return ReportedState(
-            t,
-            noisy((n, e, d * self._height_scale), ekf.position_noise_m),
-            noisy(add(s.velocity, self._velocity_bias), ekf.velocity_noise_mps),
-            s.roll + rng.gauss(0.0, tilt),
-            s.pitch + rng.gauss(0.0, tilt),
-            wrap(s.yaw + rng.gauss(0.0, tilt)),
-            s.rates,
         )
 
 

@@ -1,18 +1,17 @@
 """Textured ground to the horizon, and the sky above it. Background: half resolution will do."""
 
 import math
-from typing import Literal, cast
+from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.sim.options import GroundKind
 from hw.sim.picture.view import F64, NO_SECOND_MAP, level_of_detail
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
-
-GroundKind = Literal["grass", "asphalt", "plain"]
 
 TILE = 1024  # texels; the texture repeats
 TEXEL_M = 0.015

@@ -9,14 +9,14 @@ area averages, several samples a pixel while the pad is small.
 import itertools
 import math
 import random
-from typing import Annotated, cast
+from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
-from hw.sim.picture.ground import Ground, GroundKind
+from hw.sim.options import RenderOptions
+from hw.sim.picture.ground import Ground
 from hw.sim.picture.pad_texture import TextureLevel, pad_texture, plate_corners
 from hw.sim.picture.vehicle import Shadow, draw_legs, shade, vehicle_shadow
 from hw.sim.picture.view import (
@@ -44,29 +44,6 @@ MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whol
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
 NOISE_MARGIN = 256  # offsets of the noise field to choose from, along x and along y
 EDGE_SOFTNESS_M = 0.02  # of the shadow's edge that something far away casts
-
-Share = Annotated[float, Field(ge=0, le=1)]
-
-
-class RenderOptions(BaseModel):
-    """Light, lens, sensor and surroundings of the simulated camera."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    noise_sigma: Annotated[float, Field(ge=0, le=30)] = 3.0  # grey levels
-    defocus_px: Annotated[float, Field(ge=0, le=5)] = 0.6  # sigma of the blur
-    illumination: Annotated[float, Field(gt=0, le=5)] = 1.0  # white saturates above 1.27
-    gradient: Share = 0.1  # of illumination, from the middle of the image to its side
-    ground: GroundKind = "grass"
-    ground_down_m: float = 0.0  # of the ground, local NED
-    sun_elevation_deg: Annotated[float, Field(ge=5, le=90)] = 55.0
-    sun_azimuth_deg: float = 120.0  # where the sun stands, clockwise from north
-    shadow_darkness: Share = 0.6  # the sun's share of the light
-    vehicle_shadow: bool = True
-    legs: bool = True
-    shadow_edge: bool = False  # something tall keeps the sun off one side of the pad
-    shadow_edge_m: float = 0.0  # its shadow begins so far from the landing point,
-    shadow_edge_heading_deg: float = 90.0  # and covers what lies beyond in this pad direction
 
 
 class Renderer:

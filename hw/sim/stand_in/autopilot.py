@@ -20,9 +20,9 @@ from hw.sim.stand_in.copter import (
     ARDUPILOT_DEFAULTS,
     Copter,
     CopterParameters,
-    Reported,
     Vehicle,
 )
+from hw.sim.stand_in.ekf import Estimate
 from hw.sim.stand_in.pilot import PilotRadio
 from landerd.geometry import Vec3, add, clamp, is_finite, rot_z, rotate
 from landerd.messages import Landed
@@ -53,7 +53,7 @@ _FAILED: int = mavlink.MAV_RESULT_FAILED
 
 
 class World(Protocol):
-    """The simulated world as far as the autopilot moves and measures it."""
+    """The simulated world as far as the autopilot moves it."""
 
     @property
     def vehicle(self) -> Vehicle: ...  # noqa: D102
@@ -63,8 +63,12 @@ class World(Protocol):
     def advance(self, t: float) -> None:
         """Move the world on to this time, s."""
 
-    def reported(self, t: float) -> Reported:
-        """Return what the EKF says at this time."""
+
+class Estimator(Protocol):
+    """Where the autopilot takes its own state from."""
+
+    def estimate(self, t: float) -> Estimate:
+        """Return what it takes its state to be at this time, s."""
         ...
 
 
@@ -111,6 +115,7 @@ class SimAutopilot:
         world: World,
         links: Sequence[ByteLink],
         *,
+        ekf: Estimator,
         rng: random.Random,
         parameters: CopterParameters = ARDUPILOT_DEFAULTS,
         flying: bool = False,
@@ -124,6 +129,7 @@ class SimAutopilot:
         self.pilot = PilotRadio()
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
         self._world = world
+        self._ekf = ekf
         self._rng = rng
         self._system = system_id
         self._boot_age_s = boot_age_s
@@ -146,7 +152,7 @@ class SimAutopilot:
         """Fly and serve the links, for ever."""
         t = asyncio.get_running_loop().time()
         self._booted_at = t - self._boot_age_s
-        self._reported = self._world.reported(t)
+        self._estimate = self._ekf.estimate(t)
         async with asyncio.TaskGroup() as tasks:
             for channel in self._channels:
                 tasks.create_task(self._serve(channel))
@@ -192,8 +198,8 @@ class SimAutopilot:
 
     def _step(self, t: float) -> None:
         self._world.advance(t)
-        self._reported = self._world.reported(t)
-        self.copter.step(self._reported, t)
+        self._estimate = self._ekf.estimate(t)
+        self.copter.step(self._estimate, t)
 
     # ---- out ----
 
@@ -247,11 +253,11 @@ class SimAutopilot:
         )
 
     def _attitude(self, t: float) -> Message:
-        r = self._reported
+        r = self._estimate
         return mavlink.MAVLink_attitude_message(self._boot_ms(t), r.roll, r.pitch, r.yaw, *r.rates)
 
     def _local_position(self, t: float) -> Message:
-        r = self._reported
+        r = self._estimate
         return mavlink.MAVLink_local_position_ned_message(
             self._boot_ms(t), *r.position, *r.velocity
         )
@@ -353,7 +359,7 @@ class SimAutopilot:
                 return _FAILED
             return _ACCEPTED if self.copter.set_speed(m.param2) else _FAILED
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            done = self.copter.take_off(m.param7, self._reported, t)
+            done = self.copter.take_off(m.param7, self._estimate, t)
             return _ACCEPTED if done else _FAILED
         result = self._mount.command(m, t) if self._mount is not None else None
         return _UNSUPPORTED if result is None else result
@@ -404,13 +410,13 @@ class SimAutopilot:
         if not sound:
             self.copter.stop()
             return
-        reported = self._reported
+        estimate = self._estimate
         if m.coordinate_frame in _BODY_FRAMES:
-            R_local_level = rot_z(reported.yaw)
+            R_local_level = rot_z(estimate.yaw)
             position, velocity = rotate(R_local_level, position), rotate(R_local_level, velocity)
         if has_position:
             if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
-                position = add(position, reported.position)
+                position = add(position, estimate.position)
             self.copter.fly_to(position, yaw_rate)
         else:
             self.copter.fly_velocity(velocity, yaw_rate, t)

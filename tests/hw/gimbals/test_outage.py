@@ -13,8 +13,8 @@ import pytest
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
-from hw.sim.physics.gimbal import SimMount
 from landerd import devices as registry
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir

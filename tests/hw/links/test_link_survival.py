@@ -3,7 +3,6 @@
 import asyncio
 import os
 import pty
-import random
 import socket
 import tty
 from collections.abc import Callable
@@ -16,7 +15,6 @@ import pytest
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links import open_link
 from hw.links.inbox import Inbox
-from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
@@ -36,7 +34,7 @@ from landerd.messages import (
 from landerd.pad import load_pad
 from landerd.ports import ByteLink
 from landerd.runtime.daemon import Daemon, Devices
-from tests.hw.flight import PlainAirframe
+from tests.hw.flight import PlainAirframe, plain_autopilot
 from tests.hw.idle import Idle
 
 NEEDED = (Heartbeat, Attitude, LocalPosition, RcChannels)
@@ -154,9 +152,7 @@ async def scene(url: str, peer: Callable[[], ByteLink], *, restarted: bool) -> N
         heard.messages.clear()
         age = (60.0, 30.0, 0.5)[life] if restarted else loop.time() - booted
         far = peer()
-        autopilot = SimAutopilot(
-            PlainAirframe(), [far], rng=random.Random(1), flying=True, boot_age_s=age
-        )
+        autopilot = plain_autopilot(PlainAirframe(), [far], flying=True, boot_age_s=age)
         living = asyncio.create_task(autopilot.run())
         while not heard.kinds() >= set(NEEDED):
             assert not flying.done()
@@ -204,7 +200,7 @@ def test_a_real_link_with_damaged_bytes_and_lost_packets_keeps_its_times_and_val
         driver = MavlinkAutopilot(open_link(f"udpin:127.0.0.1:{near}"))
         await driver.open()
         peer = open_link(f"udpout:127.0.0.1:{far}")
-        autopilot = SimAutopilot(PlainAirframe(), [peer], rng=random.Random(1), flying=True)
+        autopilot = plain_autopilot(PlainAirframe(), [peer], flying=True)
         living = asyncio.create_task(autopilot.run())
         got: list[Any] = []
 
