@@ -2,10 +2,15 @@
 
 Devices raise `DeviceLost` when they are gone; the daemon opens them again with back-off. Nothing
 here may block the event loop.
+
+Below them stands what a driver brings so that `landerd.devices` can make it: its options, a block
+of the configuration of the driver's own model, and what makes the device of them.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal, Protocol, runtime_checkable
 
 from landerd.messages import (
     AutopilotMessage,
@@ -14,9 +19,11 @@ from landerd.messages import (
     GimbalState,
     LandingTarget,
     PressDown,
+    Reference,
     Setpoint,
     StatusText,
 )
+from landerd.section import Section
 
 
 class DeviceLost(Exception):
@@ -40,8 +47,33 @@ class Camera(Protocol):
         """Stop the stream; safe to call twice."""
 
 
+class Feedback(Enum):
+    """What the angles that a gimbal's driver reports are."""
+
+    MEASURED = "measured"
+    MODELLED = "modelled"  # where the gimbal should be by now
+    ORDERED = "ordered"  # the core takes it that the gimbal follows with gimbal.lag_s
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalTraits:
+    """What a driver states about its gimbal."""
+
+    reference: Reference  # what its angles are measured against
+    feedback: Feedback
+    rate_hz: float  # of its reports
+    yaw_limits: tuple[float, float]  # rad
+    pitch_limits: tuple[float, float]
+    sigma: float = 0.0  # of the lens's direction where it is worse than of other gimbals, rad
+
+
 class Gimbal(Protocol):
     """Two axes that point the camera."""
+
+    @property
+    def traits(self) -> GimbalTraits:
+        """What the driver states about its gimbal; never changes."""
+        ...
 
     async def open(self) -> None:
         """Start the device. Raises DeviceLost."""
@@ -59,6 +91,19 @@ class Gimbal(Protocol):
 
 class Autopilot(Protocol):
     """The flight controller."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What was dropped, lost on the way or refused, by kind."""
+        ...
+
+    @property
+    def vehicle_parameters(self) -> Mapping[str, float]:
+        """The autopilot's own parameters, those that were asked for and answered."""
+        ...
+
+    def ask_parameter(self, name: str) -> None:
+        """Ask for one of them; the answer comes with what `receive` takes in."""
 
     async def open(self) -> None:
         """Open the link. Raises DeviceLost."""
@@ -131,3 +176,121 @@ class ByteLink(Protocol):
 
     async def close(self) -> None:
         """Disconnect; safe to call twice."""
+
+
+# ---- what a driver brings ----------------------------------------------------------------------
+
+
+@runtime_checkable
+class CameraOptions(Protocol):
+    """What every camera driver's block of the configuration has."""
+
+    @property
+    def width(self) -> int:
+        """Of the pictures asked for, px."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Of the pictures asked for, px."""
+        ...
+
+    @property
+    def fps(self) -> float:
+        """Pictures a second asked for."""
+        ...
+
+
+@runtime_checkable
+class GimbalOptions(Protocol):
+    """What every gimbal driver's block of the configuration has."""
+
+    @property
+    def traits(self) -> GimbalTraits:
+        """What there is to know of the gimbal."""
+        ...
+
+
+@runtime_checkable
+class LinkOptions(Protocol):
+    """What a driver's block has if the driver speaks over a link of its own."""
+
+    @property
+    def url(self) -> str:
+        """Where the device is, as `hw.links.open_link` takes it."""
+        ...
+
+
+class CameraFactory(Protocol):
+    """Makes a camera; it is not opened."""
+
+    def __call__(self, *, options: Section) -> Camera:
+        """Options: of the driver's own model."""
+        ...
+
+
+class GimbalFactory(Protocol):
+    """Makes a gimbal that needs nothing but the machine it is plugged into."""
+
+    def __call__(self, *, options: Section) -> Gimbal:
+        """Options: of the driver's own model."""
+        ...
+
+
+class GimbalOverLinkFactory(Protocol):
+    """Makes a gimbal that is spoken to over a link of its own."""
+
+    def __call__(self, *, options: Section, link: ByteLink) -> Gimbal:
+        """Options: of the driver's own model, with `LinkOptions`."""
+        ...
+
+
+class GimbalBehindAutopilotFactory(Protocol):
+    """Makes a gimbal whose messages go through the autopilot's driver."""
+
+    def __call__(self, *, options: Section, autopilot: Autopilot) -> Gimbal:
+        """Options: of the driver's own model; autopilot: of the same protocol family."""
+        ...
+
+
+class MessageSigning(Protocol):
+    """The key that messages are signed with, and their time stamp, which never goes back."""
+
+    @property
+    def key(self) -> bytes:
+        """The secret, 32 bytes."""
+        ...
+
+    def stamp(self, now: float) -> int:
+        """Return the time stamp of the next message, sent at loop time now (s)."""
+        ...
+
+    def accepts(self, frame: bytes, system: int, component: int) -> bool:
+        """Tell whether a frame with sound checksum is signed with the key, and no repetition."""
+        ...
+
+
+class AutopilotFactory(Protocol):
+    """Makes an autopilot's driver; its link is not opened."""
+
+    def __call__(
+        self,
+        link: ByteLink,
+        *,
+        system_id: int,
+        setpoint_frame: Literal["local_ned", "body_ned"],
+        ground_stations: Collection[int],
+        parameters: Parameters | None,
+        signing: MessageSigning | None,
+    ) -> Autopilot:
+        """Take what the section `autopilot` of the configuration says.
+
+        Args:
+            link: to the autopilot.
+            system_id: the vehicle's.
+            setpoint_frame: of the velocities sent.
+            ground_stations: system ids whose parameter messages and commands are taken.
+            parameters: what they may read and change; None: nothing.
+            signing: of all messages; None: unsigned.
+        """
+        ...

@@ -14,7 +14,6 @@ from hw.autopilots import telemetry
 from hw.autopilots.boot_clock import BootClock
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.autopilots.parameter_protocol import ParameterProtocol
-from hw.autopilots.signing import Signing
 from hw.autopilots.streams import Streams
 from landerd.geometry import norm
 from landerd.messages import (
@@ -26,7 +25,7 @@ from landerd.messages import (
     Severity,
     StatusText,
 )
-from landerd.ports import ByteLink, Parameters
+from landerd.ports import ByteLink, MessageSigning, Parameters
 
 log = logging.getLogger(__name__)
 
@@ -102,7 +101,7 @@ class MavlinkAutopilot:
         setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned",
         ground_stations: Collection[int] = (255,),
         parameters: Parameters | None = None,
-        signing: Signing | None = None,
+        signing: MessageSigning | None = None,
     ) -> None:
         """Make it; the link is opened by `open`.
 
@@ -203,7 +202,7 @@ class MavlinkAutopilot:
         kind = message.get_msgId()
         if source == (self._system, _AUTOPILOT_COMPONENT):
             self._take_autopilots(message, kind, now)
-            self._keep(now)
+            self._ask_what_is_due(now)
         elif source[0] in self._ground_stations and kind in _GROUND_STATION_MESSAGES:
             self._take_ground_stations(message, kind, now)
         else:
@@ -304,7 +303,7 @@ class MavlinkAutopilot:
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
 
-    def _keep(self, now: float) -> None:
+    def _ask_what_is_due(self, now: float) -> None:
         """Ask for the time, and for the streams that are missing."""
         if now >= self._timesync_due:
             self._timesync_due = now + _TIMESYNC_PERIOD_S

@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.signing import LENGTH as _SIGNATURE
-from hw.autopilots.signing import Signing
+from landerd.ports import MessageSigning
 
 Message = Any  # pymavlink's message classes carry no types
 
@@ -32,7 +32,7 @@ class MavlinkCodec:
             numbers.
     """
 
-    def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
+    def __init__(self, system: int, component: int, signing: MessageSigning | None = None) -> None:
         """Messages go out as from this system and component.
 
         With signing all are signed, and only signed ones come in.

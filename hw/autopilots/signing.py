@@ -41,9 +41,9 @@ class Signing:
         self._last = max(clock, _read_time(time_file), 0)
         self._begin: tuple[float, int] | None = None  # loop time and time stamp then
         self._streams: dict[tuple[int, int, int], int] = {}  # newest stamp by link and sender
-        self._kept = self._last
+        self._saved = self._last
         try:
-            self._keep()
+            self._save_time()
         except OSError as e:
             raise ValueError(f"{time_file}: cannot be written: {e.strerror}") from None
 
@@ -53,11 +53,11 @@ class Signing:
             self._begin = (now, self._last)
         started, base = self._begin
         self._last = max(self._last + 1, base + int((now - started) * _TICKS_PER_S))
-        if self._last > self._kept - _REST:
+        if self._last > self._saved - _REST:
             try:
-                self._keep()
+                self._save_time()
             except OSError as e:
-                self._kept = self._last + _AHEAD  # do not try at every message
+                self._saved = self._last + _AHEAD  # do not try at every message
                 log.warning("%s: cannot be written: %s", self._time_file, e.strerror)
         return self._last
 
@@ -78,11 +78,11 @@ class Signing:
         self._last = max(self._last, stamp)
         return True
 
-    def _keep(self) -> None:
+    def _save_time(self) -> None:
         new = self._time_file.with_name(f".{self._time_file.name}.new")
         new.write_text(f"{self._last + _AHEAD}\n", encoding="ascii")
         new.replace(self._time_file)
-        self._kept = self._last + _AHEAD
+        self._saved = self._last + _AHEAD
 
 
 def _read_key(path: Path) -> bytes:

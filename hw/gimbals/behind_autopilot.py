@@ -14,8 +14,9 @@ from pydantic import Field
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import Message
-from hw.gimbals.mounting import SERVO_SIGMA, Feedback, Latency, Mounting, MountOptions, Traits
+from hw.gimbals.mounting import SERVO_SIGMA, Latency, Mounting, MountOptions
 from landerd.messages import GimbalCommand, GimbalState
+from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Angle
 
 _MOST = 50  # reports; a reader that has stopped must not fill the memory
@@ -32,7 +33,7 @@ class BehindAutopilotOptions(MountOptions):
     pitch_limits_deg: tuple[Angle, Angle] = (-90.0, 20.0)
 
     @property
-    def traits(self) -> Traits:
+    def traits(self) -> GimbalTraits:
         """What there is to know of the gimbal."""
         if self.feedback:
             return super().traits

@@ -3,8 +3,8 @@
 import asyncio
 import math
 
-from hw.gimbals.mounting import Feedback, Traits
 from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
@@ -18,10 +18,10 @@ class FixedOptions(Section):
     roll_deg: Angle = 0.0  # positive right
 
     @property
-    def traits(self) -> Traits:
+    def traits(self) -> GimbalTraits:
         """What there is to know of it: it reaches where it looks."""
         yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
-        return Traits(Reference.BODY, Feedback.MEASURED, _RATE_HZ, (yaw, yaw), (pitch, pitch))
+        return GimbalTraits(Reference.BODY, Feedback.MEASURED, _RATE_HZ, (yaw, yaw), (pitch, pitch))
 
 
 class FixedGimbal:

@@ -1,4 +1,4 @@
-"""What all gimbal drivers share: how the gimbal sits on the airframe, and what each driver states.
+"""What gimbal drivers share: how the gimbal sits on the airframe.
 
 Drivers turn their maker's angles into landerd's (yaw right, pitch up, roll right, rad); the
 mounting then takes care of a gimbal that is built in the other way round or whose zero is not
@@ -6,39 +6,18 @@ straight ahead.
 """
 
 import math
-from dataclasses import dataclass
-from enum import Enum
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from landerd.geometry import clamp, wrap
 from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Angle, Section
 
 Latency = Annotated[float, Field(ge=0, le=0.2)]
 _LARGEST = 2.0 * math.pi + 1e-6  # no gimbal reports more, rad
 SERVO_SIGMA = math.radians(1.5)  # of hobby servos whose table was calibrated
-
-
-class Feedback(Enum):
-    """What the angles that a driver reports are."""
-
-    MEASURED = "measured"
-    MODELLED = "modelled"  # where the gimbal should be by now
-    ORDERED = "ordered"  # the core takes it that the gimbal follows with gimbal.lag_s
-
-
-@dataclass(frozen=True, slots=True)
-class Traits:
-    """What a driver states about its gimbal."""
-
-    reference: Reference  # what its angles are measured against
-    feedback: Feedback
-    rate_hz: float  # of its reports
-    yaw_limits: tuple[float, float]  # rad
-    pitch_limits: tuple[float, float]
-    sigma: float = 0.0  # of the lens's direction where it is worse than of other gimbals, rad
 
 
 class MountOptions(Section):
@@ -64,9 +43,9 @@ class MountOptions(Section):
         return self
 
     @property
-    def traits(self) -> Traits:
+    def traits(self) -> GimbalTraits:
         """What there is to know of the gimbal."""
-        return Traits(
+        return GimbalTraits(
             Reference.HORIZON,
             Feedback.MEASURED,
             self.rate_hz,

@@ -17,10 +17,10 @@ from pydantic import Field, model_validator
 from smbus2 import SMBus
 
 from hw.gimbals.imu import ImuOptions, ReadableBus, make_imu
-from hw.gimbals.mounting import SERVO_SIGMA, Feedback, Traits
+from hw.gimbals.mounting import SERVO_SIGMA
 from landerd.geometry import clamp, wrap
 from landerd.messages import GimbalCommand, GimbalState, Reference
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, Feedback, GimbalTraits
 from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
@@ -67,13 +67,13 @@ class ServoOptions(Section):
     imu: ImuOptions | None = None  # a sensor on the camera
 
     @property
-    def traits(self) -> Traits:
+    def traits(self) -> GimbalTraits:
         """What there is to know of the gimbal: it reaches what is in its tables."""
         yaw = self.yaw.limits if self.yaw is not None else (0.0, 0.0)
         reference, feedback = Reference.BODY, Feedback.MODELLED
         if self.imu is not None:  # but the yaw is still modelled
             reference, feedback = Reference.TILT, Feedback.MEASURED
-        return Traits(reference, feedback, _RATE_HZ, yaw, self.pitch.limits, SERVO_SIGMA)
+        return GimbalTraits(reference, feedback, _RATE_HZ, yaw, self.pitch.limits, SERVO_SIGMA)
 
 
 class PulseOutput(Protocol):

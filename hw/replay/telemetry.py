@@ -9,21 +9,23 @@ import os
 import struct
 import sys
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import VEHICLE_TYPES, mode_name
+from hw.autopilots.mavlink_codec import Message
 from landerd.geometry import Vec3, angles_zxy, rotation, wrap
 from landerd.messages import Reference
 
 MAX_GAP_S = 1.5  # measurements farther apart are not interpolated between
 LONG_GAP_S = 5.0
 EARTH_M = 6378137.0  # radius, WGS 84 equatorial
+
+Reader = Callable[[float, Message], None]  # time, s; pymavlink's message, of either kind of log
 
 
 class TelemetryError(Exception):
@@ -148,55 +150,96 @@ def read_telemetry(path: Path) -> Telemetry:
 # ---- DataFlash ---------------------------------------------------------------------------------
 
 _ARMED, _DISARMED = 10, 11  # EV ids
-_KINDS = ["ATT", "RATE", "XKF1", "NKF1", "EKF1", "MODE", "EV", "ARM", "MNT", "BAT", "CURR", "POS"]
 
 
 def _read_bin(path: Path, telemetry: Telemetry) -> None:
-    rates: tuple[float, float, float] | None = None
-    turning = _Turning()
-    for m in _dataflash(path):
-        kind = m.get_type()
+    log = _DataFlash(telemetry)
+    for m in _dataflash(path, list(log.readers)):
         t = 1e-6 * m.TimeUS if hasattr(m, "TimeUS") else 1e-3 * getattr(m, "TimeMS", 0)
-        if kind == "RATE":
-            rates = (math.radians(m.R), math.radians(m.P), math.radians(m.Y))
-        elif kind == "ATT":
-            angles = (math.radians(m.Roll), math.radians(m.Pitch), wrap(math.radians(m.Yaw)))
-            guessed = turning.rates(t, angles)
-            telemetry.attitude.add(t, (*angles, *(guessed if rates is None else rates)))
-        elif kind in ("XKF1", "NKF1", "EKF1"):
-            if getattr(m, "C", 0) == 0:
-                telemetry.position.add(t, (m.PN, m.PE, m.PD, m.VN, m.VE, m.VD))
-        elif kind == "MODE":
-            telemetry.modes.append((t, mode_name(int(m.ModeNum))))
-        elif kind == "EV" and m.Id in (_ARMED, _DISARMED):
-            telemetry.arming.append((t, m.Id == _ARMED))
-        elif kind == "ARM":
-            telemetry.arming.append((t, bool(m.ArmState)))
-        elif kind == "MNT" and getattr(m, "I", 0) == 0:
-            _mount(m, t, telemetry)
-        elif kind in ("BAT", "CURR") and getattr(m, "Instance", 0) == 0:
+        log.readers[m.get_type()](t, m)
+
+
+class _DataFlash:
+    """Puts the messages of a DataFlash log onto the tracks.
+
+    Attributes:
+        readers: what takes a message, by kind, with its time in s.
+    """
+
+    def __init__(self, telemetry: Telemetry) -> None:
+        self._telemetry = telemetry
+        self._rates: Vec3 | None = None  # as last measured, body, rad/s
+        self._turning = _Turning()
+        self.readers: Mapping[str, Reader] = {
+            "ATT": self._attitude,
+            "RATE": self._body_rates,
+            "XKF1": self._position,
+            "NKF1": self._position,
+            "EKF1": self._position,
+            "MODE": self._mode,
+            "EV": self._event,
+            "ARM": self._arming,
+            "MNT": self._mount,
+            "BAT": self._battery,
+            "CURR": self._battery,
+            "POS": self._global_position,
+        }
+
+    def _body_rates(self, t: float, m: Message) -> None:
+        self._rates = (math.radians(m.R), math.radians(m.P), math.radians(m.Y))
+
+    def _attitude(self, t: float, m: Message) -> None:
+        angles = (math.radians(m.Roll), math.radians(m.Pitch), wrap(math.radians(m.Yaw)))
+        guessed = self._turning.rates(t, angles)
+        rates = guessed if self._rates is None else self._rates
+        self._telemetry.attitude.add(t, (*angles, *rates))
+
+    def _position(self, t: float, m: Message) -> None:
+        if getattr(m, "C", 0) == 0:  # of the first of several estimators
+            self._telemetry.position.add(t, (m.PN, m.PE, m.PD, m.VN, m.VE, m.VD))
+
+    def _mode(self, t: float, m: Message) -> None:
+        self._telemetry.modes.append((t, mode_name(int(m.ModeNum))))
+
+    def _event(self, t: float, m: Message) -> None:
+        if m.Id in (_ARMED, _DISARMED):
+            self._telemetry.arming.append((t, m.Id == _ARMED))
+
+    def _arming(self, t: float, m: Message) -> None:
+        self._telemetry.arming.append((t, bool(m.ArmState)))
+
+    def _mount(self, t: float, m: Message) -> None:
+        """MNT: angles of the camera, degrees; pitch, roll by the horizon, yaw by the airframe."""
+        yaw = getattr(m, "YawB", getattr(m, "Yaw", None))
+        if getattr(m, "I", 0) == 0 and yaw is not None and hasattr(m, "Pitch"):
+            angles = (math.radians(yaw), math.radians(m.Pitch), math.radians(m.Roll))
+            self._telemetry.gimbal.add(t, angles)
+
+    def _battery(self, t: float, m: Message) -> None:
+        if getattr(m, "Instance", 0) == 0:
             volt = m.Volt if isinstance(m.Volt, float) else 0.01 * m.Volt  # old logs: centivolts
-            telemetry.battery.add(t, (volt, 3600.0 * getattr(m, "EnrgTot", 0.0)))
-        elif kind == "POS":
-            _note_origin(telemetry, t, m.Lat, m.Lng)
+            self._telemetry.battery.add(t, (volt, 3600.0 * getattr(m, "EnrgTot", 0.0)))
+
+    def _global_position(self, t: float, m: Message) -> None:
+        _note_origin(self._telemetry, t, m.Lat, m.Lng)
 
 
-def _dataflash(path: Path) -> list[Any]:
-    """Return the messages that are used; the library's remarks on each bad byte are not shown."""
-    messages: list[Any] = []
-    with _silence():
+def _dataflash(path: Path, kinds: list[str]) -> list[Message]:
+    """Return a log's messages of some kinds; the library's remarks on bad bytes are not shown."""
+    messages: list[Message] = []
+    with _library_silenced():
         try:
             reader = DFReader.DFReader_binary(str(path))
         except Exception as e:  # the library lets anything through on damaged files
             raise TelemetryError(f"{path}: damaged: {e}") from None
         with contextlib.closing(reader), contextlib.suppress(Exception):  # what is good is used
-            while (m := reader.recv_match(type=_KINDS)) is not None:
+            while (m := reader.recv_match(type=kinds)) is not None:
                 messages.append(m)
     return messages
 
 
 @contextlib.contextmanager
-def _silence() -> Iterator[None]:
+def _library_silenced() -> Iterator[None]:
     """Send what the library prints nowhere; part of it is C and writes past Python."""
     sys.stderr.flush()
     kept = os.dup(2)
@@ -208,14 +251,6 @@ def _silence() -> Iterator[None]:
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-
-
-def _mount(m: Any, t: float, telemetry: Telemetry) -> None:
-    """MNT: angles of the camera, degrees; pitch and roll by the horizon, yaw by the airframe."""
-    yaw = getattr(m, "YawB", getattr(m, "Yaw", None))
-    if yaw is not None and hasattr(m, "Pitch"):
-        angles = (math.radians(yaw), math.radians(m.Pitch), math.radians(m.Roll))
-        telemetry.gimbal.add(t, angles)
 
 
 class _Turning:
@@ -240,44 +275,86 @@ class _Turning:
 
 
 def _read_tlog(path: Path, telemetry: Telemetry) -> None:
-    offset: float | None = None  # boot time minus the log's
-    turned: set[bool] = set()
+    log = _Tlog(telemetry)
     for stamp, m in _frames(path.read_bytes()):
         kind = m.get_type()
-        if m.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1 and not kind.startswith("GIMBAL"):
-            continue
-        t = 1e-3 * m.time_boot_ms if hasattr(m, "time_boot_ms") else None
-        if t is not None and (offset is None or t - stamp > offset):
-            offset = t - stamp
-        now = stamp + offset if offset is not None else None
-        if kind == "ATTITUDE" and t is not None:
-            telemetry.attitude.add(
-                t, (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
-            )
-        elif kind == "LOCAL_POSITION_NED" and t is not None:
-            telemetry.position.add(t, (m.x, m.y, m.z, m.vx, m.vy, m.vz))
-        elif kind == "GLOBAL_POSITION_INT" and t is not None and m.lat:
-            _note_origin(telemetry, t, 1e-7 * m.lat, 1e-7 * m.lon)
-        elif kind == "HEARTBEAT" and now is not None and m.type in VEHICLE_TYPES:
-            telemetry.modes.append((now, mode_name(m.custom_mode)))
+        if m.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1 or kind.startswith("GIMBAL"):
+            log.take(stamp, kind, m)
+
+
+class _Tlog:
+    """Puts the messages of a telemetry log onto the tracks.
+
+    A gimbal's own report is preferred: MOUNT_STATUS is not read any more once there was one.
+    """
+
+    def __init__(self, telemetry: Telemetry) -> None:
+        self._telemetry = telemetry
+        self._boot_minus_log_s: float | None = None  # of the message that was least late
+        self._has_device_attitude = False
+        self._stamped: Mapping[str, Reader] = {  # with time_boot_ms
+            "ATTITUDE": self._attitude,
+            "LOCAL_POSITION_NED": self._position,
+            "GLOBAL_POSITION_INT": self._global_position,
+        }
+        self._unstamped: Mapping[str, Reader] = {  # dated by the log, as others show its lateness
+            "HEARTBEAT": self._heartbeat,
+            "BATTERY_STATUS": self._battery,
+            "MOUNT_STATUS": self._mount,
+            "GIMBAL_DEVICE_ATTITUDE_STATUS": self._device_attitude,
+        }
+
+    def take(self, stamp: float, kind: str, m: Message) -> None:
+        """Take the next message, logged at a Unix time (s)."""
+        if hasattr(m, "time_boot_ms"):
+            t = 1e-3 * m.time_boot_ms
+            if self._boot_minus_log_s is None or t - stamp > self._boot_minus_log_s:
+                self._boot_minus_log_s = t - stamp
+            if kind in self._stamped:
+                self._stamped[kind](t, m)
+        if kind in self._unstamped and self._boot_minus_log_s is not None:
+            self._unstamped[kind](stamp + self._boot_minus_log_s, m)
+
+    def _attitude(self, t: float, m: Message) -> None:
+        self._telemetry.attitude.add(
+            t, (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
+        )
+
+    def _position(self, t: float, m: Message) -> None:
+        self._telemetry.position.add(t, (m.x, m.y, m.z, m.vx, m.vy, m.vz))
+
+    def _global_position(self, t: float, m: Message) -> None:
+        if m.lat:
+            _note_origin(self._telemetry, t, 1e-7 * m.lat, 1e-7 * m.lon)
+
+    def _heartbeat(self, t: float, m: Message) -> None:
+        if m.type in VEHICLE_TYPES:
+            self._telemetry.modes.append((t, mode_name(m.custom_mode)))
             armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            telemetry.arming.append((now, armed))
-        elif kind == "BATTERY_STATUS" and now is not None and m.id == 0:
+            self._telemetry.arming.append((t, armed))
+
+    def _battery(self, t: float, m: Message) -> None:
+        if m.id == 0:
             cells = [mv for mv in m.voltages if mv != 0xFFFF]
             energy = 100.0 * m.energy_consumed if m.energy_consumed >= 0 else 0.0
-            telemetry.battery.add(now, (1e-3 * sum(cells), energy))
-        elif kind == "MOUNT_STATUS" and now is not None and True not in turned:
-            # Hundredths of a degree: pitch, roll, yaw.
-            angles = [math.radians(0.01 * v) for v in (m.pointing_c, m.pointing_a, m.pointing_b)]
-            telemetry.gimbal.add(now, (angles[0], angles[1], angles[2]))
-        elif kind == "GIMBAL_DEVICE_ATTITUDE_STATUS" and now is not None:
-            turned.add(True)
-            R = rotation(m.q)
-            if R is not None:
-                telemetry.gimbal.add(now, angles_zxy(R))
+            self._telemetry.battery.add(t, (1e-3 * sum(cells), energy))
+
+    def _mount(self, t: float, m: Message) -> None:
+        """MOUNT_STATUS: hundredths of a degree."""
+        if not self._has_device_attitude:
+            yaw, pitch, roll = (
+                math.radians(0.01 * v) for v in (m.pointing_c, m.pointing_a, m.pointing_b)
+            )
+            self._telemetry.gimbal.add(t, (yaw, pitch, roll))
+
+    def _device_attitude(self, t: float, m: Message) -> None:
+        self._has_device_attitude = True
+        R = rotation(m.q)
+        if R is not None:
+            self._telemetry.gimbal.add(t, angles_zxy(R))
 
 
-def _frames(data: bytes) -> Iterator[tuple[float, Any]]:
+def _frames(data: bytes) -> Iterator[tuple[float, Message]]:
     """Yield (Unix time, message) of a .tlog; after damage it goes on at the next good frame."""
     parser = mavlink.MAVLink(None)
     at = 0

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from hw.gimbals.fixed import FixedOptions
-from hw.gimbals.mounting import Feedback, MountOptions
+from hw.gimbals.mounting import MountOptions
 from hw.gimbals.servo import ServoAxisOptions, ServoOptions
 from landerd import devices as registry
 from landerd.calibration.gimbal import AxisResult, GimbalCalibration, calibrate
@@ -24,7 +24,7 @@ from landerd.config.files import Loaded
 from landerd.config.yaml_tree import put
 from landerd.geometry import clamp
 from landerd.pad import PadError, load_pad
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, Feedback, GimbalOptions
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 
@@ -124,7 +124,8 @@ async def calibrate_gimbal(
     config = loaded.config
     camera, layout = fitting_camera(loaded), load_pad(config.pad.layout)
     search = Vision(layout, camera, config.vision).process
-    options: Any = loaded.options[f"gimbal.{config.gimbal.driver}"]
+    options = loaded.options[f"gimbal.{config.gimbal.driver}"]
+    assert isinstance(options, GimbalOptions)
     reach: dict[AxisName, tuple[float, float]] = {
         "yaw": options.traits.yaw_limits,
         "pitch": options.traits.pitch_limits,

@@ -89,7 +89,7 @@ async def check(loaded: Loaded, devices: Devices) -> list[Finding]:
 
     gimbal_done = asyncio.Event()
     parts = await asyncio.gather(
-        autopilot.run(devices.autopilot, devices.autopilot, gimbal_done),  # type: ignore[arg-type]
+        autopilot.run(devices.autopilot, gimbal_done),
         camera(),
         gimbal(),
     )

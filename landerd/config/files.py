@@ -25,6 +25,7 @@ from landerd.config.yaml_tree import (
     read_override,
     shown,
 )
+from landerd.ports import GimbalOptions
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -118,11 +119,11 @@ def load(
             options[section] = block
         elif _at(config, parent).driver == driver:
             raise ConfigError([f"{shown(path)}: {section}: missing, driver {driver} needs it"])
-    traits = getattr(options.get(f"gimbal.{config.gimbal.driver}"), "traits", None)
-    if traits is None:  # the simulator's own gimbal reaches all that may be asked of it
+    gimbal = options.get(f"gimbal.{config.gimbal.driver}")
+    if not isinstance(gimbal, GimbalOptions):  # the simulator's reaches all that may be asked of it
         return Loaded(config, options)
     try:
-        config, remarks = within_reach(config, traits)
+        config, remarks = within_reach(config, gimbal.traits)
     except ValueError as e:
         raise ConfigError([f"{shown(path)}: {e}"]) from None
     return Loaded(config, options, tuple(remarks))

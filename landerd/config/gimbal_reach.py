@@ -1,19 +1,19 @@
 """What the chosen gimbal's driver states, taken into the configuration."""
 
 import math
-from typing import Any
 
 from landerd.config.models import Config
+from landerd.ports import GimbalTraits
 
 
-def within_reach(config: Config, traits: Any) -> tuple[Config, list[str]]:
+def within_reach(config: Config, traits: GimbalTraits) -> tuple[Config, list[str]]:
     """Return the configuration cut to what the gimbal reaches, and a line for each cut.
 
     Angles that nobody measures count as less certain, too (`estimation.gimbal_sigma_deg`).
 
     Args:
         config: the configuration.
-        traits: what the driver states (hw.gimbals.mounting.Traits).
+        traits: what the driver states.
 
     Raises:
         ValueError: a range that is wanted and the gimbal's have nothing in common.

@@ -1,8 +1,8 @@
 """The tunable parameters, which a pilot may read and change over MAVLink, from the config models.
 
 Every number below `guidance` and `rc` is one. Names follow from the keys by rule, are at most 16
-characters and never change their meaning; ranges are those of the models. `docs/parameters.md` is
-printed by `python -m landerd.config.parameters`.
+characters and never change their meaning; ranges are those of the models. `parameter_page`
+prints docs/parameters.md.
 """
 
 import math
@@ -76,6 +76,11 @@ class Parameter:
     bounds: tuple[tuple[str, float], ...]  # as ("above", 0.0); empty: any number
     in_flight: bool  # may be changed while armed
 
+    @property
+    def range_in_words(self) -> str:
+        """What the configuration's models allow, as "above 0, at most 10"."""
+        return ", ".join(f"{word} {bound:g}" for word, bound in self.bounds) or "a number"
+
 
 def parameters() -> dict[str, Parameter]:
     """Return all parameters by name, in the order of the configuration."""
@@ -145,7 +150,7 @@ class ParameterSet:
             error = e.errors(include_url=False)[0]
             if error["type"] == "value_error":  # of several keys together
                 raise ParameterRefused(f"{name}: {error['ctx']['error']}") from None
-            raise ParameterRefused(f"{name}: {_range(parameter)}") from None
+            raise ParameterRefused(f"{name}: {parameter.range_in_words}") from None
         self._unsaved[parameter.key] = int(value) if parameter.whole else value
         return parameter.key
 
@@ -217,39 +222,3 @@ def _bounds(field: FieldInfo) -> Iterator[tuple[str, float]]:
 
 def _kind(parameter: Parameter) -> str:
     return "whole number" if parameter.whole else "number"
-
-
-def _range(parameter: Parameter) -> str:
-    return ", ".join(f"{word} {bound:g}" for word, bound in parameter.bounds) or "a number"
-
-
-def markdown() -> str:
-    """Return docs/parameters.md."""
-    lines = [
-        _HEAD,
-        "| name | key of the configuration | range | default | unit | while armed |",
-        "|---|---|---|---|---|---|",
-    ]
-    for p in parameters().values():
-        kind = "whole number, " if p.whole else ""
-        lines.append(
-            f"| `{p.name}` | `{p.key}` | {kind}{_range(p)} | {p.default:g} | {p.unit} "
-            f"| {'yes' if p.in_flight else 'no'} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-_HEAD = """# Parameters over MAVLink
-
-landerd answers ground stations as component 191 of the vehicle's system: in QGroundControl and
-Mission Planner its parameters appear beside the autopilot's, in MAVProxy after
-`set target_component 191`. A change is checked against the range, flown from the next control step
-on, without a bump, and logged. What may not be changed while armed is refused and says so. Changes
-are gone with the next start unless you save them ("write to storage", MAV_CMD_PREFLIGHT_STORAGE):
-they go to an overlay file beside the configuration (`landerd run --help`).
-
-This table is made from the code: `python -m landerd.config.parameters > docs/parameters.md`.
-"""
-
-if __name__ == "__main__":
-    print(markdown(), end="")

@@ -3,7 +3,7 @@
 import asyncio
 import statistics
 from collections.abc import Mapping, Sequence
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 from landerd.config.models import Config
 from landerd.messages import (
@@ -21,16 +21,6 @@ AUTOPILOT_S = 6.0  # how long it is listened to
 PARAMETER_S = 1.0  # until a parameter is asked for again
 
 
-class VehicleParameters(Protocol):
-    """An autopilot whose parameters can be asked for by name."""
-
-    vehicle_parameters: Mapping[str, float]  # those that were answered
-    counters: Mapping[str, int]  # of what was dropped, by kind
-
-    def ask_parameter(self, name: str) -> None:
-        """Ask for one; the answer comes with what `receive` takes in."""
-
-
 class AutopilotCheck:
     """Hears an autopilot for a while and says what it found.
 
@@ -43,14 +33,11 @@ class AutopilotCheck:
         self._config = config
         self._got: list[tuple[float, AutopilotMessage]] = []
 
-    async def run(
-        self, autopilot: Autopilot, parameters: VehicleParameters, others: asyncio.Event
-    ) -> list[Finding]:
+    async def run(self, autopilot: Autopilot, others: asyncio.Event) -> list[Finding]:
         """Return what is found; opens and closes the link.
 
         Args:
             autopilot: closed.
-            parameters: the same, asked for its parameters.
             others: set when the link is no longer needed: a gimbal may be behind it.
         """
         names = list(judged_parameters(self._config))
@@ -58,11 +45,11 @@ class AutopilotCheck:
         try:
             await autopilot.open()
             listening = asyncio.create_task(self._listen(autopilot))
-            tasks = {listening, asyncio.create_task(self._ask(autopilot, parameters, names))}
+            tasks = {listening, asyncio.create_task(self._ask(autopilot, names))}
             await asyncio.wait({listening}, timeout=AUTOPILOT_S)
             if listening.done():
                 listening.result()
-            findings = self._judge(parameters)
+            findings = self._judge(autopilot)
             tasks.add(asyncio.create_task(others.wait()))
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             return findings
@@ -90,20 +77,18 @@ class AutopilotCheck:
             if isinstance(message, Heartbeat):
                 self.disarmed = not message.armed
 
-    def _judge(self, parameters: VehicleParameters) -> list[Finding]:
+    def _judge(self, autopilot: Autopilot) -> list[Finding]:
         if not self._of(Heartbeat):
-            return [self._no_heartbeat(parameters.counters)]
+            return [self._no_heartbeat(autopilot.counters)]
         findings = [self._heartbeat(), *self._rates(), *self._gate()]
-        return findings + parameter_findings(self._config, parameters.vehicle_parameters)
+        return findings + parameter_findings(self._config, autopilot.vehicle_parameters)
 
-    async def _ask(
-        self, autopilot: Autopilot, parameters: VehicleParameters, names: Sequence[str]
-    ) -> NoReturn:
+    async def _ask(self, autopilot: Autopilot, names: Sequence[str]) -> NoReturn:
         while True:
             autopilot.heartbeat()
             for name in names:
-                if name not in parameters.vehicle_parameters:
-                    parameters.ask_parameter(name)
+                if name not in autopilot.vehicle_parameters:
+                    autopilot.ask_parameter(name)
                     await asyncio.sleep(0.02)  # a slow link has the streams to carry too
             await asyncio.sleep(PARAMETER_S)
 

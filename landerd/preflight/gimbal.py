@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from landerd.config.models import Config
 from landerd.messages import GimbalCommand, GimbalState
-from landerd.ports import DeviceLost, Gimbal
+from landerd.ports import DeviceLost, Feedback, Gimbal
 from landerd.preflight.finding import Finding, gather
 
 GIMBAL_S = 1.0  # how long it is listened to,
@@ -30,7 +30,6 @@ async def check_gimbal(
         got = await gather(gimbal.state, GIMBAL_S)
         if not got:
             raise DeviceLost("the gimbal says nothing of its angles")
-        traits = getattr(gimbal, "traits", None)  # the real drivers state them
         findings = _gimbal_stream(got, config)
         if config.gimbal.driver == "fixed":
             return findings
@@ -38,7 +37,7 @@ async def check_gimbal(
             text = "not moved: the vehicle is armed, or it is not known to be disarmed"
             return [*findings, Finding("warn", "gimbal motion", text, "disarm and check again")]
         start = got[-1][1]
-        if not start.pitch_measured or (traits and traits.feedback.value != "measured"):
+        if not start.pitch_measured or gimbal.traits.feedback is not Feedback.MEASURED:
             text = "has no feedback: whether it turns the right way cannot be measured"
             return [*findings, Finding("warn", "gimbal motion", text, "look: -90 is straight down")]
         return [*findings, *await _moves(gimbal, start, config)]

@@ -127,10 +127,10 @@ class Daemon:
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._control())
-                tasks.create_task(self._keep("autopilot", devices.autopilot, self._autopilot))
-                tasks.create_task(self._keep("gimbal", devices.gimbal, self._gimbal))
+                tasks.create_task(self._run_device("autopilot", devices.autopilot, self._autopilot))
+                tasks.create_task(self._run_device("gimbal", devices.gimbal, self._gimbal))
                 tasks.create_task(
-                    self._keep("camera", devices.camera, lambda: self._camera(executor))
+                    self._run_device("camera", devices.camera, lambda: self._camera(executor))
                 )
         finally:
             if executor is not None:
@@ -147,7 +147,7 @@ class Daemon:
 
     # ---- device tasks --------------------------------------------------------------------------
 
-    async def _keep(
+    async def _run_device(
         self,
         name: str,
         device: Camera | Gimbal | Autopilot,

@@ -13,7 +13,6 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
-from hw.gimbals.mounting import Feedback, Traits
 from hw.links.memory import MemoryLink, memory_pair
 from landerd import devices as registry
 from landerd.cli import main
@@ -21,7 +20,7 @@ from landerd.commands import check as check_command
 from landerd.commands.check import check
 from landerd.config.files import config_dir, load
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, Feedback, GimbalTraits
 from landerd.preflight.finding import Finding
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
@@ -34,6 +33,7 @@ GOOD_PARAMETERS = {
     "FS_THR_ENABLE": 1.0,
     "ARMING_CHECK": 1.0,
 }
+TRAITS = GimbalTraits(Reference.BODY, Feedback.MEASURED, 50.0, (-1.5, 1.5), (-math.pi, 0.0))
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Gimbal:
     pitch: float = -0.4
     yaw: float = 0.0
     orders: int = 0
-    traits: Traits | None = None
+    traits: GimbalTraits = TRAITS
 
     async def open(self) -> None:
         if self.lost:
@@ -282,7 +282,7 @@ def test_a_size_of_another_aspect_than_the_calibration_is_a_finding_and_not_a_cr
 
 def test_of_servos_it_is_told_that_nobody_measures_them_and_what_they_reach() -> None:
     set_up = SetUp()
-    set_up.gimbal.traits = Traits(
+    set_up.gimbal.traits = GimbalTraits(
         Reference.BODY, Feedback.MODELLED, 50.0, (0.0, 0.0), (math.radians(-100.0), 0.3)
     )
     set_up.overrides = ["gimbal.driver=servo_sysfs", "gimbal.pitch_limits_deg=[-150.0, 0.0]"]

@@ -12,7 +12,6 @@ from landerd.config.files import config_dir, load
 from landerd.config.models import Config
 from landerd.config.parameters import (
     ParameterSet,
-    markdown,
     parameters,
     value_of,
     with_value,
@@ -23,8 +22,6 @@ from landerd.messages import ParameterChange, Phase
 from landerd.ports import ParameterRefused
 from tests.recorded_flight import RecordedFlight, recorder
 from tests.scripted_flight import DT, Flight
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_names_fit_mavlink_and_are_plain() -> None:
@@ -40,11 +37,6 @@ def test_gains_region_limits_and_gate_are_there_with_the_values_of_the_configura
     config = Config()
     for parameter in table.values():
         assert value_of(config, parameter.key) == parameter.default
-
-
-def test_the_table_in_docs_is_current() -> None:
-    text = (ROOT / "docs" / "parameters.md").read_text("utf-8")
-    assert text == markdown(), "run: python -m landerd.config.parameters > docs/parameters.md"
 
 
 def test_every_value_within_the_range_is_taken_and_every_one_outside_refused() -> None:

@@ -2,11 +2,14 @@
 
 import asyncio
 
-from landerd.messages import Frame, GimbalCommand, GimbalState
+from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
+from landerd.ports import Feedback, GimbalTraits
 
 
 class Idle:
     """Both at once."""
+
+    traits = GimbalTraits(Reference.BODY, Feedback.MEASURED, 50.0, (-1.5, 1.5), (-1.5, 1.5))
 
     async def open(self) -> None: ...
     async def close(self) -> None: ...

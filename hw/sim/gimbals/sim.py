@@ -6,8 +6,9 @@ from enum import Enum
 
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
+from hw.sim.physics.gimbal import PITCH_LIMITS, YAW_LIMITS
 from landerd.messages import GimbalCommand, GimbalState, Reference
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, Feedback, GimbalTraits
 
 REPORT_PERIOD_S = 0.02
 
@@ -30,6 +31,13 @@ class SimGimbal:
         self._options = options
         self._next_report = 0.0
         self._last: GimbalState | None = None
+        self.traits = GimbalTraits(
+            Reference.BODY,
+            Feedback.MEASURED if options.pitch_feedback else Feedback.ORDERED,
+            1.0 / REPORT_PERIOD_S,
+            YAW_LIMITS,
+            PITCH_LIMITS,
+        )
 
     async def open(self) -> None:
         """Start the device. Raises DeviceLost."""
