@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 LENGTH = 13  # of a signature: link, time stamp (6), hash (6)
 _EPOCH_S = 1_420_070_400  # 1 January 2015, UTC
 _TICKS_PER_S = 100_000
-_LATE = 60 * _TICKS_PER_S  # a new sender's time stamp may be behind ours by this
+_MOST_BEHIND = 60 * _TICKS_PER_S  # ticks: a new sender's stamp behind ours; pymavlink's number
 # The file is ahead of what was sent, so that it is right after a crash, and written in good time,
 # so that it is also after a loss of power with the last write not on the disk.
 _AHEAD, _REST = 60 * _TICKS_PER_S, 30 * _TICKS_PER_S
@@ -41,9 +41,9 @@ class Signing:
         self._last = max(clock, _read_time(time_file), 0)
         self._begin: tuple[float, int] | None = None  # loop time and time stamp then
         self._streams: dict[tuple[int, int, int], int] = {}  # newest stamp by link and sender
-        self._kept = self._last
+        self._saved = self._last
         try:
-            self._keep()
+            self._save_time()
         except OSError as e:
             raise ValueError(f"{time_file}: cannot be written: {e.strerror}") from None
 
@@ -53,11 +53,11 @@ class Signing:
             self._begin = (now, self._last)
         started, base = self._begin
         self._last = max(self._last + 1, base + int((now - started) * _TICKS_PER_S))
-        if self._last > self._kept - _REST:
+        if self._last > self._saved - _REST:
             try:
-                self._keep()
+                self._save_time()
             except OSError as e:
-                self._kept = self._last + _AHEAD  # do not try at every message
+                self._saved = self._last + _AHEAD  # do not try at every message
                 log.warning("%s: cannot be written: %s", self._time_file, e.strerror)
         return self._last
 
@@ -70,7 +70,7 @@ class Signing:
             return False
         link, stamp = frame[-LENGTH], int.from_bytes(frame[-LENGTH + 1 : -6], "little")
         sender = (link, system, component)
-        oldest = self._streams.get(sender, self._last - _LATE)
+        oldest = self._streams.get(sender, self._last - _MOST_BEHIND)
         expected = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
         if stamp <= oldest or not hmac.compare_digest(expected, frame[-6:]):
             return False
@@ -78,11 +78,11 @@ class Signing:
         self._last = max(self._last, stamp)
         return True
 
-    def _keep(self) -> None:
+    def _save_time(self) -> None:
         new = self._time_file.with_name(f".{self._time_file.name}.new")
         new.write_text(f"{self._last + _AHEAD}\n", encoding="ascii")
         new.replace(self._time_file)
-        self._kept = self._last + _AHEAD
+        self._saved = self._last + _AHEAD
 
 
 def _read_key(path: Path) -> bytes:
