@@ -83,5 +83,5 @@ def test_nothing_separates_when_nothing_failed() -> None:
 def test_the_interval_of_a_share_is_wilsons() -> None:
     low, high = wilson(98, 100)
     assert (low, high) == pytest.approx((0.930, 0.9945), abs=0.001)
-    assert wilson(100, 100)[1] == 1.0
+    assert wilson(100, 100)[1] == pytest.approx(1.0)
     assert wilson(0, 0)[0] == 0.0
