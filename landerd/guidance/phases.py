@@ -3,7 +3,8 @@
 import math
 
 from landerd.config.models import DescentSection
-from landerd.guidance.relative import Relative
+from landerd.guidance import pilot_texts
+from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
 
 BACK = 1.3  # a phase is left backwards only this much outside the bound it was entered at
@@ -47,7 +48,7 @@ class Phases:
         self._heading_known = True  # or not needed
         self.climbs_again = False  # it was low over the pad, but not so that it could land
 
-    def may_descend(self, relative: Relative) -> bool:
+    def may_descend(self, relative: RelativeState) -> bool:
         """Tell whether the vehicle is inside the descent region, its own uncertainty counted."""
         radius = descent_radius(self._options, relative.height)
         return relative.distance + 2.0 * relative.sigma_m < radius
@@ -59,7 +60,7 @@ class Phases:
             return self._options.retry_height_m
         return 0.0 if self._aligned else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
-    def step(self, relative: Relative, sighting_age: float = 0.0) -> tuple[Phase, str]:
+    def step(self, relative: RelativeState, sighting_age: float = 0.0) -> tuple[Phase, str]:
         """Return the phase that holds from now on and why; the age is that at exposure, s."""
         self._update_alignment(relative.heading_error)
         radius = descent_radius(self._options, relative.height)
@@ -87,7 +88,7 @@ class Phases:
             self._decide_to_climb(relative)
         return self.phase, self._why(relative)
 
-    def will_land_well(self, relative: Relative) -> bool:
+    def will_land_well(self, relative: RelativeState) -> bool:
         """Tell whether the error and the speed at touch-down will be inside their limits."""
         o = self._options
         (north, east, _), (v_north, v_east, v_down) = relative.error, relative.error_rate
@@ -96,7 +97,7 @@ class Phases:
         slow = math.hypot(v_north, v_east) < o.commit_slip_mps and -v_down < o.commit_sink_mps
         return off < o.commit_miss_m and slow
 
-    def _decide_to_climb(self, relative: Relative) -> None:
+    def _decide_to_climb(self, relative: RelativeState) -> None:
         """Just over the pad is no place to wait: what cannot land climbs and tries again."""
         o = self._options
         if self.climbs_again:
@@ -117,11 +118,11 @@ class Phases:
         else:
             self._aligned = abs(heading_error) < (self._realign if self._aligned else self._align)
 
-    def _why(self, relative: Relative) -> str:
+    def _why(self, relative: RelativeState) -> str:
         if self.climbs_again and not self._heading_known:
-            return "pad's heading not seen, climbing again"
+            return pilot_texts.NO_HEADING_CLIMBING
         if self.phase is Phase.YAW_CORRECTION and not self._heading_known:
-            return "pad's heading not seen"
+            return pilot_texts.NO_HEADING
         if self.climbs_again:
-            return f"off by {relative.distance:.2f} m, climbing again"
-        return f"{relative.distance:.1f} m away, {relative.height:.1f} m up"
+            return pilot_texts.OFF_CLIMBING.format(distance=relative.distance)
+        return pilot_texts.UNDER_WAY.format(distance=relative.distance, height=relative.height)

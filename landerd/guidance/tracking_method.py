@@ -12,7 +12,7 @@ from dataclasses import replace
 from landerd.config.models import GuidanceSection
 from landerd.geometry import Vec3, add, clamp, rot_z, rotate
 from landerd.guidance.phases import region_height
-from landerd.guidance.relative import Relative
+from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
 
 STEEP = 1.2  # height over distance from which on the camera looks down on the pad
@@ -48,7 +48,7 @@ class TrackingMethod:
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
 
     def step(
-        self, phase: Phase, relative: Relative, floor_m: float, dt: float
+        self, phase: Phase, relative: RelativeState, floor_m: float, dt: float
     ) -> tuple[Vec3, float]:
         """Return velocity (local NED, m/s) and yaw rate (rad/s).
 
@@ -74,7 +74,7 @@ class TrackingMethod:
         )
         return velocity, self._turning(relative)
 
-    def _smoothed(self, relative: Relative, dt: float) -> Relative:
+    def _smoothed(self, relative: RelativeState, dt: float) -> RelativeState:
         """Return the same with the pad's level velocity smoothed.
 
         A swinging airframe lets the pad seem to move a little (a lens or a clock a little late).
@@ -94,11 +94,11 @@ class TrackingMethod:
             error_rate=add(relative.error_rate, change),
         )
 
-    def _error_ahead(self, relative: Relative, lead_s: float) -> tuple[float, float]:
+    def _error_ahead(self, relative: RelativeState, lead_s: float) -> tuple[float, float]:
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
         return north + lead_s * v_north, east + lead_s * v_east
 
-    def _integrate(self, relative: Relative, dt: float) -> None:
+    def _integrate(self, relative: RelativeState, dt: float) -> None:
         if relative.distance > WITHIN_M:
             return
         step = self._gains.ki * dt
@@ -108,7 +108,7 @@ class TrackingMethod:
         k = LARGEST_INTEGRAL / size if size > LARGEST_INTEGRAL else 1.0
         self._integral = (k * north, k * east)
 
-    def _sinking(self, relative: Relative, floor_m: float) -> float:
+    def _sinking(self, relative: RelativeState, floor_m: float) -> float:
         """Return the downward speed relative to the pad, m/s."""
         ahead = math.hypot(*self._error_ahead(relative, self._gains.lead_s))
         off = ROOM * max(ahead, relative.distance) + 2.0 * relative.sigma_m
@@ -123,7 +123,7 @@ class TrackingMethod:
             braked = math.sqrt(self._touchdown_mps**2 + 2.0 * brake * to_go)
         return min(braked, self._limits.descent_mps)
 
-    def _turning(self, relative: Relative) -> float:
+    def _turning(self, relative: RelativeState) -> float:
         """Return the yaw rate, rad/s."""
         if relative.heading_error is None:
             return 0.0

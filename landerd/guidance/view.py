@@ -3,8 +3,10 @@
 import math
 from collections.abc import Sequence
 
+from landerd.config.models import AimSection
+from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
-from landerd.estimation.placement import Placement
 from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
 from landerd.pad import Marker, PadLayout, Ring, Square
 
@@ -21,15 +23,35 @@ class View:
         groups = [layout.markers, telling, [min(telling, key=_size)]]
         self._groups = [_corners(group) for group in groups]
 
-    def direction(self, placement: Placement, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
+    def ahead(self, estimator: Estimator, now: float, options: AimSection) -> Vec3 | None:
+        """Return the direction to look in when the gimbal has got there, None to search for it.
+
+        Args:
+            estimator: where vehicle and pad are.
+            now: s.
+            options: how late the gimbal is, and how long a pad out of sight is remembered.
+
+        Returns:
+            as `direction`.
+        """
+        attitude = estimator.poses.attitude.newest
+        # From stale data the lens would be led away from a pad that is still in the picture.
+        remembered = now - estimator.sighting_t < options.search_after_s
+        if attitude is None or not remembered or not estimator.has_fresh_vehicle(now):
+            return None
+        then = now + options.lead_s
+        pad = estimator.pad(then)
+        return self.direction(estimator.poses, pad, then - attitude[0]) if pad else None
+
+    def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
         """Return the direction to look in, unit vector in the frame the gimbal is measured in.
 
         Args:
-            placement: where vehicle and gimbal are.
+            poses: where vehicle and gimbal are.
             pad: as it will be when the gimbal has got there.
             ahead_s: how long after the newest attitude that is.
         """
-        base = placement.gimbal_base(ahead_s)
+        base = poses.gimbal_base(ahead_s)
         if base is None:
             return None
         pivot, R_local_base = base

@@ -353,7 +353,7 @@ class Recording:
             and first is not None
             and now > first + KNOWN_AFTER_S
         ):
-            relative = simulation.daemon.lander.relative(now)
+            relative = simulation.daemon.lander.relative_state(now)
             if relative is not None:
                 difference = sub(relative.pad_velocity, simulation.world.pad.velocity)
                 self.pad_velocity_error_mps = norm(difference)
