@@ -18,10 +18,10 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import PadLayout, WhyCode, rotated
 from landerd.vision.pose import CONTINUED, SAME_NORMAL, Pose, rotation_from
+from landerd.vision.print_fit import EXPLAINED, Fit
 from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
 from landerd.vision.search import Expected
-from landerd.vision.square_fit import EXPLAINED, Fit
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
