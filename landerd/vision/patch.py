@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
-from landerd.vision.pose import Pose
+from landerd.vision.pose import MIN_DEPTH_M, Pose
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
@@ -18,7 +18,6 @@ Mask = NDArray[np.bool_]
 _LARGEST_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
 _MIN_SIDE_PX = 4  # of the reduced box
 _MIN_COUNT = 50  # pixels: a fit has 11 parameters
-_MIN_DEPTH_M = 0.05
 _LENS_NODES = 5
 # Blur of a sharp lens, sigma 0.6 px, and of a pixel's own box: variances, px^2.
 _LENS_BLUR, _BOX_BLUR = 0.36, 1.0 / 12.0
@@ -58,7 +57,7 @@ def marker_patch(
     """
     corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * reach
     outline = pose.t + corners @ pose.R[:, :2].T
-    if outline[:, 2].min() < _MIN_DEPTH_M:
+    if outline[:, 2].min() < MIN_DEPTH_M:
         return None
     px = camera.pixels(outline)
     low = np.maximum(np.floor(px.min(axis=0)), 0).astype(int)

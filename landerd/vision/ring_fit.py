@@ -44,7 +44,7 @@ _PAPER_SIGMA = 0.06  # of the difference between the white inside and around, ov
 _LEAST_WHITE = 10.0  # grey levels: darker paper is not taken to be more even
 _TILT_STEP = 0.2  # rad: steps of the tilt are damped as if it were known to this
 _DEPTH_STEP, _ASIDE_STEP = 0.25, 0.3  # longest steps: of the depth, in depths; aside, in radii
-_MIN_DEPTH_M = 0.02
+_MIN_RANGE_M = 0.02
 _EXPLAINED, _EXPLAINED_SHARE = 8.0, 0.1  # a residual below: grey levels, or of the contrast
 
 
@@ -258,7 +258,7 @@ def _move(estimate: _Estimate, axes: F32, step: F64, radius: float) -> None:
             forward[k] /= longest
             turn[k] /= longest
     t, normal = t + forward, estimate.normal + turn
-    t[:, 2] = np.maximum(t[:, 2], _MIN_DEPTH_M)
+    t[:, 2] = np.maximum(t[:, 2], _MIN_RANGE_M)
     estimate.t = t
     estimate.normal = normal / np.sqrt((normal * normal).sum(axis=1))[:, None]
 
