@@ -43,10 +43,10 @@ def evenly_lit(pixels: Pixels, fit: RingFit, radius: float, ratio: float) -> Pix
     away_px = np.abs(side) / np.hypot(line[1], line[2]) * pixels.focal / k
     light = np.where(side > 0.0, 1.0, low / high).astype(np.float32)
     # Noise grows as the grey levels do.
-    trust = pixels.trust * light**2 * (away_px > _PENUMBRA_PX)
-    if np.count_nonzero(trust) < 30:
+    weight = pixels.weight * light**2 * (away_px > _PENUMBRA_PX)
+    if np.count_nonzero(weight) < 30:
         return None
-    return Pixels(pixels.rays, pixels.grey / light, trust, pixels.fine, pixels.focal)
+    return Pixels(pixels.rays, pixels.grey / light, weight, pixels.supersample, pixels.focal)
 
 
 def _parting_line(features: F64, bright: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> F64:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64
 from landerd.pad import PadLayout, Square
-from landerd.vision.square_fit import Fit
+from landerd.vision.print_fit import Fit
 from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]

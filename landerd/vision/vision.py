@@ -10,9 +10,10 @@ from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import PadLayout, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
+from landerd.vision.expected import SeenPad, expected_pad
 from landerd.vision.pad_pose import Measured, measured_ring, with_gravity
 from landerd.vision.pose import Pose, circle, solution
-from landerd.vision.search import Expected, FoundRing, Search
+from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
@@ -20,9 +21,6 @@ from landerd.vision.whycode import FoundCode, WhyCodeFinder
 
 _SAME_VIEW_S = 0.15  # so soon after, the camera looks nearly the same way
 _TOLD = 12.0  # chi-square by which a ring's mirrored pose is worse, and out of the question
-_MEMORY_S = 0.5  # a sighting older than this says nothing about the next frame
-_TURN_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
-_CREEP_MPS = 2.0  # and how fast its distance may change
 
 
 class Vision:
@@ -44,7 +42,7 @@ class Vision:
         self._prints = {s: SquarePrint(s, printed_cells(s)) for s in layout.squares}
         self._search = Search(layout, camera, options.min_ring_px, self._prints)
         self._codes = WhyCodeFinder(layout, camera)
-        self._last: tuple[float, PoseSolution] | None = None
+        self._last: SeenPad | None = None
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
         """Return all that a frame shows of the pad.
@@ -65,9 +63,9 @@ class Vision:
                 f"the camera is calibrated for {camera.width}x{camera.height}"
             )
         prior = prior or Prior()
-        expected = self._expectation(frame.t, prior)
+        expected = expected_pad(frame.t, prior, self._last, self._focal)
         rings, squares = self._search.find(
-            image, expected, prior.down, sparing=prior.pad is not None
+            image, expected, prior.down, holds_heading=prior.pad is not None
         )
         candidates = [
             Candidate(ring, s, measured_ring(ring.position_m, s.solutions)) for ring, s in rings
@@ -85,41 +83,14 @@ class Vision:
         markers = tuple(c.sighting for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
         if pad:
-            self._last = (frame.t, pad[0])
+            self._last = SeenPad(frame.t, pad[0])
         return Sightings(frame.t, frame.seq, markers, pad)
-
-    def _expectation(self, t: float, prior: Prior) -> Expected | None:
-        last = self._last
-        if last is not None and not 0.0 <= t - last[0] <= _MEMORY_S:
-            last = None
-        if prior.pad is not None:
-            position = np.array(prior.pad.position)
-            level = prior.pad.normal or prior.down
-            if level is not None:
-                normal = np.array(level)
-            elif last is not None:
-                normal = np.array(last[1].normal)
-            else:
-                normal = position / np.linalg.norm(position)
-            known = prior.pad.north or (last[1].north if last is not None else None)
-            north = None if known is None else np.array(known)
-            return Expected(position, normal, north, prior.pad.sigma_m, 4.0)
-        if last is None:
-            return None
-        dt, pad = t - last[0], last[1]
-        return Expected(
-            np.array(pad.position),
-            np.array(pad.normal),
-            None if pad.north is None else np.array(pad.north),
-            _CREEP_MPS * dt,
-            _TURN_RATE * dt * self._focal,
-        )
 
     def _last_normal(self, t: float) -> Vec3 | None:
         """Return the pad's normal as just seen, None if that is too long ago."""
-        if self._last is None or not 0.0 < t - self._last[0] < _SAME_VIEW_S:
+        if self._last is None or not 0.0 < t - self._last.t < _SAME_VIEW_S:
             return None
-        return self._last[1].normal
+        return self._last.pose.normal
 
     def _square(
         self, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import PadLayout, WhyCode, rotated
-from landerd.vision.pose import CONTINUED, SAME_NORMAL, Pose, rotation_from
+from landerd.vision.expected import Expected
+from landerd.vision.pose import CONTINUED, MIN_DEPTH_M, SAME_NORMAL, Pose, rotation_from
+from landerd.vision.print_fit import EXPLAINED, Fit
 from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
-from landerd.vision.search import Expected
-from landerd.vision.square_fit import EXPLAINED, Fit
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
@@ -165,7 +165,7 @@ class WhyCodeFinder:
 
     def _size_px(self, code: WhyCode, pose: Pose) -> float:
         """Return a code's diameter in the image."""
-        return self._focal * code.outer_diameter_m / max(float(pose.t[2]), 0.05)
+        return self._focal * code.outer_diameter_m / max(float(pose.t[2]), MIN_DEPTH_M)
 
 
 def _outlines(image: Image, halvings: int, threshold: float) -> list[F64]:

@@ -111,7 +111,9 @@ def track_ring(
     other = mirrored(position, normal, radius)
     if other is not None and (down is None or float(other[1] @ np.array(down)) > _LEVEL):
         starts.append(other)
-    pixels = pixels_near(image, camera, starts[0], radius, ratio, _TRACK_REACH_PX, 200, True)
+    pixels = pixels_near(
+        image, camera, starts[0], radius, ratio, _TRACK_REACH_PX, 200, supersample=True
+    )
     fits = [] if pixels is None else fit_ring(pixels, starts, radius, ratio, 1.0, 4)
     return _sighting(fits, ring, camera, down) if fits and _is_ring(fits[0], ratio) else None
 
@@ -170,7 +172,9 @@ def _rough_fit(level: _Level, candidate: Ellipse, ring: Ring) -> RingFit | None:
     poses = None if cone is None else poses_of_cone(cone, radius)
     if poses is None:
         return None
-    pixels = pixels_near(level.image, level.camera, poses[0], radius, ratio, 3.0, 180, False)
+    pixels = pixels_near(
+        level.image, level.camera, poses[0], radius, ratio, 3.0, 180, supersample=False
+    )
     fits = [] if pixels is None else fit_ring(pixels, poses, radius, ratio, 1.0, 3)
     return fits[0] if fits and fits[0].contrast > 10.0 else None
 
@@ -185,7 +189,9 @@ def _fit_both(
     blur = rough.blur_px * zoom
     if zoom > 1.0:
         blur = min(max(0.6, blur - 0.3 * zoom), 8.0)
-    pixels = pixels_near(image, camera, start, radius, ratio, max(2.0, 2.0 * blur), 560, True)
+    pixels = pixels_near(
+        image, camera, start, radius, ratio, max(2.0, 2.0 * blur), 560, supersample=True
+    )
     if pixels is None or other is None:
         return []
     return fit_ring(pixels, (start, other), radius, ratio, blur, 8)
@@ -214,7 +220,7 @@ def _fit_shaded(image: U8, camera: CameraModel, fit: RingFit, ring: Ring) -> lis
     for _ in range(2):  # the better the pose, the better the shadow's edge
         pose = (fits[0].position, fits[0].normal)
         # Wide enough to hold pixels that are white and nothing else.
-        pixels = pixels_near(image, camera, pose, radius, ratio, 3.5, 700, True)
+        pixels = pixels_near(image, camera, pose, radius, ratio, 3.5, 700, supersample=True)
         lit = None if pixels is None else evenly_lit(pixels, fits[0], radius, ratio)
         other = mirrored(*pose, radius)
         if lit is None or other is None:
@@ -230,7 +236,9 @@ def _fit_moving(image: U8, camera: CameraModel, fit: RingFit, ring: Ring) -> lis
     radius, ratio = ring.outer_diameter_m / 2.0, ring.inner_ratio
     path = max(3.0, 2.5 * fit.blur_px)
     pose = (fit.position, fit.normal)
-    pixels = pixels_near(image, camera, pose, radius, ratio, 2.0 + 0.6 * path, 560, True)
+    pixels = pixels_near(
+        image, camera, pose, radius, ratio, 2.0 + 0.6 * path, 560, supersample=True
+    )
     if pixels is None:
         return []
     ways = [path * np.array([math.cos(a), math.sin(a)]) for a in np.arange(4) * math.pi / 4.0]
