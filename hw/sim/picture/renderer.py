@@ -122,13 +122,17 @@ class Renderer:
             _defocus(image, sigma)
         if options.legs and vehicle is not None:
             draw_legs(image, self._frustum, pose, vehicle)
+        self._expose(image, frame_index)
+        return image
+
+    def _expose(self, image: U8, frame_index: int) -> None:
+        """Light an image unevenly and add the sensor's noise, in place."""
         cv2.multiply(image, self._gain, dst=image, dtype=cv2.CV_8U)
         offsets = random.Random(self._seed * 1_000_003 + frame_index)
         x, y = offsets.randrange(NOISE_MARGIN), offsets.randrange(NOISE_MARGIN)
         part = (slice(y, y + image.shape[0]), slice(x, x + image.shape[1]))
         cv2.add(image, self._brighter[part], dst=image)
         cv2.subtract(image, self._darker[part], dst=image)
-        return image
 
     # ---- pad and ground ------------------------------------------------------------------------
 
