@@ -18,7 +18,7 @@ from hw.gimbals.mounting import SERVO_SIGMA, Feedback, Latency, Mounting, MountO
 from landerd.messages import GimbalCommand, GimbalState
 from landerd.section import Angle
 
-_MOST = 50  # reports; a reader that has stopped must not fill the memory
+_MOST_REPORTS = 50  # kept; a reader that has stopped must not fill the memory
 
 
 class BehindAutopilotOptions(MountOptions):
@@ -50,7 +50,7 @@ class BehindAutopilotGimbal(ABC):
         self._mounting = Mounting(options)
         self.traits = self._mounting.traits
         self._sent_t = -math.inf
-        self._states: deque[GimbalState] = deque(maxlen=_MOST)
+        self._states: deque[GimbalState] = deque(maxlen=_MOST_REPORTS)
         self._waiter: asyncio.Future[None] | None = None
         autopilot.subscribe(report, options.rate_hz, self._take)
 

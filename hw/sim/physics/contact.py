@@ -15,8 +15,8 @@ GRAVITY = 9.80665
 # Squared radii of gyration: 3 kg with 0.04 kg m^2 about roll and pitch, 0.07 about yaw.
 GYRATION_SQUARED = (0.04 / 3.0, 0.04 / 3.0, 0.07 / 3.0)
 
-_SINK_M = 0.003  # of the feet under the whole weight
-_STIFFNESS = GRAVITY / 4.0 / _SINK_M  # of one foot, (m/s^2)/m
+_DEFLECTION_M = 0.003  # of the feet under the whole weight
+_STIFFNESS = GRAVITY / 4.0 / _DEFLECTION_M  # of one foot, (m/s^2)/m
 _DAMPING = 12.0  # of one foot, (m/s^2)/(m/s): rebounds with about a quarter of the speed
 _FRICTION = 1.0  # rubber on the plate; the thesis's pad (2.3.5) does not let feet slip
 _PLATE_DEPTH_M = 0.3  # a foot further below the plate's top than this is under the pad

@@ -29,7 +29,7 @@ F32 = NDArray[np.float32]
 WHITE = 200  # grey level of the plate under full light
 BLACK = 24  # of the print: 12 % of white, as measured prints are (8 to 22 %)
 FINEST_PER_M = 1024  # texels; a pixel of the thesis camera at 0.4 m
-LARGEST = 4096  # texels along one side
+LARGEST_TEXELS = 4096  # texels along one side
 LEVELS = 7
 _HALVES = ((1.0, 0.0), (0.0, 1.0))  # of a WhyCode's cell for a 0 and a 1: black or not
 
@@ -105,7 +105,7 @@ class _Grid:
 def _grid(plate: Plate) -> _Grid:
     height, width = plate.north_m + plate.south_m, plate.east_m + plate.west_m
     per_m = float(FINEST_PER_M)
-    while per_m * max(height, width) > LARGEST:
+    while per_m * max(height, width) > LARGEST_TEXELS:
         per_m /= 2
     # A whole number of texels on every level, and at least one empty coarsest texel all round.
     block = 2 ** (LEVELS - 1)

@@ -37,7 +37,7 @@ from landerd.pad import PadLayout
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-SAMPLES = 160_000  # of the pad's texture in one picture, unless one a pixel is more
+SAMPLE_BUDGET = 160_000  # of the pad's texture in one picture, unless one a pixel is more
 SAMPLINGS = (4, 2, 1)  # samples a pixel along x and along y; averages over 3 would be slow
 BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
@@ -306,7 +306,7 @@ def _samples(box: tuple[int, int, int, int]) -> int:
     """Return the samples a pixel, along x and along y, of a pad in a box of the image."""
     left, top, right, bottom = box
     area = (right - left) * (bottom - top)
-    return next((s for s in SAMPLINGS if s * s * area <= SAMPLES), 1)
+    return next((s for s in SAMPLINGS if s * s * area <= SAMPLE_BUDGET), 1)
 
 
 def _defocus(image: U8, sigma: float) -> None:
