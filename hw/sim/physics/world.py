@@ -31,9 +31,9 @@ from landerd.geometry import (
 from landerd.messages import Reference
 from landerd.pad import Plate
 
-HISTORY_S = 0.6
+HISTORY_S = 0.6  # of true states kept: the longest camera latency, 0.5 s, and its exposure
 _WIND_STEPS = round(UPDATE_S / STEP_S)
-_REACH_M = 0.4  # below the gear's height a foot may hang this much lower when the body leans
+_FOOT_DROP_M = 0.4  # that a foot may hang below the gear's height when the body tilts
 
 
 class Airframe(Protocol):
@@ -101,7 +101,7 @@ class World:
             MODELS[options.vehicle], options.yaw_response, gear, stream(seed, "vehicle")
         )
         # Feet of a vehicle whose origin is higher than this cannot touch anything.
-        self._contact_height = self._motion.highest + airframe.gear_height_m + _REACH_M
+        self._contact_height = self._motion.highest + airframe.gear_height_m + _FOOT_DROP_M
         self._start(stream(seed, "start"), seed)
         self._history: deque[Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
         self._record()
@@ -120,9 +120,11 @@ class World:
         n = pad.position[0] + x + rng.uniform(-spread, spread)
         e = pad.position[1] + y + rng.uniform(-spread, spread)
         d = -self._motion.mean_height - start.altitude_m
-        turned = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
+        heading_deg = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
         velocity = (vn, ve) if self.follows else (0.0, 0.0)
-        self.vehicle.start((n, e, d), velocity, wrap(math.radians(turned) + side), self._wind_now)
+        self.vehicle.start(
+            (n, e, d), velocity, wrap(math.radians(heading_deg) + side), self._wind_now
+        )
 
     @property
     def follows(self) -> bool:
@@ -230,12 +232,12 @@ class World:
             return b
         a = self._history[newer - 1]
         return Sample(
-            _between(b.position, a.position, share),
-            _between(b.velocity, a.velocity, share),
+            interpolated(b.position, a.position, share),
+            interpolated(b.velocity, a.velocity, share),
             b.roll + share * (a.roll - b.roll),
             b.pitch + share * (a.pitch - b.pitch),
             b.yaw + share * wrap(a.yaw - b.yaw),
-            _between(b.rates, a.rates, share),
+            interpolated(b.rates, a.rates, share),
             b.gimbal_yaw + share * (a.gimbal_yaw - b.gimbal_yaw),
             b.gimbal_pitch + share * (a.gimbal_pitch - b.gimbal_pitch),
         )
@@ -265,8 +267,8 @@ class World:
         )
 
 
-def _between(a: Vec3, b: Vec3, share: float) -> Vec3:
-    """Return a + share (b - a)."""
+def interpolated(a: Vec3, b: Vec3, share: float) -> Vec3:
+    """Return the point a + share (b - a)."""
     return (
         a[0] + share * (b[0] - a[0]),
         a[1] + share * (b[1] - a[1]),

@@ -37,7 +37,7 @@ from landerd.pad import PadLayout
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-SAMPLES = 160_000  # of the pad's texture in one picture, unless one a pixel is more
+SAMPLE_BUDGET = 160_000  # of the pad's texture in one picture, unless one a pixel is more
 SAMPLINGS = (4, 2, 1)  # samples a pixel along x and along y; averages over 3 would be slow
 BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
@@ -122,13 +122,17 @@ class Renderer:
             _defocus(image, sigma)
         if options.legs and vehicle is not None:
             draw_legs(image, self._frustum, pose, vehicle)
+        self._expose(image, frame_index)
+        return image
+
+    def _expose(self, image: U8, frame_index: int) -> None:
+        """Light an image unevenly and add the sensor's noise, in place."""
         cv2.multiply(image, self._gain, dst=image, dtype=cv2.CV_8U)
         offsets = random.Random(self._seed * 1_000_003 + frame_index)
         x, y = offsets.randrange(NOISE_MARGIN), offsets.randrange(NOISE_MARGIN)
         part = (slice(y, y + image.shape[0]), slice(x, x + image.shape[1]))
         cv2.add(image, self._brighter[part], dst=image)
         cv2.subtract(image, self._darker[part], dst=image)
-        return image
 
     # ---- pad and ground ------------------------------------------------------------------------
 
@@ -302,7 +306,7 @@ def _samples(box: tuple[int, int, int, int]) -> int:
     """Return the samples a pixel, along x and along y, of a pad in a box of the image."""
     left, top, right, bottom = box
     area = (right - left) * (bottom - top)
-    return next((s for s in SAMPLINGS if s * s * area <= SAMPLES), 1)
+    return next((s for s in SAMPLINGS if s * s * area <= SAMPLE_BUDGET), 1)
 
 
 def _defocus(image: U8, sigma: float) -> None:

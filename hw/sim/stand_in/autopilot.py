@@ -35,7 +35,7 @@ _REOPEN_S = 0.1
 _ACK_DELAY_S = (0.001, 0.006)
 _LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received message
 _TIMESYNC_PERIOD_S = 10.0
-_FORCED = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air too
+_FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air too
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
@@ -365,7 +365,7 @@ class SimAutopilot:
         if m.param1 == 1.0:
             return _result(self.copter.arm())
         if m.param1 == 0.0:
-            return _result(self.copter.disarm(forced=m.param2 == _FORCED))
+            return _result(self.copter.disarm(forced=m.param2 == _FORCE_DISARM))
         return _UNSUPPORTED
 
     def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:

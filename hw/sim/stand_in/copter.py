@@ -21,7 +21,7 @@ _ARMABLE = (Mode.STABILIZE, Mode.GUIDED, Mode.LOITER)
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SPOOL_UP_S = 1.5  # from NAV_TAKEOFF to lift-off
 _REACHED_M = 0.1
-_LAND_HIGH_M = 10.0  # above this LAND sinks faster (LAND_ALT_LOW)
+_LAND_HIGH_M = 10.0  # above this LAND descends faster (LAND_ALT_LOW)
 _LAND_DISARM_S = 0.5  # from landed to disarmed in LAND
 _RADIO_FAILSAFE_S = 1.0
 _NEAREST_COURSE_M = 5.0  # the nose is not turned towards a position target nearer than this,
@@ -64,7 +64,7 @@ class Vehicle(Protocol):
         Args:
             velocity: local NED, m/s
             yaw_rate: rad/s
-            level: lean nowhere, whatever the horizontal velocity
+            level: a level attitude, whatever the horizontal velocity
             landing: in LAND
         """
 
@@ -90,7 +90,7 @@ class _Position:
 
 @dataclass(frozen=True, slots=True)
 class _Level:
-    climb: float  # of the fastest climb, or sinking, -1 to 1
+    climb: float  # of the fastest climb, or descent, -1 to 1
     t: float
 
 
