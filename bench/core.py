@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from landerd import devices as registry
-from landerd.config.files import Loaded, config_dir, config_files, load
+from landerd.config.files import Loaded, config_dir, config_files
+from landerd.drivers import read_configuration
 from landerd.geometry import matmul, rot_zyx
 from landerd.lander import Lander
 from landerd.messages import Input
@@ -114,11 +114,8 @@ def main() -> int:
     )
     slow = False
     for scenario in SCENARIOS:
-        loaded = load(
-            config_dir() / "default.yaml",
-            options_models=registry.options_models(),
-            drivers=registry.names(),
-            overlays=[config_files("scenarios")[scenario]],
+        loaded = read_configuration(
+            config_dir() / "default.yaml", overlays=[config_files("scenarios")[scenario]]
         )
         asked, us = fly(loaded)
         flown, again = by_kind(asked, us), by_kind(asked, fly_again(loaded, asked))

@@ -14,10 +14,10 @@ import numpy as np
 
 from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
-from landerd import devices as registry
 from landerd.camera_model import load_camera
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
 from landerd.config.models import Config, LogSection
+from landerd.drivers import read_configuration
 from landerd.flightlog.contents import Head
 from landerd.flightlog.reader import read_log
 from landerd.flightlog.recorder import Recorder
@@ -40,11 +40,7 @@ MODES = {
 
 def pictures() -> list[np.ndarray]:
     """Draw what the camera sees from 6 m: grass, pad, noise."""
-    loaded = load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-    )
+    loaded = read_configuration(config_dir() / "default.yaml")
     layout = load_pad(loaded.config.pad.layout)
     camera = load_camera(loaded.config.camera.calibration)
     renderer = Renderer(layout, camera, loaded.options["sim"].render, 1)

@@ -27,6 +27,7 @@ from landerd.config.yaml_tree import (
     shown,
 )
 from landerd.ports import GimbalOptions
+from landerd.section import Section
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -44,7 +45,7 @@ class Loaded:
     """A whole configuration."""
 
     config: Config
-    options: Mapping[str, BaseModel]  # of drivers and simulator, by section: "camera.v4l2", "sim"
+    options: Mapping[str, Section]  # of drivers and simulator, by section: "camera.v4l2", "sim"
     remarks: tuple[str, ...] = ()  # what was changed to suit the gimbal, a line each
     world: Mapping[str, Any] = field(default_factory=dict)  # what the seed drew, by dotted key
 
@@ -77,7 +78,7 @@ def read_model(path: Path, model: type[M]) -> M:
 def load(
     path: Path,
     *,
-    options_models: Mapping[str, type[BaseModel]],
+    options_models: Mapping[str, type[Section]],
     drivers: Mapping[str, Collection[str]] | None = None,
     overlays: Sequence[Path] = (),
     overrides: Sequence[str] = (),
@@ -181,7 +182,7 @@ def _known(
 
 
 def _with_options(
-    model: type[M], options_models: Mapping[str, type[BaseModel]], at: str = ""
+    model: type[M], options_models: Mapping[str, type[Section]], at: str = ""
 ) -> type[M]:
     """Return the model with options added to its sections; None where they need arguments."""
     fields: dict[str, Any] = {}

@@ -33,12 +33,12 @@ from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
-from landerd import devices as registry
 from landerd.analysis.picture import Sample, write_picture
 from landerd.camera_model import load_camera
 from landerd.config.files import Loaded
 from landerd.config.models import Config
 from landerd.config.parameters import ParameterSet
+from landerd.devices import gimbal_model
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.geometry import Vec3, add, horizontal, norm, rotate, scale, sub, transpose, unit
@@ -161,7 +161,7 @@ class Simulation:
             parameters=ParameterSet(config),
         )
         mount = self._mount = SimMount(self.world, options.gimbal, stream(seed, "gimbal"))
-        connect = registry.model("gimbal", config.gimbal.driver)
+        connect = gimbal_model(config.gimbal.driver)
         self.gimbal: Any  # the tests break it
         self.gimbal_model: Any = None  # the device below a real driver
         if connect is None:

@@ -18,9 +18,9 @@ from hw.sim.options import SimOptions
 from hw.sim.sitl import SitlWorld, Truth
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
-from landerd import devices as registry
 from landerd.analysis.picture import write_picture
 from landerd.config.files import Loaded
+from landerd.drivers import gimbal_speaks_over
 from landerd.pad import load_pad
 from landerd.ports import DeviceLost
 from landerd.runtime.clock import SlavedLoop, run_slaved
@@ -275,7 +275,7 @@ def simulate_sitl(
         ImportError: a picture is wanted and matplotlib is not installed.
     """
     gimbal = loaded.config.gimbal.driver
-    if registry.over("gimbal", gimbal) == "autopilot":
+    if gimbal_speaks_over(gimbal) == "autopilot":
         raise AutopilotError(f"gimbal.driver: {gimbal} needs the simulator's own autopilot")
     started = time.perf_counter()
     flight = SitlFlight(loaded, seed, url, take_off_m=take_off_m, log=log, progress=progress)

@@ -7,18 +7,12 @@ from pathlib import Path
 import pytest
 
 from hw.sim.options import SimOptions
-from landerd import devices as registry
-from landerd.config.files import ConfigError, Loaded, config_dir, load
+from landerd.config.files import ConfigError, Loaded, config_dir
+from landerd.drivers import read_configuration
 
 
 def world(path: Path, *overrides: str, seed: int = 1) -> Loaded:
-    return load(
-        path,
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overrides=overrides,
-        seed=seed,
-    )
+    return read_configuration(path, overrides=overrides, seed=seed)
 
 
 def wind(loaded: Loaded) -> float:

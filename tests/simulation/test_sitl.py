@@ -9,8 +9,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec
-from landerd import devices as registry
-from landerd.config.files import Loaded, config_dir, load
+from landerd.config.files import Loaded, config_dir
+from landerd.drivers import read_configuration
 from landerd.messages import Phase
 from landerd.runtime.clock import run_slaved
 from landerd.simulation.flight import Simulation
@@ -25,11 +25,8 @@ pytestmark = pytest.mark.skipif(
 
 
 def _loaded(scenario: str) -> Loaded:
-    return load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overlays=[config_dir() / "scenarios" / f"{scenario}.yaml"],
+    return read_configuration(
+        config_dir() / "default.yaml", overlays=[config_dir() / "scenarios" / f"{scenario}.yaml"]
     )
 
 
