@@ -172,7 +172,7 @@ MUTANTS = [
     Mutant(
         "3: no limit of jerk",
         LIMITS,
-        "k = most / size if size > most else 1.0",
+        "k = max_change / size if size > max_change else 1.0",
         "k = 1.0",
         "test_3_set_points_keep_the_limits_from_far_away",
     ),

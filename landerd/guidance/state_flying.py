@@ -47,7 +47,7 @@ class Tracking:
             return event
         relative, phases = sight.relative, self._phases
         velocity, yaw_rate = self._method.step(phases.phase, relative, phases.floor_m, step.dt)
-        if phases.climbs_again:
+        if phases.goes_around:
             velocity = (velocity[0], velocity[1], -self._context.options.lost.climb_mps)
         may_descend = phases.may_descend(relative) and relative.height > phases.floor_m
         self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
@@ -58,13 +58,13 @@ class Tracking:
         context, phases = self._context, self._phases
         relative = sight.relative
         context.note_height(relative)
-        climbed = phases.climbs_again
+        went_around = phases.goes_around
         phase, why = phases.step(relative, sight.age)
         context.orders.enter(phase, why)
-        if phases.climbs_again and not climbed:
+        if phases.goes_around and not went_around:
             context.break_off()
             context.orders.say(Severity.WARNING, why)
-        elif climbed and not phases.climbs_again and context.tried_enough:
+        elif went_around and not phases.goes_around and context.tried_enough:
             return Event.NO_LANDING_POSSIBLE
         if phase is not Phase.YAW_CORRECTION or relative.heading_error is not None:
             self._heading_t = step.now

@@ -75,8 +75,9 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     State.COMMITTED: {
         **_FLYING,
         Event.CONTACT: State.ON_PAD,
-        # It goes on blind with the pad as last known for touchdown.MAX_BLIND_S; then, or at once
-        # when position or attitude is stale, it breaks off, and being low climbs without holding.
+        # No sighting for touchdown.MAX_BLIND_S (until then it sinks on with the pad as last known),
+        # or position or attitude stale. It is low, so it climbs at once instead of holding first;
+        # without a position it holds. Counts as a descent broken off (guidance.lost.retries).
         Event.SIGHT_LOST: State.SEARCHING,
     },
     State.ON_PAD: {

@@ -10,8 +10,10 @@ from landerd.estimation.pad_filter import PadEstimate
 from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
 from landerd.pad import Marker, PadLayout, Ring, Square
 
-WIDEST = math.radians(50.0)  # what is narrower than this fits into the picture of any lens used
-NEAREST_M = 0.05
+# Markers seen within this angle, rad, fit into the picture: chosen by hand for the thesis's camera
+# (78 by 63 degrees), with room for a gimbal that lags.
+MAX_GROUP_ANGLE = math.radians(50.0)
+MIN_RANGE_M = 0.05  # nearer than this the pad has no direction
 
 
 class View:
@@ -57,7 +59,7 @@ class View:
         pivot, R_local_base = base
         to_pad = sub(pad.position, pivot)
         look = to_pad if pad.heading is None else self._look(to_pad, pad.heading)
-        if dot(look, look) < NEAREST_M * NEAREST_M:
+        if dot(look, look) < MIN_RANGE_M * MIN_RANGE_M:
             return None
         return rotate(transpose(R_local_base), unit(look))
 
@@ -68,9 +70,9 @@ class View:
         for corners in self._groups:
             rays = [unit(add(to_pad, rotate(R, c))) for c in corners]
             # The wider of the rectangle's diagonals.
-            wide = min(((rays[0], rays[2]), (rays[1], rays[3])), key=lambda d: dot(*d))
-            middle = add(*wide)
-            if dot(*wide) > math.cos(WIDEST):
+            diagonal = min(((rays[0], rays[2]), (rays[1], rays[3])), key=lambda d: dot(*d))
+            middle = add(*diagonal)
+            if dot(*diagonal) > math.cos(MAX_GROUP_ANGLE):
                 break
         return scale(middle, 0.5)
 

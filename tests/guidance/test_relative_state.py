@@ -3,30 +3,10 @@ from dataclasses import replace
 
 import pytest
 
-from landerd.config.models import Config, VehicleSection
-from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.pad_filter import PadEstimate
-from landerd.estimation.vehicle_state import VehicleState, vehicle_state
 from landerd.geometry import Vec3
 from landerd.guidance.relative_state import RelativeState
-from landerd.messages import Attitude, LocalPosition
-
-GEAR = VehicleSection(gear_height_m=0.2)
-
-
-def flying(
-    *, velocity: Vec3 = (0.0, 0.0, 0.0), roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0
-) -> PoseHistory:
-    poses = PoseHistory(Config())
-    poses.add(LocalPosition(10.0, (1.0, 2.0, -5.0), velocity))
-    poses.add(Attitude(10.0, roll, pitch, yaw, (0.0, 0.0, 0.3)))
-    return poses
-
-
-def vehicle(poses: PoseHistory, now: float = 10.0) -> VehicleState:
-    found = vehicle_state(poses, GEAR, now)
-    assert found is not None
-    return found
+from tests.estimation.vehicles import flying, vehicle
 
 
 def pad(
@@ -44,21 +24,6 @@ def pad(
         0.0,
         (0.0, 0.0, 1.0),
     )
-
-
-def test_the_feet_are_below_the_autopilots_position_and_lean_with_the_airframe() -> None:
-    assert vehicle(flying()).feet == pytest.approx((1.0, 2.0, -4.8))
-    nose_down = vehicle(flying(pitch=-0.2)).feet  # the feet swing back
-    assert nose_down == pytest.approx((1.0 - 0.2 * math.sin(0.2), 2.0, -5.0 + 0.2 * math.cos(0.2)))
-
-
-def test_the_position_is_carried_on_by_the_velocity_to_now() -> None:
-    moved = vehicle(flying(velocity=(5.0, 0.0, -1.0)), now=10.1)
-    assert moved.feet == pytest.approx((1.5, 2.0, -4.9))
-
-
-def test_without_telemetry_there_is_no_vehicle() -> None:
-    assert vehicle_state(PoseHistory(Config()), GEAR, 10.0) is None
 
 
 def test_height_is_from_the_feet_to_the_pad_and_distance_is_horizontal() -> None:
