@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hw.sim.options import SimOptions
 from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 from landerd import devices as registry
@@ -47,7 +48,9 @@ def pictures() -> list[np.ndarray]:
     )
     layout = load_pad(loaded.config.pad.layout)
     camera = load_camera(loaded.config.camera.calibration)
-    renderer = Renderer(layout, camera, loaded.options["sim"].render, 1)
+    sim = loaded.options["sim"]
+    assert isinstance(sim, SimOptions)
+    renderer = Renderer(layout, camera, sim.render, 1)
     pad = PadPose((0.0, 0.0, 0.0), rot_z(0.0))
     images = []
     for i in range(10):
@@ -79,7 +82,7 @@ async def fly(flight: Recorded) -> list[float]:
     """Tick at 40 Hz; return the periods, s."""
     loop = asyncio.get_running_loop()
     due = last = loop.time()
-    periods = []
+    periods: list[float] = []
     while len(periods) < SECONDS * 40:
         due = max(due + 0.025, loop.time())
         await asyncio.sleep(due - loop.time())
