@@ -189,6 +189,10 @@ class SimulatedGimbal(NamedTuple):
     mount: "SimMount"  # the gimbal in the world
     model: "Model | None"  # the device below a real driver, where it has a life of its own
 
+    def true_angles(self) -> tuple[float, float]:
+        """Return yaw and pitch as they are, rad, against what the driver's are against."""
+        return self.mount.angles(self.driver.traits.reference)
+
 
 def simulated_camera(
     loaded: Loaded,

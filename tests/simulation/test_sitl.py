@@ -44,7 +44,7 @@ def _broken(simulation: Simulation) -> list[str]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_it_lands_on_a_still_pad(seed: int) -> None:
     simulation = _fly("stationary", seed)
-    result = result_of(simulation, "stationary", seed)
+    result = result_of(simulation.flown(), "stationary", seed)
     assert result["landed"]
     assert result["touchdown_error_m"] <= 0.20
     assert _broken(simulation) == []
@@ -53,7 +53,7 @@ def test_it_lands_on_a_still_pad(seed: int) -> None:
 
 def test_it_touches_a_pad_that_drives_at_1_mps() -> None:
     simulation = _fly("moving", 1)
-    result = result_of(simulation, "moving", 1)
+    result = result_of(simulation.flown(), "moving", 1)
     assert result["landed"]
     assert result["touchdown_error_m"] <= 0.20
     assert result["touchdown_horizontal_mps"] <= 0.3
