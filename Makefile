@@ -12,10 +12,11 @@ sim: $(SETUP)  ## fly one landing in the simulator and draw it
 test: $(SETUP)
 	$(BIN)/python -m pytest -n 2
 
-check: $(SETUP)  ## lint, format, types, tests
+check: $(SETUP)  ## lint, format, types, imports, tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m pytest -n 2
 
 bench: $(SETUP)  ## print the figures quoted in docs

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -59,12 +60,11 @@ def fly(loaded: Loaded) -> tuple[list[Call], list[float]]:
 
         return call
 
-    step, prior = Lander.step, Lander.prior
-    Lander.step, Lander.prior = watched(step), watched(prior)  # type: ignore[method-assign]
-    try:
+    with (
+        patch.object(Lander, "step", watched(Lander.step)),
+        patch.object(Lander, "prior", watched(Lander.prior)),
+    ):
         run_virtual(Simulation(loaded, SEED).run())
-    finally:
-        Lander.step, Lander.prior = step, prior  # type: ignore[method-assign]
     return asked, us
 
 

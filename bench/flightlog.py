@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hw.sim.options import SimOptions
 from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 from landerd.camera_model import load_camera
@@ -43,7 +44,9 @@ def pictures() -> list[np.ndarray]:
     loaded = read_configuration(config_dir() / "default.yaml")
     layout = load_pad(loaded.config.pad.layout)
     camera = load_camera(loaded.config.camera.calibration)
-    renderer = Renderer(layout, camera, loaded.options["sim"].render, 1)
+    sim = loaded.options["sim"]
+    assert isinstance(sim, SimOptions)
+    renderer = Renderer(layout, camera, sim.render, 1)
     pad = PadPose((0.0, 0.0, 0.0), rot_z(0.0))
     images = []
     for i in range(10):
@@ -75,7 +78,7 @@ async def fly(flight: Recorded) -> list[float]:
     """Tick at 40 Hz; return the periods, s."""
     loop = asyncio.get_running_loop()
     due = last = loop.time()
-    periods = []
+    periods: list[float] = []
     while len(periods) < SECONDS * 40:
         due = max(due + 0.025, loop.time())
         await asyncio.sleep(due - loop.time())

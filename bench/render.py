@@ -6,7 +6,8 @@ from pathlib import Path
 
 import cv2
 
-from hw.sim.picture.renderer import Renderer, RenderOptions
+from hw.sim.options import RenderOptions
+from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 from landerd.camera_model import load_camera
 from landerd.geometry import IDENTITY, R_GIMBAL_CAMERA, matmul, rot_zyx

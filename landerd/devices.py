@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from hw.replay.telemetry import Telemetry
     from hw.replay.vehicle import RecordedVehicle
     from hw.sim.gimbals.bench import Bench, Connected, Model
+    from hw.sim.gimbals.mount import SimMount
     from hw.sim.options import SimOptions
-    from hw.sim.physics.gimbal import SimMount
     from hw.sim.physics.world import World
     from hw.sim.picture.camera import SimCamera
     from hw.sim.snapshot import Snapshot
@@ -240,7 +240,8 @@ def simulated_gimbal(
         realtime: real sockets and terminals instead of links in memory.
     """
     from hw.sim.gimbals.bench import Bench
-    from hw.sim.physics.gimbal import SimGimbal, SimMount
+    from hw.sim.gimbals.mount import SimMount
+    from hw.sim.gimbals.sim import SimGimbal
     from hw.sim.physics.world import stream
 
     options, driver = sim_options(loaded).gimbal, loaded.config.gimbal.driver

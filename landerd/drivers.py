@@ -103,7 +103,7 @@ def import_named(path: str) -> object:
 
 
 def read_configuration(
-    path: Path, *, overlays: Sequence[Path] = (), overrides: Sequence[str] = ()
+    path: Path, *, overlays: Sequence[Path] = (), overrides: Sequence[str] = (), seed: int = 0
 ) -> Loaded:
     """Read and check a configuration, with the options of all drivers and of the simulator.
 
@@ -111,6 +111,7 @@ def read_configuration(
         path: the file.
         overlays: files laid over the first, as scenarios are.
         overrides: KEY=VALUE, the key dotted, the value in YAML.
+        seed: of what the simulated world draws.
 
     Raises:
         ConfigError: it cannot be used; see `landerd.config.files.load`.
@@ -121,4 +122,5 @@ def read_configuration(
         drivers=names(),
         overlays=overlays,
         overrides=overrides,
+        seed=seed,
     )

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.sim.physics.gimbal import GimbalFault, SimGimbal
+from hw.sim.gimbals.sim import GimbalFault, SimGimbal
 from hw.sim.picture.camera import CameraFaults
 from landerd.messages import Phase
 from landerd.simulation.flight import Simulation

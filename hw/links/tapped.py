@@ -1,10 +1,8 @@
-"""A link that somebody listens to, and its bytes as a .tlog."""
+"""A link that somebody listens to."""
 
 import asyncio
-import struct
 from typing import Protocol
 
-from hw.autopilots.mavlink_codec import MavlinkCodec
 from landerd.ports import ByteLink
 
 
@@ -40,15 +38,3 @@ class TappedLink:
     async def close(self) -> None:
         """Disconnect; safe to call twice."""
         await self._link.close()
-
-
-class TlogEncoder:
-    """Telemetry log as ground stations write it: each frame behind its Unix time in us."""
-
-    def __init__(self) -> None:
-        self._codecs = {outgoing: MavlinkCodec(0, 0) for outgoing in (False, True)}
-
-    def encode(self, epoch_us: int, data: bytes, *, outgoing: bool) -> bytes:
-        """Return the frames that these bytes complete; damaged ones are left out."""
-        messages = self._codecs[outgoing].decode(data)
-        return b"".join(struct.pack(">Q", epoch_us) + bytes(m.get_msgbuf()) for m in messages)

@@ -6,7 +6,8 @@ from typing import Protocol
 
 from hw.replay.vehicle import RecordedVehicle
 from hw.replay.video import read_video
-from hw.sim.picture.renderer import Renderer, RenderOptions
+from hw.sim.options import RenderOptions
+from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3, add, rot_z, rotate

@@ -2,10 +2,12 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
-from hw.sim.picture.renderer import RenderOptions
 from landerd.section import Finite, NotNegative, Positive, Section
+
+GroundKind = Literal["grass", "asphalt", "plain"]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class StartOptions(Section):
@@ -79,6 +81,27 @@ class SimCameraOptions(Section):
     exposure_s: Annotated[float, Field(gt=0, le=0.05)] = 0.008
     latency_s: Annotated[float, Field(ge=0, le=0.5)] = 0.06  # middle of exposure to delivery
     clock_offset_s: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.005  # of the frames' time
+
+
+class RenderOptions(Section):
+    """Light, lens, sensor and surroundings of the simulated camera."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    noise_sigma: Annotated[float, Field(ge=0, le=30)] = 3.0  # grey levels
+    defocus_px: Annotated[float, Field(ge=0, le=5)] = 0.6  # sigma of the blur
+    illumination: Annotated[float, Field(gt=0, le=5)] = 1.0  # white saturates above 1.27
+    gradient: Share = 0.1  # of illumination, from the middle of the image to its side
+    ground: GroundKind = "grass"
+    ground_down_m: float = 0.0  # of the ground, local NED
+    sun_elevation_deg: Annotated[float, Field(ge=5, le=90)] = 55.0
+    sun_azimuth_deg: float = 120.0  # where the sun stands, clockwise from north
+    shadow_darkness: Share = 0.6  # the sun's share of the light
+    vehicle_shadow: bool = True
+    legs: bool = True
+    shadow_edge: bool = False  # something tall keeps the sun off one side of the pad
+    shadow_edge_m: float = 0.0  # its shadow begins so far from the landing point,
+    shadow_edge_heading_deg: float = 90.0  # and covers what lies beyond in this pad direction
 
 
 class EkfOptions(Section):

@@ -9,7 +9,7 @@ import signal
 import time
 from pathlib import Path
 
-from hw.links.tapped import TlogEncoder
+from hw.autopilots.tlog import TlogEncoder
 from landerd.camera_model import CalibrationError, CameraModel
 from landerd.commands.shared import add_config, add_overlay, load_with_saved, refusing
 from landerd.config.models import Config

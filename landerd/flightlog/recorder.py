@@ -146,7 +146,12 @@ class Recorder:
         if lander is None or not self._takes_detail():
             return
         state = State(
-            now, lander.phase, lander.reason, lander.outcome, lander.aborts, lander.relative(now)
+            now,
+            lander.phase,
+            lander.reason,
+            lander.outcome,
+            lander.aborts,
+            lander.relative_state(now),
         )
         self._put(self._state, (state,))
 

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
-from hw.links.tapped import TappedLink, TlogEncoder
+from hw.links.tapped import TappedLink
 from hw.sim.physics.world import World
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture

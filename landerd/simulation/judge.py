@@ -4,7 +4,8 @@ import asyncio
 import math
 
 from hw.links.memory import MemoryLink
-from hw.sim.judge.rules import RuleBounds, Rules, Truth
+from hw.sim.judge.bounds import RuleBounds
+from hw.sim.judge.rules import Rules, Truth
 from hw.sim.judge.score import Score
 from hw.sim.physics.world import World
 from hw.sim.picture.view import Frustum, visible_markers

@@ -126,7 +126,7 @@ class Recording:
             and first is not None
             and now > first + KNOWN_AFTER_S
         ):
-            relative = self.lander.relative(now)
+            relative = self.lander.relative_state(now)
             if relative is not None:
                 difference = sub(relative.pad_velocity, self._world.pad.velocity)
                 self.pad_velocity_error_mps = norm(difference)

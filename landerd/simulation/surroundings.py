@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from hw.links.memory import MemoryLink, memory_pair
 from hw.sim.physics.world import World, stream
 from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
 from landerd.config.models import Config
@@ -46,6 +47,7 @@ class StandIn:
         self.autopilot = SimAutopilot(
             world,
             [self.autopilot_end, autopilot_ground_end],
+            ekf=Ekf(world, world.options.ekf, stream(seed, "ekf")),
             rng=stream(seed, "autopilot"),
             flying=True,
             system_id=system_id,

@@ -12,7 +12,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.pad_pose import Measured, pad_poses
-from landerd.vision.pose import circle, rotation_from
+from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 
 _SEEDS = 6
 _AGREE = 30.0  # chi-square that one more marker may add
@@ -121,10 +121,10 @@ def _missing(
             continue
         north = np.array(pad.north) if pad.north is not None else normal[[1, 2, 0]]
         R = rotation_from(normal, north)
-        points = np.array(pad.position) + (
-            circle(0.5 * ring.outer_diameter_m) + np.array(ring.position_m)
-        ) @ (R[:, :2].T)
-        if points[:, 2].min() < 0.05:
+        points = np.array(pad.position) + (circle(ring.radius_m) + np.array(ring.position_m)) @ (
+            R[:, :2].T
+        )
+        if points[:, 2].min() < MIN_DEPTH_M:
             continue
         px = camera.pixels(points)
         inside = px.min() > 0 and bool((px < (camera.width - 1, camera.height - 1)).all())

@@ -19,6 +19,7 @@ from landerd.messages import PoseSolution
 
 CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
 _DOWN_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
+MIN_DEPTH_M = 0.05  # what is nearer to the lens is not projected into the image
 SAME_NORMAL = math.cos(math.radians(1.0))  # two solutions that agree so well are one
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64
 from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
-from landerd.vision.square_fit import SquarePrint
+from landerd.vision.print_fit import MarkerPrint
 
 _PER_RADIUS = 48  # samples of the print
 _FINER = 8  # points in a sample along each axis
@@ -16,13 +16,13 @@ _REACH = 1.12  # outer radii within which print and image are compared,
 _HEART = 0.26  # and without which: another marker may stand in the white heart
 
 
-class WhyCodePrint(SquarePrint):
+class WhyCodePrint(MarkerPrint):
     """The print of one WhyCode, ready to be compared with images."""
 
     def __init__(self, code: WhyCode) -> None:
         """Draw the print."""
-        self._radius = 0.5 * code.outer_diameter_m
-        self._prepare(
+        self._radius = code.radius_m
+        super().__init__(
             _drawn(code),
             code.outer_diameter_m,
             _PER_RADIUS / self._radius,

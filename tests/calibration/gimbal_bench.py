@@ -8,8 +8,8 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench
 from hw.sim.gimbals.byte_model import ByteModel
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimOptions
-from hw.sim.physics.gimbal import SimMount
 from hw.sim.physics.world import World
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.renderer import Renderer
@@ -22,6 +22,7 @@ from landerd.drivers import read_configuration
 from landerd.pad import load_pad
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
+from tests.hw.sim.worlds import ekf_in
 
 STANDS = (  # as on a table, the pad before it; little is disturbed
     "sim.start={position_m: [-2.6, 0.0], altitude_m: 1.5, spread_m: 0.0, heading_spread_deg: 0.0}",
@@ -57,7 +58,9 @@ def calibrated(
     layout, camera_model = load_pad(config.pad.layout), load_camera(config.camera.calibration)
     world = World(sim, config.vehicle, layout.plate, seed=0)
     near, far = memory_pair()
-    stand_in = SimAutopilot(world, [far], rng=random.Random(1), flying=armed)
+    stand_in = SimAutopilot(
+        world, [far], ekf=ekf_in(world, seed=0), rng=random.Random(1), flying=armed
+    )
     autopilot = MavlinkAutopilot(near)
     connect = gimbal_model(config.gimbal.driver)
     assert connect is not None

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import math
-import random
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +14,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import MemoryLink, memory_pair
-from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.cli import main
 from landerd.commands import check as check_command
 from landerd.commands.check import check
@@ -26,7 +24,7 @@ from landerd.ports import DeviceLost, Feedback, GimbalTraits
 from landerd.preflight.finding import Finding
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
-from tests.hw.flight import PlainAirframe
+from tests.hw.flight import PlainAirframe, plain_autopilot
 
 GOOD_PARAMETERS = {
     "RC11_OPTION": 0.0,
@@ -110,7 +108,7 @@ class SetUp:
         self.camera, self.gimbal = Camera(), Gimbal()
         self.link, far = memory_pair()
         self.far: MemoryLink = far
-        self.vehicle = SimAutopilot(PlainAirframe((0.0, 0.0, 0.0)), [far], rng=random.Random(1))
+        self.vehicle = plain_autopilot(PlainAirframe((0.0, 0.0, 0.0)), [far])
         self.vehicle.parameters = dict(GOOD_PARAMETERS)
         self.overrides: list[str] = []
         self.system = 1

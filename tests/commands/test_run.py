@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import random
 import signal
 import socket
 import sys
@@ -16,9 +15,8 @@ from hw.autopilots.mavlink_codec import MavlinkCodec
 from hw.autopilots.signing import Signing
 from hw.links import open_link
 from hw.links.memory import memory_pair
-from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.config.files import config_dir
-from tests.hw.flight import Client, PlainAirframe
+from tests.hw.flight import Client, PlainAirframe, plain_autopilot
 
 ROOT = Path(__file__).parents[2]
 # Only the simulator has devices of the name "sim": here they are some that say nothing.
@@ -62,10 +60,9 @@ def test_it_serves_a_vehicle_and_a_ground_station_and_ends_when_told(tmp_path: P
     async def main() -> None:
         near, far = memory_pair()
         client = Client(near)
-        standin = SimAutopilot(
+        standin = plain_autopilot(
             PlainAirframe((0.0, 0.0, 0.0)),
             [far, open_link(f"udpout:127.0.0.1:{port}")],
-            rng=random.Random(1),
         )
         tasks = [asyncio.create_task(job) for job in (standin.run(), client.run())]
         process = await landerd(tmp_path, "-c", "mine.yaml")

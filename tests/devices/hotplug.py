@@ -5,15 +5,14 @@ import contextlib
 import logging
 import math
 import os
-import random
 import time
 from pathlib import Path
 
 from hw.links.serial import SerialLink
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.gimbals.simplebgc import SimpleBgcModel
 from hw.sim.options import SimGimbalOptions
-from hw.sim.physics.gimbal import GimbalPlant, SimMount
-from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.physics.gimbal import GimbalPlant
 from landerd.camera_model import load_camera
 from landerd.devices import make_devices
 from landerd.lander import Lander
@@ -29,7 +28,7 @@ from tests.devices.kernel import (
     plug_in_camera,
     plug_in_serial,
 )
-from tests.hw.flight import PlainAirframe
+from tests.hw.flight import PlainAirframe, plain_autopilot
 
 BACK_S = TOLD_S = 1.0
 LOOP_S = 0.4  # of a million turns of a loop on an emulated processor that has nothing else to do
@@ -156,8 +155,8 @@ def check_camera_autopilot_and_gimbal_unplugged_in_flight_and_plugged_in_again()
         devices = make_devices(loaded, Path("/tmp/saved.yaml"))
         pad = load_pad(loaded.config.pad.layout)
         daemon = Daemon(loaded.config, pad, model, devices, observers=(seen,))
-        autopilot = SimAutopilot(
-            PlainAirframe(), [SerialLink("/dev/ttyGS0", 115200)], rng=random.Random(1), flying=True
+        autopilot = plain_autopilot(
+            PlainAirframe(), [SerialLink("/dev/ttyGS0", 115200)], flying=True
         )
         gimbal = SimpleBgcModel(StillMount(), SerialLink("/dev/ttyGS1", 115200))
         jobs = (autopilot.run(), gimbal.run(), daemon.run())

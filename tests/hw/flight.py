@@ -2,8 +2,7 @@
 
 import asyncio
 import random
-from collections.abc import Coroutine
-from dataclasses import dataclass
+from collections.abc import Coroutine, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -13,22 +12,14 @@ from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import MemoryLink, memory_pair
 from hw.sim.physics.battery import Battery
 from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.stand_in.ekf import Estimate
 from landerd.geometry import Vec3
 from landerd.messages import AutopilotMessage
-
-
-@dataclass
-class State:
-    position: Vec3
-    velocity: Vec3
-    roll: float
-    pitch: float
-    yaw: float
-    rates: Vec3
+from landerd.ports import ByteLink
 
 
 class PlainAirframe:
-    """Flies every order at once; the ground is at z = 0."""
+    """Flies every order at once and knows where it is; the ground is at z = 0."""
 
     def __init__(self, position: Vec3 = (0.0, 0.0, -10.0), yaw: float = 0.0) -> None:
         self.position, self.yaw = position, yaw
@@ -72,8 +63,28 @@ class PlainAirframe:
         if self.motors:
             self.battery.energy_j += 354.0 * dt
 
-    def reported(self, t: float) -> State:
-        return State(self.position, self.velocity, 0.0, 0.0, self.yaw, (0.0, 0.0, self.yaw_rate))
+    def estimate(self, t: float) -> Estimate:
+        return Estimate(
+            t, self.position, self.velocity, 0.0, 0.0, self.yaw, (0.0, 0.0, self.yaw_rate)
+        )
+
+
+def plain_autopilot(
+    airframe: PlainAirframe,
+    links: Sequence[ByteLink],
+    *,
+    flying: bool = False,
+    boot_age_s: float = 60.0,
+) -> SimAutopilot:
+    """Return the stand-in in an airframe."""
+    return SimAutopilot(
+        airframe,
+        links,
+        ekf=airframe,
+        rng=random.Random(1),
+        flying=flying,
+        boot_age_s=boot_age_s,
+    )
 
 
 class Client:
@@ -147,9 +158,7 @@ class Flight:
         self.airframe = airframe or PlainAirframe()
         near, far = memory_pair()
         self.driver_link, self.autopilot_link = memory_pair()
-        self.autopilot = SimAutopilot(
-            self.airframe, [far, self.autopilot_link], rng=random.Random(1), flying=flying
-        )
+        self.autopilot = plain_autopilot(self.airframe, [far, self.autopilot_link], flying=flying)
         self.client = Client(near)
         self.driver = MavlinkAutopilot(self.driver_link, **options)
         self.messages: list[AutopilotMessage] = []

@@ -28,6 +28,7 @@ from landerd.ports import ByteLink
 from landerd.runtime.clock import run_realtime, run_slaved
 from landerd.simulation.flight import Simulation
 from landerd.simulation.sitl import SitlFlight
+from tests.hw.sim.worlds import ekf_in
 
 LATITUDE, LONGITUDE, ALTITUDE_M = -353632621, 1491652374, 584.0
 UNIT_M = 0.011131884502145034
@@ -39,7 +40,7 @@ class SitlLike(SimAutopilot):
 
     def __init__(self, world: World, link: ByteLink) -> None:
         quick = CopterParameters(land_speed_mps=1.5)
-        super().__init__(world, [link], rng=random.Random(1), parameters=quick)
+        super().__init__(world, [link], ekf=ekf_in(world), rng=random.Random(1), parameters=quick)
         self._true = world.vehicle
         self._streams[mavlink.MAVLINK_MSG_ID_SYSTEM_TIME] = self._system_time
         self._streams[mavlink.MAVLINK_MSG_ID_SIM_STATE] = self._sim_state

@@ -11,8 +11,8 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.links.serial import SerialLink
 from hw.links.udp import UdpLink
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.gimbals.pty_link import PtyLink
-from hw.sim.physics.gimbal import SimMount
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.ports import ByteLink, Gimbal
 

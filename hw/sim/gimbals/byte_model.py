@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from random import Random
 
 from hw.gimbals.frames import FrameScanner
-from hw.sim.physics.gimbal import SimMount
+from hw.sim.gimbals.mount import SimMount
 from landerd.ports import ByteLink, DeviceLost
 
 _TURNAROUND_S = 0.002  # from a request to the first byte of its answer

@@ -9,7 +9,7 @@ from hw.autopilots.mavlink_codec import Message
 from hw.gimbals.mavlink_mount import MavlinkMountGimbal, MavlinkMountOptions
 from hw.gimbals.mavlink_v2 import MavlinkGimbal, MavlinkOptions
 from hw.sim.gimbals.bench import Bench, Connected
-from hw.sim.physics.gimbal import SimMount
+from hw.sim.gimbals.mount import SimMount
 from landerd.geometry import clamp, is_finite
 from landerd.messages import Reference
 

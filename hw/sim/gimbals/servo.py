@@ -25,7 +25,7 @@ from hw.gimbals.servo_pca9685 import (
 from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
 from hw.sim.gimbals.bench import Bench, Connected
 from hw.sim.gimbals.imu import imu_bus
-from hw.sim.physics.gimbal import SimMount
+from hw.sim.gimbals.mount import SimMount
 
 _FRAME_S = 0.02  # a servo looks at its pulse once a period
 

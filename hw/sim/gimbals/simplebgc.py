@@ -18,7 +18,7 @@ from hw.gimbals.simplebgc import (
 )
 from hw.sim.gimbals.bench import Bench, Connected
 from hw.sim.gimbals.byte_model import ByteModel
-from hw.sim.physics.gimbal import SimMount
+from hw.sim.gimbals.mount import SimMount
 from landerd.geometry import clamp
 from landerd.messages import Reference
 from landerd.ports import ByteLink

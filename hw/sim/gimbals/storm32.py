@@ -19,7 +19,7 @@ from hw.gimbals.storm32 import (
 )
 from hw.sim.gimbals.bench import Bench, Connected
 from hw.sim.gimbals.byte_model import ByteModel
-from hw.sim.physics.gimbal import SimMount
+from hw.sim.gimbals.mount import SimMount
 from landerd.messages import Reference
 from landerd.ports import ByteLink
 

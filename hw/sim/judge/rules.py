@@ -5,58 +5,26 @@ delivered; what the pilot and the autopilot said is what went over the link to l
 are those of docs/safety.md.
 """
 
-import contextlib
 import math
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from hw.sim.judge.bounds import ZERO, RuleBounds
+from hw.sim.judge.limits import SetpointLimits
+from hw.sim.judge.wire import Wire
 from landerd.geometry import Vec3, horizontal, rot_z, rotate
 
-_HEADER = 10  # bytes of a MAVLink 2 header
-_SLACK = 1.02  # of the limits: the set-points travel as 32-bit floats
 _CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
 _LEVEL_AFTER_S = 0.5  # for so long the vehicle goes with the pad before it may stand level
 _BOUNCE_S = 0.2  # feet up for longer than this end a contact
+_HOVER_MPS = 0.02  # an order of less, horizontally, is one to hover
+_TOLD_S = 1.0  # before an abort or after it the pilot is told of it
 _PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
 _LOSS_NEWS = ("not in sight", "stale", "no pictures")
+_BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 _ATTITUDE_AND_THRUST = 7  # type_mask of SET_ATTITUDE_TARGET: the body's rates are ignored
-_STILL = 1e-3  # m/s and rad/s that count as zero on the wire
-
-
-@dataclass(frozen=True)
-class RuleBounds:
-    """What the rules allow: the configured limits, and the times of the rules themselves."""
-
-    control_period_s: float
-    gate_channel: int
-    gate_threshold_us: int
-    release_s: float
-    heartbeat_s: float
-    rc_s: float
-    attitude_s: float
-    position_s: float
-    gimbal_s: float
-    speed_mps: float
-    climb_mps: float
-    descent_mps: float
-    acceleration_mps2: float
-    vertical_acceleration_mps2: float
-    jerk_mps3: float
-    yaw_rate: float  # rad/s
-    k1_m: float
-    k2_per_m: float
-    alignment_height_m: float
-    has_heading: bool
-    heading: float = math.radians(5.0)  # rad
-    sighting_s: float = 0.5
-    blind_commit_s: float = 1.0
-    commit_height_m: float = 0.20
-    settle_s: float = 5.0
-    stream_s: float = 0.05
-    jitter_s: float = 0.0  # of the times at which set-points are seen: none on a virtual clock
 
 
 @dataclass(frozen=True)
@@ -78,7 +46,8 @@ class Rules:
     def __init__(self, bounds: RuleBounds, truth: Callable[[], Truth]) -> None:
         self._b = bounds
         self._truth = truth
-        self._codec = mavlink.MAVLink(None)
+        self._wire = Wire()
+        self._limits = SetpointLimits(bounds, self._break)
         self.broken: dict[str, float] = {}
         self.texts: list[tuple[float, str]] = []
         self.disarm_orders = 0
@@ -91,9 +60,6 @@ class Rules:
         self._attitude_t = self._position_t = self._gimbal_t = -math.inf
         self._sighting_t = -math.inf  # exposure of the last delivered frame with a marker in it
         self._first_sighting = False
-        self._last: tuple[float, Vec3, float] | None = None  # time, velocity, yaw rate
-        self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
-        self._stopped = (False, False)  # the last set-point: horizontally, vertically
         self._flown_t: float | None = None  # last set-point under granted authority
         self._contact = False  # a foot was down, and the vehicle has not climbed away since
         self._touched_t = -math.inf  # when a foot was last seen down,
@@ -118,7 +84,7 @@ class Rules:
     def to_landerd(self, t: float, data: bytes) -> None:
         """Bytes of the autopilot arrive at landerd."""
         self._check_stream(t)
-        for message in self._messages(data):
+        for message in self._wire.messages(data):
             kind = message.get_msgId()
             if message.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1:
                 continue  # the autopilot routes the ground station's messages too
@@ -142,7 +108,7 @@ class Rules:
 
     def from_landerd(self, t: float, data: bytes) -> None:
         """Bytes of landerd leave for the autopilot."""
-        for message in self._messages(data):
+        for message in self._wire.messages(data):
             kind = message.get_msgId()
             if kind == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self._on_setpoint(t, message)
@@ -156,20 +122,6 @@ class Rules:
                     self._handed_back_t = min(self._handed_back_t, t)
 
     # ---- the link to landerd -------------------------------------------------------------------
-
-    def _messages(self, data: bytes) -> list[mavlink.MAVLink_message]:
-        out = []
-        at = 0
-        while at + _HEADER < len(data) and data[at] == mavlink.PROTOCOL_MARKER_V2:
-            signature = 13 if data[at + 2] & mavlink.MAVLINK_IFLAG_SIGNED else 0
-            end = at + _HEADER + data[at + 1] + 2 + signature
-            (kind,) = struct.unpack("<I", data[at + 7 : at + 10] + b"\0")
-            if kind in _JUDGED:
-                # A damaged message is none, for landerd as for the judge.
-                with contextlib.suppress(mavlink.MAVError):
-                    out.append(self._codec.decode(bytearray(data[at:end])))
-            at = end
-        return out
 
     def _on_heartbeat(self, t: float, message: mavlink.MAVLink_message) -> None:
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -206,20 +158,19 @@ class Rules:
         if not all(math.isfinite(x) for x in (*velocity, yaw_rate)):
             self._break(t, "3: a set-point is not finite")
             return
-        if message.coordinate_frame in (mavlink.MAV_FRAME_BODY_NED, 9):
+        if message.coordinate_frame in _BODY_FRAMES:
             velocity = rotate(rot_z(truth.yaw), velocity)
-        zero = math.hypot(*velocity) < _STILL and abs(yaw_rate) < _STILL
-        self._feel(t, truth)
+        zero = math.hypot(*velocity) < ZERO and abs(yaw_rate) < ZERO
+        self._note_contact(t, truth)
         tick = 1.05 * self._b.control_period_s
         self._who_flies(t, zero, tick)
         if not zero and not self._contact:
             self._never_blind(t, velocity, yaw_rate, truth, tick)
-        self._limits(t, velocity, yaw_rate)
+        self._limits.check(t, velocity, yaw_rate)
         if truth.feet_down:
             self._after_contact(t, velocity)
-        self._last = (t, velocity, yaw_rate)
 
-    def _feel(self, t: float, truth: Truth) -> None:
+    def _note_contact(self, t: float, truth: Truth) -> None:
         """Note what the feet touch."""
         if truth.feet_down:
             self._contact = True
@@ -254,45 +205,51 @@ class Rules:
         b = self._b
         age = t - self._sighting_t
         committed = truth.height < b.commit_height_m
-        if velocity[2] > max(0.0, truth.pad_velocity[2]) + _STILL:
-            if age > (b.blind_commit_s if committed else b.sighting_s):
+        oldest = b.blind_commit_s if committed else b.sighting_s
+        if velocity[2] > max(0.0, truth.pad_velocity[2]) + ZERO:
+            if age > oldest:
                 self._break(t, "2: a downward set-point without a young sighting")
             if not committed:
-                if truth.distance > b.k1_m * math.exp(b.k2_per_m * truth.height):
-                    self._break(t, "2: a downward set-point outside the descent region")
-                if (
-                    b.has_heading
-                    and truth.height < b.alignment_height_m
-                    and abs(truth.heading_error) > b.heading
-                ):
-                    self._break(t, "2: a downward set-point with the heading off")
+                self._descending(t, truth)
         stale = (
             t - self._attitude_t > b.attitude_s + tick
             or t - self._position_t > b.position_s + tick
             or t - self._gimbal_t > b.gimbal_s + b.sighting_s + tick
         )
-        blind = age > (b.blind_commit_s if committed else b.sighting_s) + tick
-        if stale or blind:
+        if stale or age > oldest + tick:
             self._flying_blind(t, velocity, yaw_rate, tick)
         else:
             self._lost_since = None
+
+    def _descending(self, t: float, truth: Truth) -> None:
+        b = self._b
+        if truth.distance > b.k1_m * math.exp(b.k2_per_m * truth.height):
+            self._break(t, "2: a downward set-point outside the descent region")
+        if (
+            b.has_heading
+            and truth.height < b.alignment_height_m
+            and abs(truth.heading_error) > b.heading
+        ):
+            self._break(t, "2: a downward set-point with the heading off")
 
     def _flying_blind(self, t: float, velocity: Vec3, yaw_rate: float, tick: float) -> None:
         """Rule 1d and 5: slow down to a hover, then only hold, climb or turn (not ordered here)."""
         if self._lost_since is None:
             self._lost_since = t
         b = self._b
-        if t - self._lost_since > tick and abs(yaw_rate) > _STILL:
+        if t - self._lost_since > tick and abs(yaw_rate) > ZERO:
             self._break(t, "1d: turning while the pad is out of sight")
-        if velocity[2] > _STILL:
+        if velocity[2] > ZERO:
             self._break(t, "1d: descending while the pad is out of sight or data are stale")
         # Full braking, and the last of it fading out with the jerk limit.
         braking_s = b.speed_mps / b.acceleration_mps2 + 5.0 * b.acceleration_mps2 / b.jerk_mps3
-        if horizontal(velocity) > 0.02 and t - self._lost_since > braking_s + tick:
+        if horizontal(velocity) > _HOVER_MPS and t - self._lost_since > braking_s + tick:
             self._break(t, "1d: not hovering while the pad is out of sight or data are stale")
         # Nothing new is to be told of a marker that came in sight and went without being taken.
-        said = self._last_news_is_bad() or any(at >= self._lost_since - 1.0 for at, _ in self.texts)
-        if t - self._lost_since > 1.0 and not said:
+        said = self._last_news_is_bad() or any(
+            at >= self._lost_since - _TOLD_S for at, _ in self.texts
+        )
+        if t - self._lost_since > _TOLD_S and not said:
             self._break(t, "6: an abort that the pilot was not told of")
 
     def _last_news_is_bad(self) -> bool:
@@ -304,73 +261,27 @@ class Rules:
                 return True
         return False
 
-    def _limits(self, t: float, velocity: Vec3, yaw_rate: float) -> None:
-        b = self._b
-        if horizontal(velocity) > b.speed_mps * _SLACK:
-            self._break(t, "3: too fast")
-        if not -b.climb_mps * _SLACK <= velocity[2] <= b.descent_mps * _SLACK:
-            self._break(t, "3: climbing or sinking too fast")
-        if abs(yaw_rate) > b.yaw_rate * _SLACK:
-            self._break(t, "3: turning too fast")
-        if self._last is None or t - self._last[0] > 0.5:
-            self._acceleration = None
-            return
-        dt = t - self._last[0]
-        if dt <= 0.0:
-            return
-        before = self._last[1]
-        a = (
-            (velocity[0] - before[0]) / dt,
-            (velocity[1] - before[1]) / dt,
-            (velocity[2] - before[2]) / dt,
-        )
-        was = self._acceleration or a
-        # What the jitter of the wall's clock makes of differences between set-points.
-        loose = 2.0 * b.jitter_s / dt
-        wobble = 2.0 * loose / dt
-        stop_h = horizontal(velocity) < _STILL
-        stop_v = abs(velocity[2]) < _STILL
-        if not stop_h:
-            if horizontal(a) > b.acceleration_mps2 * (_SLACK + loose) + 0.02:
-                self._break(t, "3: horizontal acceleration")
-            change = math.hypot(a[0] - was[0], a[1] - was[1])
-            jerk = (min(change, horizontal(a)) if self._stopped[0] else change) / dt
-            if jerk > b.jerk_mps3 * _SLACK + wobble * b.acceleration_mps2 + 0.2:
-                self._break(t, "3: horizontal jerk")
-        if not stop_v:
-            if abs(a[2]) > b.vertical_acceleration_mps2 * (_SLACK + loose) + 0.02:
-                self._break(t, "3: vertical acceleration")
-            change = abs(a[2] - was[2])
-            jerk = (min(change, abs(a[2])) if self._stopped[1] else change) / dt
-            if jerk > b.jerk_mps3 * _SLACK + wobble * b.vertical_acceleration_mps2 + 0.2:
-                self._break(t, "3: vertical jerk")
-        # Over a gap between set-points it is a mean, from which no jerk can be told.
-        gap = dt > b.stream_s
-        # What follows an order to stop may begin afresh, or go on if zero was only passed.
-        self._acceleration, self._stopped = None if gap else a, (stop_h, stop_v)
-
     def _after_contact(self, t: float, velocity: Vec3) -> None:
         waited = t - self._touching_since
         pressed = self._on_ground_t is None and _CONTACT_LATE_S < waited < self._b.settle_s
         is_open = self._gate_closed_t is None
         granted = is_open and self._armed and self._guided and not self._latched
-        if pressed and granted and velocity[2] <= _STILL:
+        if pressed and granted and velocity[2] <= ZERO:
             self._break(t, "4: no descent ordered after contact")
 
     def _on_attitude(self, t: float, message: mavlink.MAVLink_message) -> None:
         """In place of a set-point, level and without thrust, on the pad only."""
         truth = self._truth()
-        self._feel(t, truth)
+        self._note_contact(t, truth)
         self._who_flies(t, False, 1.05 * self._b.control_period_s)
-        level = math.hypot(message.q[1], message.q[2]) < _STILL
+        level = math.hypot(message.q[1], message.q[2]) < ZERO
         if not (level and message.thrust == 0.0 and message.type_mask == _ATTITUDE_AND_THRUST):
             self._break(t, "4: an attitude ordered other than level and without thrust")
         if t - self._touched_t > _BOUNCE_S:
             self._break(t, "4: level and without thrust while no foot is down")
         elif t - self._touching_since < _LEVEL_AFTER_S:
             self._break(t, "4: did not go with the pad after contact")
-        self._last = (t, (0.0, 0.0, 0.0), 0.0)
-        self._acceleration, self._stopped = None, (True, True)
+        self._limits.levelled(t)
 
     def _on_command(self, t: float, message: mavlink.MAVLink_message) -> None:
         if message.command != mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
@@ -392,28 +303,16 @@ class Rules:
 
     def _check_stream(self, t: float) -> None:
         """Rules 1b, 1d and 3: while landerd must stream, the gap between set-points is bounded."""
-        if self._last is None or self._flown_t is None:
+        last_t = self._limits.last_t
+        if last_t is None or self._flown_t is None:
             return
         b = self._b
         granted = self._armed and self._guided and t - self._beat_t <= b.heartbeat_s
         open_or_releasing = t < self._closed_t(t) + b.release_s - b.control_period_s
         if not granted or self._latched or not open_or_releasing:
             self._free_t = t
-        elif self._flown_t > self._free_t and t - self._last[0] > b.stream_s + 1e-6:
+        elif self._flown_t > self._free_t and t - last_t > b.stream_s + 1e-6:
             self._break(t, "3: set-points less often than 20 Hz")
 
     def _break(self, t: float, rule: str) -> None:
         self.broken.setdefault(rule, t)
-
-
-_JUDGED = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT,
-    mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE,
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
-    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
-    mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
-    mavlink.MAVLINK_MSG_ID_STATUSTEXT,
-}

@@ -198,7 +198,7 @@ class WindResponse:
 
         Args:
             drift: the vehicle's velocity minus the undisturbed one, m/s
-            hold: the integrals stand still, as ArduCopter's do at the limit of lean
+            hold: the integrals stand still, as ArduCopter's do at the limit of tilt
         """
         error = -self._POSITION_P * self._position - drift
         if not hold:

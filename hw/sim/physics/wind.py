@@ -12,13 +12,13 @@ class _Noise:
     """Gaussian noise with a correlation time (Ornstein-Uhlenbeck), standard deviation 1."""
 
     def __init__(self, correlation_s: float, rng: Random) -> None:
-        self._keep = math.exp(-UPDATE_S / correlation_s)
-        self._add = math.sqrt(1.0 - self._keep * self._keep)
+        self._decay = math.exp(-UPDATE_S / correlation_s)
+        self._noise = math.sqrt(1.0 - self._decay * self._decay)
         self._rng = rng
         self._value = rng.gauss(0.0, 1.0)
 
     def next(self) -> float:
-        self._value = self._keep * self._value + self._add * self._rng.gauss(0.0, 1.0)
+        self._value = self._decay * self._value + self._noise * self._rng.gauss(0.0, 1.0)
         return self._value
 
 

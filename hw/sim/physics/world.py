@@ -31,9 +31,9 @@ from landerd.geometry import (
 from landerd.messages import Reference
 from landerd.pad import Plate
 
-HISTORY_S = 0.6
+HISTORY_S = 0.6  # of true states kept: the longest camera latency, 0.5 s, and its exposure
 _WIND_STEPS = round(UPDATE_S / STEP_S)
-_REACH_M = 0.4  # below the gear's height a foot may hang this much lower when the body leans
+_FOOT_DROP_M = 0.4  # that a foot may hang below the gear's height when the body tilts
 
 
 class Airframe(Protocol):
@@ -50,19 +50,6 @@ class Airframe(Protocol):
     @property
     def footprint_m(self) -> tuple[float, float]:
         """Between the feet along body x and y, m."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReportedState:
-    """What the autopilot's estimator believes, local NED."""
-
-    t: float  # time of validity as the autopilot states it
-    position: Vec3
-    velocity: Vec3
-    roll: float
-    pitch: float
-    yaw: float
-    rates: Vec3  # body
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +101,10 @@ class World:
             MODELS[options.vehicle], options.yaw_response, gear, stream(seed, "vehicle")
         )
         # Feet of a vehicle whose origin is higher than this cannot touch anything.
-        self._contact_height = self._motion.highest + airframe.gear_height_m + _REACH_M
+        self._contact_height = self._motion.highest + airframe.gear_height_m + _FOOT_DROP_M
         self._start(stream(seed, "start"), seed)
         self._history: deque[Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
         self._record()
-
-        self._ekf_rng = stream(seed, "ekf")
-        least, most = options.ekf.velocity_bias_mps
-        bias, heading = self._ekf_rng.uniform(least, most), self._ekf_rng.uniform(-math.pi, math.pi)
-        self._velocity_bias: Vec3 = (bias * math.cos(heading), bias * math.sin(heading), 0.0)
-        self._height_scale = 1.0 + self._ekf_rng.uniform(0.0, options.ekf.height_scale_max)
 
     def _start(self, rng: Random, seed: int) -> None:
         start = self.options.start
@@ -139,9 +120,11 @@ class World:
         n = pad.position[0] + x + rng.uniform(-spread, spread)
         e = pad.position[1] + y + rng.uniform(-spread, spread)
         d = -self._motion.mean_height - start.altitude_m
-        turned = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
+        heading_deg = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
         velocity = (vn, ve) if self.follows else (0.0, 0.0)
-        self.vehicle.start((n, e, d), velocity, wrap(math.radians(turned) + side), self._wind_now)
+        self.vehicle.start(
+            (n, e, d), velocity, wrap(math.radians(heading_deg) + side), self._wind_now
+        )
 
     @property
     def follows(self) -> bool:
@@ -230,7 +213,7 @@ class World:
 
     # ---- the past ------------------------------------------------------------------------------
 
-    def _at(self, t: float) -> Sample:
+    def state_at(self, t: float) -> Sample:
         """Return the state at time t, which lies within HISTORY_S before now.
 
         Raises:
@@ -249,12 +232,12 @@ class World:
             return b
         a = self._history[newer - 1]
         return Sample(
-            _between(b.position, a.position, share),
-            _between(b.velocity, a.velocity, share),
+            interpolated(b.position, a.position, share),
+            interpolated(b.velocity, a.velocity, share),
             b.roll + share * (a.roll - b.roll),
             b.pitch + share * (a.pitch - b.pitch),
             b.yaw + share * wrap(a.yaw - b.yaw),
-            _between(b.rates, a.rates, share),
+            interpolated(b.rates, a.rates, share),
             b.gimbal_yaw + share * (a.gimbal_yaw - b.gimbal_yaw),
             b.gimbal_pitch + share * (a.gimbal_pitch - b.gimbal_pitch),
         )
@@ -265,7 +248,7 @@ class World:
         Raises:
             ValueError: t is older than that.
         """
-        s = self._at(t)
+        s = self.state_at(t)
         air = self._airframe
         R_local_body = rot_zyx(s.yaw, s.pitch, s.roll)
         R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
@@ -283,38 +266,9 @@ class World:
             VehiclePose(s.position, R_local_body, air.footprint_m, air.gear_height_m),
         )
 
-    def reported(self, t: float) -> ReportedState:
-        """Return what the autopilot's estimator says at time t.
 
-        Heights over the local origin are off by the barometer's scale, velocities by a constant
-        bias; positions do not drift.
-        """
-        ekf, rng = self.options.ekf, self._ekf_rng
-        self.advance(t)
-        s = self._at(t - ekf.delay_s)
-        n, e, d = s.position
-        tilt = math.radians(ekf.attitude_noise_deg)
-
-        def noisy(v: Vec3, sigma: float) -> Vec3:
-            return (
-                v[0] + rng.gauss(0.0, sigma),
-                v[1] + rng.gauss(0.0, sigma),
-                v[2] + rng.gauss(0.0, sigma),
-            )
-
-        return ReportedState(
-            t,
-            noisy((n, e, d * self._height_scale), ekf.position_noise_m),
-            noisy(add(s.velocity, self._velocity_bias), ekf.velocity_noise_mps),
-            s.roll + rng.gauss(0.0, tilt),
-            s.pitch + rng.gauss(0.0, tilt),
-            wrap(s.yaw + rng.gauss(0.0, tilt)),
-            s.rates,
-        )
-
-
-def _between(a: Vec3, b: Vec3, share: float) -> Vec3:
-    """Return a + share (b - a)."""
+def interpolated(a: Vec3, b: Vec3, share: float) -> Vec3:
+    """Return the point a + share (b - a)."""
     return (
         a[0] + share * (b[0] - a[0]),
         a[1] + share * (b[1] - a[1]),

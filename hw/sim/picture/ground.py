@@ -1,18 +1,17 @@
 """Textured ground to the horizon, and the sky above it. Background: half resolution will do."""
 
 import math
-from typing import Literal, cast
+from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.sim.options import GroundKind
 from hw.sim.picture.view import F64, NO_SECOND_MAP, level_of_detail
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
-
-GroundKind = Literal["grass", "asphalt", "plain"]
 
 TILE = 1024  # texels; the texture repeats
 TEXEL_M = 0.015
@@ -56,43 +55,52 @@ class Ground:
         image = np.full((rows, columns), SKY if to_ground is not None else 90, np.uint8)
         if to_ground is None:
             return image
-        H = to_ground
-        tile_m = TILE * TEXEL_M
         pitch = abs(float(self._rays[rows // 2, columns // 2, 0] - self._rays[rows // 2, 0, 0]))
         pitch /= columns // 2
         step = math.ceil(rows / BANDS)
         for top in range(0, rows, step):
-            rays = self._rays[top : top + step]
-            x, y = rays[rays.shape[0] // 2, columns // 2].tolist()
-            centre = H @ np.array([x, y, 1.0])
-            corners = rays[:: rays.shape[0] - 1, :: columns - 1].reshape(-1, 2)
-            descents = corners @ H[2, :2].astype(np.float32) + np.float32(H[2, 2])
-            if descents.max() < LEAST_DESCENT:
-                continue
-            centre[2] = max(centre[2], LEAST_DESCENT)
-            level = level_of_detail(H, centre[2], pitch, TEXEL_M, LEVELS)
-            texel = TEXEL_M * 2**level
-            # Whole tiles off the coordinates bring them to the middle of the repeated texture.
-            middle_m = texel * self._levels[level].shape[0] / 2
-            north, east = np.round((centre[:2] / centre[2] - middle_m) / tile_m) * tile_m
-            to_texels = np.array(
-                [
-                    [0.0, 1 / texel, -east / texel - 0.5],
-                    [1 / texel, 0.0, -north / texel - 0.5],
-                    [0.0, 0.0, 1.0],
-                ]
-            )
-            where = cv2.perspectiveTransform(rays, to_texels @ H)
-            band = image[top : top + step]
-            cv2.remap(
-                self._levels[level],
-                where,
-                NO_SECOND_MAP,
-                cv2.INTER_LINEAR,
-                dst=band,
-                borderMode=cv2.BORDER_WRAP,
-            )
-            if descents.min() < LEAST_DESCENT:
-                descent = rays @ H[2, :2].astype(np.float32) + np.float32(H[2, 2])
-                band[descent < LEAST_DESCENT] = SKY
+            band = slice(top, top + step)
+            self._draw_band(image[band], self._rays[band], to_ground, pitch)
         return image
+
+    def _draw_band(self, band: U8, rays: F32, H: F64, pitch: float) -> None:
+        """Draw the ground into rows of sky; their rays (rows, columns, 2) are pitch apart."""
+        columns = rays.shape[1]
+        x, y = rays[rays.shape[0] // 2, columns // 2].tolist()
+        centre = H @ np.array([x, y, 1.0])
+        corners = rays[:: rays.shape[0] - 1, :: columns - 1].reshape(-1, 2)
+        descents = corners @ H[2, :2].astype(np.float32) + np.float32(H[2, 2])
+        if descents.max() < LEAST_DESCENT:
+            return
+        centre[2] = max(centre[2], LEAST_DESCENT)
+        level = level_of_detail(H, centre[2], pitch, TEXEL_M, LEVELS)
+        where = cv2.perspectiveTransform(rays, self._to_texels(level, centre) @ H)
+        cv2.remap(
+            self._levels[level],
+            where,
+            NO_SECOND_MAP,
+            cv2.INTER_LINEAR,
+            dst=band,
+            borderMode=cv2.BORDER_WRAP,
+        )
+        if descents.min() < LEAST_DESCENT:
+            descent = rays @ H[2, :2].astype(np.float32) + np.float32(H[2, 2])
+            band[descent < LEAST_DESCENT] = SKY
+
+    def _to_texels(self, level: int, centre: F64) -> F64:
+        """Return the matrix (3, 3) from ground (north m, east m, 1) to texels of a level.
+
+        centre (3,): what is to come to lie near the middle of the texture, homogeneous.
+        """
+        texel = TEXEL_M * 2**level
+        tile_m = TILE * TEXEL_M
+        # Whole tiles off the coordinates bring them to the middle of the repeated texture.
+        middle_m = texel * self._levels[level].shape[0] / 2
+        north, east = np.round((centre[:2] / centre[2] - middle_m) / tile_m) * tile_m
+        return np.array(
+            [
+                [0.0, 1 / texel, -east / texel - 0.5],
+                [1 / texel, 0.0, -north / texel - 0.5],
+                [0.0, 0.0, 1.0],
+            ]
+        )

@@ -9,14 +9,14 @@ area averages, several samples a pixel while the pad is small.
 import itertools
 import math
 import random
-from typing import Annotated, cast
+from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
-from hw.sim.picture.ground import Ground, GroundKind
+from hw.sim.options import RenderOptions
+from hw.sim.picture.ground import Ground
 from hw.sim.picture.pad_texture import TextureLevel, pad_texture, plate_corners
 from hw.sim.picture.vehicle import Shadow, draw_legs, shade, vehicle_shadow
 from hw.sim.picture.view import (
@@ -37,36 +37,13 @@ from landerd.pad import PadLayout
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-SAMPLES = 160_000  # of the pad's texture in one picture, unless one a pixel is more
+SAMPLE_BUDGET = 160_000  # of the pad's texture in one picture, unless one a pixel is more
 SAMPLINGS = (4, 2, 1)  # samples a pixel along x and along y; averages over 3 would be slow
 BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
 NOISE_MARGIN = 256  # offsets of the noise field to choose from, along x and along y
 EDGE_SOFTNESS_M = 0.02  # of the shadow's edge that something far away casts
-
-Share = Annotated[float, Field(ge=0, le=1)]
-
-
-class RenderOptions(BaseModel):
-    """Light, lens, sensor and surroundings of the simulated camera."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    noise_sigma: Annotated[float, Field(ge=0, le=30)] = 3.0  # grey levels
-    defocus_px: Annotated[float, Field(ge=0, le=5)] = 0.6  # sigma of the blur
-    illumination: Annotated[float, Field(gt=0, le=5)] = 1.0  # white saturates above 1.27
-    gradient: Share = 0.1  # of illumination, from the middle of the image to its side
-    ground: GroundKind = "grass"
-    ground_down_m: float = 0.0  # of the ground, local NED
-    sun_elevation_deg: Annotated[float, Field(ge=5, le=90)] = 55.0
-    sun_azimuth_deg: float = 120.0  # where the sun stands, clockwise from north
-    shadow_darkness: Share = 0.6  # the sun's share of the light
-    vehicle_shadow: bool = True
-    legs: bool = True
-    shadow_edge: bool = False  # something tall keeps the sun off one side of the pad
-    shadow_edge_m: float = 0.0  # its shadow begins so far from the landing point,
-    shadow_edge_heading_deg: float = 90.0  # and covers what lies beyond in this pad direction
 
 
 class Renderer:
@@ -145,13 +122,17 @@ class Renderer:
             _defocus(image, sigma)
         if options.legs and vehicle is not None:
             draw_legs(image, self._frustum, pose, vehicle)
+        self._expose(image, frame_index)
+        return image
+
+    def _expose(self, image: U8, frame_index: int) -> None:
+        """Light an image unevenly and add the sensor's noise, in place."""
         cv2.multiply(image, self._gain, dst=image, dtype=cv2.CV_8U)
         offsets = random.Random(self._seed * 1_000_003 + frame_index)
         x, y = offsets.randrange(NOISE_MARGIN), offsets.randrange(NOISE_MARGIN)
         part = (slice(y, y + image.shape[0]), slice(x, x + image.shape[1]))
         cv2.add(image, self._brighter[part], dst=image)
         cv2.subtract(image, self._darker[part], dst=image)
-        return image
 
     # ---- pad and ground ------------------------------------------------------------------------
 
@@ -325,7 +306,7 @@ def _samples(box: tuple[int, int, int, int]) -> int:
     """Return the samples a pixel, along x and along y, of a pad in a box of the image."""
     left, top, right, bottom = box
     area = (right - left) * (bottom - top)
-    return next((s for s in SAMPLINGS if s * s * area <= SAMPLES), 1)
+    return next((s for s in SAMPLINGS if s * s * area <= SAMPLE_BUDGET), 1)
 
 
 def _defocus(image: U8, sigma: float) -> None:

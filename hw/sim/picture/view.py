@@ -14,7 +14,7 @@ from landerd.pad import PadLayout, Ring, Square, WhyCode
 
 F64 = NDArray[np.float64]
 
-NEAR_M = 0.01
+NEAR_PLANE_M = 0.01  # from the lens; what is nearer is not drawn
 CIRCLE_POINTS = 32
 
 # For cv2.remap whose first map holds both coordinates. OpenCV's types forbid None here, and an
@@ -42,7 +42,7 @@ class Frustum:
         (x0, y0), (x1, y1) = rays.min(axis=0) - margin, rays.max(axis=0) + margin
         planes = np.array(
             [
-                [0.0, 0.0, 1.0, -NEAR_M],
+                [0.0, 0.0, 1.0, -NEAR_PLANE_M],
                 [1.0, 0.0, -x0, 0.0],
                 [-1.0, 0.0, x1, 0.0],
                 [0.0, 1.0, -y0, 0.0],

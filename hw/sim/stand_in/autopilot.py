@@ -20,11 +20,11 @@ from hw.sim.stand_in.copter import (
     ARDUPILOT_DEFAULTS,
     Copter,
     CopterParameters,
-    Reported,
     Vehicle,
 )
+from hw.sim.stand_in.ekf import Estimate
 from hw.sim.stand_in.pilot import PilotRadio
-from landerd.geometry import Vec3, add, clamp, is_finite, rot_z, rotate
+from hw.sim.stand_in.targets import take_attitude_target, take_position_target
 from landerd.messages import Landed
 from landerd.ports import ByteLink, DeviceLost
 
@@ -35,16 +35,7 @@ _REOPEN_S = 0.1
 _ACK_DELAY_S = (0.001, 0.006)
 _LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received message
 _TIMESYNC_PERIOD_S = 10.0
-_FARTHEST_M = 1e6
-_FASTEST_MPS = 1e3
-_LEVEL = 1e-3  # of a quaternion's x and y
-
-# type_mask of SET_POSITION_TARGET_LOCAL_NED: one bit of a group ignores the group
-_IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x007, 0x038, 0x1C0
-_IGNORE_YAW_RATE = 0x800
-
-_NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED)
-_BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
+_FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air too
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
@@ -53,7 +44,7 @@ _FAILED: int = mavlink.MAV_RESULT_FAILED
 
 
 class World(Protocol):
-    """The simulated world as far as the autopilot moves and measures it."""
+    """The simulated world as far as the autopilot moves it."""
 
     @property
     def vehicle(self) -> Vehicle: ...  # noqa: D102
@@ -63,8 +54,12 @@ class World(Protocol):
     def advance(self, t: float) -> None:
         """Move the world on to this time, s."""
 
-    def reported(self, t: float) -> Reported:
-        """Return what the EKF says at this time."""
+
+class Estimator(Protocol):
+    """Where the autopilot takes its own state from."""
+
+    def estimate(self, t: float) -> Estimate:
+        """Return what it takes its state to be at this time, s."""
         ...
 
 
@@ -111,6 +106,7 @@ class SimAutopilot:
         world: World,
         links: Sequence[ByteLink],
         *,
+        ekf: Estimator,
         rng: random.Random,
         parameters: CopterParameters = ARDUPILOT_DEFAULTS,
         flying: bool = False,
@@ -124,6 +120,7 @@ class SimAutopilot:
         self.pilot = PilotRadio()
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
         self._world = world
+        self._ekf = ekf
         self._rng = rng
         self._system = system_id
         self._boot_age_s = boot_age_s
@@ -134,6 +131,15 @@ class SimAutopilot:
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
+        }
+        self._takers: dict[int, Callable[[_Channel, Message, float], None]] = {
+            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_position_target,
+            mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_target,
+            mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
+            mavlink.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
+            mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter_request,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._on_rc_override,
         }
 
     def attach(self, mount: Mount) -> None:
@@ -146,7 +152,7 @@ class SimAutopilot:
         """Fly and serve the links, for ever."""
         t = asyncio.get_running_loop().time()
         self._booted_at = t - self._boot_age_s
-        self._reported = self._world.reported(t)
+        self._estimate = self._ekf.estimate(t)
         async with asyncio.TaskGroup() as tasks:
             for channel in self._channels:
                 tasks.create_task(self._serve(channel))
@@ -192,8 +198,8 @@ class SimAutopilot:
 
     def _step(self, t: float) -> None:
         self._world.advance(t)
-        self._reported = self._world.reported(t)
-        self.copter.step(self._reported, t)
+        self._estimate = self._ekf.estimate(t)
+        self.copter.step(self._estimate, t)
 
     # ---- out ----
 
@@ -247,11 +253,11 @@ class SimAutopilot:
         )
 
     def _attitude(self, t: float) -> Message:
-        r = self._reported
+        r = self._estimate
         return mavlink.MAVLink_attitude_message(self._boot_ms(t), r.roll, r.pitch, r.yaw, *r.rates)
 
     def _local_position(self, t: float) -> Message:
-        r = self._reported
+        r = self._estimate
         return mavlink.MAVLink_local_position_ned_message(
             self._boot_ms(t), *r.position, *r.velocity
         )
@@ -290,45 +296,48 @@ class SimAutopilot:
                     other.link.write(bytes(message.get_msgbuf()))
         if system not in (0, self._system) or component not in (0, _COMPONENT):
             return
-        t = asyncio.get_running_loop().time()
-        message_id = message.get_msgId()
-        if message_id == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
-            self._on_position_target(message, t)
-            self._step(t)
-        elif message_id == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
-            self._on_attitude_target(message, t)
-            self._step(t)
-        elif message_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
-            self._acknowledge(
-                channel, message, message.command, self._on_command(channel, message, t)
-            )
-        elif message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
-            self._acknowledge(channel, message, message_id, self._set_mode(message.custom_mode))
-        elif message_id == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
-            self._answer_parameter(channel, message.param_id)
-        elif message_id == mavlink.MAVLINK_MSG_ID_TIMESYNC and message.tc1 == 0:
-            self._later(_LOOP_DELAY_S, lambda: self._answer_timesync(channel, message.ts1))
-        elif (
-            message_id == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
-            and message.get_srcSystem() == _GROUND_STATION
-        ):
-            raw = tuple(getattr(message, f"chan{i}_raw") for i in range(1, 17))
-            self.pilot.override(raw, t)
-        elif self._mount is not None:
-            self._mount.message(message, t)
+        take = self._takers.get(message.get_msgId(), self._on_other)
+        take(channel, message, asyncio.get_running_loop().time())
 
-    def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
-        now = asyncio.get_running_loop().time()
-        channel.send(mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
+    def _on_position_target(self, channel: _Channel, m: Message, t: float) -> None:
+        take_position_target(self.copter, m, self._estimate, t)
+        self._step(t)
 
-    def _answer_parameter(self, channel: _Channel, name: str) -> None:
-        value = self.parameters.get(name)
+    def _on_attitude_target(self, channel: _Channel, m: Message, t: float) -> None:
+        take_attitude_target(self.copter, m, t)
+        self._step(t)
+
+    def _on_command_long(self, channel: _Channel, m: Message, t: float) -> None:
+        self._acknowledge(channel, m, m.command, self._on_command(channel, m, t))
+
+    def _on_set_mode(self, channel: _Channel, m: Message, t: float) -> None:
+        self._acknowledge(channel, m, m.get_msgId(), self._set_mode(m.custom_mode))
+
+    def _on_parameter_request(self, channel: _Channel, m: Message, t: float) -> None:
+        value = self.parameters.get(m.param_id)
         if value is not None:
             real = mavlink.MAV_PARAM_TYPE_REAL32
             count = len(self.parameters)
             channel.send(
-                mavlink.MAVLink_param_value_message(name.encode(), value, real, count, 0xFFFF)
+                mavlink.MAVLink_param_value_message(m.param_id.encode(), value, real, count, 0xFFFF)
             )
+
+    def _on_timesync(self, channel: _Channel, m: Message, t: float) -> None:
+        if m.tc1 == 0:
+            self._later(_LOOP_DELAY_S, lambda: self._answer_timesync(channel, m.ts1))
+
+    def _on_rc_override(self, channel: _Channel, m: Message, t: float) -> None:
+        if m.get_srcSystem() == _GROUND_STATION:
+            raw = tuple(getattr(m, f"chan{i}_raw") for i in range(1, 17))
+            self.pilot.override(raw, t)
+
+    def _on_other(self, channel: _Channel, m: Message, t: float) -> None:
+        if self._mount is not None:
+            self._mount.message(m, t)
+
+    def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
+        now = asyncio.get_running_loop().time()
+        channel.send(mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
 
     def _acknowledge(self, channel: _Channel, asked: Message, command: int, result: int) -> None:
         ack = mavlink.MAVLink_command_ack_message(
@@ -337,26 +346,27 @@ class SimAutopilot:
         self._later(_ACK_DELAY_S, lambda: channel.send(ack))
 
     def _on_command(self, channel: _Channel, m: Message, t: float) -> int:
+        """Obey a command and return its MAV_RESULT."""
         if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             return self._set_interval(channel, _whole(m.param1), m.param2, t)
         if m.command == mavlink.MAV_CMD_DO_SET_MODE:
             return self._set_mode(_whole(m.param2))
         if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            if m.param1 == 1.0:
-                return _ACCEPTED if self.copter.arm() else _FAILED
-            if m.param1 == 0.0:
-                forced = m.param2 == 21196.0
-                return _ACCEPTED if self.copter.disarm(forced=forced) else _FAILED
-            return _UNSUPPORTED
+            return self._arm_or_disarm(m)
         if m.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
-            if _whole(m.param1) != mavlink.SPEED_TYPE_GROUNDSPEED:
-                return _FAILED
-            return _ACCEPTED if self.copter.set_speed(m.param2) else _FAILED
+            is_ground_speed = _whole(m.param1) == mavlink.SPEED_TYPE_GROUNDSPEED
+            return _result(is_ground_speed and self.copter.set_speed(m.param2))
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            done = self.copter.take_off(m.param7, self._reported, t)
-            return _ACCEPTED if done else _FAILED
+            return _result(self.copter.take_off(m.param7, self._estimate, t))
         result = self._mount.command(m, t) if self._mount is not None else None
         return _UNSUPPORTED if result is None else result
+
+    def _arm_or_disarm(self, m: Message) -> int:
+        if m.param1 == 1.0:
+            return _result(self.copter.arm())
+        if m.param1 == 0.0:
+            return _result(self.copter.disarm(forced=m.param2 == _FORCE_DISARM))
+        return _UNSUPPORTED
 
     def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:
         if message_id not in self._streams:
@@ -370,54 +380,11 @@ class SimAutopilot:
         return _ACCEPTED
 
     def _set_mode(self, mode: int) -> int:
-        return _ACCEPTED if self.copter.set_mode(mode) else _FAILED
-
-    def _on_attitude_target(self, m: Message, t: float) -> None:
-        """Only level ones are modelled, with the thrust for a climb rate (GUID_OPTIONS 0)."""
-        ignored = m.type_mask & (
-            mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
-            | mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
-        )
-        finite = is_finite((m.q[1], m.q[2], m.thrust))
-        if ignored or not finite or math.hypot(m.q[1], m.q[2]) > _LEVEL:
-            return
-        self.copter.fly_level(2.0 * clamp(m.thrust, 0.0, 1.0) - 1.0, t)
-
-    def _on_position_target(self, m: Message, t: float) -> None:
-        if m.coordinate_frame == mavlink.MAV_FRAME_BODY_FRD:
-            return
-        position, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
-        has_position = not m.type_mask & _IGNORE_POSITION
-        has_velocity = not m.type_mask & _IGNORE_VELOCITY
-        yaw_rate = None if m.type_mask & _IGNORE_YAW_RATE else m.yaw_rate
-        sound = (
-            m.coordinate_frame in _NED_FRAMES + _BODY_FRAMES
-            and (has_position or has_velocity)
-            and not (has_position and not _sane(position, _FARTHEST_M))
-            and not (has_velocity and not _sane(velocity, _FASTEST_MPS))
-            and (yaw_rate is None or math.isfinite(yaw_rate))
-            and not (
-                m.type_mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET
-                and not m.type_mask & _IGNORE_ACCELERATION
-            )
-        )
-        if not sound:
-            self.copter.stop()
-            return
-        reported = self._reported
-        if m.coordinate_frame in _BODY_FRAMES:
-            R_local_level = rot_z(reported.yaw)
-            position, velocity = rotate(R_local_level, position), rotate(R_local_level, velocity)
-        if has_position:
-            if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
-                position = add(position, reported.position)
-            self.copter.fly_to(position, yaw_rate)
-        else:
-            self.copter.fly_velocity(velocity, yaw_rate, t)
+        return _result(self.copter.set_mode(mode))
 
 
-def _sane(v: Vec3, limit: float) -> bool:
-    return is_finite(v) and max(abs(v[0]), abs(v[1]), abs(v[2])) <= limit
+def _result(accepted: bool) -> int:
+    return _ACCEPTED if accepted else _FAILED
 
 
 def _whole(value: float) -> int:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hw.autopilots.arducopter import Mode
+from hw.sim.stand_in.ekf import Estimate
 from hw.sim.stand_in.pilot import PilotRadio
 from landerd.geometry import Vec3, clamp, heading_of, horizontal, sub, wrap
 from landerd.messages import Landed
@@ -20,7 +21,7 @@ _ARMABLE = (Mode.STABILIZE, Mode.GUIDED, Mode.LOITER)
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SPOOL_UP_S = 1.5  # from NAV_TAKEOFF to lift-off
 _REACHED_M = 0.1
-_LAND_HIGH_M = 10.0  # above this LAND sinks faster (LAND_ALT_LOW)
+_LAND_HIGH_M = 10.0  # above this LAND descends faster (LAND_ALT_LOW)
 _LAND_DISARM_S = 0.5  # from landed to disarmed in LAND
 _RADIO_FAILSAFE_S = 1.0
 _NEAREST_COURSE_M = 5.0  # the nose is not turned towards a position target nearer than this,
@@ -47,23 +48,6 @@ class CopterParameters:
 ARDUPILOT_DEFAULTS = CopterParameters()
 
 
-class Reported(Protocol):
-    """What the EKF reports: local NED, m, m/s, rad; rates of the body, rad/s."""
-
-    @property
-    def position(self) -> Vec3: ...  # noqa: D102
-    @property
-    def velocity(self) -> Vec3: ...  # noqa: D102
-    @property
-    def roll(self) -> float: ...  # noqa: D102
-    @property
-    def pitch(self) -> float: ...  # noqa: D102
-    @property
-    def yaw(self) -> float: ...  # noqa: D102
-    @property
-    def rates(self) -> Vec3: ...  # noqa: D102
-
-
 class Vehicle(Protocol):
     """The airframe with its inner control loops."""
 
@@ -80,7 +64,7 @@ class Vehicle(Protocol):
         Args:
             velocity: local NED, m/s
             yaw_rate: rad/s
-            level: lean nowhere, whatever the horizontal velocity
+            level: a level attitude, whatever the horizontal velocity
             landing: in LAND
         """
 
@@ -106,7 +90,7 @@ class _Position:
 
 @dataclass(frozen=True, slots=True)
 class _Level:
-    climb: float  # of the fastest climb, or sinking, -1 to 1
+    climb: float  # of the fastest climb, or descent, -1 to 1
     t: float
 
 
@@ -195,13 +179,13 @@ class Copter:
             self._say("Disarming motors")
         return True
 
-    def take_off(self, height_m: float, reported: Reported, t: float) -> bool:
+    def take_off(self, height_m: float, estimate: Estimate, t: float) -> bool:
         """Climb to a height above the take-off point."""
         if not (self.armed and self.mode == Mode.GUIDED and self._vehicle.landed_detected):
             return False
         if not 0.0 < height_m < 1000.0:
             return False
-        self._target = _Climb(reported.position[2] - height_m, t)
+        self._target = _Climb(estimate.position[2] - height_m, t)
         return True
 
     def fly_velocity(self, velocity: Vec3, yaw_rate: float | None, t: float) -> None:
@@ -236,11 +220,11 @@ class Copter:
 
     # ---- the main loop ----
 
-    def step(self, reported: Reported, t: float) -> None:
+    def step(self, estimate: Estimate, t: float) -> None:
         """Run the failsafes and give the vehicle its order."""
         self._check_radio(t)
         self._disarm_when_idle(t)
-        velocity, yaw_rate = self._wanted(reported, t)
+        velocity, yaw_rate = self._wanted(estimate, t)
         if self._vehicle.landed_detected and not isinstance(self._target, _Climb):
             velocity = (0.0, 0.0, max(velocity[2], 0.0))  # only NAV_TAKEOFF takes off
             yaw_rate = 0.0
@@ -274,16 +258,16 @@ class Copter:
         if t - self._idle_since >= wait:
             self.disarm()
 
-    def _wanted(self, reported: Reported, t: float) -> tuple[Vec3, float]:
+    def _wanted(self, estimate: Estimate, t: float) -> tuple[Vec3, float]:
         if self.armed and self.mode == Mode.LAND:
-            high = reported.position[2] < -_LAND_HIGH_M
+            high = estimate.position[2] < -_LAND_HIGH_M
             speed = self._p.wpnav_speed_down_mps if high else self._p.land_speed_mps
             return (0.0, 0.0, speed), 0.0
         target = self._target
         if not self._is_guided() or target is None:
             return _ZERO, 0.0
         if isinstance(target, _Climb):
-            return self._climb(target, reported, t)
+            return self._climb(target, estimate, t)
         if isinstance(target, _Level):
             fastest = (
                 self._p.wpnav_speed_up_mps if target.climb > 0.0 else self._p.wpnav_speed_down_mps
@@ -291,24 +275,24 @@ class Copter:
             late = t - target.t > self._p.guid_timeout_s
             return (0.0, 0.0, 0.0 if late else -fastest * target.climb), 0.0
         if isinstance(target, _Position):
-            error = sub(target.position, reported.position)
+            error = sub(target.position, estimate.position)
             velocity, turns = self._towards(error), horizontal(error) > _NEAREST_COURSE_M
         elif t - target.t > self._p.guid_timeout_s:
             return _ZERO, 0.0
         else:
-            velocity, turns = target.velocity, horizontal(reported.velocity) > _SLOWEST_COURSE_MPS
+            velocity, turns = target.velocity, horizontal(estimate.velocity) > _SLOWEST_COURSE_MPS
         if target.yaw_rate is not None:
             return velocity, target.yaw_rate
         if self._p.wp_yaw_behavior == 0 or not turns:
             return velocity, 0.0
-        return velocity, wrap(heading_of(velocity) - reported.yaw)  # gain 1 /s
+        return velocity, wrap(heading_of(velocity) - estimate.yaw)  # gain 1 /s
 
-    def _climb(self, target: _Climb, reported: Reported, t: float) -> tuple[Vec3, float]:
+    def _climb(self, target: _Climb, estimate: Estimate, t: float) -> tuple[Vec3, float]:
         if t - target.t < _SPOOL_UP_S:
             return _ZERO, 0.0
-        error = target.down - reported.position[2]
+        error = target.down - estimate.position[2]
         if abs(error) < _REACHED_M:
-            self._target = _Position((*reported.position[:2], target.down), 0.0)
+            self._target = _Position((*estimate.position[:2], target.down), 0.0)
         return (0.0, 0.0, self._vertical(error)), 0.0
 
     def _towards(self, error: Vec3) -> Vec3:

@@ -6,7 +6,6 @@ no dependency, for its wheel brings another OpenCV that would replace the headle
 
 import asyncio
 import os
-import random
 import shutil
 import socket
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -18,7 +17,6 @@ import pytest
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links import open_link
-from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.config.models import Config
 from landerd.config.parameters import ParameterSet, parameters
 from landerd.messages import (
@@ -30,7 +28,7 @@ from landerd.messages import (
     Setpoint,
 )
 from landerd.ports import ByteLink
-from tests.hw.flight import PlainAirframe
+from tests.hw.flight import PlainAirframe, plain_autopilot
 
 MAVPROXY = os.environ.get("LANDERD_MAVPROXY") or shutil.which("mavproxy.py")
 pytestmark = pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed")
@@ -74,7 +72,7 @@ async def running(
     folder: Path, standin: Sequence[ByteLink], landerd: ByteLink, *arguments: str
 ) -> AsyncIterator[Scene]:
     scene = Scene()
-    autopilot = SimAutopilot(scene.airframe, standin, rng=random.Random(1), flying=True)
+    autopilot = plain_autopilot(scene.airframe, standin, flying=True)
     scene.driver = MavlinkAutopilot(landerd, parameters=scene.tuned)
 
     async def serve() -> None:

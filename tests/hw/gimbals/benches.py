@@ -9,8 +9,8 @@ from typing import Any
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench, Model
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
-from hw.sim.physics.gimbal import SimMount
 from hw.sim.physics.world import World
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.devices import gimbal_model
@@ -18,7 +18,7 @@ from landerd.drivers import gimbal_speaks_over, names, options_models
 from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import Gimbal
 from landerd.runtime.clock import run_realtime, run_virtual
-from tests.hw.sim.worlds import world
+from tests.hw.sim.worlds import ekf_in, world
 
 DRIVERS = sorted(set(names()["gimbal"]) - {"sim"})
 MOVING = [driver for driver in DRIVERS if driver != "fixed"]
@@ -77,7 +77,7 @@ def on_stand(
     async def main() -> None:
         w = world(gimbal=gimbal or EXACT)
         near, far = memory_pair()
-        autopilot = SimAutopilot(w, [far], rng=random.Random(1), flying=True)
+        autopilot = SimAutopilot(w, [far], ekf=ekf_in(w), rng=random.Random(1), flying=True)
         driver = MavlinkAutopilot(near)
         mount = SimMount(w, SimGimbalOptions.model_validate(gimbal or EXACT), random.Random(2))
         connect = gimbal_model(name)

@@ -23,7 +23,7 @@ def test_finds_the_pad_and_stays_on_it(driver: str, reference: Reference) -> Non
     assert len(simulation.recording.off_centre_px) > 100
     assert simulation.daemon.lander.aborts == 0
     # The estimate is made with the angles that the driver reports.
-    assert simulation.daemon.lander.relative(simulation.world.t) is not None
+    assert simulation.daemon.lander.relative_state(simulation.world.t) is not None
 
 
 def test_a_gimbal_that_falls_silent_is_not_flown_on_and_comes_back() -> None:

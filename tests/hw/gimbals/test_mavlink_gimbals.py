@@ -16,8 +16,8 @@ from hw.gimbals.mavlink_v2 import MavlinkGimbal, MavlinkOptions
 from hw.gimbals.servo_mavlink import ServoMavlinkGimbal, ServoMavlinkOptions
 from hw.links.memory import MemoryLink, memory_pair
 from hw.sim.gimbals.mavlink import GimbalManager
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
-from hw.sim.physics.gimbal import SimMount
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import Gimbal
 from landerd.runtime.clock import run_virtual

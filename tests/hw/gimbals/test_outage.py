@@ -14,8 +14,8 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench
 from hw.sim.gimbals.byte_model import ByteModel
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
-from hw.sim.physics.gimbal import SimMount
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config

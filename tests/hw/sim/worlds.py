@@ -3,7 +3,8 @@
 from typing import Any
 
 from hw.sim.options import SimOptions
-from hw.sim.physics.world import World
+from hw.sim.physics.world import World, stream
+from hw.sim.stand_in.ekf import Ekf
 from landerd.config.models import VehicleSection
 from landerd.pad import Plate
 
@@ -19,6 +20,11 @@ def over_pad(seed: int = 1, altitude_m: float = 0.8, **options: Any) -> World:
     """Return a world in which the vehicle hovers close over the landing point."""
     start = {"altitude_m": altitude_m, "follow_from_mps": 0.0, "follow_m": 0.0}
     return world(seed, start=start, **options)
+
+
+def ekf_in(w: World, seed: int = 1) -> Ekf:
+    """Return the estimator of an autopilot in a world."""
+    return Ekf(w, w.options.ekf, stream(seed, "ekf"))
 
 
 def descend(w: World, speed_mps: float, until_s: float, lateral_mps: float = 0.0) -> float | None:

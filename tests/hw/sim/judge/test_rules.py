@@ -8,30 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec
-from hw.sim.judge.rules import RuleBounds, Rules, Truth
+from hw.sim.judge.rules import Rules, Truth
+from tests.hw.sim.judge.bounds import BOUNDS
 
-BOUNDS = RuleBounds(
-    control_period_s=0.025,
-    gate_channel=11,
-    gate_threshold_us=1500,
-    release_s=1.0,
-    heartbeat_s=3.0,
-    rc_s=0.5,
-    attitude_s=0.2,
-    position_s=0.3,
-    gimbal_s=0.3,
-    speed_mps=5.0,
-    climb_mps=1.0,
-    descent_mps=1.0,
-    acceleration_mps2=2.5,
-    vertical_acceleration_mps2=1.0,
-    jerk_mps3=15.0,
-    yaw_rate=0.5,
-    k1_m=0.12,
-    k2_per_m=0.36,
-    alignment_height_m=2.0,
-    has_heading=True,
-)
 OVER_PAD = Truth(
     t=0.0,
     distance=0.0,

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.sim.options import SimCameraOptions
+from hw.sim.options import RenderOptions, SimCameraOptions
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.ground import SKY
 from hw.sim.picture.pad_texture import BLACK, WHITE
-from hw.sim.picture.renderer import Renderer, RenderOptions
+from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.camera_model import load_camera

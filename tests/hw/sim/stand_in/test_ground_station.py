@@ -1,7 +1,6 @@
 """The fake ground station brings the vehicle on its way and then leaves it to landerd."""
 
 import asyncio
-import random
 from collections.abc import Awaitable, Callable
 
 import pytest
@@ -9,12 +8,11 @@ import pytest
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import memory_pair
-from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.ground_station import GroundStation
 from landerd.geometry import Vec3
 from landerd.messages import Setpoint, Severity, StatusText
 from landerd.runtime.clock import run_virtual
-from tests.hw.flight import PlainAirframe
+from tests.hw.flight import PlainAirframe, plain_autopilot
 
 
 class Scene:
@@ -32,9 +30,7 @@ class Scene:
         self.airframe = airframe
         self.ground_link, far = memory_pair()
         link, driver_far = memory_pair()
-        self.autopilot = SimAutopilot(
-            airframe, [far, driver_far], rng=random.Random(1), flying=flying
-        )
+        self.autopilot = plain_autopilot(airframe, [far, driver_far], flying=flying)
         self.station = GroundStation(
             self.ground_link,
             destination=destination,

@@ -1,0 +1,100 @@
+"""The gimbal in the world as its electronics know it, whatever device they are."""
+
+import asyncio
+import math
+from random import Random
+
+from hw.sim.options import SimGimbalOptions
+from hw.sim.physics.world import World
+from landerd.geometry import Mat3, Vec3, angles_zxy, matmul, transpose
+from landerd.messages import Reference
+
+
+class SimMount:
+    """Takes orders for the axes, and measures their angles with errors.
+
+    Attributes:
+        plant: the axes.
+        yaw_bias: constant error of the measured yaw, rad.
+        pitch_bias: the same of the pitch.
+    """
+
+    def __init__(self, world: World, options: SimGimbalOptions, rng: Random) -> None:
+        self.plant = world.gimbal
+        self._world = world
+        self._rng = rng
+        self._noise = math.radians(options.noise_deg)
+        yaw_bias = pitch_bias = math.radians(options.bias_deg)
+        if options.pitch_bias_deg is not None:
+            pitch_bias = math.radians(options.pitch_bias_deg)
+        self.yaw_bias = rng.choice((-yaw_bias, yaw_bias))
+        self.pitch_bias = rng.choice((-pitch_bias, pitch_bias))
+        mount = options.mount
+        self._yaw_sign, self._pitch_sign = mount.yaw_sign, mount.pitch_sign
+        self._yaw_zero = math.radians(mount.yaw_zero_deg)
+        self._pitch_zero = math.radians(mount.pitch_zero_deg)
+
+    def advance(self) -> None:
+        """Let the world go on to the loop's time; done before each order."""
+        self._world.advance(asyncio.get_running_loop().time())
+
+    def aim(self, yaw: float, pitch: float) -> None:
+        """Order angles, rad."""
+        self.advance()
+        self.plant.aim(
+            self._yaw_sign * yaw + self._yaw_zero, self._pitch_sign * pitch + self._pitch_zero
+        )
+
+    def turn(self, yaw: float, pitch: float) -> None:
+        """Order speeds, rad/s."""
+        self.advance()
+        self.plant.yaw.turn(self._yaw_sign * yaw)
+        self.plant.pitch.turn(self._pitch_sign * pitch)
+
+    def angles(self, reference: Reference) -> tuple[float, float]:
+        """Return yaw and pitch as they are, rad; the pitch perhaps against the horizon."""
+        plant = self.plant
+        if reference is plant.reference:
+            return plant.yaw.angle, plant.pitch.angle
+        _, pitch, _ = angles_zxy(self.motion()[1])
+        return plant.yaw.angle, pitch
+
+    def motion(self, back_s: float = 0.0) -> tuple[float, Mat3, Vec3]:
+        """Return the time, R_local_gimbal so long ago, and the vehicle's velocity (local, m/s)."""
+        self.advance()
+        world, plant = self._world, self.plant
+        R_local_camera = world.snapshot(world.t - back_s).camera.R_local_camera
+        R_local_gimbal = matmul(R_local_camera, transpose(plant.R_gimbal_camera))
+        return world.t, R_local_gimbal, world.vehicle.velocity
+
+    def bolt(self, yaw: float, pitch: float) -> None:
+        """Fix the camera where these angles (rad) would be measured, but for zeros."""
+        self.plant.yaw.bolt(yaw - self.yaw_bias + self._yaw_zero)
+        self.plant.pitch.bolt(pitch - self.pitch_bias + self._pitch_zero)
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        """Speeds of yaw and pitch, rad/s."""
+        return self._yaw_sign * self.plant.yaw.rate, self._pitch_sign * self.plant.pitch.rate
+
+    @property
+    def ordered(self) -> tuple[float, float]:
+        """Yaw and pitch that were ordered last, rad."""
+        return self._counted(self.plant.yaw.target, self.plant.pitch.target)
+
+    def _counted(self, yaw: float, pitch: float) -> tuple[float, float]:
+        """Return angles of the axes as the electronics count them."""
+        return self._yaw_sign * (yaw - self._yaw_zero), self._pitch_sign * (
+            pitch - self._pitch_zero
+        )
+
+    def measure(self, *, pitch_measured: bool = True) -> tuple[float, float]:
+        """Return yaw and pitch now, rad; without a sensor the pitch that was ordered."""
+        self.advance()
+        plant = self.plant
+        yaw, pitch = self._counted(plant.yaw.angle, plant.pitch.angle)
+        pitch = pitch if pitch_measured else self.ordered[1]
+        return (
+            yaw + self.yaw_bias + self._rng.gauss(0.0, self._noise),
+            pitch + self.pitch_bias + self._rng.gauss(0.0, self._noise),
+        )

@@ -1,0 +1,78 @@
+"""The driver `sim`: a gimbal that speaks no protocol, and what can go wrong with it."""
+
+import asyncio
+import math
+from enum import Enum
+
+from hw.sim.gimbals.mount import SimMount
+from hw.sim.options import SimGimbalOptions
+from hw.sim.physics.gimbal import PITCH_LIMITS, YAW_LIMITS
+from landerd.messages import GimbalCommand, GimbalState, Reference
+from landerd.ports import DeviceLost, Feedback, GimbalTraits
+
+REPORT_PERIOD_S = 0.02
+
+
+class GimbalFault(Enum):
+    """What can go wrong with the device."""
+
+    SILENT = "silent"  # reports nothing
+    FROZEN = "frozen"  # repeats the last angles with new times
+    NAN = "nan"  # reports angles that are no numbers
+    LOST = "lost"  # is gone from the bus
+
+
+class SimGimbal:
+    """The device that landerd talks to (landerd.ports.Gimbal). Set `fault` to break it."""
+
+    def __init__(self, mount: SimMount, options: SimGimbalOptions) -> None:
+        self.fault: GimbalFault | None = None
+        self._mount = mount
+        self._options = options
+        self._next_report = 0.0
+        self._last: GimbalState | None = None
+        self.traits = GimbalTraits(
+            Reference.BODY,
+            Feedback.MEASURED if options.pitch_feedback else Feedback.ORDERED,
+            1.0 / REPORT_PERIOD_S,
+            YAW_LIMITS,
+            PITCH_LIMITS,
+        )
+
+    async def open(self) -> None:
+        """Start the device. Raises DeviceLost."""
+        if self.fault is GimbalFault.LOST:
+            raise DeviceLost("simulated gimbal is gone")
+        self._next_report = asyncio.get_running_loop().time()
+
+    async def state(self) -> GimbalState:
+        """Wait for the next report, 50 a second. Raises DeviceLost."""
+        loop = asyncio.get_running_loop()
+        while True:
+            missed = max(0.0, (loop.time() - self._next_report) // REPORT_PERIOD_S)
+            self._next_report += (missed + 1.0) * REPORT_PERIOD_S
+            await asyncio.sleep(self._next_report - loop.time())
+            if self.fault is GimbalFault.LOST:
+                raise DeviceLost("simulated gimbal is gone")
+            if self.fault is not GimbalFault.SILENT:
+                return self._report(loop.time())
+
+    def command(self, command: GimbalCommand) -> None:
+        """Take new target angles; what is no number is dropped."""
+        if self.fault is GimbalFault.LOST:
+            return
+        if math.isfinite(command.yaw) and math.isfinite(command.pitch):
+            self._mount.aim(command.yaw, command.pitch)
+
+    async def close(self) -> None:
+        """Release the device."""
+
+    def _report(self, t: float) -> GimbalState:
+        if self.fault is GimbalFault.NAN:
+            return GimbalState(t, math.nan, math.nan, math.nan, Reference.BODY)
+        if self.fault is GimbalFault.FROZEN and self._last is not None:
+            return GimbalState(t, self._last.yaw, self._last.pitch, 0.0, Reference.BODY)
+        measured = self._options.pitch_feedback
+        yaw, pitch = self._mount.measure(pitch_measured=measured)
+        self._last = GimbalState(t, yaw, pitch, 0.0, Reference.BODY, pitch_measured=measured)
+        return self._last

@@ -1,0 +1,87 @@
+"""Rule 3: what one set-point may be, and how far the next one may be from it."""
+
+import math
+from collections.abc import Callable
+
+from hw.sim.judge.bounds import ZERO, RuleBounds
+from landerd.geometry import Vec3, horizontal
+
+_TOLERANCE = 1.02  # of every limit: the set-points travel as 32-bit floats
+# Added to it: rounding makes 1e-5 m/s^2 and 5e-4 m/s^3 of set-points of 5 m/s 25 ms apart; these
+# are chosen, well above that and well below any sensible limit.
+_ACCELERATION_MARGIN_MPS2, _JERK_MARGIN_MPS3 = 0.02, 0.2
+_GAP_S = 0.5  # after so long without set-points the next one is a first one
+
+
+class SetpointLimits:
+    """Judges set-points one after another.
+
+    Attributes:
+        last_t: when the last order came, s; None: none yet.
+    """
+
+    def __init__(self, bounds: RuleBounds, broken: Callable[[float, str], None]) -> None:
+        """Broken: is told the time and the rule."""
+        self.last_t: float | None = None
+        self._b = bounds
+        self._broken = broken
+        self._velocity: Vec3 = (0.0, 0.0, 0.0)
+        self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
+        self._stopped = (False, False)  # the last set-point: horizontally, vertically
+
+    def check(self, t: float, velocity: Vec3, yaw_rate: float) -> None:
+        """Judge a set-point of time t (s): local NED, m/s, and rad/s."""
+        self._check_size(t, velocity, yaw_rate)
+        if self.last_t is None or t - self.last_t > _GAP_S:
+            self._acceleration = None
+        elif t > self.last_t:
+            self._check_change(t, t - self.last_t, velocity)
+        self.last_t, self._velocity = t, velocity
+
+    def levelled(self, t: float) -> None:
+        """Take note of an order to stand level, in place of a set-point."""
+        self.last_t, self._velocity = t, (0.0, 0.0, 0.0)
+        self._acceleration, self._stopped = None, (True, True)
+
+    def _check_size(self, t: float, velocity: Vec3, yaw_rate: float) -> None:
+        b = self._b
+        if horizontal(velocity) > b.speed_mps * _TOLERANCE:
+            self._broken(t, "3: too fast")
+        if not -b.climb_mps * _TOLERANCE <= velocity[2] <= b.descent_mps * _TOLERANCE:
+            self._broken(t, "3: climbing or sinking too fast")
+        if abs(yaw_rate) > b.yaw_rate * _TOLERANCE:
+            self._broken(t, "3: turning too fast")
+
+    def _check_change(self, t: float, dt: float, velocity: Vec3) -> None:
+        b, before = self._b, self._velocity
+        a = (
+            (velocity[0] - before[0]) / dt,
+            (velocity[1] - before[1]) / dt,
+            (velocity[2] - before[2]) / dt,
+        )
+        was = self._acceleration or a
+        stops = (horizontal(velocity) < ZERO, abs(velocity[2]) < ZERO)
+        if not stops[0]:
+            change = math.hypot(a[0] - was[0], a[1] - was[1])
+            jerk = (min(change, horizontal(a)) if self._stopped[0] else change) / dt
+            self._check_axes("horizontal", t, dt, horizontal(a), jerk, b.acceleration_mps2)
+        if not stops[1]:
+            change = abs(a[2] - was[2])
+            jerk = (min(change, abs(a[2])) if self._stopped[1] else change) / dt
+            self._check_axes("vertical", t, dt, abs(a[2]), jerk, b.vertical_acceleration_mps2)
+        # Over a gap between set-points it is a mean, from which no jerk can be told.
+        gap = dt > b.stream_s
+        # What follows an order to stop may begin afresh, or go on if zero was only passed.
+        self._acceleration, self._stopped = None if gap else a, stops
+
+    def _check_axes(
+        self, axes: str, t: float, dt: float, acceleration: float, jerk: float, limit: float
+    ) -> None:
+        """Judge a change within dt (s); limit: of the acceleration, m/s^2."""
+        # What the jitter of the wall's clock makes of differences between set-points.
+        loose = 2.0 * self._b.jitter_s / dt
+        wobble = 2.0 * loose / dt
+        if acceleration > limit * (_TOLERANCE + loose) + _ACCELERATION_MARGIN_MPS2:
+            self._broken(t, f"3: {axes} acceleration")
+        if jerk > self._b.jerk_mps3 * _TOLERANCE + wobble * limit + _JERK_MARGIN_MPS3:
+            self._broken(t, f"3: {axes} jerk")

@@ -1,0 +1,78 @@
+from dataclasses import replace
+
+import pytest
+
+from hw.sim.judge.limits import SetpointLimits
+from landerd.geometry import Vec3
+from tests.hw.sim.judge.bounds import BOUNDS
+
+DT = 0.025
+
+
+def broken(
+    *velocities: Vec3, yaw_rate: float = 0.0, dt: float = DT, jitter_s: float = 0.0
+) -> list[str]:
+    """Return the rules that set-points dt apart break, in the order in which they did."""
+    rules: list[str] = []
+    limits = SetpointLimits(
+        replace(BOUNDS, jitter_s=jitter_s), lambda t, rule: rules.append(f"{t:.3f} {rule}")
+    )
+    for i, velocity in enumerate(velocities):
+        limits.check(dt * i, velocity, yaw_rate)
+    assert limits.last_t == pytest.approx(dt * (len(velocities) - 1))
+    return rules
+
+
+@pytest.mark.parametrize(
+    ("velocity", "yaw_rate", "rule"),
+    [
+        ((3.0, -4.0, 0.9), 0.5, None),
+        ((4.0, -4.0, 0.0), 0.0, "3: too fast"),
+        ((0.0, 0.0, 1.1), 0.0, "3: climbing or sinking too fast"),
+        ((0.0, 0.0, -1.1), 0.0, "3: climbing or sinking too fast"),
+        ((0.0, 0.0, 0.0), -0.6, "3: turning too fast"),
+    ],
+)
+def test_each_set_point_is_within_the_limits(
+    velocity: Vec3, yaw_rate: float, rule: str | None
+) -> None:
+    assert broken(velocity, yaw_rate=yaw_rate) == ([f"0.000 {rule}"] if rule else [])
+
+
+def test_acceleration_and_jerk_need_two_and_three_set_points() -> None:
+    # 4 m/s^2 at once: the acceleration before it is not known, so no jerk is told.
+    assert broken((0.1, 0.0, 0.0), (0.2, 0.0, 0.0)) == ["0.025 3: horizontal acceleration"]
+    # From 0 to 2 m/s^2 within 25 ms are 80 m/s^3.
+    steady: Vec3 = (0.1, 0.0, 0.0)
+    assert broken(steady, steady, (0.15, 0.0, 0.0)) == ["0.050 3: horizontal jerk"]
+    down: Vec3 = (0.0, 0.0, 0.1)
+    assert broken(down, down, (0.0, 0.0, 0.16)) == [
+        "0.050 3: vertical acceleration",
+        "0.050 3: vertical jerk",
+    ]
+
+
+def test_stopping_is_free_and_what_follows_may_begin_afresh() -> None:
+    stop: Vec3 = (0.0, 0.0, 0.0)
+    assert broken((3.0, 0.0, 0.5), stop) == []
+    assert broken((3.0, 0.0, 0.5), stop, stop, (0.005, 0.0, 0.005)) == []
+
+
+def test_a_gap_is_no_step() -> None:
+    assert broken((0.1, 0.0, 0.0), (3.0, 0.0, 0.0), dt=0.6) == []
+
+
+def test_a_wall_clock_that_jitters_is_allowed_for() -> None:
+    steps: tuple[Vec3, ...] = ((0.1, 0.0, 0.0), (0.2, 0.0, 0.0))
+    assert broken(*steps, jitter_s=0.01) == []
+
+
+def test_after_a_level_order_it_begins_from_rest() -> None:
+    rules: list[str] = []
+    limits = SetpointLimits(BOUNDS, lambda t, rule: rules.append(rule))
+    limits.check(0.0, (1.0, 0.0, 0.0), 0.0)
+    limits.levelled(DT)
+    limits.check(2.0 * DT, (0.005, 0.0, 0.0), 0.0)
+    assert rules == []
+    limits.check(3.0 * DT, (1.0, 0.0, 0.0), 0.0)
+    assert rules == ["3: horizontal acceleration", "3: horizontal jerk"]
