@@ -15,7 +15,7 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
 from hw.links.tapped import TappedLink
-from hw.sim.physics.world import World
+from hw.sim.physics.world import World, as_built, stream
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
 from landerd.camera_model import load_camera
@@ -27,12 +27,12 @@ from landerd.flightlog.recorder import Recorder
 from landerd.pad import load_pad
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
+from landerd.simulation.companion import Companion
 from landerd.simulation.judge import Judge
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
 
-VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
 
@@ -84,6 +84,7 @@ class Simulation:
         self.ground_station = around.ground_station
         self.ends_at_contact = around.ends_at_contact
 
+        self._companion = Companion(sim_options(loaded).companion, stream(seed, "companion"))
         self._judge = Judge(config, layout, camera_model, world, jitter_s=around.jitter_s)
         self._judge.listen(around.link)
         self.score, self.rules = self._judge.score, self._judge.rules
@@ -108,13 +109,15 @@ class Simulation:
             layout,
             camera_model,
             Devices(self.camera, self.gimbal, autopilot),
-            vision_latency_s=None if realtime else VISION_LATENCY_S,
+            vision_latency_s=None if realtime else self._companion.vision_latency_s,
             observers=(*observers, self.recorder) if self.recorder else observers,
         )
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
         config = loaded.config
-        world = World(sim_options(loaded), config.vehicle, self.layout.plate, seed)
+        options = sim_options(loaded)
+        built = as_built(config.vehicle, options.build)
+        world = World(options, built, self.layout.plate, seed)
         stand_in = self.stand_in = StandIn(world, config, seed)
         self.autopilot = stand_in.autopilot
         self.link, self.autopilot_end = stand_in.link, stand_in.autopilot_end
@@ -148,7 +151,9 @@ class Simulation:
         loop = asyncio.get_running_loop()
         async with asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(as_coroutine(work())) for work in self._beside]
-            running.append(tasks.create_task(self.daemon.run()))
+            running.append(tasks.create_task(self._companion.stall()))
+            context = self._companion.context()
+            running.append(tasks.create_task(self.daemon.run(), context=context))
             if script is not None:
                 running.append(tasks.create_task(as_coroutine(script(self))))
             end = loop.time() + longest_s

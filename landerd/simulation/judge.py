@@ -35,7 +35,7 @@ class Judge:
     ) -> None:
         """jitter_s: of the control task on the loop's clock."""
         bounds = rule_bounds(config, has_heading=layout.has_heading, jitter_s=jitter_s)
-        self.score = Score(world, config.vehicle, layout.plate)
+        self.score = Score(world, world.airframe, layout.plate)
         self.rules = Rules(bounds, self._truth)
         self._world = world
         self._layout = layout
