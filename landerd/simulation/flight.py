@@ -26,6 +26,7 @@ from hw.sim.judge.score import Score
 from hw.sim.options import SimOptions
 from hw.sim.physics.world import World, stream
 from hw.sim.picture.camera import SimCamera
+from hw.sim.picture.lens import true_camera
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import Snapshot
@@ -122,7 +123,9 @@ class Simulation:
         assert isinstance(options, SimOptions)
         self.layout = load_pad(config.pad.layout)
         self.camera_model = load_camera(config.camera.calibration)
-        self._frustum = Frustum(self.camera_model)
+        # The world's lens is its own, even where it is the one that was calibrated.
+        lens = true_camera(self.camera_model, options.camera.calibration_error)
+        self._frustum = Frustum(lens)
         link: MemoryLink | SharedLink
         self._outside: list[Callable[[], Awaitable[None]]] = []  # all but the daemon
         self.over = False
@@ -139,9 +142,9 @@ class Simulation:
             jitter_s = surroundings.jitter_s
         self.began = self.world.t
         self._start_pad = self.world.pad
-        renderer = Renderer(self.layout, self.camera_model, options.render, seed)
+        renderer = Renderer(self.layout, lens, options.render, seed, options.camera)
         self.camera = SimCamera(
-            renderer, self.world.snapshot, options.camera, delivered=self._on_delivered
+            renderer, self.world.snapshot, options.camera, self._on_delivered, seed
         )
         self.score = Score(self.world, config.vehicle, self.layout.plate)
         self.rules = Rules(

@@ -46,22 +46,24 @@ class Ground:
             size = (tile.shape[0] // 2,) * 2
             tile = cast(U8, cv2.resize(tile, size, interpolation=cv2.INTER_AREA))
 
-    def draw(self, to_ground: F64 | None) -> U8:
+    def draw(self, to_ground: F64 | None, rays: F32 | None = None) -> U8:
         """Return the picture (rows, columns) for a ray-to-ground matrix of `plane_homography`.
 
-        None (a camera not above the ground) gives an even mid grey.
+        None (a camera not above the ground) gives an even mid grey. Of its own rays others may take
+        the place.
         """
-        rows, columns = self._rays.shape[:2]
+        all_rays = self._rays if rays is None else rays
+        rows, columns = all_rays.shape[:2]
         image = np.full((rows, columns), SKY if to_ground is not None else 90, np.uint8)
         if to_ground is None:
             return image
         H = to_ground
         tile_m = TILE * TEXEL_M
-        pitch = abs(float(self._rays[rows // 2, columns // 2, 0] - self._rays[rows // 2, 0, 0]))
+        pitch = abs(float(all_rays[rows // 2, columns // 2, 0] - all_rays[rows // 2, 0, 0]))
         pitch /= columns // 2
         step = math.ceil(rows / BANDS)
         for top in range(0, rows, step):
-            rays = self._rays[top : top + step]
+            rays = all_rays[top : top + step]
             x, y = rays[rays.shape[0] // 2, columns // 2].tolist()
             centre = H @ np.array([x, y, 1.0])
             corners = rays[:: rays.shape[0] - 1, :: columns - 1].reshape(-1, 2)

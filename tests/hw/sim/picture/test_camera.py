@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.sim.options import RenderOptions, SimCameraOptions
+from hw.sim.camera_options import SimCameraOptions
+from hw.sim.options import RenderOptions
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.ground import SKY
 from hw.sim.picture.pad_texture import BLACK, WHITE
