@@ -51,7 +51,6 @@ class Jpeg:
     """Compresses and expands pictures of one size."""
 
     def __init__(self, width: int, height: int, quality: int) -> None:
-        self._size = width, height
         self._across, self._down = -width % 8, -height % 8
         columns = width + self._across
         blocks = max(SMALL_PRODUCT // (64 * columns), 1)  # one above the other, in one strip
@@ -62,21 +61,18 @@ class Jpeg:
         self._a = np.empty_like(self._steps)
         self._b = np.empty_like(self._steps)
 
-    def __call__(self, image: U8) -> U8:
-        """Return the picture (height, width) as it comes back."""
-        width, height = self._size
+    def compress(self, image: U8) -> None:
+        """Leave of a picture (height, width) what comes back, in place."""
+        whole = image
         if self._across or self._down:
-            image = cast(
-                U8,
-                cv2.copyMakeBorder(image, 0, self._down, 0, self._across, cv2.BORDER_REPLICATE),
-            )
-        seen = np.empty_like(image)
-        for top in range(0, len(image), self._rows):
-            part = slice(top, top + self._rows)
-            self._strip(image[part], seen[part])
-        return seen[:height, :width]
+            border = (0, self._down, 0, self._across)
+            whole = cast(U8, cv2.copyMakeBorder(image, *border, cv2.BORDER_REPLICATE))
+        for top in range(0, len(whole), self._rows):
+            self._strip(whole[top : top + self._rows])
+        if whole is not image:
+            image[:] = whole[: image.shape[0], : image.shape[1]]
 
-    def _strip(self, image: U8, seen: U8) -> None:
+    def _strip(self, image: U8) -> None:
         rows, columns = image.shape
         a, b = self._a[:rows], self._b[:rows]
         steps, inverse = self._steps[:rows], self._inverse[:rows]
@@ -93,4 +89,4 @@ class Jpeg:
         np.matmul(_DCT.T, a_blocks, out=b_blocks)
         np.dot(b8, _DCT, out=a8)
         np.maximum(a, 0.0, out=a)
-        cv2.convertScaleAbs(a, dst=seen)
+        cv2.convertScaleAbs(a, dst=image)

@@ -46,7 +46,6 @@ BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
 EDGE_SOFTNESS_M = 0.02  # of the shadow's edge that something far away casts
-SHAKING_STEPS = 24  # of a vibration's path during one exposure
 ROLLED_MARGIN_PX = 2.0  # round a pad that is skewed by a rolling shutter
 
 
@@ -116,10 +115,12 @@ class Renderer:
         options = self._options
         pose = middle(start, end)
         motion = self._motion(start, end, pose, pad)
-        shaking = self._shaking(readout)
-        moves = math.hypot(*motion) + math.hypot(*np.ptp(shaking, axis=0)) >= STILL_PX
+        moves = math.hypot(*motion) >= STILL_PX
         spot = MOTION_SPOT_PX if moves else 0.0
-        defocus = math.sqrt(max(options.defocus_px**2 - spot**2, 0.0))
+        blur = options.defocus_px
+        if readout is not None:
+            blur = math.hypot(blur, self._camera.fx * readout.shaking)
+        defocus = math.sqrt(max(blur**2 - spot**2, 0.0))
         image, is_sharp = self._background(pose, pad, defocus, readout)
         if options.vehicle_shadow and vehicle is not None:
             plane = self._shaded_plane(vehicle, pad)
@@ -128,10 +129,9 @@ class Renderer:
                 shade(image, shadow, options.shadow_darkness)
         if options.shadow_edge:
             shade(image, self._edge_shadow(pose, pad), options.shadow_darkness)
-        sigma = options.defocus_px if is_sharp else 0.0
+        sigma = blur if is_sharp else 0.0
         if moves:
-            spot = max(sigma, MOTION_SPOT_PX)
-            kernel = motion_kernel(spot, float(motion[0]), float(motion[1]), shaking)
+            kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), float(motion[0]), float(motion[1]))
             image = cast(U8, cv2.filter2D(image, -1, kernel))
         else:
             _defocus(image, sigma)
@@ -176,7 +176,7 @@ class Renderer:
         if H is None or readout is None:
             return self._ground.draw(H)
         grid = self._ground_grid
-        rolled = RolledPlane(grid, H, readout.homographies(grid.rows, level, None))
+        rolled = RolledPlane(grid, H, readout.homographies(grid, level, None))
         return self._ground.draw(H, rolled.rays(EVERYTHING))
 
     def _rolled_pad(
@@ -185,7 +185,7 @@ class Renderer:
         """The pad as a rolling shutter sees it, which H leads to from the pose that is drawn."""
         if H is None or readout is None:
             return None
-        return RolledPlane(self._grid, H, readout.homographies(self._grid.rows, pad, pad))
+        return RolledPlane(self._grid, H, readout.homographies(self._grid, pad, pad))
 
     def _pad_box(
         self, pose: CameraPose, pad: PadPose, rolled: RolledPlane | None
@@ -339,13 +339,6 @@ class Renderer:
         first, last = self._camera.pixels(ends)
         return cast(F64, last - first)
 
-    def _shaking(self, readout: Readout | None) -> F64:
-        """Path (n, 2) in pixels of the image's middle under vibration while exposed, about 0."""
-        if readout is None or readout.vibration is None:
-            return np.zeros((1, 2))
-        turns = readout.shaking(SHAKING_STEPS)
-        return turns[:, ::-1] * (-self._camera.fx, self._camera.fy)
-
 
 def _texels(rays: F32, H: F64, to_texels: F64, samples: int) -> F32:
     """Return where samples meet the texture (rows, columns, 2), from a block of rays.
@@ -382,24 +375,18 @@ def _defocus(image: U8, sigma: float) -> None:
         cv2.GaussianBlur(image, (size, size), sigma, dst=image, borderType=cv2.BORDER_REPLICATE)
 
 
-def motion_kernel(sigma: float, dx: float, dy: float, shaking: F64 | None = None) -> F32:
-    """Return the blur (odd, odd) of a Gaussian spot drawn along (dx, dy) pixels, sum 1.
-
-    On its way it shakes about that line along a path (n, 2), pixels.
-    """
-    beside = np.zeros((1, 2)) if shaking is None else shaking
-    steps = max(math.ceil(2 * math.hypot(dx, dy)), 2, len(beside))
+def motion_kernel(sigma: float, dx: float, dy: float) -> F32:
+    """Return the blur (odd, odd) of a Gaussian spot drawn along (dx, dy) pixels, sum 1."""
+    steps = max(math.ceil(2 * math.hypot(dx, dy)), 2)
     t = (np.arange(steps) + 0.5) / steps - 0.5
-    # Each place of the path's own, as there may be more of them than there are of it.
-    beside = beside[np.arange(steps) * len(beside) // steps]
 
-    def spots(way: float, shaken: F64) -> F64:
+    def spots(way: float) -> F64:
         # Beyond 2.2 sigma less than 0.5 % of a spot's light falls on a pixel.
-        radius = max(round(2.2 * sigma + abs(way) / 2 + np.abs(shaken).max()), 1)
-        distances = np.arange(-radius, radius + 1.0)[:, None] - (t * way + shaken)
+        radius = max(round(2.2 * sigma + abs(way) / 2), 1)
+        distances = np.arange(-radius, radius + 1.0)[:, None] - t * way
         return cast(F64, np.exp(-(distances**2) / (2 * sigma**2)))
 
-    kernel = spots(dy, beside[:, 1]) @ spots(dx, beside[:, 0]).T
+    kernel = spots(dy) @ spots(dx).T
     return cast(F32, (kernel / kernel.sum()).astype(np.float32))
 
 

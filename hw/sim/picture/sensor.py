@@ -8,7 +8,6 @@ the gain squared, plus a part in proportion to light and gain.
 
 import math
 import random
-from typing import cast
 
 import cv2
 import numpy as np
@@ -73,13 +72,14 @@ class Sensor:
             self._light /= self._brightest
             noise = np.clip(np.rint(127.0 / WIDEST * noise), -128, 127)
             self._draws = (noise + 128).astype(np.uint8)
+            self._index = np.empty((h, w, 2), np.uint8)
             levels = tone_levels(options.tone, options.black_level)
             self._grey_of = np.rint(levels).astype(np.uint8)
             self._table_of: tuple[Exposure, U8] | None = None
         self._jpeg = Jpeg(w, h, options.jpeg_quality) if options.jpeg_quality else None
 
     def expose(self, scene: U8, frame_index: int, exposure: Exposure | None = None) -> U8:
-        """Return the delivered picture of a scene (height, width), 255 full light; may reuse it.
+        """Turn a scene (height, width), 255 full light, into the delivered picture, in place.
 
         None: exposed as the illumination has it.
         """
@@ -88,17 +88,18 @@ class Sensor:
         part = (slice(y, y + scene.shape[0]), slice(x, x + scene.shape[1]))
         cv2.multiply(scene, self._light, dst=scene, dtype=cv2.CV_8U)
         if self._is_ideal:
-            image = scene
-            cv2.add(image, self._brighter[part], dst=image)
-            cv2.subtract(image, self._darker[part], dst=image)
+            cv2.add(scene, self._brighter[part], dst=scene)
+            cv2.subtract(scene, self._darker[part], dst=scene)
         else:
             # One index of level and draw: everything up to the tone curve is one table.
-            index = cv2.merge((self._draws[part], scene)).view("<u2")[..., 0]
+            cv2.merge((self._draws[part], scene), dst=self._index)
             exposure = exposure or Exposure(self._options.exposure_s)
-            image = cast(U8, cv2.LUT(index, self._table(exposure)))
+            cv2.LUT(self._index.view("<u2")[..., 0], self._table(exposure), dst=scene)
         if self._options.sharpening > 0.0:
-            _sharpen(image, self._options.sharpening)
-        return self._jpeg(image) if self._jpeg is not None else image
+            _sharpen(scene, self._options.sharpening)
+        if self._jpeg is not None:
+            self._jpeg.compress(scene)
+        return scene
 
     def _table(self, exposure: Exposure) -> U8:
         """Return grey levels (65536,) of 256 levels of light times 256 draws of the noise."""

@@ -6,6 +6,7 @@ smooth: it is worked out at a few columns, and a polynomial through these gives 
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from random import Random
 from typing import cast
 
@@ -41,6 +42,50 @@ class Vibration:
         angles = np.sin(2.0 * math.pi * self._hz * t[:, None] + self._phases)
         return cast(F64, self._amplitude * np.sinc(self._hz * exposure_s) * angles)
 
+    def shaking(self, exposure_s: float) -> float:
+        """Standard deviation of either angle about `turns`, rad, over all phases.
+
+        Of a sine's mean square, a half, its mean over an exposure keeps sinc(f T)^2.
+        """
+        kept = float(np.sinc(self._hz * exposure_s)) ** 2
+        return self._amplitude * math.sqrt(max(1.0 - kept, 0.0) / 2)
+
+
+class RowGrid:
+    """The pixels of a picture, as rays through a few columns of each row."""
+
+    def __init__(self, camera: CameraModel, x: F64, y: F64) -> None:
+        """Take the places of columns x (m,) and rows y (n,) in pixels, ascending."""
+        # Through Chebyshev's points a polynomial does not swing.
+        angles = math.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS
+        nodes = (x[0] + x[-1]) / 2 - (x[-1] - x[0]) / 2 * np.cos(angles)
+        pixels = np.stack(np.meshgrid(nodes, y), axis=-1)
+        rays = camera.rays(pixels.reshape(-1, 2)).reshape(len(y), COLUMNS, 2)
+        depth = np.ones((len(y), COLUMNS, 1))
+        rays = np.concatenate([rays, depth], axis=-1).transpose(0, 2, 1)
+        self.rays = np.ascontiguousarray(rays)  # (n, 3, COLUMNS)
+        self.rows = (y - (camera.height - 1) / 2) / camera.height  # from -0.5 to 0.5
+        self.nodes = nodes
+        self.top = float(y[0])
+        self.focal = np.array([camera.fx, camera.fy])
+        # Lagrange's polynomials at the columns, in the barycentric form.
+        scaled = 4.0 / (x[-1] - x[0]) * nodes
+        weights = 1.0 / (scaled[:, None] - scaled + np.eye(COLUMNS)).prod(axis=1)
+        parts = weights[:, None] / (x - nodes[:, None] + 1e-9)
+        self.basis = (parts / parts.sum(axis=0)).astype(np.float32)  # (COLUMNS, m)
+        self._weights: dict[int, F64] = {}
+
+    def weights(self, k: int) -> F64:
+        """Return (n, k): what each row takes of k values at equal steps from first to last."""
+        if k not in self._weights:
+            at = (self.rows + 0.5)[:, None] * (k - 1)
+            # Beyond the first and the last row it goes on in a straight line.
+            before = np.clip(np.floor(at), 0, max(k - 2, 0))
+            share = (at - before) * (k > 1)
+            places = np.arange(k)
+            self._weights[k] = (1.0 - share) * (places == before) + share * (places == before + 1)
+        return self._weights[k]
+
 
 @dataclass(frozen=True)
 class Readout:
@@ -60,55 +105,52 @@ class Readout:
     snapshots: tuple[Snapshot, ...]
     vibration: Vibration | None = None
 
-    def homographies(self, rows: F64, plane: PadPose, pad: PadPose | None) -> F64:
-        """Return from rays to the plane (n, 3, 3), each as `plane_homography` has it.
+    def homographies(self, grid: RowGrid, plane: PadPose, pad: PadPose | None) -> F64:
+        """Return those from rays to the plane, (rows, 3, 3), each as `plane_homography` has it.
 
         Args:
-            rows: from -0.5, the first of the picture, to 0.5.
+            grid: the rows.
             plane: where it lies at the middle.
             pad: likewise, for a plane that goes with the pad; None: for one that stands still.
         """
-        shots = _homographies(self.snapshots, plane, pad)
-        at = (rows + 0.5) * (len(shots) - 1)
-        before = np.clip(np.floor(at).astype(int), 0, max(len(shots) - 2, 0))
-        after = np.minimum(before + 1, len(shots) - 1)
-        H = shots[before] + (at - before)[:, None, None] * (shots[after] - shots[before])
+        c, d = self._from_plane(plane, pad)
+        height = np.minimum(c[:, 2:], -1e-3)  # beneath the plane there is nothing to see
+        north = c[:, :1] * d[:, 2] - height * d[:, 0]
+        east = c[:, 1:2] * d[:, 2] - height * d[:, 1]
+        shots = np.concatenate([north, east, d[:, 2]], axis=1)
+        H: F64 = (grid.weights(len(shots)) @ shots).reshape(-1, 3, 3)
         if self.vibration is not None:
-            turns = self.vibration.turns(self.t + self.readout_s * rows, self.exposure_s)
-            H = H + H @ _across(turns)
-        return cast(F64, H)
+            turns = self.vibration.turns(self.t + self.readout_s * grid.rows, self.exposure_s)
+            H += H @ _across(turns)
+        return H
 
-    def shaking(self, steps: int) -> F64:
-        """Return the camera's turns (steps, 2), rad, while the middle row is exposed; mean 0."""
-        if self.vibration is None:
-            return np.zeros((steps, 2))
-        shares = (np.arange(steps) + 0.5) / steps - 0.5
-        turns = self.vibration.turns(self.t + self.exposure_s * shares)
-        return cast(F64, turns - turns.mean(axis=0))
+    def _from_plane(self, plane: PadPose, pad: PadPose | None) -> tuple[F64, F64]:
+        """Return lens (k, 3) and R_plane_camera (k, 3, 3) of each snapshot."""
+        cameras, looks, pads, turned = self._poses
+        position, R = np.array(plane.position), matrix(plane.R_local_pad)
+        if pad is None:
+            return (cameras - position) @ R, R.T @ looks
+        turned = turned @ matrix(pad.R_local_pad).T
+        offset = position - np.array(pad.position)
+        to_plane = (turned @ R).transpose(0, 2, 1)
+        return (to_plane @ (cameras - pads - turned @ offset)[..., None])[..., 0], to_plane @ looks
 
+    @property
+    def shaking(self) -> float:
+        """Standard deviation of the camera's turn about either axis during an exposure, rad."""
+        return self.vibration.shaking(self.exposure_s) if self.vibration is not None else 0.0
 
-class RowGrid:
-    """The pixels of a picture, as rays through a few columns of each row."""
-
-    def __init__(self, camera: CameraModel, x: F64, y: F64) -> None:
-        """Take the places of columns x (m,) and rows y (n,) in pixels, ascending."""
-        # Through Chebyshev's points a polynomial does not swing.
-        angles = math.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS
-        nodes = (x[0] + x[-1]) / 2 - (x[-1] - x[0]) / 2 * np.cos(angles)
-        pixels = np.stack(np.meshgrid(nodes, y), axis=-1)
-        rays = camera.rays(pixels.reshape(-1, 2)).reshape(len(y), COLUMNS, 2)
-        depth = np.ones((len(y), COLUMNS, 1))
-        rays = np.concatenate([rays, depth], axis=-1).transpose(0, 2, 1)
-        self.rays = np.ascontiguousarray(rays)  # (n, 3, COLUMNS)
-        self.rows = (y - (camera.height - 1) / 2) / camera.height
-        self.nodes = nodes
-        self.top = float(y[0])
-        self.focal = np.array([camera.fx, camera.fy])
-        # Lagrange's polynomials at the columns, in the barycentric form.
-        scaled = 4.0 / (x[-1] - x[0]) * nodes
-        weights = 1.0 / (scaled[:, None] - scaled + np.eye(COLUMNS)).prod(axis=1)
-        parts = weights[:, None] / (x - nodes[:, None] + 1e-9)
-        self.basis = (parts / parts.sum(axis=0)).astype(np.float32)  # (COLUMNS, m)
+    @cached_property
+    def _poses(self) -> tuple[F64, F64, F64, F64]:
+        """Position and rotation of the camera, and of the pad, at each snapshot."""
+        cameras = [s.camera for s in self.snapshots]
+        pads = [s.pad for s in self.snapshots]
+        return (
+            np.array([c.position for c in cameras]),
+            np.array([c.R_local_camera for c in cameras]),
+            np.array([p.position for p in pads]),
+            np.array([p.R_local_pad for p in pads]),
+        )
 
 
 class RolledPlane:
@@ -161,26 +203,6 @@ class RolledPlane:
             skew = to_pose[:, :2] / to_pose[:, 2:] - rays[:, :2]
             seen = pixels - skew * grid.focal
         return seen
-
-
-def _homographies(shots: tuple[Snapshot, ...], plane: PadPose, pad: PadPose | None) -> F64:
-    """Return from rays to the plane at each snapshot, (k, 3, 3); see Readout.homographies."""
-    cameras = np.array([s.camera.position for s in shots])
-    looks = np.array([s.camera.R_local_camera for s in shots])
-    position, R = np.array(plane.position), matrix(plane.R_local_pad)
-    positions, rotations = position[None], R[None]
-    if pad is not None:
-        turned = np.array([s.pad.R_local_pad for s in shots]) @ matrix(pad.R_local_pad).T
-        centres = np.array([s.pad.position for s in shots])
-        positions = centres + turned @ (position - np.array(pad.position))
-        rotations = turned @ R
-    to_plane = rotations.transpose(0, 2, 1)
-    c = (to_plane @ (cameras - positions)[..., None])[..., 0]
-    d = to_plane @ looks
-    height = np.minimum(c[:, 2:], -1e-3)  # beneath the plane there is nothing to see
-    north = c[:, :1] * d[:, 2] - height * d[:, 0]
-    east = c[:, 1:2] * d[:, 2] - height * d[:, 1]
-    return np.stack([north, east, d[:, 2]], axis=1)
 
 
 def _across(turns: F64) -> F64:
