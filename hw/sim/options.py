@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from hw.sim.camera_options import SimCameraOptions
 from landerd.section import Finite, NotNegative, Positive, Section
 
 GroundKind = Literal["grass", "asphalt", "plain"]
@@ -132,15 +133,6 @@ class SimGimbalOptions(Section):
     backlash_deg: Annotated[float, Field(ge=0, le=5)] = 0.0  # of the gears before the encoders
     mount: MountOptions = MountOptions()
     pitch_feedback: bool = True  # false: a servo without an encoder, reported is what was ordered
-
-
-class SimCameraOptions(Section):
-    """When the simulated camera exposes and delivers."""
-
-    fps: Annotated[float, Field(gt=0, le=120)] = 30.0
-    exposure_s: Annotated[float, Field(gt=0, le=0.05)] = 0.008
-    latency_s: Annotated[float, Field(ge=0, le=0.5)] = 0.06  # middle of exposure to delivery
-    clock_offset_s: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.005  # of the frames' time
 
 
 class RenderOptions(Section):

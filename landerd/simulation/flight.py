@@ -16,6 +16,7 @@ from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
 from hw.links.tapped import TappedLink
 from hw.sim.physics.world import World, as_built, stream
+from hw.sim.picture.lens import true_camera
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
 from landerd.camera_model import load_camera
@@ -85,15 +86,15 @@ class Simulation:
         self.ends_at_contact = around.ends_at_contact
 
         self._companion = Companion(sim_options(loaded).companion, stream(seed, "companion"))
-        self._judge = Judge(config, layout, camera_model, world, jitter_s=around.jitter_s)
+        # The world's lens is its own, even where it is the one that was calibrated.
+        lens = true_camera(camera_model, sim_options(loaded).camera.calibration_error)
+        self._judge = Judge(config, layout, lens, world, jitter_s=around.jitter_s)
         self._judge.listen(around.link)
         self.score, self.rules = self._judge.score, self._judge.rules
 
         self.recorder = self._make_recorder(log, realtime=realtime) if log is not None else None
         link = TappedLink(around.link, self.recorder.raw) if self.recorder else around.link
-        self.camera = simulated_camera(
-            loaded, layout, camera_model, world, seed, self._judge.on_delivered
-        )
+        self.camera = simulated_camera(loaded, layout, lens, world, seed, self._judge.on_delivered)
         autopilot = make_autopilot(config, link, ParameterSet(config))
         assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
         stand_in = self.autopilot if surroundings is None else None
