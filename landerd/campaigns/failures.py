@@ -6,7 +6,7 @@ what the days that failed differ from those that did not.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
@@ -15,6 +15,8 @@ from landerd.campaigns.pool import Run
 SLOW_S = 60.0  # from the first sighting to disarm; the thesis took 35 to 61 s
 HARD_MPS = 0.7  # first contact, downwards; ArduCopter's own landing touches at 0.5
 SLIDING_MPS = 0.7  # first contact, across the pad: from about there a gear of 0.26 m tips
+SHOWN = 10  # of the worst days and of the quantities that separate best
+GRAVE = ("exception", "rule broken", "told wrong")  # on a day beyond the vehicle too
 CLASSES = (
     "exception",
     "rule broken",
@@ -119,6 +121,63 @@ def _auc(a: Sequence[float], b: Sequence[float]) -> float:
         counts[x] = total + 0.5 * below[x]
         total += below[x]
     return sum(counts[x] for x in a) / (len(a) * len(b))
+
+
+def summary(runs: Sequence[Run]) -> dict[str, Any]:
+    """Return what is to be known of flights in drawn worlds; infeasible days are counted apart."""
+    flown = [run for run in runs if is_feasible(run)]
+    classes: dict[str, list[int]] = {}
+    for run in flown:
+        kind = failure(run)
+        if kind is not None:
+            classes.setdefault(kind, []).append(run.seed)
+    good = len(flown) - sum(len(seeds) for seeds in classes.values())
+    low, high = wilson(good, len(flown))
+    beyond = [run for run in runs if not is_feasible(run)]
+    return {
+        "feasible": len(flown),
+        "good": good,
+        "good_percent_95": [100.0 * low, 100.0 * high],
+        "failures": {kind: classes[kind] for kind in CLASSES if kind in classes},
+        "infeasible_seeds": [run.seed for run in beyond],
+        "infeasible_told_wrong": [r.seed for r in beyond if failure(r) in GRAVE],
+        "separations": [asdict(s) for s in separations(flown)[:SHOWN]],
+        "worst": [_last_words(run) for run in _worst(flown)],
+    }
+
+
+def _worst(runs: Sequence[Run]) -> list[Run]:
+    """Return the failed runs, the gravest first, SHOWN at most."""
+    failed = [run for run in runs if failure(run) is not None]
+    return sorted(failed, key=lambda run: CLASSES.index(failure(run) or CLASSES[-1]))[:SHOWN]
+
+
+def _last_words(run: Run) -> dict[str, Any]:
+    result = run.result or {}
+    return {
+        "seed": run.seed,
+        "failure": failure(run),
+        "outcome": result.get("outcome", run.error),
+        "again": f"landerd sim {run.scenario} --seed {run.seed} --picture {run.seed}.png",
+    }
+
+
+def as_lines(found: dict[str, Any]) -> list[str]:
+    """Return a summary in words."""
+    low, high = found["good_percent_95"]
+    lines = [
+        f"{found['good']} of {found['feasible']} feasible days good (95 %: {low:.0f} to "
+        f"{high:.0f} %), {len(found['infeasible_seeds'])} days beyond the vehicle"
+    ]
+    for kind, seeds in found["failures"].items():
+        lines.append(f"  {kind:15} {len(seeds):4}  seeds {', '.join(map(str, seeds[:15]))}")
+    if found["separations"]:
+        lines.append("what tells failed days from good ones (z, median failed, median good):")
+    for s in found["separations"]:
+        lines.append(f"  {s['z']:+6.1f}  {s['failed']:10.4g} {s['good']:10.4g}  {s['key']}")
+    for worst in found["worst"]:
+        lines.append(f"  {worst['failure']}: {worst['outcome']}: {worst['again']}")
+    return lines
 
 
 def wilson(successes: int, runs: int) -> tuple[float, float]:

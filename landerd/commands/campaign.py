@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from landerd.camera_model import CalibrationError, load_camera
+from landerd.campaigns.failures import as_lines, summary
 from landerd.campaigns.journal import Journal, JournalError
 from landerd.campaigns.plan import Campaign, load_campaign
 from landerd.campaigns.pool import Run, Task, run_all
@@ -44,14 +45,16 @@ class _SimulatedLanding:
 
         logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
         try:
-            return simulate(self.load(scenario), scenario, seed)
+            return simulate(self.load(scenario, seed), scenario, seed)
         finally:
             gc.collect()  # flights are circles of objects, and large
 
-    def load(self, scenario: str) -> Loaded:
-        """Return the configuration of a scenario. Raises ConfigError."""
+    def load(self, scenario: str, seed: int = 0) -> Loaded:
+        """Return the configuration of a scenario as a seed draws it. Raises ConfigError."""
         overlays = [config_files("scenarios")[scenario]]
-        return read_configuration(self.config, overlays=overlays, overrides=self.overrides)
+        return read_configuration(
+            self.config, overlays=overlays, overrides=self.overrides, seed=seed
+        )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -123,6 +126,9 @@ def _fly(
         print_json({"campaign": args.name, "rows": rows, "wall_s": wall_s})
     else:
         print(as_text(rows))
+        for row in rows:
+            for line in as_lines(row["days"]) if "days" in row else ():
+                print(line)
         print(f"{len(waiting)} landings in {wall_s / 60.0:.1f} min")
     return 1 if any(row["missed"] for row in rows) else 0
 
@@ -153,11 +159,15 @@ def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
     of: dict[str, list[Run]] = {row.scenario: [] for row in campaign.rows}
     for ended in runs:
         of[ended.scenario].append(ended)
-    return [
-        make_row(row, sorted(of[row.scenario], key=lambda r: r.seed))
-        for row in campaign.rows
-        if of[row.scenario]
-    ]
+    rows = []
+    for row in campaign.rows:
+        flown = sorted(of[row.scenario], key=lambda r: r.seed)
+        if flown:
+            made = make_row(row, flown)
+            if any(run.result and run.result["world"] for run in flown):
+                made["days"] = summary(flown)
+            rows.append(made)
+    return rows
 
 
 class _Progress:

@@ -84,8 +84,13 @@ def config_path(args: argparse.Namespace) -> Path:
     return path
 
 
-def load_config(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loaded":
+def load_config(args: argparse.Namespace, overlays: Sequence[Path] = (), seed: int = 0) -> "Loaded":
     """Read the configuration of `add_config`'s arguments, and tell what was changed in it.
+
+    Args:
+        args: of the command line.
+        overlays: files laid over it.
+        seed: of what the simulated world draws.
 
     Raises:
         InputError: it cannot be used.
@@ -94,7 +99,9 @@ def load_config(args: argparse.Namespace, overlays: Sequence[Path] = ()) -> "Loa
     from landerd.drivers import read_configuration
 
     with refusing(ConfigError):
-        loaded = read_configuration(config_path(args), overlays=overlays, overrides=args.set)
+        loaded = read_configuration(
+            config_path(args), overlays=overlays, overrides=args.set, seed=seed
+        )
     for remark in loaded.remarks:
         tell(remark)
     return loaded

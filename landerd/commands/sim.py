@@ -92,7 +92,7 @@ def _load(args: argparse.Namespace) -> Loaded:
         raise InputError("--takeoff: only with --autopilot URL; the stand-in flies already")
     if args.autopilot is not None and args.realtime:
         raise InputError("--realtime: not with --autopilot; the autopilot keeps the clock")
-    return load_config(args, [known[args.scenario]])
+    return load_config(args, [known[args.scenario]], args.seed)
 
 
 def _fly(

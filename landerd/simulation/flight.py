@@ -15,6 +15,7 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
 from hw.links.tapped import TappedLink
+from hw.sim.judge.feasible import infeasible
 from hw.sim.physics.world import World, as_built, stream
 from hw.sim.picture.lens import true_camera
 from hw.sim.stand_in.autopilot import SimAutopilot
@@ -223,6 +224,8 @@ def simulate(
         if simulation.recorder is not None:
             simulation.recorder.close()
     result = result_of(simulation.flown(), scenario, seed)
+    result["world"] = dict(loaded.world)
+    result["infeasible"] = infeasible(sim_options(loaded))
     if picture is not None:
         write_picture(trace_of(simulation.recording, simulation.layout, result), picture)
     result["wall_s"] = time.perf_counter() - started

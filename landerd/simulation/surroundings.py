@@ -82,14 +82,16 @@ class StandIn:
 
     async def open_gate(self) -> None:
         """Move the pilot's switch; where the radio has none, a ground station's override."""
-        await asyncio.sleep(GATE_OPENS_S)
         if self._radio_has_gate:
+            await asyncio.sleep(GATE_OPENS_S)
             self.autopilot.pilot.set(self._gate_channel, 1900)
             return
+        loop = asyncio.get_running_loop()
+        opens_t = loop.time() + GATE_OPENS_S
         raw = [0xFFFF] * 18
-        raw[self._gate_channel - 1] = 1900
         while True:
-            self.autopilot.pilot.override(tuple(raw), asyncio.get_running_loop().time())
+            raw[self._gate_channel - 1] = 1900 if loop.time() >= opens_t else 1100
+            self.autopilot.pilot.override(tuple(raw), loop.time())
             await asyncio.sleep(OVERRIDE_S)
 
 
