@@ -13,13 +13,13 @@ from landerd.camera_model import F64
 
 F32 = NDArray[np.float32]
 
-_BLUR_CHANGED = 0.1  # relative; less than that and the blurred print is kept
-_FAR_OFF = 1e5  # samples: a float32 holds a hundredth of a sample there
+_MAX_BLUR_CHANGE = 0.1  # relative; less than that and the blurred print is kept
+_MAX_SAMPLE = 1e5  # where a float32 still holds a hundredth of a sample
 
 # Derivatives of a sampled print, as kernels along u (their transposes: along v).
 _SLOPE_U = np.array([[1.0, -8.0, 0.0, 8.0, -1.0]]) / 12.0
-_CURVED_U = np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 1.0], [0.0, 0.0, 0.0]])
-_TWISTED = np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]]) / 2.0  # both, doubled
+_SECOND_U = np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 1.0], [0.0, 0.0, 0.0]])
+_MIXED = np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]]) / 2.0  # both, doubled
 
 
 class BlurredPrint:
@@ -51,7 +51,7 @@ class BlurredPrint:
         """
         if self._made is not None:
             made, layers = self._made
-            if np.abs(spread - made).max() < _BLUR_CHANGED * made.max():
+            if np.abs(spread - made).max() < _MAX_BLUR_CHANGE * made.max():
                 return layers
         self._made = (spread, self._blurred(spread, blur))
         return self._made[1]
@@ -66,7 +66,7 @@ class BlurredPrint:
         spectrum = self._spectrum * np.exp(-0.5 * square)
         value = np.fft.irfft2(spectrum, s=(n, n)).astype(np.float32)
         # A Gaussian's variance spreads as heat does: its slope is half the Laplacian.
-        heat = spread[0, 0] * _CURVED_U + spread[1, 1] * _CURVED_U.T + spread[0, 1] * _TWISTED
+        heat = spread[0, 0] * _SECOND_U + spread[1, 1] * _SECOND_U.T + spread[0, 1] * _MIXED
         slopes = (_SLOPE_U, _SLOPE_U.T, (0.5 / blur) * heat)
         layers = cv2.merge([value, *(cv2.filter2D(value, -1, kernel) for kernel in slopes)])
         return np.asarray(layers, dtype=np.float32)
@@ -74,7 +74,7 @@ class BlurredPrint:
     def at(self, layers: F32, north: F64, east: F64) -> tuple[F64, F64, F64, F64]:
         """Return layers at points (n,), m: the value, and slopes by north, east (1/m) and blur."""
         # A pose that a step has thrown far off sees points that no float32 can hold.
-        u = np.clip(self._centre + east * self.per_m, -_FAR_OFF, _FAR_OFF).astype(np.float32)
-        v = np.clip(self._centre - north * self.per_m, -_FAR_OFF, _FAR_OFF).astype(np.float32)
+        u = np.clip(self._centre + east * self.per_m, -_MAX_SAMPLE, _MAX_SAMPLE).astype(np.float32)
+        v = np.clip(self._centre - north * self.per_m, -_MAX_SAMPLE, _MAX_SAMPLE).astype(np.float32)
         at = cv2.remap(layers, u[None, :], v[None, :], cv2.INTER_LINEAR)[0].T.astype(np.float64)
         return at[0], -self.per_m * at[2], self.per_m * at[1], at[3]

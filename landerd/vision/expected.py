@@ -21,9 +21,9 @@ from landerd.camera_model import F64
 from landerd.messages import PoseSolution, Prior
 from landerd.vision.pose import rotation_from
 
-_MEMORY_S = 0.5  # a sighting older than this says nothing about the frame
-_TURN_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
-_CREEP_MPS = 2.0  # and how fast its distance may change
+_MAX_SIGHTING_AGE_S = 0.5  # a sighting older than this says nothing about the frame
+_MAX_IMAGE_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
+_MAX_RANGE_RATE_MPS = 2.0  # and how fast its distance may change
 _PRIOR_MARGIN_PX = 4.0  # how far off a prediction is besides its sigma
 
 
@@ -65,7 +65,7 @@ def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> 
         last: the pad as last seen.
         focal: length of the camera, px.
     """
-    if last is not None and not 0.0 <= t - last.t <= _MEMORY_S:
+    if last is not None and not 0.0 <= t - last.t <= _MAX_SIGHTING_AGE_S:
         last = None
     if prior.pad is not None:
         return _as_predicted(prior, last)
@@ -76,8 +76,8 @@ def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> 
         np.array(pad.position),
         np.array(pad.normal),
         None if pad.north is None else np.array(pad.north),
-        _CREEP_MPS * dt,
-        _TURN_RATE * dt * focal,
+        _MAX_RANGE_RATE_MPS * dt,
+        _MAX_IMAGE_RATE * dt * focal,
     )
 
 

@@ -24,8 +24,10 @@ _BLUR = 6  # variance, pixels^2
 _LIGHT = slice(7, 11)  # black, contrast, gradients along the image's x and y
 _ROWS = 11
 
-_STEPS = 8
+_MAX_STEPS = 8
 _DAMPED = 1.0 + 1e-6 * np.eye(_ROWS)
+# Where nothing else is said, the numbers below were set by trial on `bench.vision_square`'s images.
+
 # A last step moves the corners by less than this and reduces chi-square by less than this: along
 # the way to the other solution corners hardly move.
 _CONVERGED_PX = 0.03
@@ -34,11 +36,9 @@ _LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the p
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
-_UNSHARP_BIAS = (
-    0.05  # of the corners: share of the blur beyond a sharp lens's, which is no Gaussian
-)
-# A fit that explains less of the pixels' variance is no better than the corners.
-EXPLAINED = 0.85
+_UNSHARP_BIAS = 0.05  # of the corners, over the blur beyond a sharp lens's: it is no Gaussian
+# Share of the pixels' variance: a fit that explains less is no better than the corners.
+MIN_EXPLAINED = 0.85
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class MarkerPrint:
         """Move an estimate until it fits; return the last step's equations; None: it failed."""
         J = np.empty((_ROWS, len(patch.grey)))
         equations = None
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             residual = self._linearise(patch, estimate, J)
             equations = _normal_equations(J, residual)
             try:

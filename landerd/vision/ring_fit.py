@@ -31,12 +31,16 @@ from landerd.vision.ring_pose import F64, Pose
 
 Mask = NDArray[np.bool_]
 
+# Where nothing else is said, the numbers were set by trial on the images of `bench.vision_ring`.
 _MAX_BLUR_PX = 12.0
 _MAX_MOTION_PX = 30.0  # of the path, along x and y each
-_SUPERSAMPLED_BELOW = 30.0  # reduction of chi-square: then small rings are worth subpixels
-_CONVERGED = 1.0  # reduction of chi-square below which another step is not worth it
+# Reductions of chi-square by a step; a step of one sigma reduces it by 1.
+_SUPERSAMPLED_BELOW = 30.0  # then small rings are worth subpixels
+_CONVERGED = 1.0  # then another step is not worth it
 _RIVAL_NOISE = 1.5  # times the least noise of all starts: above, this one will not become the best
-_DISTINCT_TILT_SIGMAS = 7.0  # a tilt this far from the line of sight is no frontal view
+# A tilt so many sigmas from the line of sight is no frontal view: with this the stated sigmas of
+# nearly frontal views are as large as their errors.
+_DISTINCT_TILT_SIGMAS = 7.0
 _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _MIN_NOISE = 0.5  # grey levels: rounding alone leaves 0.29
@@ -45,7 +49,7 @@ _PAPER_SIGMA = 0.06  # of the difference between the white inside and around, ov
 _LEAST_WHITE = 10.0  # grey levels: darker paper is not taken to be more even
 _TILT_STEP = 0.2  # rad: steps of the tilt are damped as if it were known to this
 _DEPTH_STEP, _ASIDE_STEP = 0.25, 0.3  # longest steps: of the depth, in depths; aside, in radii
-_MIN_RANGE_M = 0.02
+_MIN_RANGE_M = 0.02  # depth at which a step towards the lens ends
 _EXPLAINED, _EXPLAINED_SHARE = 8.0, 0.1  # a residual below: grey levels, or of the contrast
 
 

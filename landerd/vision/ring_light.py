@@ -12,8 +12,8 @@ Mask = NDArray[np.bool_]
 
 _CLEAR_PX = 0.7  # beyond the blur: pixels that are all white or all black
 _MIN_WHITE = 16  # pixels
-_TAILS = (4, 96)  # percentiles of the white from which its two levels are looked for
-_ROUNDS = 5
+_LEVEL_PERCENTILES = (4, 96)  # percentiles of the white from which its two levels are looked for
+_LEVEL_ROUNDS = 5
 _MIN_SHARE = 0.03  # of the white on either side of the edge
 _MAX_LIGHT = 0.88  # light in the shadow over light beside it: above, it is no shadow
 _MIN_PARTED = 0.9  # share of the white that one straight line parts into bright and dim
@@ -67,8 +67,8 @@ def _two_levels(grey: F64) -> tuple[float, float, Mask] | None:
 
     None, if there is but one.
     """
-    low, high = np.percentile(grey, _TAILS)
-    for _ in range(_ROUNDS):
+    low, high = np.percentile(grey, _LEVEL_PERCENTILES)
+    for _ in range(_LEVEL_ROUNDS):
         bright: Mask = grey > (low + high) / 2.0
         if not _MIN_SHARE < bright.mean() < 1.0 - _MIN_SHARE:
             return None

@@ -15,7 +15,8 @@ from landerd.vision.ring_pose import F64, Pose, tangents
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]  # of everything per pixel: half the time, and 1e-5 px is enough
 
-_SMALL_PX = 36.0  # across: below, a ring's edges bend within a pixel
+# Across: below, a ring's edges bend within the blur, and that biased oblique far rings.
+_SMALL_PX = 36.0
 MARGIN = 0.24  # white around a ring, in radii: the thesis's plate has 0.12 m round its 1 m
 _SURROUNDINGS_SIGMAS = 30.0  # contrast of what lies beyond the margin, in sigmas of the noise
 _MIN_WEIGHT = 0.02  # of a pixel that is worth its time

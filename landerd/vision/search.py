@@ -19,9 +19,10 @@ from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
 
 _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer
-_SEARCH_SIDE_PX = 28.0  # squares whose size in the image is known are searched at about this
-_SMALLEST_SIDE_PX = 14.0  # and at least this size
-_LARGEST_SCALE = 4.0  # of the image so enlarged
+# Squares whose size in the image is known are searched at about this one, chosen for speed (it was
+# 40), and at least at that.
+_SEARCH_SIDE_PX, _MIN_SIDE_PX = 28.0, 14.0
+_MAX_SCALE = 4.0  # of the image so enlarged
 _MIN_SLANT = 0.35  # cosine of the viewing angle below which the image is not enlarged further
 _SQUARE_MARGIN_PX = 4.0  # round the circle about a ring in which squares must lie
 _WINDOW_MARGIN, _WINDOW_SIGMAS = 0.2, 3.0  # round what is expected: of its size, and of its sigma
@@ -101,7 +102,7 @@ class Search:
             if points is None or (which is ExpectedRings.WHOLE and not self._is_whole(points)):
                 continue
             found = self._ring_expected(image, ring, points, expected, down)
-            rings += [(ring, s) for s in self._likely(found)]
+            rings += [(ring, s) for s in self._large_enough(found)]
         return rings
 
     def _ring_expected(
@@ -125,10 +126,10 @@ class Search:
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
             found = find_rings(image, ring, self._camera, down=down, thorough=thorough)
-            rings += [(ring, s) for s in self._likely(found)]
+            rings += [(ring, s) for s in self._large_enough(found)]
         return rings
 
-    def _likely(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
+    def _large_enough(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
         large = [
             r for r in rings if np.ptp(np.array(r.outline_px), axis=0).max() >= self._min_ring_px
         ]
@@ -167,7 +168,7 @@ class Search:
         out_of_sight = (px.max(axis=0) < 0).any() or (
             px.min(axis=0) > (self._camera.width, self._camera.height)
         ).any()
-        if out_of_sight or _side_px(px) < _SMALLEST_SIDE_PX:
+        if out_of_sight or _side_px(px) < _MIN_SIDE_PX:
             return None
         north = corners[:2].sum(axis=0) - corners[2:].sum(axis=0)
         start = Pose(
@@ -216,14 +217,14 @@ class Search:
         if window is None:
             return []
         scale = self._search_scale(size, position, normal)
-        found = self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
+        found = self._finder.find(image, window, scale, _MIN_SIDE_PX)
         return [f for f in found if f.square.size_m == size]
 
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:
         """Return the enlargement under which a square of this size is wide enough to be read."""
         distance = float(np.linalg.norm(position))
         slant = max(_MIN_SLANT, abs(float(position @ normal)) / distance)
-        return min(_LARGEST_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
+        return min(_MAX_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
 
     def _is_whole(self, points: F64) -> bool:
         """Tell whether points (n, 3) all lie in the image."""

@@ -14,7 +14,7 @@ from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]
 
-_SMALLEST_SIDE_PX = 5.0
+_MIN_SIDE_PX = 5.0
 # Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
 # Where a pad is known to be the first mostly shows them; a whole image needs OpenCV's own three.
 _WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
@@ -56,7 +56,7 @@ class SquareFinder:
         image: Image,
         window: Window | None = None,
         scale: float = 1.0,
-        smallest_px: float = _SMALLEST_SIDE_PX,
+        smallest_px: float = _MIN_SIDE_PX,
     ) -> list[FoundSquare]:
         """Return the pad's squares in an image.
 
@@ -73,7 +73,7 @@ class SquareFinder:
             x0, y0 = window.x0, window.y0
             image = image[window.y0 : window.y1, window.x0 : window.x1]
             means_px = _WINDOW_MEANS_PX
-        if min(image.shape) < _SMALLEST_SIDE_PX:
+        if min(image.shape) < _MIN_SIDE_PX:
             return []
         image = _enlarged(image, scale)
         perimeter_rate = 4.0 * smallest_px / max(image.shape)

@@ -9,8 +9,8 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import Square
 from landerd.vision.patch import Image
-from landerd.vision.pose import CONTINUED, SAME_NORMAL, Pose
-from landerd.vision.print_fit import EXPLAINED, Fit, MarkerPrint
+from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose
+from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint
 from landerd.vision.square_pose import planar_poses, poses_from_corners
 
 _PER_CELL = 6  # samples of the print along a cell
@@ -19,16 +19,17 @@ _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
 
 # Between two solutions the errors of light, blur and motion in the model tell as much as the pixels
 # do: their difference in chi-square is worth a tenth, and gravity decides where that is not enough.
-_RIVALS = 10.0
-
-# A solution whose corners are off by this much is told from the true one by the pixels for sure.
-_TOLD_PX = 0.5
-_CORNER_SIGMA_PX = 0.7  # of corners that stand without a fit to the pixels
-_TRACKED = 0.93  # a fit that nothing decoded must explain more than `EXPLAINED`
+_AMBIGUITY_CHI2 = 10.0
+# Of the corners, rms, from those of the first fit: a solution that is farther off needs no fit to
+# its pixels to be told from the first.
+_MAX_RIVAL_ERROR_PX = 0.5
+_CORNER_SIGMA_PX = 0.7  # of corners as OpenCV finds them, where the pixels cannot be fitted
+# Share of the pixels' variance. More than `MIN_EXPLAINED`, because nothing decoded what is tracked.
+_MIN_TRACKED_EXPLAINED = 0.93
 # Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
 # lean by 15 degrees at most.
-_LEVEL = math.cos(math.radians(6.0))
-_LEANING = math.cos(math.radians(17.0))
+_LEVEL_COS = math.cos(math.radians(6.0))
+_TILTED_COS = math.cos(math.radians(17.0))
 
 
 class SquarePrint(MarkerPrint):
@@ -69,9 +70,12 @@ class SquarePrint(MarkerPrint):
         if first is None:
             starts = planar_poses(camera.rays(corners), self._size)
             first = self.fit(image, camera, starts[0][0]) if starts else None
-        if first is None or first.explained < EXPLAINED:
+        if first is None or first.explained < MIN_EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
-        if known_normal is not None and first.pose.normal @ np.array(known_normal) > CONTINUED:
+        if (
+            known_normal is not None
+            and first.pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS
+        ):
             return [first.pose]
         return _ranked([first, *self._rivals(image, camera, first.pose, down)])
 
@@ -81,7 +85,7 @@ class SquarePrint(MarkerPrint):
         The whole print must be explained, so that nothing else is taken for it.
         """
         fit = self.fit(image, camera, expected, has_rival=False)
-        return fit if fit is not None and fit.explained > _TRACKED else None
+        return fit if fit is not None and fit.explained > _MIN_TRACKED_EXPLAINED else None
 
     def _rivals(
         self, image: Image, camera: CameraModel, pose: Pose, down: Vec3 | None
@@ -90,11 +94,14 @@ class SquarePrint(MarkerPrint):
         focal = 0.5 * (camera.fx + camera.fy)
         rivals = []
         for start, error in planar_poses(self.corner_rays(pose), self._size):
-            if down is not None and _is_told_by_gravity(pose, start, np.array(down)):
+            if down is not None and _is_settled_by_gravity(pose, start, np.array(down)):
                 continue
-            if float(start.normal @ pose.normal) < SAME_NORMAL and error * focal < _TOLD_PX:
+            if (
+                float(start.normal @ pose.normal) < EQUAL_NORMALS_COS
+                and error * focal < _MAX_RIVAL_ERROR_PX
+            ):
                 fit = self.fit(image, camera, start)
-                if fit is not None and fit.pose.normal @ pose.normal < SAME_NORMAL:
+                if fit is not None and fit.pose.normal @ pose.normal < EQUAL_NORMALS_COS:
                     rivals.append(fit)
         return rivals
 
@@ -102,12 +109,12 @@ class SquarePrint(MarkerPrint):
 def _ranked(fits: list[Fit]) -> list[Pose]:
     """Return the poses, best first; its cost is 0, another's how much worse it explains them."""
     fits = sorted(fits, key=lambda f: f.squares)
-    unit = _RIVALS * fits[0].variance
+    unit = _AMBIGUITY_CHI2 * fits[0].variance
     return [
         Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
         for f in fits
     ]
 
 
-def _is_told_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:
-    return float(pose.normal @ down) > _LEVEL and float(other.normal @ down) < _LEANING
+def _is_settled_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:
+    return float(pose.normal @ down) > _LEVEL_COS and float(other.normal @ down) < _TILTED_COS

@@ -11,7 +11,7 @@ from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightin
 from landerd.pad import PadLayout, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.expected import SeenPad, expected_pad
-from landerd.vision.pad_pose import Measured, measured_ring, with_gravity
+from landerd.vision.pad_pose import Measurement, ring_measurement, with_gravity
 from landerd.vision.pose import Pose, circle, solution
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image, printed_cells
@@ -19,8 +19,8 @@ from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
 
-_SAME_VIEW_S = 0.15  # so soon after, the camera looks nearly the same way
-_AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more is out of the question
+_SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SAME_SOLUTION_COS`)
+_AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
 
 
 class Vision:
@@ -67,7 +67,7 @@ class Vision:
             image, expected, prior.down, holds_heading=prior.pad is not None
         )
         candidates = [
-            Candidate(ring, s, measured_ring(ring.position_m, s.solutions)) for ring, s in rings
+            Candidate(ring, s, ring_measurement(ring.position_m, s.solutions)) for ring, s in rings
         ]
         normal = self._last_normal(frame.t)
         for found in squares:
@@ -119,7 +119,7 @@ class Vision:
         sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon)
         place = np.array([*marker.position_m, 0.0])
         return Candidate(
-            marker, sighting, Measured(place, math.radians(marker.heading_deg), tuple(poses))
+            marker, sighting, Measurement(place, math.radians(marker.heading_deg), tuple(poses))
         )
 
     def _is_certain(self, s: PoseSolution) -> bool:
