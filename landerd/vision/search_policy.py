@@ -12,8 +12,8 @@ fails, by detection in a window round it:
    smaller squares, all beside none.
 
 Then elsewhere, by what was seen where the pad is expected. A frame in which that was nothing is
-called lost, also if the pad was not expected anywhere. Every fifth lost frame, beginning with the
-first of all, is searched thoroughly.
+called lost, also if the pad was not expected anywhere. Of lost frames in a row the first is
+searched thoroughly, and every fifth after it.
 
 | seen where expected        | rings in the whole image  | squares                               |
 |----------------------------|---------------------------|---------------------------------------|
@@ -87,7 +87,7 @@ class SearchState:
     """What is remembered from frame to frame."""
 
     ring_only_frames: int = 0  # that may follow
-    lost_frames: int = 0  # so far
+    lost_frames: int = 0  # in a row
 
 
 def is_ring_enough(state: SearchState, *, holds_heading: bool) -> bool:
@@ -138,4 +138,4 @@ def after(state: SearchState, seen: Seen) -> SearchState:
     if seen.rings and not seen.ring_only:
         ring_only_frames = RING_ONLY_FRAMES
     is_lost = not (seen.rings or seen.squares)
-    return SearchState(ring_only_frames, state.lost_frames + is_lost)
+    return SearchState(ring_only_frames, state.lost_frames + 1 if is_lost else 0)

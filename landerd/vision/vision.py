@@ -30,8 +30,8 @@ class Vision:
     sightings. From frame to frame it keeps
 
     - the last sighting of the pad, which tells where to look next;
-    - what `search_policy` counts: how long a ring is enough, how many frames showed nothing where
-      the pad was expected;
+    - what `search_policy` counts: how long a ring is enough, how many frames in a row showed
+      nothing where the pad was expected;
     - for each square and WhyCode the blur of its last fit, with which the next one starts, and its
       print so blurred.
     """

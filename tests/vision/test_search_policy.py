@@ -109,6 +109,12 @@ def test_a_pad_expected_but_not_seen_is_searched_elsewhere_in_every_fifth_frame_
     assert searches(frames) == [THOROUGH, NOWHERE, NOWHERE, NOWHERE, NOWHERE] * 2
 
 
+@pytest.mark.parametrize("seen", [RING, SQUARE, BOTH, TRACKED_RING])
+def test_the_first_frame_after_a_loss_is_searched_thoroughly(seen: Seen) -> None:
+    lost_again = [(NOTHING, True), (NOTHING, True), (seen, True), (NOTHING, True), (NOTHING, True)]
+    assert searches(lost_again)[-2:] == [THOROUGH, NOWHERE]
+
+
 def test_frames_without_expectation_count_as_lost_like_those_with() -> None:
     frames = [(NOTHING, False), (NOTHING, True), (NOTHING, False)]
     assert searches(frames) == [THOROUGH, NOWHERE, QUICK]
