@@ -5,10 +5,10 @@ frame. Times are medians over frames, each the least of a few repeats, on one co
 pupil-apriltags on the full frame (quad_decimate 2, one thread): pip install 'landerd[peers]'.
 """
 
+import importlib
 import resource
 import time
 from collections.abc import Callable
-from functools import partial
 
 import cv2
 import numpy as np
@@ -77,7 +77,7 @@ def tracking_ms(camera: CameraModel, frames: list[tuple[U8, scenes.View]]) -> li
             if not found.pad:
                 print(f"  not found: {np.linalg.norm(view.position):.1f} m, frame {i}")
         runs.append(times)
-    return [float(ms) for ms in np.min(runs, axis=0)[1:]]
+    return [min(times) for times in zip(*runs, strict=True)][1:]
 
 
 def searching_ms(camera: CameraModel, image: U8) -> float:
@@ -90,21 +90,26 @@ def searching_ms(camera: CameraModel, image: U8) -> float:
     return least_ms(fresh)
 
 
+def peer_ms(detect: Callable[[U8], object], image: U8) -> float:
+    """Return the time of the peer's search of a full frame."""
+    return least_ms(lambda: lambda: detect(image))
+
+
 def main() -> None:
     """Print the table."""
     try:
-        from pupil_apriltags import Detector
+        library = importlib.import_module("pupil_apriltags")
     except ImportError:
         raise SystemExit("needs the AprilTag 3 library: pip install 'landerd[peers]'") from None
     cv2.setNumThreads(1)
-    peer = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
+    peer = library.Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
     small = scenes.THESIS_CAMERA
     large = small.scaled(1920, 1440)
     print(f"{'m':>5} {'peer ms':>8} {'track ms':>9} {'ratio':>6} {'search ms':>10} {'ratio':>6}")
     medians: list[tuple[float, float, float]] = []
     for distance in DISTANCES:
         frames = sequence(small, distance)
-        unit = float(np.median([least_ms(partial(partial, peer.detect, i)) for i, _ in frames]))
+        unit = float(np.median([peer_ms(peer.detect, image) for image, _ in frames]))
         track = float(np.median(tracking_ms(small, frames)))
         search = float(np.median([searching_ms(small, image) for image, _ in frames[:4]]))
         medians.append((unit, track, search))

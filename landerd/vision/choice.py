@@ -11,6 +11,7 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Ring, Square, WhyCode
+from landerd.vision.expected import any_across
 from landerd.vision.pad_pose import Measurement, pad_poses
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 
@@ -121,7 +122,7 @@ def _count_missing(
             continue
         if pad.north is None and ring.position_m != (0.0, 0.0):
             continue
-        north = np.array(pad.north) if pad.north is not None else normal[[1, 2, 0]]
+        north = np.array(pad.north) if pad.north is not None else any_across(normal)
         R = rotation_from(normal, north)
         points = np.array(pad.position) + (circle(ring.radius_m) + np.array(ring.position_m)) @ (
             R[:, :2].T
