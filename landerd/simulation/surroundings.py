@@ -48,10 +48,10 @@ class StandIn:
         system_id = config.autopilot.system_id
         options = world.options
         self.link, self.autopilot_end = memory_pair()
-        self.link.faults = link_faults(options.link, options.link.delay_up_s, stream(seed, "up"))
-        self.autopilot_end.faults = link_faults(
-            options.link, options.link.delay_down_s, stream(seed, "down")
-        )
+        link = options.link
+        if link != LinkOptions():
+            self.link.faults = link_faults(link, link.delay_up_s, stream(seed, "up"))
+            self.autopilot_end.faults = link_faults(link, link.delay_down_s, stream(seed, "down"))
         ground_end, autopilot_ground_end = memory_pair()
         self.autopilot = SimAutopilot(
             world,
