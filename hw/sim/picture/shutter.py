@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.sim.camera_options import VibrationOptions
+from hw.sim.picture.jpeg import SMALL_PRODUCT
 from hw.sim.picture.view import F64, matrix
 from hw.sim.snapshot import PadPose, Snapshot
 from landerd.camera_model import CameraModel
@@ -166,7 +167,7 @@ class RolledPlane:
         rows, columns = block
         x, y = _divided(self._to_pose[rows] @ self._grid.rays[rows])
         basis = self._grid.basis[:, columns]
-        return cast(F32, cv2.merge((x @ basis, y @ basis)))
+        return cast(F32, cv2.merge((_spread(x, basis), _spread(y, basis))))
 
     def corners(self, block: Block) -> F32:
         """Return the first and last of each of `rays`, (2, 2, 2)."""
@@ -189,7 +190,7 @@ class RolledPlane:
             return None
         u, v = _divided(seen)
         basis = self._grid.basis[:, columns]
-        return u @ basis, v @ basis
+        return _spread(u, basis), _spread(v, basis)
 
     def moved(self, pixels: F64) -> F64:
         """Return where points of the one pose's picture (n, 2) are seen, to some tenths."""
@@ -211,6 +212,18 @@ def _across(turns: F64) -> F64:
     zero = np.zeros_like(x)
     rows = [[zero, zero, y], [zero, zero, -x], [-y, x, zero]]
     return np.array(rows).transpose(2, 0, 1)
+
+
+def _spread(nodes: F32, basis: F32) -> F32:
+    """Return nodes (n, COLUMNS) times basis (COLUMNS, m).
+
+    Some rows at a time: so small a product OpenBLAS begins no threads for, they cost more than it.
+    """
+    whole = np.empty((len(nodes), basis.shape[1]), np.float32)
+    rows = max(SMALL_PRODUCT // basis.size, 1)
+    for top in range(0, len(nodes), rows):
+        np.dot(nodes[top : top + rows], basis, out=whole[top : top + rows])
+    return whole
 
 
 def _divided(seen: F64) -> tuple[F32, F32]:
