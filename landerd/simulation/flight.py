@@ -84,8 +84,8 @@ class Simulation:
         self.ground_station = around.ground_station
         self.ends_at_contact = around.ends_at_contact
 
-        self._judge = Judge(config, layout, camera_model, world, jitter_s=around.jitter_s)
-        self._judge.listen(around.link)
+        self._judge = Judge(loaded, layout, camera_model, around)
+        self._judge.listen()
         self.score, self.rules = self._judge.score, self._judge.rules
 
         self.recorder = self._make_recorder(log, realtime=realtime) if log is not None else None
@@ -98,18 +98,18 @@ class Simulation:
         stand_in = self.autopilot if surroundings is None else None
         gimbal = simulated_gimbal(loaded, world, seed, autopilot, stand_in, realtime=realtime)
         self.gimbal, self.gimbal_model = gimbal.driver, gimbal.model
+        self._judge.watch(gimbal.mount)
         if gimbal.model is not None:
             self._beside.append(gimbal.model.run)
 
         self.recording = Recording(world, self.score, camera_model, gimbal.true_angles)
-        observers = (self._judge, self.recording)
         self.daemon = Daemon(
             config,
             layout,
             camera_model,
             Devices(self.camera, self.gimbal, autopilot),
             vision_latency_s=None if realtime else VISION_LATENCY_S,
-            observers=(*observers, self.recorder) if self.recorder else observers,
+            observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
         )
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
@@ -120,7 +120,14 @@ class Simulation:
         self.link, self.autopilot_end = stand_in.link, stand_in.autopilot_end
         self._beside += stand_in.jobs
         jitter_s = WALL_JITTER_S if realtime else 0.0
-        return Surroundings(world, stand_in.link, stand_in.ground_station, jitter_s)
+        return Surroundings(
+            world,
+            stand_in.link,
+            stand_in.ground_station,
+            jitter_s,
+            autopilot_end=stand_in.autopilot_end,
+            guid_timeout_s=stand_in.autopilot.copter.guid_timeout_s,
+        )
 
     def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
         path.unlink(missing_ok=True)

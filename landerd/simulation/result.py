@@ -51,6 +51,7 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "touchdown_error_m": contact.error_m if contact else None,
         "touchdown_vertical_mps": contact.vertical_mps if contact else None,
         "touchdown_horizontal_mps": contact.horizontal_mps if contact else None,
+        "touch_and_climbs": score.touch_and_climbs,
         "yaw_error_deg": math.degrees(contact.yaw_error) if contact else None,
         "time_s": since_sighting(score.disarm_t),
         "time_to_touchdown_s": since_sighting(contact.t if contact else None),

@@ -134,6 +134,11 @@ class Copter:
             vehicle.motors_on()
 
     @property
+    def guid_timeout_s(self) -> float:
+        """After so long without a velocity target it stops."""
+        return self._p.guid_timeout_s
+
+    @property
     def landed_state(self) -> Landed:
         """MAV_LANDED_STATE, as EXTENDED_SYS_STATE has it."""
         if self._vehicle.landed_detected and not isinstance(self._target, _Climb):
