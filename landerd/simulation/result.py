@@ -28,6 +28,7 @@ class Flown:
     ends_at_contact: bool  # what comes after it was not simulated
     score: Score
     rules_broken: Mapping[str, float]  # with the time of the first break
+    rules_known_broken: Mapping[str, float]  # those that today's core breaks in every landing
     lander: Lander
     faults: Mapping[str, int]  # bad input, by kind
     recording: Recording
@@ -63,13 +64,16 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "gimbal_error_px_p95": _percentile(recording.gimbal_errors_px, 0.95),
         "aborts": lander.aborts,
         "phases": _phases(flown),
-        "rules_broken": [
-            f"{rule} (at {t - flown.began:.2f} s)" for rule, t in flown.rules_broken.items()
-        ],
+        "rules_broken": _breaks(flown, flown.rules_broken),
+        "rules_known_broken": _breaks(flown, flown.rules_known_broken),
         "simulated_s": flown_s,
         "frames_per_s": recording.frames / flown_s,
         "faults": dict(flown.faults),
     }
+
+
+def _breaks(flown: Flown, broken: Mapping[str, float]) -> list[str]:
+    return [f"{rule} (at {t - flown.began:.2f} s)" for rule, t in broken.items()]
 
 
 def _outcome(flown: Flown) -> str:
