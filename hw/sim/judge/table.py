@@ -68,9 +68,10 @@ def _gets_up(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _latched(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    may_fly = e.armed and e.guided and o.t < e.closed_t(o.t)
     # What was on its way when authority was lost is judged by rule 1a.
     late = o.t - e.authority_lost_t > b.tick_s
-    return e.latched and not o.zero and o.t < e.closed_t(o.t) and late
+    return e.latched and not o.zero and may_fly and late
 
 
 def _never_seen(e: Evidence, o: Order, b: RuleBounds) -> bool:
