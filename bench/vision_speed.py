@@ -8,11 +8,13 @@ pupil-apriltags on the full frame (quad_decimate 2, one thread): pip install 'la
 import resource
 import time
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.camera_model import CameraModel
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior
 from landerd.vision import Vision
@@ -27,7 +29,7 @@ FRAME_S = 1 / 30
 U8 = NDArray[np.uint8]
 
 
-def sequence(camera: scenes.CameraModel, distance: float) -> list[tuple[U8, scenes.View]]:
+def sequence(camera: CameraModel, distance: float) -> list[tuple[U8, scenes.View]]:
     """Return frames of a pad that drifts through the image, and where it truly is."""
     rng = np.random.default_rng(7)
     k = camera.width / 640
@@ -60,7 +62,7 @@ def prior_of(view: scenes.View, rng: np.random.Generator) -> Prior:
     return Prior(tuple(down), PadPrior((x, y, z), 0.01 * z, tuple(north)))
 
 
-def tracking_ms(camera: scenes.CameraModel, frames: list[tuple[U8, scenes.View]]) -> list[float]:
+def tracking_ms(camera: CameraModel, frames: list[tuple[U8, scenes.View]]) -> list[float]:
     """Return the time of each frame but the first with the pad in track."""
     runs = []
     for _ in range(REPEATS):
@@ -75,10 +77,10 @@ def tracking_ms(camera: scenes.CameraModel, frames: list[tuple[U8, scenes.View]]
             if not found.pad:
                 print(f"  not found: {np.linalg.norm(view.position):.1f} m, frame {i}")
         runs.append(times)
-    return np.min(runs, axis=0)[1:].tolist()
+    return [float(ms) for ms in np.min(runs, axis=0)[1:]]
 
 
-def searching_ms(camera: scenes.CameraModel, image: U8) -> float:
+def searching_ms(camera: CameraModel, image: U8) -> float:
     """Return the time of a full search with nothing known."""
 
     def fresh() -> Callable[[], object]:
@@ -102,7 +104,7 @@ def main() -> None:
     medians: list[tuple[float, float, float]] = []
     for distance in DISTANCES:
         frames = sequence(small, distance)
-        unit = float(np.median([least_ms(lambda i=i: lambda: peer.detect(i)) for i, _ in frames]))
+        unit = float(np.median([least_ms(partial(partial, peer.detect, i)) for i, _ in frames]))
         track = float(np.median(tracking_ms(small, frames)))
         search = float(np.median([searching_ms(small, image) for image, _ in frames[:4]]))
         medians.append((unit, track, search))

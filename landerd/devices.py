@@ -207,7 +207,7 @@ def simulated_camera(
     Args:
         loaded: the configuration.
         layout: the pad in the world.
-        camera_model: intrinsics.
+        camera_model: of the true lens.
         world: what there is to be seen.
         seed: of what is random in the pictures.
         delivered: told of every sound frame, with the truth at its exposure.
@@ -216,8 +216,8 @@ def simulated_camera(
     from hw.sim.picture.renderer import Renderer
 
     options = sim_options(loaded)
-    renderer = Renderer(layout, camera_model, options.render, seed)
-    return SimCamera(renderer, world.snapshot, options.camera, delivered=delivered)
+    renderer = Renderer(layout, camera_model, options.render, seed, options.camera)
+    return SimCamera(renderer, world.snapshot, options.camera, delivered, seed)
 
 
 def simulated_gimbal(

@@ -28,7 +28,7 @@ from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.runtime.daemon import Devices
 
-_ENOUGH_DISK_MB = 500.0
+_LEAST_FREE_MB = 500.0  # of the logs' disk
 _MARKS = {"ok": "ok  ", "warn": "WARN", "fail": "FAIL"}
 
 
@@ -115,7 +115,7 @@ def disk(loaded: Loaded) -> Finding:
     if not os.access(existing, os.W_OK):
         return Finding("warn", "log", f"{existing} cannot be written", "give it to landerd's user")
     free_mb = shutil.disk_usage(existing).free / 1e6
-    if free_mb < _ENOUGH_DISK_MB:
+    if free_mb < _LEAST_FREE_MB:
         what = f"{free_mb:.0f} MB are free for logs in {existing}"
         return Finding("warn", "log", what, "delete old logs, or lower log.most_mb")
     return Finding("ok", "log", f"{free_mb / 1e3:.1f} GB are free in {existing}")

@@ -19,6 +19,7 @@ from landerd.flightlog.replay import (
     replay,
     replay_vision,
 )
+from landerd.messages import Command
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,6 +129,6 @@ def _first(comparison: Comparison) -> list[str]:
     ]
 
 
-def _timeline(steps: list[Any]) -> list[str]:
+def _timeline(steps: list[tuple[float, list[Command]]]) -> list[str]:
     changes = phases(steps)
     return [f"    {t:7.2f} s  {c.phase.value:14}  {c.reason}" for t, c in changes] or ["    none"]

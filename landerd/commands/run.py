@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
     async def fly() -> None:
         observers = (ServiceNotifier(),) if recorder is None else (ServiceNotifier(), recorder)
-        await _until_told(Daemon(config, layout, camera_model, devices, observers=observers))
+        await _run_until_signal(Daemon(config, layout, camera_model, devices, observers=observers))
 
     try:
         asyncio.run(fly())
@@ -56,13 +56,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-async def _until_told(daemon: Daemon) -> None:
+async def _run_until_signal(daemon: Daemon) -> None:
     """Run the daemon until SIGTERM or SIGINT; it stops the vehicle before it ends."""
-    told = asyncio.Event()
+    signalled = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(number, told.set)
+        asyncio.get_running_loop().add_signal_handler(number, signalled.set)
     flying = asyncio.create_task(daemon.run())
-    ending = asyncio.create_task(told.wait())
+    ending = asyncio.create_task(signalled.wait())
     await asyncio.wait({flying, ending}, return_when=asyncio.FIRST_COMPLETED)
     if not flying.done():
         await daemon.shut_down()

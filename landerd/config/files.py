@@ -117,14 +117,7 @@ def load(
         raise ConfigError([str(fault) for fault in sorted(faults)])
 
     config = _anchored(config)
-    options = {}
-    for section in options_models:
-        parent, _, driver = section.rpartition(".")
-        block = _at(config, section)
-        if block is not None:
-            options[section] = block
-        elif _at(config, parent).driver == driver:
-            raise ConfigError([f"{shown(path)}: {section}: missing, driver {driver} needs it"])
+    options = _options(config, options_models, path)
     gimbal = options.get(f"gimbal.{config.gimbal.driver}")
     if not isinstance(gimbal, GimbalOptions):  # the simulator's reaches all that may be asked of it
         return Loaded(config, options, world=world)
@@ -133,6 +126,21 @@ def load(
     except ValueError as e:
         raise ConfigError([f"{shown(path)}: {e}"]) from None
     return Loaded(config, options, tuple(remarks), world)
+
+
+def _options(
+    config: Config, options_models: Mapping[str, type[Section]], path: Path
+) -> dict[str, Section]:
+    """Return the blocks of drivers and simulator that are there, by section. Raises ConfigError."""
+    options: dict[str, Section] = {}
+    for section in options_models:
+        parent, _, driver = section.rpartition(".")
+        block = _at(config, section)
+        if block is not None:
+            options[section] = block
+        elif _at(config, parent).driver == driver:
+            raise ConfigError([f"{shown(path)}: {section}: missing, driver {driver} needs it"])
+    return options
 
 
 def from_record(

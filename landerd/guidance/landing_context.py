@@ -38,9 +38,8 @@ class LandingState(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Vehicle and pad in one control step, both fresh."""
+    """The pad in sight in one control step, of a vehicle whose own data are fresh."""
 
-    vehicle: VehicleState
     relative: RelativeState
     age: float  # since the exposure of the last accepted sighting, s
 
@@ -74,7 +73,7 @@ class LandingContext:
     # ---- what is seen --------------------------------------------------------------------------
 
     def sight(self, step: ControlStep) -> Sight | None:
-        """Return vehicle and pad, None while they may not be flown on (rules 2 and 5)."""
+        """Return the sight of the pad, None while it may not be flown on (rules 2 and 5)."""
         vehicle = self.estimator.fresh_vehicle(step.now)
         pad = self.estimator.pad(step.now)
         age = step.now - self.estimator.sighting_t
@@ -82,7 +81,7 @@ class LandingContext:
         limit = self.options.lost.after_s - step.dt
         if vehicle is None or pad is None or not age < limit:
             return None
-        return Sight(vehicle, self.relative(vehicle, pad), age)
+        return Sight(self.relative(vehicle, pad), age)
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""

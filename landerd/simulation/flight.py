@@ -15,7 +15,8 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
 from hw.links.tapped import TappedLink
-from hw.sim.physics.world import World
+from hw.sim.physics.world import World, as_built, stream
+from hw.sim.picture.lens import true_camera
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
 from landerd.camera_model import load_camera
@@ -27,12 +28,12 @@ from landerd.flightlog.recorder import Recorder
 from landerd.pad import load_pad
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
+from landerd.simulation.companion import Companion
 from landerd.simulation.judge import Judge
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
 
-VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
 
@@ -84,15 +85,16 @@ class Simulation:
         self.ground_station = around.ground_station
         self.ends_at_contact = around.ends_at_contact
 
-        self._judge = Judge(loaded, layout, camera_model, around)
+        self._companion = Companion(sim_options(loaded).companion, stream(seed, "companion"))
+        # The world's lens is its own, even where it is the one that was calibrated.
+        lens = true_camera(camera_model, sim_options(loaded).camera.calibration_error)
+        self._judge = Judge(loaded, layout, lens, around)
         self._judge.listen()
         self.score, self.rules = self._judge.score, self._judge.rules
 
         self.recorder = self._make_recorder(log, realtime=realtime) if log is not None else None
         link = TappedLink(around.link, self.recorder.raw) if self.recorder else around.link
-        self.camera = simulated_camera(
-            loaded, layout, camera_model, world, seed, self._judge.on_delivered
-        )
+        self.camera = simulated_camera(loaded, layout, lens, world, seed, self._judge.on_delivered)
         autopilot = make_autopilot(config, link, ParameterSet(config))
         assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
         stand_in = self.autopilot if surroundings is None else None
@@ -108,13 +110,15 @@ class Simulation:
             layout,
             camera_model,
             Devices(self.camera, self.gimbal, autopilot),
-            vision_latency_s=None if realtime else VISION_LATENCY_S,
+            vision_latency_s=None if realtime else self._companion.vision_latency_s,
             observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
         )
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
         config = loaded.config
-        world = World(sim_options(loaded), config.vehicle, self.layout.plate, seed)
+        options = sim_options(loaded)
+        built = as_built(config.vehicle, options.build)
+        world = World(options, built, self.layout.plate, seed)
         stand_in = self.stand_in = StandIn(world, config, seed)
         self.autopilot = stand_in.autopilot
         self.link, self.autopilot_end = stand_in.link, stand_in.autopilot_end
@@ -126,7 +130,7 @@ class Simulation:
             stand_in.ground_station,
             jitter_s,
             autopilot_end=stand_in.autopilot_end,
-            guid_timeout_s=stand_in.autopilot.copter.guid_timeout_s,
+            guid_timeout_s=world.options.autopilot.guid_timeout_s,
         )
 
     def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
@@ -155,7 +159,9 @@ class Simulation:
         loop = asyncio.get_running_loop()
         async with asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(as_coroutine(work())) for work in self._beside]
-            running.append(tasks.create_task(self.daemon.run()))
+            running.append(tasks.create_task(self._companion.stall()))
+            context = self._companion.context()
+            running.append(tasks.create_task(self.daemon.run(), context=context))
             if script is not None:
                 running.append(tasks.create_task(as_coroutine(script(self))))
             end = loop.time() + longest_s

@@ -29,12 +29,12 @@ class Judge:
         Args:
             loaded: what landerd is bound to.
             layout: the pad in the world.
-            camera_model: intrinsics of the pictures.
+            camera_model: of the world's own lens.
             around: where the flight takes place.
         """
         world = around.world
         bounds = rule_bounds(loaded, around, has_heading=layout.has_heading)
-        self._feet = Feet(world, loaded.config.vehicle, layout.plate)
+        self._feet = Feet(world, world.airframe, layout.plate)
         self.score = Score(world, self._feet)
         self.rules = Rules(bounds, self._truth)
         self._world = world

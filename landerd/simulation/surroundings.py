@@ -4,10 +4,13 @@ import asyncio
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from random import Random
 
-from hw.links.memory import MemoryLink, memory_pair
+from hw.links.memory import LinkFaults, MemoryLink, memory_pair
+from hw.sim.options import LinkOptions
 from hw.sim.physics.world import World, stream
 from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.stand_in.copter import CopterParameters
 from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
@@ -16,6 +19,7 @@ from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
 
 WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
+OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
 FOLLOWED_M = 5000.0  # and along the way of one that it follows
 
@@ -44,13 +48,20 @@ class StandIn:
     def __init__(self, world: World, config: Config, seed: int) -> None:
         """Make them; the vehicle flies, and nobody does anything before the jobs run."""
         system_id = config.autopilot.system_id
+        options = world.options
         self.link, self.autopilot_end = memory_pair()
+        self.link.faults = link_faults(options.link, options.link.delay_up_s, stream(seed, "up"))
+        self.autopilot_end.faults = link_faults(
+            options.link, options.link.delay_down_s, stream(seed, "down")
+        )
         ground_end, autopilot_ground_end = memory_pair()
         self.autopilot = SimAutopilot(
             world,
             [self.autopilot_end, autopilot_ground_end],
-            ekf=Ekf(world, world.options.ekf, stream(seed, "ekf")),
+            ekf=Ekf(world, options.ekf, stream(seed, "ekf")),
             rng=stream(seed, "autopilot"),
+            parameters=CopterParameters(guid_timeout_s=options.autopilot.guid_timeout_s),
+            options=options.autopilot,
             flying=True,
             system_id=system_id,
         )
@@ -61,6 +72,10 @@ class StandIn:
             system_id=system_id,
         )
         self._gate_channel = config.rc.gate_channel
+        self._radio_has_gate = (
+            options.autopilot.gate == "radio"
+            and self._gate_channel <= options.autopilot.rc_channels
+        )
 
     @property
     def jobs(self) -> list[Callable[[], Awaitable[None]]]:
@@ -68,9 +83,23 @@ class StandIn:
         return [self.autopilot.run, self.ground_station.run, self.open_gate]
 
     async def open_gate(self) -> None:
-        """Move the pilot's switch."""
+        """Move the pilot's switch; where the radio has none, a ground station's override."""
         await asyncio.sleep(GATE_OPENS_S)
-        self.autopilot.pilot.set(self._gate_channel, 1900)
+        if self._radio_has_gate:
+            self.autopilot.pilot.set(self._gate_channel, 1900)
+            return
+        raw = [0xFFFF] * 18
+        raw[self._gate_channel - 1] = 1900
+        while True:
+            self.autopilot.pilot.override(tuple(raw), asyncio.get_running_loop().time())
+            await asyncio.sleep(OVERRIDE_S)
+
+
+def link_faults(options: LinkOptions, delay_s: float, rng: Random) -> LinkFaults:
+    """Return what the link does to one direction."""
+    return LinkFaults(
+        drop=options.loss, delay_s=delay_s, jitter_s=options.jitter_s, baud=options.baud, rng=rng
+    )
 
 
 def beyond_pad(world: World) -> Vec3 | None:

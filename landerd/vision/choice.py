@@ -121,9 +121,9 @@ def _missing(
             continue
         north = np.array(pad.north) if pad.north is not None else normal[[1, 2, 0]]
         R = rotation_from(normal, north)
-        points = np.array(pad.position) + (
-            circle(0.5 * ring.outer_diameter_m) + np.array(ring.position_m)
-        ) @ (R[:, :2].T)
+        points = np.array(pad.position) + (circle(ring.radius_m) + np.array(ring.position_m)) @ (
+            R[:, :2].T
+        )
         if points[:, 2].min() < MIN_DEPTH_M:
             continue
         px = camera.pixels(points)

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.pad import Ring
 from landerd.vision.ring_model import (
     BLUR,
     HEIGHTS,
@@ -111,8 +112,7 @@ class _NormalEquations:
 def fit_ring(
     pixels: Pixels,
     starts: Sequence[Pose],
-    radius: float,
-    ratio: float,
+    ring: Ring,
     blur_px: float,
     steps: int,
     motion_px: Sequence[F64] | None = None,
@@ -122,14 +122,13 @@ def fit_ring(
     Args:
         pixels: near the ring's edges.
         starts: poses to start from.
-        radius: of the outer edge, m.
-        ratio: inner over outer radius.
+        ring: its true size and ratio.
         blur_px: sigma to start from.
         steps: at most.
         motion_px: a first path (2,) of the image during exposure for every start; None: the image
             stood still.
     """
-    model = RingModel(pixels, starts[0][0], radius, ratio, motion_px)
+    model = RingModel(pixels, starts[0][0], ring, motion_px)
     black, white = _levels(pixels.grey)
     estimate = _first_estimate(model.rows, starts, (black, white), blur_px, motion_px)
     prior = _prior(model.rows - 1, max(white, _LEAST_WHITE), model.is_moving)
@@ -232,7 +231,7 @@ def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _Norm
     A, b = equations.H + equations.variance[:, None] * prior.damping, equations.b
     step = np.array([_solved(a, c) for a, c in zip(A[:, 1:, 1:], b[:, 1:], strict=True)])
     reduction: F64 = (step * b[:, 1:]).sum(axis=1) / equations.variance[:, 0]
-    _move(estimate, equations.axes, step, model.radius)
+    _move(estimate, equations.axes, step, model.ring.radius_m)
     p = estimate.parameters
     p[:, BLUR:] += step[:, BLUR - 1 :]
     p[:, BLUR] = np.minimum(np.maximum(p[:, BLUR], MIN_BLUR_PX**2), _MAX_BLUR_PX**2)
@@ -292,7 +291,7 @@ def _ring_fit(
     model: RingModel, estimate: _Estimate, equations: _NormalEquations, k: int, cost: float
 ) -> RingFit:
     """Return the fit from one start, with its quality and covariance."""
-    t, parameters = estimate.t[k], estimate.parameters[k]
+    t, parameters, radius = estimate.t[k], estimate.parameters[k], model.ring.radius_m
     inside, outer, inner = parameters[INSIDE : HEIGHTS.stop].tolist()
     black, outside = inside + inner, inside + inner + outer
     C = cv2.invert(equations.H[k])[1]  # numpy's own takes five times as long
@@ -315,8 +314,8 @@ def _ring_fit(
         inliers=_inliers(model.pixels, equations.residual[k], min(inside, outside) - black),
         covariance=e.T @ covariance[:3, :3] @ e,
         sigma_tilt=math.sqrt(max(0.0, float(np.trace(covariance[3:, 3:])) / 2.0)),
-        ratio=model.ratio + float(C[RATIO] @ equations.b[k]) / model.radius,
-        sigma_ratio=math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / model.radius,
+        ratio=model.ring.inner_ratio + float(C[RATIO] @ equations.b[k]) / radius,
+        sigma_ratio=math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius,
     )
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from landerd.pad import Ring
 from landerd.vision.ring_pixels import F32, Pixels, PlaneView, blurred_step, shifted
 from landerd.vision.ring_pose import F64
 
@@ -41,8 +42,7 @@ class RingModel:
         self,
         pixels: Pixels,
         centre: F64,
-        radius: float,
-        ratio: float,
+        ring: Ring,
         motion_px: Sequence[F64] | None,
     ) -> None:
         """Prepare; the light gradient is about a first centre.
@@ -50,13 +50,13 @@ class RingModel:
         Args:
             pixels: what the model is compared with.
             centre: of the ring, roughly, camera frame, m, (3,).
-            radius: of the outer edge, m.
-            ratio: inner over outer radius.
+            ring: its true size and ratio.
             motion_px: path (2,) of the image during exposure for every start; None: it stood still.
         """
-        self.pixels, self.radius, self.ratio = pixels, radius, ratio
+        self.pixels, self.ring = pixels, ring
         self.is_moving = motion_px is not None
-        self._radii = np.array([radius, radius * ratio], dtype=np.float32)
+        radius = ring.radius_m
+        self._radii = np.array([radius, radius * ring.inner_ratio], dtype=np.float32)
         x, y, z = centre.tolist()
         xy = pixels.rays[:2] - np.array([[x / z], [y / z]], dtype=np.float32)
         self._xy = xy * np.float32(z / radius)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
+from landerd.pad import Ring
 from landerd.vision.pose import circle
 from landerd.vision.ring_pose import F64, Pose, tangents
 
@@ -45,8 +46,7 @@ def pixels_near(
     image: U8,
     camera: CameraModel,
     pose: Pose,
-    radius: float,
-    ratio: float,
+    ring: Ring,
     band_px: float,
     max_count: int,
     *,
@@ -58,13 +58,12 @@ def pixels_near(
         image: grey image (height, width).
         camera: the lens.
         pose: of the ring.
-        radius: of its outer edge, m.
-        ratio: inner over outer radius.
+        ring: its true size and ratio.
         band_px: how far from an edge a pixel may be.
         max_count: about so many pixels at most.
         supersample: small rings will be fitted with subpixels.
     """
-    edges = edge_pixels(camera, pose, (radius, radius * ratio))
+    edges = edge_pixels(camera, pose, _radii(ring))
     size = float((edges[0].max(axis=0) - edges[0].min(axis=0)).max())
     if not size <= 4.0 * max(image.shape):
         return None
@@ -77,7 +76,7 @@ def pixels_near(
     v = np.ones((3, len(p)), dtype=np.float32)
     v[:2] = camera.rays(p.astype(np.float64)).T
     focal = math.sqrt(camera.fx * camera.fy)
-    near, weight = _weighted(v, focal, pose, radius, ratio, band_px)
+    near, weight = _weighted(v, focal, pose, ring, band_px)
     near = near[:: len(near) // max_count + 1]
     if len(near) < _MIN_COUNT:
         return None
@@ -87,16 +86,20 @@ def pixels_near(
 
 
 def _weighted(
-    v: F32, focal: float, pose: Pose, radius: float, ratio: float, band_px: float
+    v: F32, focal: float, pose: Pose, ring: Ring, band_px: float
 ) -> tuple[NDArray[np.intp], F32]:
     """Return which rays (3, n) meet the plane near a ring's edges, and the weights (n,) of all."""
     g = PlaneView(v, focal, *plane_axes(pose[0][None], pose[1][None]))
-    d_o, d_i = (g.rho[0] - radius) / g.scale[0], (g.rho[0] - radius * ratio) / g.scale[0]
+    d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in _radii(ring))
     # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
-    beyond, _ = blurred_step((d_o - MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
+    beyond, _ = blurred_step((d_o - MARGIN * ring.radius_m / g.scale[0]) / max(0.7, band_px / 3.0))
     weight: F32 = 1.0 / (1.0 + (_SURROUNDINGS_SIGMAS * beyond) ** 2)
     is_near = (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px))
     return np.flatnonzero(is_near & (weight > _MIN_WEIGHT)), weight
+
+
+def _radii(ring: Ring) -> tuple[float, float]:
+    return ring.radius_m, ring.radius_m * ring.inner_ratio
 
 
 def _around(edge: F64, band_px: float, shape: tuple[int, ...]) -> NDArray[np.intp]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
+I32 = NDArray[np.int32]
 
 THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
 MIN_EXTENT_PX = 5  # of a ring's shorter side: below, its hole is no pixel any more
@@ -47,6 +48,27 @@ def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> list[Ell
     `threshold` is the share of the local mean below which a pixel is dark. A low one parts a ring
     from a dark surrounding and from a shadow, a high one sees weak contrast.
     """
+    labels, stats, picked = _ring_like(image, threshold)
+    seen = []
+    for i in picked[:_MOST]:
+        x, y, cw, ch = (int(v) for v in stats[i, :4])
+        mask = (labels[y : y + ch, x : x + cw] == i).astype(np.uint8) * 255
+        ellipse = _outline(mask, inner_ratio)
+        if ellipse is None:
+            continue
+        ellipse = ellipse.moved(x, y)
+        likeness = ring_likeness(image, ellipse, inner_ratio)
+        if likeness > 0.0:
+            seen.append((likeness, ellipse))
+    seen.sort(key=lambda found: -found[0])
+    return [ellipse for _, ellipse in seen[:_BEST]]
+
+
+def _ring_like(image: U8, threshold: float) -> tuple[I32, I32, NDArray[np.intp]]:
+    """Return the labels of dark components, OpenCV's statistics of them, and those like rings.
+
+    The last, largest first, by size, fill and symmetry of the component and of its box.
+    """
     mean = cv2.blur(image, (_BOX_PX, _BOX_PX), borderType=cv2.BORDER_REPLICATE)
     dark = cv2.compare(image, cv2.convertScaleAbs(mean, alpha=threshold), cv2.CMP_LT)
     _, labels, stats, centroids = cv2.connectedComponentsWithStats(
@@ -68,19 +90,8 @@ def ring_candidates(image: U8, inner_ratio: float, threshold: float) -> list[Ell
     at = np.rint(centroids).astype(np.intp)
     picked = np.flatnonzero(good[1:]) + 1
     picked = picked[labels[at[picked, 1], at[picked, 0]] != picked]  # the hole is not dark
-    seen = []
-    for i in picked[np.argsort(-size[picked], kind="stable")][:_MOST]:
-        x, y, cw, ch = (int(v) for v in stats[i, :4])
-        mask = (labels[y : y + ch, x : x + cw] == i).astype(np.uint8) * 255
-        ellipse = _outline(mask, inner_ratio)
-        if ellipse is None:
-            continue
-        ellipse = ellipse.moved(x, y)
-        likeness = ring_likeness(image, ellipse, inner_ratio)
-        if likeness > 0.0:
-            seen.append((likeness, ellipse))
-    seen.sort(key=lambda found: -found[0])
-    return [ellipse for _, ellipse in seen[:_BEST]]
+    largest_first = picked[np.argsort(-size[picked], kind="stable")]
+    return np.asarray(labels, np.int32), np.asarray(stats, np.int32), largest_first
 
 
 def _outline(mask: U8, k: float) -> Ellipse | None:

@@ -97,7 +97,7 @@ class Search:
         """
         rings: list[FoundRing] = []
         for ring in self._layout.rings if which is not ExpectedRings.NONE else ():
-            points = expected.points(ring.position_m, circle(0.5 * ring.outer_diameter_m))
+            points = expected.points(ring.position_m, circle(ring.radius_m))
             if points is None or (which is ExpectedRings.WHOLE and not self._is_whole(points)):
                 continue
             found = self._ring_expected(image, ring, points, expected, down)

@@ -20,13 +20,20 @@ from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
 
 _SAME_VIEW_S = 0.15  # so soon after, the camera looks nearly the same way
-_TOLD = 12.0  # chi-square by which a ring's mirrored pose is worse, and out of the question
+_AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more is out of the question
 
 
 class Vision:
     """Finds the pad's markers in frames.
 
-    Pure: keeps nothing but the last sighting of the pad, which tells where to look next.
+    Pure: no clock, no chance, no files; the same frames and priors in the same order give the same
+    sightings. From frame to frame it keeps
+
+    - the last sighting of the pad, which tells where to look next;
+    - what `search_policy` counts: how long a ring is enough, how many frames showed nothing where
+      the pad was expected;
+    - for each square and WhyCode the blur of its last fit, with which the next one starts, and its
+      print so blurred.
     """
 
     def __init__(self, layout: PadLayout, camera: CameraModel, options: VisionSection) -> None:
@@ -53,15 +60,7 @@ class Vision:
         Raises:
             ValueError: the image is not an 8-bit grey image of the camera's size.
         """
-        camera = self._camera
-        image = frame.image
-        if image.ndim != 2 or image.dtype != np.uint8:
-            raise ValueError(f"image is {image.ndim}-dimensional {image.dtype}, not 8-bit grey")
-        if image.shape != (camera.height, camera.width):
-            raise ValueError(
-                f"image is {image.shape[1]}x{image.shape[0]}, "
-                f"the camera is calibrated for {camera.width}x{camera.height}"
-            )
+        image = _checked(frame.image, self._camera)
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._focal)
         rings, squares = self._search.find(
@@ -72,7 +71,7 @@ class Vision:
         ]
         normal = self._last_normal(frame.t)
         for found in squares:
-            candidate = self._square(image, found, prior, normal or _told_normal(rings))
+            candidate = self._square(image, found, prior, normal or _unambiguous_normal(rings))
             if candidate is not None:
                 candidates.append(candidate)
         codes = self._codes.find(image, expected, normal)
@@ -104,7 +103,7 @@ class Vision:
 
     def _code(self, found: FoundCode, prior: Prior) -> Candidate | None:
         """Return a WhyCode with its pose; None if that is too uncertain."""
-        outline = circle(0.5 * found.code.outer_diameter_m)
+        outline = circle(found.code.radius_m)
         return self._decoded(found.code, list(found.poses), outline, prior)
 
     def _decoded(
@@ -128,9 +127,26 @@ class Vision:
         return bool(variance <= self._options.max_sigma_m**2)
 
 
-def _told_normal(rings: list[FoundRing]) -> Vec3 | None:
+def _checked(image: Image, camera: CameraModel) -> Image:
+    """Return the image.
+
+    Raises:
+        ValueError: it is not an 8-bit grey image of the camera's size.
+    """
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise ValueError(f"image is {image.ndim}-dimensional {image.dtype}, not 8-bit grey")
+    if image.shape != (camera.height, camera.width):
+        raise ValueError(
+            f"image is {image.shape[1]}x{image.shape[0]}, "
+            f"the camera is calibrated for {camera.width}x{camera.height}"
+        )
+    return image
+
+
+def _unambiguous_normal(rings: list[FoundRing]) -> Vec3 | None:
     """Return the normal of the only ring if its image tells it from the mirrored one."""
     if len(rings) != 1:
         return None
     best, *others = rings[0][1].solutions
-    return best.normal if all(s.cost > best.cost + _TOLD for s in others) else None
+    is_unambiguous = all(s.cost > best.cost + _AMBIGUOUS_CHI2 for s in others)
+    return best.normal if is_unambiguous else None

@@ -29,6 +29,8 @@ Image = NDArray[np.uint8]
 _RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
 _PER_BIT = 16  # samples of the band along a cell
 _RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
+_SINE = np.sin((np.arange(_PER_BIT) + 0.5) * (2.0 * math.pi / _PER_BIT))
+_DOUBLET = _SINE * (2.0 / float(np.abs(_SINE).sum()))  # weights that tell a cell's halves apart
 _LEAST_CONTRAST = 12.0  # along the band, grey levels
 _LEAST_SWING = 0.4  # of the mean bit, in the contrast along the band
 _LEAST_BIT = 0.45  # of a bit's swing, in mean swings of all bits
@@ -132,7 +134,7 @@ class WhyCodeFinder:
                     and turn is not None
                     and (best is None or reading.clearness > best[0])
                 ):
-                    t = 0.5 * code.outer_diameter_m * pose.t
+                    t = code.radius_m * pose.t
                     start = Pose(_turned(pose.R, turn), t, pose.information, 0.0)
                     best = reading.clearness, code, start
         return best[1:] if best else None
@@ -150,7 +152,7 @@ class WhyCodeFinder:
         if not fits or fits[0].explained < EXPLAINED:
             return ()
         if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < CONTINUED:
-            other = _mirrored(fits[0].pose, 0.5 * code.outer_diameter_m)
+            other = _mirrored(fits[0].pose, code.radius_m)
             fit = None if other is None else printed.fit(image, camera, other)
             if fit is not None and fit.pose.normal @ fits[0].pose.normal < SAME_NORMAL:
                 fits.append(fit)
@@ -159,7 +161,7 @@ class WhyCodeFinder:
 
     def _carries(self, image: Image, code: WhyCode, pose: Pose) -> bool:
         """Tell whether the band under a pose reads as the code, not turned."""
-        reading = read(image, self._camera, pose, 0.5 * code.outer_diameter_m, code.bits)
+        reading = read(image, self._camera, pose, code.radius_m, code.bits)
         turn = None if reading is None else _turn(reading, code)
         return turn is not None and abs(turn) < math.pi / (2 * code.bits)
 
@@ -191,24 +193,12 @@ def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int
         radius: of the ring's outer edge, m.
         bits: cells in the band.
     """
-    samples = bits * _PER_BIT
-    a = (np.arange(samples) + 0.5) * (2.0 * math.pi / samples)
-    way = np.column_stack([np.sin(a), np.cos(a)]) @ pose.R[:, :2].T
-    points = pose.t + (radius * np.array(_RADII))[:, None, None] * way
-    if points[..., 2].min() < 0.02 * radius:
+    level = _band(image, camera, pose, radius, bits * _PER_BIT)
+    contrast = 0.0 if level is None else float(np.ptp(level))
+    if level is None or contrast < _LEAST_CONTRAST:
         return None
-    px = camera.pixels(points.reshape(-1, 3)).astype(np.float32)
-    if not (px.min() >= 0.0 and (px <= (camera.width - 1, camera.height - 1)).all()):
-        return None
-    grey = cv2.remap(image, px[None, :, 0], px[None, :, 1], cv2.INTER_LINEAR)
-    level = grey.reshape(len(_RADII), samples).mean(axis=0)
-    contrast = float(np.ptp(level))
-    if contrast < _LEAST_CONTRAST:
-        return None
-    doublet = np.sin((np.arange(_PER_BIT) + 0.5) * (2.0 * math.pi / _PER_BIT))
-    doublet *= 2.0 / float(np.abs(doublet).sum())
     turned = np.stack([np.roll(level, -s) for s in range(_PER_BIT)])
-    swings = -(turned.reshape(_PER_BIT, bits, _PER_BIT) @ doublet)  # bright after dark: a 0
+    swings = -(turned.reshape(_PER_BIT, bits, _PER_BIT) @ _DOUBLET)  # bright after dark: a 0
     total = np.abs(swings).sum(axis=1)
     best = int(np.argmax(total))
     mean = float(total[best]) / bits
@@ -218,7 +208,27 @@ def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int
     word = 0
     for swing in swings[best]:
         word = word * 2 + int(swing < 0.0)
-    return Reading(word, best * 2.0 * math.pi / samples, least)
+    return Reading(word, best * 2.0 * math.pi / len(level), least)
+
+
+def _band(
+    image: Image, camera: CameraModel, pose: Pose, radius: float, samples: int
+) -> NDArray[np.floating] | None:
+    """Return the grey level along a code band (samples,); None if not all of it is in the image.
+
+    From the east of the pose's frame, anticlockwise.
+    """
+    a = (np.arange(samples) + 0.5) * (2.0 * math.pi / samples)
+    way = np.column_stack([np.sin(a), np.cos(a)]) @ pose.R[:, :2].T
+    points = pose.t + (radius * np.array(_RADII))[:, None, None] * way
+    if points[..., 2].min() < 0.02 * radius:
+        return None
+    px = camera.pixels(points.reshape(-1, 3)).astype(np.float32)
+    if not (px.min() >= 0.0 and (px <= (camera.width - 1, camera.height - 1)).all()):
+        return None
+    grey = cv2.remap(image, px[None, :, 0], px[None, :, 1], cv2.INTER_LINEAR)
+    level: NDArray[np.floating] = grey.reshape(len(_RADII), samples).mean(axis=0)
+    return level
 
 
 def _turn(reading: Reading, code: WhyCode) -> float | None:

@@ -21,7 +21,7 @@ class WhyCodePrint(MarkerPrint):
 
     def __init__(self, code: WhyCode) -> None:
         """Draw the print."""
-        self._radius = 0.5 * code.outer_diameter_m
+        self._radius = code.radius_m
         super().__init__(
             _drawn(code),
             code.outer_diameter_m,

@@ -72,7 +72,9 @@ def calibrated(
         model.late_s = late_s
     # The camera really is the packaged one, whatever calibration the configuration has.
     lens = load_camera(config_dir() / "cameras" / "thesis.yaml")
-    camera = SimCamera(Renderer(layout, lens, sim.render, 1), world.snapshot, sim.camera)
+    camera = SimCamera(
+        Renderer(layout, lens, sim.render, 1, sim.camera), world.snapshot, sim.camera
+    )
     assert (lens.width, lens.height) == (camera_model.width, camera_model.height)
 
     async def main() -> dict[str, Any]:

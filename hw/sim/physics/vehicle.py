@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from random import Random
 from typing import Literal
 
+from hw.sim.options import AirframeOptions, ResponseOptions
 from hw.sim.physics.contact import GRAVITY, LandingGear
+from hw.sim.physics.ground_effect import GroundEffect
 from hw.sim.physics.land_detector import LandDetector
 from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.response import (
+    MEASURED,
     STEP_S,
     DampedYawResponse,
     HorizontalResponse,
@@ -27,6 +30,7 @@ from landerd.geometry import Vec3, add, clamp, rot_zyx, sub, wrap
 # Deceleration by the air is DRAG_1 v + DRAG_2 v^2: tilts of 11.5 degrees at 5 m/s of airspeed and
 # 28.9 at 10 m/s as measured, and in between (8.5 at 4 m/s, 14.8 at 6 m/s).
 DRAG_1, DRAG_2 = 0.257, 0.0284
+REFERENCE_KG = 3.0  # of the measured model
 
 _LEVEL = (0.0, 0.0)
 _NO_FEET = (False, False, False, False)
@@ -38,6 +42,8 @@ class VehicleModel:
 
     angle_max: float  # rad
     drag: float  # times the reference's
+    ground_effect: float = 0.0  # share of thrust that the ground adds to a standing vehicle
+    response: ResponseOptions = MEASURED
 
 
 MODELS: dict[Literal["reference", "fast"], VehicleModel] = {
@@ -48,6 +54,23 @@ MODELS: dict[Literal["reference", "fast"], VehicleModel] = {
         GRAVITY * math.tan(math.radians(30.0)) / (20.0 * DRAG_1 + 400.0 * DRAG_2),
     ),
 }
+
+
+def vehicle_model(
+    name: Literal["reference", "fast"], airframe: AirframeOptions, response: ResponseOptions
+) -> VehicleModel:
+    """Return a model as the options change it.
+
+    Air holds a light vehicle back more: area over mass goes with mass^(-1/3) for one shape.
+    """
+    model = MODELS[name]
+    lean = airframe.angle_max_deg
+    return VehicleModel(
+        model.angle_max if lean is None else math.radians(lean),
+        model.drag * (REFERENCE_KG / airframe.mass_kg) ** (1.0 / 3.0),
+        airframe.ground_effect,
+        response,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +103,9 @@ class Vehicle:
         self._acceleration_max = GRAVITY * math.tan(model.angle_max)
         self._gear = gear
         self._wander = Wander(rng)
-        self._horizontal = HorizontalResponse()
-        self._vertical = VerticalResponse()
+        self._horizontal = HorizontalResponse(model.response)
+        self._vertical = VerticalResponse(model.response)
+        self._ground_effect = GroundEffect(model.ground_effect) if model.ground_effect else None
         self._yaw_response: YawResponse = (
             MeasuredYawResponse() if yaw_response == "measured" else DampedYawResponse()
         )
@@ -190,6 +214,8 @@ class Vehicle:
         if self.motors:
             self._wander.step()
             ad = self._fly_vertical(vd, feet_down)
+            if self._ground_effect is not None and pad is not None:
+                ad -= self._ground_effect.step(self.position, pad)
             push_n, push_e = self._fly_horizontal(vn, ve)
             self._yaw_response.step(self._yaw_rate_order)
             if disturbed:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from random import Random
 from typing import Protocol
 
-from hw.sim.options import SimOptions
+from hw.sim.options import BuildOptions, SimOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.physics.contact import LandingGear
 from hw.sim.physics.gimbal import GimbalPlant
 from hw.sim.physics.pad_motion import PadMotion, PadState
 from hw.sim.physics.response import STEP_S
-from hw.sim.physics.vehicle import MODELS, Vehicle
+from hw.sim.physics.vehicle import Vehicle, vehicle_model
 from hw.sim.physics.wind import UPDATE_S, make_wind
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.geometry import (
@@ -53,6 +53,24 @@ class Airframe(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class BuiltAirframe:
+    """The vehicle as it was built."""
+
+    camera_offset_m: Vec3
+    gear_height_m: float
+    footprint_m: tuple[float, float]
+
+
+def as_built(believed: Airframe, options: BuildOptions) -> Airframe:
+    """Return the true geometry of a vehicle that the configuration has like this."""
+    return BuiltAirframe(
+        add(believed.camera_offset_m, options.camera_offset_error_m),
+        believed.gear_height_m + options.gear_height_error_m,
+        believed.footprint_m,
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class Sample:
     """True state at the end of one step."""
 
@@ -88,9 +106,9 @@ class World:
         """
         self.options = options
         self.on_step: list[Callable[[World], None]] = []
-        self.battery = Battery()
+        self.battery = Battery(options.airframe.mass_kg)
         self.gimbal = GimbalPlant(options.gimbal)
-        self._airframe = airframe
+        self.airframe = airframe
         self._t0 = t0
         self._steps = 0
         self._motion = PadMotion(options.pad, plate, stream(seed, "pad"))
@@ -98,7 +116,10 @@ class World:
         self._wind_now = self._wind.at(0.0)
         gear = LandingGear(airframe.footprint_m, airframe.gear_height_m, plate)
         self.vehicle = Vehicle(
-            MODELS[options.vehicle], options.yaw_response, gear, stream(seed, "vehicle")
+            vehicle_model(options.vehicle, options.airframe, options.response),
+            options.yaw_response,
+            gear,
+            stream(seed, "vehicle"),
         )
         # Feet of a vehicle whose origin is higher than this cannot touch anything.
         self._contact_height = self._motion.highest + airframe.gear_height_m + _FOOT_DROP_M
@@ -188,7 +209,7 @@ class World:
         """The vehicle's reference point: the centre of the feet, local, m."""
         v = self.vehicle
         R = rot_zyx(v.yaw, v.pitch, v.roll)
-        return add(v.position, rotate(R, (0.0, 0.0, self._airframe.gear_height_m)))
+        return add(v.position, rotate(R, (0.0, 0.0, self.airframe.gear_height_m)))
 
     @property
     def height(self) -> float:
@@ -249,7 +270,7 @@ class World:
             ValueError: t is older than that.
         """
         s = self.state_at(t)
-        air = self._airframe
+        air = self.airframe
         R_local_body = rot_zyx(s.yaw, s.pitch, s.roll)
         R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
         is_stabilised = self.gimbal.reference is Reference.HORIZON

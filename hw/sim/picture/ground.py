@@ -46,21 +46,23 @@ class Ground:
             size = (tile.shape[0] // 2,) * 2
             tile = cast(U8, cv2.resize(tile, size, interpolation=cv2.INTER_AREA))
 
-    def draw(self, to_ground: F64 | None) -> U8:
+    def draw(self, to_ground: F64 | None, rays: F32 | None = None) -> U8:
         """Return the picture (rows, columns) for a ray-to-ground matrix of `plane_homography`.
 
-        None (a camera not above the ground) gives an even mid grey.
+        None (a camera not above the ground) gives an even mid grey. Of its own rays others may take
+        the place.
         """
-        rows, columns = self._rays.shape[:2]
+        all_rays = self._rays if rays is None else rays
+        rows, columns = all_rays.shape[:2]
         image = np.full((rows, columns), SKY if to_ground is not None else 90, np.uint8)
         if to_ground is None:
             return image
-        pitch = abs(float(self._rays[rows // 2, columns // 2, 0] - self._rays[rows // 2, 0, 0]))
+        pitch = abs(float(all_rays[rows // 2, columns // 2, 0] - all_rays[rows // 2, 0, 0]))
         pitch /= columns // 2
         step = math.ceil(rows / BANDS)
         for top in range(0, rows, step):
             band = slice(top, top + step)
-            self._draw_band(image[band], self._rays[band], to_ground, pitch)
+            self._draw_band(image[band], all_rays[band], to_ground, pitch)
         return image
 
     def _draw_band(self, band: U8, rays: F32, H: F64, pitch: float) -> None:

@@ -8,16 +8,19 @@ area averages, several samples a pixel while the pad is small.
 
 import itertools
 import math
-import random
 from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.sim.camera_options import SimCameraOptions
 from hw.sim.options import RenderOptions
+from hw.sim.picture.exposure import Exposure
 from hw.sim.picture.ground import Ground
 from hw.sim.picture.pad_texture import TextureLevel, pad_texture, plate_corners
+from hw.sim.picture.sensor import Sensor
+from hw.sim.picture.shutter import EVERYTHING, Block, Readout, RolledPlane, RowGrid
 from hw.sim.picture.vehicle import Shadow, draw_legs, shade, vehicle_shadow
 from hw.sim.picture.view import (
     F64,
@@ -42,21 +45,34 @@ SAMPLINGS = (4, 2, 1)  # samples a pixel along x and along y; averages over 3 wo
 BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
-NOISE_MARGIN = 256  # offsets of the noise field to choose from, along x and along y
 EDGE_SOFTNESS_M = 0.02  # of the shadow's edge that something far away casts
+ROLLED_MARGIN_PX = 2.0  # round a pad that is skewed by a rolling shutter
 
 
 class Renderer:
     """Draws grey pictures of one pad through one camera."""
 
     def __init__(
-        self, layout: PadLayout, camera: CameraModel, options: RenderOptions, seed: int
+        self,
+        layout: PadLayout,
+        camera: CameraModel,
+        options: RenderOptions,
+        seed: int,
+        sensor: SimCameraOptions | None = None,
     ) -> None:
         """Prepare rays, textures and noise; takes about 0.2 s.
+
+        Args:
+            layout: of the pad.
+            camera: the true one.
+            options: of the scene, and of its light on the sensor.
+            seed: of all that is random.
+            sensor: how the light becomes a picture; None: the ideal one.
 
         Raises:
             ValueError: the layout names a marker that does not exist.
         """
+        sensor = sensor or SimCameraOptions()
         self._camera = camera
         self._options = options
         self._seed = seed
@@ -70,22 +86,14 @@ class Renderer:
         half_x = (np.arange(columns) + 0.5) * w / columns - 0.5
         half_y = (np.arange(rows) + 0.5) * h / rows - 0.5
         self._ground = Ground(options.ground, _rays(camera, half_x, half_y), seed)
+        if sensor.readout_s > 0.0 or sensor.vibration.deg > 0.0:
+            self._grid = RowGrid(camera, np.arange(-1.0, w + 1), np.arange(-1.0, h + 1))
+            self._ground_grid = RowGrid(camera, half_x, half_y)
         e, a = math.radians(options.sun_elevation_deg), math.radians(options.sun_azimuth_deg)
         self._sunlight = np.array(
             [-math.cos(e) * math.cos(a), -math.cos(e) * math.sin(a), math.sin(e)]
         )
-        rng = np.random.default_rng([seed, 2])
-        bearing = rng.uniform(0.0, 2.0 * math.pi)
-        ramp = np.add.outer(
-            math.sin(bearing) * np.linspace(-1.0, 1.0, h),
-            math.cos(bearing) * np.linspace(-1.0, 1.0, w),
-        )
-        self._gain = (options.illumination * (1.0 + options.gradient * ramp)).astype(np.float32)
-        noise = rng.standard_normal((h + NOISE_MARGIN, w + NOISE_MARGIN), dtype=np.float32)
-        noise = np.clip(np.rint(options.noise_sigma * noise), -255, 255)
-        # In two parts, each of the image's own type: a tenth of the time of signed noise.
-        self._brighter = np.maximum(noise, 0.0).astype(np.uint8)
-        self._darker = np.maximum(-noise, 0.0).astype(np.uint8)
+        self._sensor = Sensor(camera, options, sensor, seed)
 
     def render(
         self,
@@ -94,19 +102,26 @@ class Renderer:
         end: CameraPose,
         pad: PadPose,
         vehicle: VehiclePose | None,
+        exposure: Exposure | None = None,
+        readout: Readout | None = None,
     ) -> U8:
         """Return the picture (height, width) of an exposure from pose start to pose end.
 
         The pad stands still meanwhile; the blur of a moving one is that of the camera's motion
-        relative to it. Without a vehicle there are no legs and no shadow of it.
+        relative to it. Without a vehicle there are no legs and no shadow of it. Without an exposure
+        the light is the illumination's; with a readout (of a renderer whose sensor has one) the
+        exposure is the middle row's.
         """
         options = self._options
         pose = middle(start, end)
         motion = self._motion(start, end, pose, pad)
         moves = math.hypot(*motion) >= STILL_PX
         spot = MOTION_SPOT_PX if moves else 0.0
-        defocus = math.sqrt(max(options.defocus_px**2 - spot**2, 0.0))
-        image, is_sharp = self._background(pose, pad, defocus)
+        blur = options.defocus_px
+        if readout is not None:
+            blur = math.hypot(blur, self._camera.fx * readout.shaking)
+        defocus = math.sqrt(max(blur**2 - spot**2, 0.0))
+        image, is_sharp = self._background(pose, pad, defocus, readout)
         if options.vehicle_shadow and vehicle is not None:
             plane = self._shaded_plane(vehicle, pad)
             shadow = vehicle_shadow(self._frustum, pose, vehicle, plane, self._sunlight)
@@ -114,7 +129,7 @@ class Renderer:
                 shade(image, shadow, options.shadow_darkness)
         if options.shadow_edge:
             shade(image, self._edge_shadow(pose, pad), options.shadow_darkness)
-        sigma = options.defocus_px if is_sharp else 0.0
+        sigma = blur if is_sharp else 0.0
         if moves:
             kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), float(motion[0]), float(motion[1]))
             image = cast(U8, cv2.filter2D(image, -1, kernel))
@@ -122,35 +137,28 @@ class Renderer:
             _defocus(image, sigma)
         if options.legs and vehicle is not None:
             draw_legs(image, self._frustum, pose, vehicle)
-        self._expose(image, frame_index)
-        return image
-
-    def _expose(self, image: U8, frame_index: int) -> None:
-        """Light an image unevenly and add the sensor's noise, in place."""
-        cv2.multiply(image, self._gain, dst=image, dtype=cv2.CV_8U)
-        offsets = random.Random(self._seed * 1_000_003 + frame_index)
-        x, y = offsets.randrange(NOISE_MARGIN), offsets.randrange(NOISE_MARGIN)
-        part = (slice(y, y + image.shape[0]), slice(x, x + image.shape[1]))
-        cv2.add(image, self._brighter[part], dst=image)
-        cv2.subtract(image, self._darker[part], dst=image)
+        return self._sensor.expose(image, frame_index, exposure)
 
     # ---- pad and ground ------------------------------------------------------------------------
 
-    def _background(self, pose: CameraPose, pad: PadPose, defocus: float) -> tuple[U8, bool]:
+    def _background(
+        self, pose: CameraPose, pad: PadPose, defocus: float, readout: Readout | None
+    ) -> tuple[U8, bool]:
         """Ground with the pad on it, and whether it has yet to be brought out of focus.
 
         defocus is the sigma in pixels that a small pad is drawn with.
         """
         w, h = self._camera.width, self._camera.height
         H = plane_homography(pose, pad)
-        box = self._pad_box(pose, pad) if H is not None else None
-        if H is not None and box == (0, 0, w, h) and self._covers(H, self._rays):
+        rolled = self._rolled_pad(H, readout, pad)
+        box = self._pad_box(pose, pad, rolled) if H is not None else None
+        everything = self._rays if rolled is None else rolled.corners(EVERYTHING)
+        if H is not None and box == (0, 0, w, h) and self._covers(H, everything):
             image = np.empty((h, w), np.uint8)
             samples = _samples(box)
-            self._draw_pad(image, H, box, samples, defocus)
+            self._draw_pad(image, H, box, samples, defocus, rolled)
             return image, samples == 1
-        level = PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
-        small = self._ground.draw(plane_homography(pose, level))
+        small = self._draw_ground(pose, readout)
         image = np.empty((h, w), np.uint8)
         cv2.resize(small, (w, h), dst=image, interpolation=cv2.INTER_LINEAR)
         if H is None or box is None:
@@ -158,10 +166,30 @@ class Renderer:
         samples = _samples(box)
         if samples > 1:
             _defocus(image, defocus)
-        self._draw_pad(image, H, box, samples, defocus)
+        self._draw_pad(image, H, box, samples, defocus, rolled)
         return image, samples == 1
 
-    def _pad_box(self, pose: CameraPose, pad: PadPose) -> tuple[int, int, int, int] | None:
+    def _draw_ground(self, pose: CameraPose, readout: Readout | None) -> U8:
+        """Draw the ground and the sky at half the resolution."""
+        level = PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
+        H = plane_homography(pose, level)
+        if H is None or readout is None:
+            return self._ground.draw(H)
+        grid = self._ground_grid
+        rolled = RolledPlane(grid, H, readout.homographies(grid, level, None))
+        return self._ground.draw(H, rolled.rays(EVERYTHING))
+
+    def _rolled_pad(
+        self, H: F64 | None, readout: Readout | None, pad: PadPose
+    ) -> RolledPlane | None:
+        """The pad as a rolling shutter sees it, which H leads to from the pose that is drawn."""
+        if H is None or readout is None:
+            return None
+        return RolledPlane(self._grid, H, readout.homographies(self._grid, pad, pad))
+
+    def _pad_box(
+        self, pose: CameraPose, pad: PadPose, rolled: RolledPlane | None
+    ) -> tuple[int, int, int, int] | None:
         """Left, top, right, bottom of the pad in the image, None when it is out of sight."""
         corners = self._frustum.clip(in_camera(pose, on_pad(pad, self._plate)))
         if len(corners) < 3:
@@ -170,6 +198,9 @@ class Renderer:
         k = np.linspace(0.0, 1.0, 8, endpoint=False)[:, None, None]
         outline = (corners + k * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 3)
         pixels = self._camera.pixels(outline)
+        if rolled is not None:
+            pixels = rolled.moved(pixels)
+            pixels = np.concatenate([pixels - ROLLED_MARGIN_PX, pixels + ROLLED_MARGIN_PX])
         left, top = np.floor(pixels.min(axis=0)).astype(int) - 1
         right, bottom = np.ceil(pixels.max(axis=0)).astype(int) + 2
         left, top = max(int(left), 0), max(int(top), 0)
@@ -195,7 +226,13 @@ class Renderer:
         )
 
     def _draw_pad(
-        self, image: U8, H: F64, box: tuple[int, int, int, int], samples: int, defocus: float
+        self,
+        image: U8,
+        H: F64,
+        box: tuple[int, int, int, int],
+        samples: int,
+        defocus: float,
+        rolled: RolledPlane | None,
     ) -> None:
         """Draw the pad, which lies within the box (left, top, right, bottom) of the image.
 
@@ -209,42 +246,43 @@ class Renderer:
         for first, last in itertools.pairwise(rows):
             part = image[first:last, left:right]
             # The array of rays begins one pixel outside the image.
-            rays = self._rays[first : last + 2, left : right + 2]
-            x, y = rays[rays.shape[0] // 2, rays.shape[1] // 2].tolist()
+            block = slice(first, last + 2), slice(left, right + 2)
+            x, y = self._rays[(first + last + 2) // 2, (left + right + 2) // 2].tolist()
             descent = max(float(H[2] @ (x, y, 1.0)), 0.05)
             level = level_of_detail(H, descent, pitch, self._pad[0].texel_m, len(self._pad))
-            self._draw_band(part, H, rays, self._pad[level], samples, defocus)
+            self._draw_band(part, H, block, self._pad[level], samples, defocus, rolled)
 
     def _draw_band(
         self,
         part: U8,
         H: F64,
-        rays: F32,
+        block: Block,
         texture: TextureLevel,
         samples: int,
         defocus: float,
+        rolled: RolledPlane | None,
     ) -> None:
-        """Draw the pad into part of the image, whose rays have one more on every side."""
-        rows, columns = part.shape
-        covered = self._covers(H, rays)
-        if samples == 1:
-            rays = np.ascontiguousarray(rays[1:-1, 1:-1])
-        where = cv2.perspectiveTransform(rays, texture.from_pad() @ H)
-        corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
-        plane = H[2].astype(np.float32)
-        if (corners @ plane[:2] + plane[2]).min() < 0.02:
-            # Rays that miss the plane would meet its mirror image behind the camera.
-            where[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
-        if samples > 1:
-            # Within a pixel the way from ray to texel is straight.
-            size = (rays.shape[1] * samples, rays.shape[0] * samples)
-            where = cv2.resize(where, size, interpolation=cv2.INTER_LINEAR)
+        """Draw the pad into part of the image, whose block of rays has one more on every side."""
+        to_texels = texture.from_pad() @ H
+        straight = None
+        if rolled is not None and samples == 1:
+            rows, columns = (slice(s.start + 1, s.stop - 1) for s in block)
+            straight = rolled.texels((rows, columns), to_texels)
+        where: F32
+        second: F32 | F64
+        if rolled is not None and straight is not None:
+            where, second = straight
+            covered = self._covers(H, rolled.corners(block))
+        else:
+            rays = self._rays[block] if rolled is None else rolled.rays(block)
+            where, second = _texels(rays, H, to_texels, samples), NO_SECOND_MAP
+            covered = self._covers(H, rays)
 
         def sampled(source: U8) -> U8:
-            seen = cast(U8, cv2.remap(source, where, NO_SECOND_MAP, cv2.INTER_LINEAR))
+            seen = cast(U8, cv2.remap(source, where, second, cv2.INTER_LINEAR))
             if samples > 1:
                 _defocus(seen, defocus * samples)
-                size = (columns + 2, rows + 2)
+                size = (part.shape[1] + 2, part.shape[0] + 2)
                 seen = cast(U8, cv2.resize(seen, size, interpolation=cv2.INTER_AREA)[1:-1, 1:-1])
             return seen
 
@@ -300,6 +338,27 @@ class Renderer:
             return np.zeros(2)
         first, last = self._camera.pixels(ends)
         return cast(F64, last - first)
+
+
+def _texels(rays: F32, H: F64, to_texels: F64, samples: int) -> F32:
+    """Return where samples meet the texture (rows, columns, 2), from a block of rays.
+
+    H leads from rays to the pad. More than one sample a pixel fill the whole block, one a pixel the
+    block without its border.
+    """
+    if samples == 1:
+        rays = np.ascontiguousarray(rays[1:-1, 1:-1])
+    where = cv2.perspectiveTransform(rays, to_texels)
+    corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
+    plane = H[2].astype(np.float32)
+    if (corners @ plane[:2] + plane[2]).min() < 0.02:
+        # Rays that miss the plane would meet its mirror image behind the camera.
+        where[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
+    if samples > 1:
+        # Within a pixel the way from ray to texel is straight.
+        size = (rays.shape[1] * samples, rays.shape[0] * samples)
+        where = cv2.resize(where, size, interpolation=cv2.INTER_LINEAR)
+    return cast(F32, where)
 
 
 def _samples(box: tuple[int, int, int, int]) -> int:

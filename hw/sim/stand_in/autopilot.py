@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.sim.options import AutopilotOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.stand_in.copter import (
     ARDUPILOT_DEFAULTS,
@@ -35,6 +36,8 @@ _REOPEN_S = 0.1
 _ACK_DELAY_S = (0.001, 0.006)
 _LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received message
 _TIMESYNC_PERIOD_S = 10.0
+_STATES = (mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+DEFAULTS = AutopilotOptions()
 _FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air too
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
@@ -110,20 +113,20 @@ class SimAutopilot:
         rng: random.Random,
         parameters: CopterParameters = ARDUPILOT_DEFAULTS,
         flying: bool = False,
-        boot_age_s: float = 60.0,
+        options: AutopilotOptions = DEFAULTS,
         system_id: int = 1,
     ) -> None:
-        """Flying: starts armed, in LOITER. boot_age_s: its boot time when `run` starts."""
+        """Make it; flying: starts armed, in LOITER."""
         self.mute: set[int] = set()
         self.parameters: dict[str, float] = {}
         self._mount: Mount | None = None
-        self.pilot = PilotRadio()
+        self.pilot = PilotRadio(options.rc_channels)
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
         self._world = world
         self._ekf = ekf
         self._rng = rng
         self._system = system_id
-        self._boot_age_s = boot_age_s
+        self._options = options
         self._channels = [_Channel(link, system_id) for link in links]
         self._streams: dict[int, Callable[[float], Message]] = {
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
@@ -151,7 +154,7 @@ class SimAutopilot:
     async def run(self) -> None:
         """Fly and serve the links, for ever."""
         t = asyncio.get_running_loop().time()
-        self._booted_at = t - self._boot_age_s
+        self._booted_at = t - self._options.boot_age_s
         self._estimate = self._ekf.estimate(t)
         async with asyncio.TaskGroup() as tasks:
             for channel in self._channels:
@@ -225,7 +228,7 @@ class SimAutopilot:
         return int((t - self._booted_at) * 1e9)
 
     def _boot_ms(self, t: float) -> int:
-        return self._boot_ns(t) // 1_000_000
+        return self._boot_ns(t) // 1_000_000 % 2**32  # as time_boot_ms has it
 
     def _heartbeat(self) -> Message:
         copter = self.copter
@@ -263,9 +266,8 @@ class SimAutopilot:
         )
 
     def _rc_channels(self, t: float) -> Message:
-        channels = self.pilot.channels(t)
         return mavlink.MAVLink_rc_channels_message(
-            self._boot_ms(t), len(channels), *channels, *(0,) * (18 - len(channels)), 255
+            self._boot_ms(t), self._options.rc_channels, *self.pilot.channels(t), 255
         )
 
     def _of_mount(self, make: Callable[[float, int], Message], t: float) -> Message:
@@ -324,7 +326,9 @@ class SimAutopilot:
 
     def _on_timesync(self, channel: _Channel, m: Message, t: float) -> None:
         if m.tc1 == 0:
-            self._later(_LOOP_DELAY_S, lambda: self._answer_timesync(channel, m.ts1))
+            least, most = _LOOP_DELAY_S
+            late = self._options.timesync_delay_s
+            self._later((least + late, most + late), lambda: self._answer_timesync(channel, m.ts1))
 
     def _on_rc_override(self, channel: _Channel, m: Message, t: float) -> None:
         if m.get_srcSystem() == _GROUND_STATION:
@@ -374,6 +378,8 @@ class SimAutopilot:
             return _DENIED
         if us > 0.0:
             interval = max(1e-6 * us, _TICK_S)
+            if self._options.telemetry_hz is not None and message_id in _STATES:
+                interval = max(interval, 1.0 / self._options.telemetry_hz)
             channel.streams[message_id] = (interval, t + interval)
         else:  # the default is off, too
             channel.streams.pop(message_id, None)

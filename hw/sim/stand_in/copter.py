@@ -134,11 +134,6 @@ class Copter:
             vehicle.motors_on()
 
     @property
-    def guid_timeout_s(self) -> float:
-        """After so long without a velocity target it stops."""
-        return self._p.guid_timeout_s
-
-    @property
     def landed_state(self) -> Landed:
         """MAV_LANDED_STATE, as EXTENDED_SYS_STATE has it."""
         if self._vehicle.landed_detected and not isinstance(self._target, _Climb):
@@ -264,21 +259,28 @@ class Copter:
             self.disarm()
 
     def _wanted(self, estimate: Estimate, t: float) -> tuple[Vec3, float]:
+        """Return the velocity (local NED, m/s) and yaw rate (rad/s) to fly."""
         if self.armed and self.mode == Mode.LAND:
             high = estimate.position[2] < -_LAND_HIGH_M
             speed = self._p.wpnav_speed_down_mps if high else self._p.land_speed_mps
             return (0.0, 0.0, speed), 0.0
-        target = self._target
-        if not self._is_guided() or target is None:
+        target = self._target if self._is_guided() else None
+        if target is None:
             return _ZERO, 0.0
         if isinstance(target, _Climb):
             return self._climb(target, estimate, t)
         if isinstance(target, _Level):
-            fastest = (
-                self._p.wpnav_speed_up_mps if target.climb > 0.0 else self._p.wpnav_speed_down_mps
-            )
-            late = t - target.t > self._p.guid_timeout_s
-            return (0.0, 0.0, 0.0 if late else -fastest * target.climb), 0.0
+            return self._level(target, t)
+        return self._course(target, estimate, t)
+
+    def _level(self, target: _Level, t: float) -> tuple[Vec3, float]:
+        fastest = self._p.wpnav_speed_up_mps if target.climb > 0.0 else self._p.wpnav_speed_down_mps
+        late = t - target.t > self._p.guid_timeout_s
+        return (0.0, 0.0, 0.0 if late else -fastest * target.climb), 0.0
+
+    def _course(
+        self, target: _Velocity | _Position, estimate: Estimate, t: float
+    ) -> tuple[Vec3, float]:
         if isinstance(target, _Position):
             error = sub(target.position, estimate.position)
             velocity, turns = self._towards(error), horizontal(error) > _NEAREST_COURSE_M

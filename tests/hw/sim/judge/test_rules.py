@@ -193,12 +193,17 @@ def test_1c_nothing_is_ordered_before_the_first_sighting() -> None:
     assert court.broken == []
 
 
-def lose(court: Court, seconds: float, velocity: tuple[float, float, float] = CLIMB) -> None:
+def lose(
+    court: Court,
+    seconds: float,
+    velocity: tuple[float, float, float] = CLIMB,
+    turns: float = 0.0,
+) -> None:
     court.fly(0.1)
     court.sees = False
     court.fly(0.5, velocity)
     court.say("landerd: pad not in sight, holding")
-    court.fly(seconds - 0.5, velocity)
+    court.fly(seconds - 0.5, velocity, turns)
 
 
 @pytest.mark.parametrize(
@@ -207,8 +212,8 @@ def lose(court: Court, seconds: float, velocity: tuple[float, float, float] = CL
         (lambda c: lose(c, 3.0), None),
         (lambda c: lose(c, 3.0, EAST_1), None),  # it is still braking
         (lambda c: lose(c, 5.0, EAST_1), "1d: not hovering while the pad is out of sight"),
-        (lambda c: (lose(c, 1.0), c.fly(0.1, CLIMB, 0.1)), "1d: turning while the pad is out of"),
-        (lambda c: (lose(c, 1.0), c.order((0.0, 0.0, 0.0009))), None),
+        (lambda c: lose(c, 1.0, turns=0.1), "1d: turning while the pad is out of"),
+        (lambda c: lose(c, 1.0, turns=0.0009), None),
     ],
 )
 def test_1d_out_of_sight_it_slows_down_and_does_not_turn(trace: Trace, rule: str | None) -> None:
