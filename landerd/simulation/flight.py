@@ -89,8 +89,8 @@ class Simulation:
         self._companion = Companion(sim_options(loaded).companion, stream(seed, "companion"))
         # The world's lens is its own, even where it is the one that was calibrated.
         lens = true_camera(camera_model, sim_options(loaded).camera.calibration_error)
-        self._judge = Judge(config, layout, lens, world, jitter_s=around.jitter_s)
-        self._judge.listen(around.link)
+        self._judge = Judge(loaded, layout, lens, around)
+        self._judge.listen()
         self.score, self.rules = self._judge.score, self._judge.rules
 
         self.recorder = self._make_recorder(log, realtime=realtime) if log is not None else None
@@ -101,18 +101,18 @@ class Simulation:
         stand_in = self.autopilot if surroundings is None else None
         gimbal = simulated_gimbal(loaded, world, seed, autopilot, stand_in, realtime=realtime)
         self.gimbal, self.gimbal_model = gimbal.driver, gimbal.model
+        self._judge.watch(gimbal.mount)
         if gimbal.model is not None:
             self._beside.append(gimbal.model.run)
 
         self.recording = Recording(world, self.score, camera_model, gimbal.true_angles)
-        observers = (self._judge, self.recording)
         self.daemon = Daemon(
             config,
             layout,
             camera_model,
             Devices(self.camera, self.gimbal, autopilot),
             vision_latency_s=None if realtime else self._companion.vision_latency_s,
-            observers=(*observers, self.recorder) if self.recorder else observers,
+            observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
         )
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
@@ -125,7 +125,14 @@ class Simulation:
         self.link, self.autopilot_end = stand_in.link, stand_in.autopilot_end
         self._beside += stand_in.jobs
         jitter_s = WALL_JITTER_S if realtime else 0.0
-        return Surroundings(world, stand_in.link, stand_in.ground_station, jitter_s)
+        return Surroundings(
+            world,
+            stand_in.link,
+            stand_in.ground_station,
+            jitter_s,
+            autopilot_end=stand_in.autopilot_end,
+            guid_timeout_s=world.options.autopilot.guid_timeout_s,
+        )
 
     def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
         path.unlink(missing_ok=True)
@@ -188,6 +195,7 @@ class Simulation:
             ends_at_contact=self.ends_at_contact,
             score=self.score,
             rules_broken=self.rules.broken,
+            rules_known_broken=self.rules.known_broken,
             lander=self.daemon.lander,
             faults=self.daemon.faults,
             recording=self.recording,

@@ -3,55 +3,61 @@
 import asyncio
 import math
 
-from hw.links.memory import MemoryLink
+from hw.gimbals.servo_mavlink import ServoMavlinkOptions
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.bounds import RuleBounds
-from hw.sim.judge.rules import Rules, Truth
+from hw.sim.judge.rules import Rules
 from hw.sim.judge.score import Score
-from hw.sim.physics.world import World
+from hw.sim.judge.truth import Feet, Truth
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import Snapshot
-from hw.sim.stand_in.shared_link import SharedLink
 from landerd.camera_model import CameraModel
-from landerd.config.models import Config
-from landerd.lander import Lander
-from landerd.messages import Command, Frame, GimbalState, Input, Prior, Sightings
+from landerd.config.files import Loaded
+from landerd.messages import Frame
 from landerd.pad import PadLayout
+from landerd.simulation.surroundings import Surroundings
 
 
 class Judge:
-    """Shows score and rules the truth, the wire, and which pictures were delivered.
-
-    An observer of the daemon only for the times of the gimbal's reports.
-    """
+    """Shows score and rules the truth, the wire, and which pictures and angles were delivered."""
 
     def __init__(
-        self,
-        config: Config,
-        layout: PadLayout,
-        camera_model: CameraModel,
-        world: World,
-        *,
-        jitter_s: float,
+        self, loaded: Loaded, layout: PadLayout, camera_model: CameraModel, around: Surroundings
     ) -> None:
-        """jitter_s: of the control task on the loop's clock."""
-        bounds = rule_bounds(config, has_heading=layout.has_heading, jitter_s=jitter_s)
-        self.score = Score(world, world.airframe, layout.plate)
+        """Make one that hears of nothing yet but the world.
+
+        Args:
+            loaded: what landerd is bound to.
+            layout: the pad in the world.
+            camera_model: of the world's own lens.
+            around: where the flight takes place.
+        """
+        world = around.world
+        bounds = rule_bounds(loaded, around, has_heading=layout.has_heading)
+        self._feet = Feet(world, world.airframe, layout.plate)
+        self.score = Score(world, self._feet)
         self.rules = Rules(bounds, self._truth)
         self._world = world
         self._layout = layout
         self._frustum = Frustum(camera_model)
-        self._link: MemoryLink | SharedLink | None = None
+        self._link, self._autopilot_end = around.link, around.autopilot_end
 
-    def listen(self, link: MemoryLink | SharedLink) -> None:
-        """Hear from now on what passes at landerd's end of a link."""
-        self._link = link
-        link.tap = self.rules.from_landerd
-        link.heard = self.rules.to_landerd
+    def listen(self) -> None:
+        """Hear from now on what passes at landerd's end of the link, and what leaves the other."""
+        self._link.tap = self.rules.from_landerd
+        self._link.heard = self.rules.to_landerd
+        if self._autopilot_end is not None:
+            self._autopilot_end.tap = self.rules.from_autopilot
+
+    def watch(self, mount: SimMount) -> None:
+        """Hear from now on when angles of the gimbal reach landerd, and how old they are."""
+        mount.reported = self.rules.on_gimbal
 
     def stop_listening(self) -> None:
         """Leave the link alone."""
-        if self._link is not None:
-            self._link.tap = self._link.heard = None
+        self._link.tap = self._link.heard = None
+        if self._autopilot_end is not None:
+            self._autopilot_end.tap = None
 
     def on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
         """A picture was delivered; the truth at its exposure says whether a marker is in it."""
@@ -59,42 +65,26 @@ class Judge:
             self.rules.on_sighting(snapshot.t)
             self.score.on_sighting(snapshot.t)
 
-    def on_flight(self, lander: Lander) -> None:
-        """The core's opinion is not asked."""
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """What vision found does not matter here."""
-
-    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Note how old the gimbal's angles are."""
-        if isinstance(message, GimbalState):
-            self.rules.on_gimbal(message.t)
-
     def _truth(self) -> Truth:
-        world = self._world
-        world.advance(asyncio.get_running_loop().time())
-        return Truth(
-            t=world.t,
-            distance=math.hypot(*world.offset),
-            height=world.height,
-            heading_error=world.heading_error,
-            yaw=world.vehicle.yaw,
-            pad_velocity=world.pad.velocity,
-            feet_down=sum(world.vehicle.feet),
-        )
+        self._world.advance(asyncio.get_running_loop().time())
+        return self._feet.truth()
 
 
-def rule_bounds(config: Config, *, has_heading: bool, jitter_s: float) -> RuleBounds:
+def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> RuleBounds:
     """Return what the rules allow of a flight with this configuration.
 
     Args:
-        config: has limits, freshness and the descent region.
+        loaded: has limits, freshness and the descent region.
+        around: where the flight takes place.
         has_heading: the pad has.
-        jitter_s: of the times at which set-points are seen.
     """
+    config = loaded.config
     guidance, fresh = config.guidance, config.freshness
     limits, descent = guidance.limits, guidance.descent
     return RuleBounds(
+        system_id=config.autopilot.system_id,
+        ground_stations=frozenset(config.autopilot.ground_stations),
+        servo_outputs=_servo_outputs(loaded),
         control_period_s=1.0 / config.control.rate_hz,
         gate_channel=config.rc.gate_channel,
         gate_threshold_us=config.rc.gate_threshold_us,
@@ -115,5 +105,16 @@ def rule_bounds(config: Config, *, has_heading: bool, jitter_s: float) -> RuleBo
         k2_per_m=descent.k2_per_m,
         alignment_height_m=descent.alignment_height_m,
         has_heading=has_heading,
-        jitter_s=jitter_s,
+        guid_timeout_s=around.guid_timeout_s,
+        jitter_s=around.jitter_s,
+        commit_slip_mps=descent.commit_slip_mps,
     )
+
+
+def _servo_outputs(loaded: Loaded) -> frozenset[int]:
+    """Return the outputs of the autopilot that move the gimbal."""
+    options = loaded.options.get(f"gimbal.{loaded.config.gimbal.driver}")
+    if not isinstance(options, ServoMavlinkOptions):
+        return frozenset()
+    axes = (options.yaw, options.pitch)
+    return frozenset(axis.channel for axis in axes if axis is not None)

@@ -28,6 +28,7 @@ class Flown:
     ends_at_contact: bool  # what comes after it was not simulated
     score: Score
     rules_broken: Mapping[str, float]  # with the time of the first break
+    rules_known_broken: Mapping[str, float]  # those that today's core breaks in every landing
     lander: Lander
     faults: Mapping[str, int]  # bad input, by kind
     recording: Recording
@@ -51,6 +52,7 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "touchdown_error_m": contact.error_m if contact else None,
         "touchdown_vertical_mps": contact.vertical_mps if contact else None,
         "touchdown_horizontal_mps": contact.horizontal_mps if contact else None,
+        "touch_and_climbs": score.touch_and_climbs,
         "yaw_error_deg": math.degrees(contact.yaw_error) if contact else None,
         "time_s": since_sighting(score.disarm_t),
         "time_to_touchdown_s": since_sighting(contact.t if contact else None),
@@ -62,13 +64,16 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "gimbal_error_px_p95": _percentile(recording.gimbal_errors_px, 0.95),
         "aborts": lander.aborts,
         "phases": _phases(flown),
-        "rules_broken": [
-            f"{rule} (at {t - flown.began:.2f} s)" for rule, t in flown.rules_broken.items()
-        ],
+        "rules_broken": _breaks(flown, flown.rules_broken),
+        "rules_known_broken": _breaks(flown, flown.rules_known_broken),
         "simulated_s": flown_s,
         "frames_per_s": recording.frames / flown_s,
         "faults": dict(flown.faults),
     }
+
+
+def _breaks(flown: Flown, broken: Mapping[str, float]) -> list[str]:
+    return [f"{rule} (at {t - flown.began:.2f} s)" for rule, t in broken.items()]
 
 
 def _outcome(flown: Flown) -> str:

@@ -33,6 +33,8 @@ class Surroundings:
     ground_station: GroundStation
     jitter_s: float  # of the control task on the loop's clock
     ends_at_contact: bool = False  # what comes after it is not simulated
+    autopilot_end: MemoryLink | None = None  # the link's other end, where it is in this process
+    guid_timeout_s: float | None = None  # GUID_TIMEOUT, where it is known
 
 
 class StandIn:

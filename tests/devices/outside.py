@@ -14,7 +14,6 @@ from typing import cast
 
 import numpy as np
 
-from hw.autopilots.mavlink_codec import MavlinkCodec
 from hw.links import open_link
 from landerd.drivers import read_configuration
 from landerd.messages import Frame
@@ -42,7 +41,6 @@ class Handover:
         self._simulation = simulation
         self._wire = open_link(url)
         self._pictures = pictures
-        self._codec = MavlinkCodec(0, 0)
         self._cables: list[asyncio.StreamWriter] = []
 
     async def run(self) -> None:
@@ -68,9 +66,6 @@ class Handover:
     async def _down(self) -> None:
         while True:
             data = await self._simulation.link.read()
-            for message in self._codec.decode(data):
-                if message.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS":
-                    self._simulation.rules.on_gimbal(asyncio.get_running_loop().time())
             self._wire.write(data)
 
     async def _up(self) -> None:

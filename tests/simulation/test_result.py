@@ -6,6 +6,7 @@ import math
 import pytest
 
 from hw.sim.judge.score import Contact, Score
+from hw.sim.judge.truth import Feet
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config, VehicleSection
@@ -22,7 +23,7 @@ BEGAN = 3.0
 def flown() -> Flown:
     """Return a flight of 20 s without a landing."""
     w, layout = world(), load_pad(config_dir() / "pads" / "thesis.yaml")
-    score = Score(w, VehicleSection(), layout.plate)
+    score = Score(w, Feet(w, VehicleSection(), layout.plate))
     camera = load_camera(config_dir() / "cameras" / "thesis.yaml")
     recording = Recording(w, score, camera, lambda: (0.0, 0.0))
     recording.phases.append((BEGAN, PhaseChange(Phase.NOT_LANDING, "not armed")))
@@ -33,6 +34,7 @@ def flown() -> Flown:
         ends_at_contact=False,
         score=score,
         rules_broken={},
+        rules_known_broken={},
         lander=Lander(Config(), layout),
         faults={"image of a wrong size": 2},
         recording=recording,
@@ -51,13 +53,20 @@ def test_a_flight_without_landing_has_no_figures_of_a_touchdown() -> None:
 
 def test_times_count_from_the_first_sighting_and_breaks_from_the_beginning() -> None:
     flight = dataclasses.replace(flown(), rules_broken={"2: too deep": BEGAN + 1.5})
+    flight = dataclasses.replace(flight, rules_known_broken={"2: too fast": BEGAN + 2.0})
     flight.score.first_sighting_t = BEGAN + 2.0
     flight.score.disarm_t = BEGAN + 12.0
     flight.score.contact = Contact(BEGAN + 10.0, 0.2, 0.3, 0.1, math.pi / 180.0, on_plate=True)
+    flight.score.energy_j = 4500.0
+    flight.score.touch_and_climbs = 2
     result = result_of(flight, "hover", 1)
+    assert (result["energy_hj"], result["touch_and_climbs"]) == (45.0, 2)
+    assert result["touchdown_vertical_mps"] == 0.3
+    assert result["touchdown_horizontal_mps"] == 0.1
     assert (result["time_s"], result["time_to_touchdown_s"]) == (10.0, 8.0)
     assert result["yaw_error_deg"] == pytest.approx(1.0)
     assert result["rules_broken"] == ["2: too deep (at 1.50 s)"]
+    assert result["rules_known_broken"] == ["2: too fast (at 2.00 s)"]
 
 
 def test_what_ends_at_contact_is_judged_there_and_a_late_one_says_why() -> None:

@@ -72,4 +72,11 @@ class ByteModel(ABC):
         if self.garbage:
             frame = self._rng.randbytes(len(frame))
         delay = self.late_s + _TURNAROUND_S + len(frame) * _BYTE_S
-        asyncio.get_running_loop().call_later(delay, self._link.write, frame)
+        measured_t = self.mount.measured_t
+
+        def send() -> None:
+            self._link.write(frame)
+            if not self.garbage:
+                self.mount.reported(measured_t)
+
+        asyncio.get_running_loop().call_later(delay, send)

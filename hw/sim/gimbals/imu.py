@@ -62,6 +62,7 @@ class ImuModel:
         """Read the registers of a measurement. Raises OSError."""
         self._answer()
         force, rates = self._feel()
+        self._mount.reported(self._mount.measured_t)
         if self._is_bno and register == GRV_DATA:
             up = self._up() if self._written.get(OPR_MODE) == MODE_IMU else (0.0, 0.0, 0.0)
             return list(BNO_DATA.pack(*(round(100.0 * v) for v in self._in_sensor(up))))

@@ -2,12 +2,17 @@
 
 import asyncio
 import math
+from collections.abc import Callable
 from random import Random
 
 from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.world import World
 from landerd.geometry import Mat3, Vec3, angles_zxy, matmul, transpose
 from landerd.messages import Reference
+
+
+def _nobody(measured_t: float) -> None:
+    """Hear of it and do nothing."""
 
 
 class Play:
@@ -33,10 +38,14 @@ class SimMount:
         plant: the axes.
         yaw_bias: constant error of the measured yaw, rad.
         pitch_bias: the same of the pitch.
+        measured_t: when the angles were measured last, s.
+        reported: is told when angles reach landerd, with the time of their measurement, s.
     """
 
     def __init__(self, world: World, options: SimGimbalOptions, rng: Random) -> None:
         self.plant = world.gimbal
+        self.reported: Callable[[float], None] = _nobody
+        self.measured_t = -math.inf
         self._world = world
         self._rng = rng
         self._noise = math.radians(options.noise_deg)
@@ -82,6 +91,7 @@ class SimMount:
         """Return the time, R_local_gimbal so long ago, and the vehicle's velocity (local, m/s)."""
         self.advance()
         world, plant = self._world, self.plant
+        self.measured_t = world.t - back_s
         R_local_camera = world.snapshot(world.t - back_s).camera.R_local_camera
         R_local_gimbal = matmul(R_local_camera, transpose(plant.R_gimbal_camera))
         return world.t, R_local_gimbal, world.vehicle.velocity
@@ -110,6 +120,7 @@ class SimMount:
     def measure(self, *, pitch_measured: bool = True) -> tuple[float, float]:
         """Return yaw and pitch now, rad; without a sensor the pitch that was ordered."""
         self.advance()
+        self.measured_t = self._world.t
         plant = self.plant
         yaw, pitch = self._counted(
             self._yaw_play.follow(plant.yaw.angle), self._pitch_play.follow(plant.pitch.angle)

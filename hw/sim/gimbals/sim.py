@@ -74,5 +74,6 @@ class SimGimbal:
             return GimbalState(t, self._last.yaw, self._last.pitch, 0.0, Reference.BODY)
         measured = self._options.pitch_feedback
         yaw, pitch = self._mount.measure(pitch_measured=measured)
+        self._mount.reported(self._mount.measured_t)
         self._last = GimbalState(t, yaw, pitch, 0.0, Reference.BODY, pitch_measured=measured)
         return self._last

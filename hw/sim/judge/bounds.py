@@ -11,6 +11,9 @@ class RuleBounds:
     """What the rules allow: the configured limits, and the times of the rules themselves."""
 
     control_period_s: float
+    system_id: int  # of the vehicle
+    ground_stations: frozenset[int]  # system ids that may ask landerd for something
+    servo_outputs: frozenset[int]  # of the autopilot, that landerd may move: its gimbal's
     gate_channel: int
     gate_threshold_us: int
     release_s: float
@@ -29,11 +32,25 @@ class RuleBounds:
     k1_m: float
     k2_per_m: float
     alignment_height_m: float
+    commit_slip_mps: float
     has_heading: bool
+    guid_timeout_s: float | None = None  # after so long the autopilot stops; None: not known
     heading: float = math.radians(5.0)  # rad
     sighting_s: float = 0.5
-    blind_commit_s: float = 1.0
+    blind_commit_s: float = 1.0  # from the last sighting until contact is noticed
+    notice_s: float = 0.2  # of it: to notice contact
     commit_height_m: float = 0.20
+    dead_companion_mps: float = 0.5  # the fastest that it may let the vehicle sink to the ground
+    wave_off_pad_mps: float = 0.5  # over a faster pad a stop waits until the vehicle is clear
+    wave_off_s: float = 1.0
+    wave_off_m: float = 0.5
+    ride_mps: float = 0.3  # across the pad while pressed down
     settle_s: float = 5.0
+    total_s: float = 120.0
     stream_s: float = 0.05
     jitter_s: float = 0.0  # of the times at which set-points are seen: none on a virtual clock
+
+    @property
+    def tick_s(self) -> float:
+        """How late landerd may be: one control step."""
+        return 1.05 * self.control_period_s

@@ -29,13 +29,16 @@ class SetpointLimits:
         self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
         self._stopped = (False, False)  # the last set-point: horizontally, vertically
 
-    def check(self, t: float, velocity: Vec3, yaw_rate: float) -> None:
-        """Judge a set-point of time t (s): local NED, m/s, and rad/s."""
+    def check(self, t: float, velocity: Vec3, yaw_rate: float, *, waves_off: bool = False) -> None:
+        """Judge a set-point of time t (s): local NED, m/s, and rad/s.
+
+        Who waves off, just over the pad, may begin to climb at once.
+        """
         self._check_size(t, velocity, yaw_rate)
         if self.last_t is None or t - self.last_t > _GAP_S:
             self._acceleration = None
         elif t > self.last_t:
-            self._check_change(t, t - self.last_t, velocity)
+            self._check_change(t, t - self.last_t, velocity, waves_off=waves_off)
         self.last_t, self._velocity = t, velocity
 
     def levelled(self, t: float) -> None:
@@ -52,7 +55,7 @@ class SetpointLimits:
         if abs(yaw_rate) > b.yaw_rate * _TOLERANCE:
             self._broken(t, "3: turning too fast")
 
-    def _check_change(self, t: float, dt: float, velocity: Vec3) -> None:
+    def _check_change(self, t: float, dt: float, velocity: Vec3, *, waves_off: bool) -> None:
         b, before = self._b, self._velocity
         a = (
             (velocity[0] - before[0]) / dt,
@@ -65,7 +68,7 @@ class SetpointLimits:
             change = math.hypot(a[0] - was[0], a[1] - was[1])
             jerk = (min(change, horizontal(a)) if self._stopped[0] else change) / dt
             self._check_axes("horizontal", t, dt, horizontal(a), jerk, b.acceleration_mps2)
-        if not stops[1]:
+        if not (stops[1] or waves_off):
             change = abs(a[2] - was[2])
             jerk = (min(change, abs(a[2])) if self._stopped[1] else change) / dt
             self._check_axes("vertical", t, dt, abs(a[2]), jerk, b.vertical_acceleration_mps2)

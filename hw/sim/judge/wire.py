@@ -2,21 +2,37 @@
 
 import contextlib
 import struct
+from collections import OrderedDict
+from collections.abc import Iterator
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 _HEADER = 10  # bytes of a MAVLink 2 header
 _CHECKSUM, _SIGNATURE = 2, 13  # bytes
+_KEPT = 4096  # frames under way
+GIMBAL_REPORTS = (
+    mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS,
+    mavlink.MAVLINK_MSG_ID_MOUNT_ORIENTATION,
+    mavlink.MAVLINK_MSG_ID_MOUNT_STATUS,
+)
 _JUDGED = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
     mavlink.MAVLINK_MSG_ID_ATTITUDE,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+    mavlink.MAVLINK_MSG_ID_TIMESYNC,
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
     mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+    mavlink.MAVLINK_MSG_ID_COMMAND_INT,
+    mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+    mavlink.MAVLINK_MSG_ID_PARAM_SET,
+    mavlink.MAVLINK_MSG_ID_PARAM_VALUE,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT,
+    *GIMBAL_REPORTS,
 }
 
 
@@ -29,13 +45,44 @@ class Wire:
     def messages(self, data: bytes) -> list[mavlink.MAVLink_message]:
         """Return them, oldest first; a damaged one is none, for landerd as for the judge."""
         out = []
-        at = 0
-        while at + _HEADER < len(data) and data[at] == mavlink.PROTOCOL_MARKER_V2:
-            signature = _SIGNATURE if data[at + 2] & mavlink.MAVLINK_IFLAG_SIGNED else 0
-            end = at + _HEADER + data[at + 1] + _CHECKSUM + signature
-            (kind,) = struct.unpack("<I", data[at + 7 : at + 10] + b"\0")
+        for kind, frame in frames(data):
             if kind in _JUDGED:
                 with contextlib.suppress(mavlink.MAVError):
-                    out.append(self._codec.decode(bytearray(data[at:end])))
-            at = end
+                    out.append(self._codec.decode(bytearray(frame)))
         return out
+
+
+def frames(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield each MAVLink 2 frame with the id of its message; -1 and the rest if there is none."""
+    at = 0
+    while at < len(data):
+        if data[at] != mavlink.PROTOCOL_MARKER_V2 or at + _HEADER >= len(data):
+            yield -1, data[at:]
+            return
+        signature = _SIGNATURE if data[at + 2] & mavlink.MAVLINK_IFLAG_SIGNED else 0
+        end = at + _HEADER + data[at + 1] + _CHECKSUM + signature
+        (kind,) = struct.unpack("<I", data[at + 7 : at + 10] + b"\0")
+        yield kind, data[at:end]
+        at = end
+
+
+class Departures:
+    """When the frames left that are still under way: the age of what is in them counts from then.
+
+    Where nobody listens at the far end, at a real autopilot, it counts from arrival.
+    """
+
+    def __init__(self) -> None:
+        self._left: OrderedDict[bytes, float] = OrderedDict()
+
+    def sent(self, t: float, data: bytes) -> None:
+        """Bytes of whole frames leave at t (s)."""
+        for _, frame in frames(data):
+            self._left.pop(frame, None)
+            self._left[frame] = t
+        while len(self._left) > _KEPT:
+            self._left.popitem(last=False)
+
+    def left(self, frame: bytes, arrived_t: float) -> float:
+        """Return when a frame left that arrives now, s."""
+        return self._left.get(frame, arrived_t)

@@ -3,6 +3,9 @@
 from hw.sim.judge.bounds import RuleBounds
 
 BOUNDS = RuleBounds(
+    system_id=1,
+    ground_stations=frozenset({255}),
+    servo_outputs=frozenset({9}),
     control_period_s=0.025,
     gate_channel=11,
     gate_threshold_us=1500,
@@ -22,5 +25,6 @@ BOUNDS = RuleBounds(
     k1_m=0.12,
     k2_per_m=0.36,
     alignment_height_m=2.0,
+    commit_slip_mps=0.3,
     has_heading=True,
 )

@@ -1,0 +1,300 @@
+"""What the judge has seen so far: the facts that the rules are about.
+
+From the bytes at both ends of the link, the pictures and gimbal angles that were delivered, and
+the truth at landerd's orders. Times are those of the measurements, never landerd's for them.
+"""
+
+import math
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.sim.judge.bounds import ZERO, RuleBounds
+from hw.sim.judge.truth import Truth
+from landerd.geometry import Vec3, horizontal
+
+BOUNCE_S = 0.2  # feet up for longer than this end a contact
+_STILL_MPS, _STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
+_RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
+
+
+@dataclass(frozen=True)
+class Order:
+    """One set-point, or an order to be level and without thrust, with the truth at that time."""
+
+    t: float
+    velocity: Vec3  # local NED, m/s; zero for a level order
+    yaw_rate: float  # rad/s
+    truth: Truth
+    level: bool = False  # SET_ATTITUDE_TARGET
+    sound: bool = True  # level it is level and without thrust, else a velocity with a yaw rate
+
+    @property
+    def zero(self) -> bool:
+        """Whether it is an order to stop."""
+        still = math.hypot(*self.velocity) < ZERO and abs(self.yaw_rate) < ZERO
+        return still and not self.level
+
+    @property
+    def sinks(self) -> bool:
+        """Whether it goes down, and faster than the pad does."""
+        return self.velocity[2] > max(0.0, self.truth.pad_velocity[2]) + ZERO
+
+    @property
+    def climbs(self) -> bool:
+        """Whether it goes up, and faster than the pad does."""
+        return self.velocity[2] < min(0.0, self.truth.pad_velocity[2]) - ZERO
+
+    @property
+    def aside_mps(self) -> float:
+        """How fast it goes across the pad, m/s."""
+        own, pad = self.velocity, self.truth.pad_velocity
+        return math.hypot(own[0] - pad[0], own[1] - pad[1])
+
+
+class Evidence:
+    """The facts. Times in s on the loop's clock; -inf: never so far, None: not so now.
+
+    Attributes:
+        armed: by the last heartbeat.
+        guided: likewise.
+        authority_lost_t: since when it is not both, or was not.
+        latched: the gate must be seen low before landerd may fly.
+        gate_low_t: since when the gate is low.
+        sighting_t: exposure of the newest delivered picture with a marker really in it.
+        texts: what the pilot was told.
+        asked_t: when a configured ground station last asked landerd for something.
+        flown_t: the last order under granted authority.
+        last_order_t: the last order.
+        free_t: the last time that landerd did not have to stream orders.
+        touched: a foot was down, and the vehicle has not climbed away since.
+        touched_t: when a foot was last seen down.
+        touching_since: since when but for bounces.
+        touches_now: this order is the first one since the touch.
+        levelled: landerd has ordered to stand level since the touch.
+        on_ground_t: when the autopilot first said ON_GROUND since it last flew.
+        disarm_t: the last order to disarm.
+        blind_since: since when sight or data are too old to fly on.
+        missing_since: since when it sinks onto a pad that it will miss.
+        landing_since: since when it flies without having come to commit.
+        low_since: since when it is below the commit height.
+    """
+
+    def __init__(self, bounds: RuleBounds) -> None:
+        self._b = bounds
+        self.armed = self.guided = False
+        self.authority_lost_t = 0.0
+        self.latched = True
+        self.gate_low_t: float | None = 0.0
+        self.sighting_t = -math.inf
+        self.texts: list[tuple[float, str]] = []
+        self.asked_t = -math.inf
+        self.flown_t: float | None = None
+        self.last_order_t: float | None = None
+        self.free_t = 0.0
+        self.touched = self.touches_now = self.levelled = False
+        self.touched_t = -math.inf
+        self.touching_since = 0.0
+        self.on_ground_t: float | None = None
+        self.disarm_t = -math.inf
+        self.blind_since: float | None = None
+        self.missing_since: float | None = None
+        self.landing_since: float | None = None
+        self.low_since: float | None = None
+        self._beat_t = self._rc_t = -math.inf
+        self._ended_t = math.inf  # handed back, told to stop, or the autopilot has restarted
+        self._boot_s = -math.inf
+        self._content: dict[str, object] = {}
+        self._measured: dict[str, float] = {}
+        self._still_since: float | None = None
+        self._released: tuple[float, float, bool] | None = None  # when, height, bound to climb away
+        self._climbed_away_t = -math.inf  # the last order of a wave-off after the release
+
+    # ---- what the autopilot says ---------------------------------------------------------------
+
+    def on_heartbeat(self, t: float, message: mavlink.MAVLink_message) -> None:
+        """It has no time of its own: that of its arrival, t, counts."""
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        guided = message.custom_mode == mavlink.COPTER_MODE_GUIDED
+        if (self.armed and not armed) or (self.guided and not guided):
+            self.latched = True
+        if self.armed and self.guided and not (armed and guided):
+            self.authority_lost_t = t
+        if self.armed and not armed:
+            # The next flight is judged afresh.
+            self.touched, self.levelled, self.on_ground_t = False, False, None
+        self.armed, self.guided, self._beat_t = armed, guided, t
+
+    def on_rc(self, t: float, measured_t: float, message: mavlink.MAVLink_message) -> None:
+        """The receiver's channels arrive at t, measured earlier."""
+        pulse = getattr(message, f"chan{self._b.gate_channel}_raw")
+        present = pulse not in (0, 65535)
+        high = present and pulse > self._b.gate_threshold_us
+        if present and not high:
+            self.latched = False
+            self._ended_t = math.inf
+        if high:
+            self.gate_low_t = None
+        elif self.gate_low_t is None:
+            self.gate_low_t = t
+        self._rc_t = max(self._rc_t, measured_t)
+
+    def on_boot_time(self, t: float, boot_s: float) -> None:
+        """The autopilot says how long it has run: one that restarted says less than before."""
+        if _RESTART_S < self._boot_s - boot_s < _WRAP_S:
+            self.latched = True
+            self._ended_t = min(self._ended_t, t)
+        self._boot_s = boot_s
+
+    def on_measured(self, what: str, t: float, content: object) -> None:
+        """A measurement of time t is delivered; one that is equal to the bit is the old one."""
+        if content != self._content.get(what):
+            self._content[what] = content
+            self._measured[what] = max(t, self._measured.get(what, -math.inf))
+
+    def on_ground(self, t: float) -> None:
+        """The autopilot says ON_GROUND."""
+        if self.on_ground_t is None:
+            self.on_ground_t = t
+
+    def tell(self, t: float, text: str) -> None:
+        """The pilot is told something; with the words "take over" landerd's flying ends."""
+        self.texts.append((t, text))
+        if "take over" in text:
+            self._ended_t = min(self._ended_t, t)
+
+    # ---- what follows from it ------------------------------------------------------------------
+
+    def closed_t(self, t: float) -> float:
+        """Return since when landerd may not fly on; later than t: it may."""
+        b = self._b
+        low = math.inf if self.gate_low_t is None else self.gate_low_t
+        return min(self._ended_t, low, self._rc_t + b.rc_s, self._beat_t + b.heartbeat_s)
+
+    def granted(self, t: float) -> bool:
+        """Tell whether landerd may fly."""
+        return self.armed and self.guided and not self.latched and t < self.closed_t(t)
+
+    def stale(self, t: float) -> bool:
+        """Tell whether attitude, position or gimbal angles are too old to fly on, or frozen.
+
+        Without new gimbal angles the sightings of before may be flown on. A gimbal that has never
+        reported has nothing to say: servos, a bolted camera.
+        """
+        b = self._b
+        oldest = (b.attitude_s, b.position_s, b.gimbal_s + b.sighting_s)
+        kinds = ("attitude", "position", "gimbal")
+        never = {"attitude": -math.inf, "position": -math.inf, "gimbal": math.inf}
+        return any(
+            t - self._measured.get(kind, never[kind]) > limit + b.tick_s
+            for kind, limit in zip(kinds, oldest, strict=True)
+        )
+
+    def sighting_limit_s(self, truth: Truth) -> float:
+        """Return how old the last sighting may be."""
+        low = truth.height < self._b.commit_height_m
+        return self._b.blind_commit_s if low else self._b.sighting_s
+
+    def stands(self, t: float) -> bool:
+        """Tell whether the vehicle stands on the pad, or landerd has ordered it to."""
+        still = self._still_since is not None and t - self._still_since > _STILL_S
+        return self.touched and (self.levelled or still)
+
+    def must_climb_away(self, t: float, truth: Truth) -> bool:
+        """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
+        if self._released is None:
+            return False
+        since, height, bound = self._released
+        b = self._b
+        return bound and t - since < b.wave_off_s and truth.height - height < 0.5 * b.wave_off_m
+
+    def climbs_away(self, order: Order) -> bool:
+        """Tell whether an order is that of a wave-off from a pad that moves, after the release."""
+        if self._released is None:
+            return False
+        since, height, bound = self._released
+        b = self._b
+        return (
+            bound
+            and order.t - since <= b.wave_off_s + 2.0 * b.tick_s
+            and order.truth.height - height <= b.wave_off_m
+            and order.velocity[2] <= ZERO
+            and order.aside_mps <= b.ride_mps
+        )
+
+    def release_t(self, t: float) -> float:
+        """Return since when only stop orders may come."""
+        return max(self.closed_t(t), self._climbed_away_t)
+
+    def waves_off(self, order: Order) -> bool:
+        """Tell whether an order climbs from just over the pad: that need not begin gently."""
+        if self.low_since is None or not order.climbs:
+            return False
+        b = self._b
+        near = order.truth.height <= b.commit_height_m + b.wave_off_m
+        return near and order.t - self.low_since <= b.wave_off_s
+
+    # ---- orders --------------------------------------------------------------------------------
+
+    def note(self, order: Order) -> None:
+        """Take note of what an order means before the rules look at it."""
+        self._note_contact(order)
+        self._note_release(order)
+        self._note_sight(order)
+        t, truth, b = order.t, order.truth, self._b
+        if t < self.closed_t(t) and not self.latched:
+            self.flown_t = t
+        low = truth.height < b.commit_height_m
+        if low:
+            self.low_since = t
+        if low or self.touched or not self.granted(t):
+            self.landing_since = None
+        elif self.landing_since is None:
+            self.landing_since = t
+        seen = t - self.sighting_t < b.sighting_s
+        missing = truth.misses or truth.slip > b.commit_slip_mps + 0.1
+        if not (low and not self.touched and order.sinks and seen and missing):
+            self.missing_since = None
+        elif self.missing_since is None:
+            self.missing_since = t
+
+    def _note_contact(self, order: Order) -> None:
+        t, truth = order.t, order.truth
+        self.touches_now = bool(truth.feet_down) and not self.touched
+        if truth.feet_down:
+            self.touched = True
+            if t - self.touched_t > BOUNCE_S:
+                self.touching_since = t
+            self.touched_t = t
+        elif truth.height > self._b.commit_height_m:
+            self.touched, self.levelled, self.on_ground_t = False, False, None
+        if truth.feet_down < 3 or truth.slip > _STILL_MPS:
+            self._still_since = None
+        elif self._still_since is None:
+            self._still_since = t
+        if order.level and truth.feet_down:
+            self.levelled = True
+
+    def _note_release(self, order: Order) -> None:
+        t, truth, b = order.t, order.truth, self._b
+        closed_t = self.closed_t(t)
+        if t < closed_t or not (self.armed and self.guided):
+            self._released = None
+        elif self._released is None:
+            low = truth.height < b.commit_height_m or self.touched
+            fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
+            bound = low and fast and not self.stands(t) and self.flown_t is not None
+            self._released = (closed_t, truth.height, bound)
+        if self.climbs_away(order) and not order.zero:
+            self._climbed_away_t = t
+
+    def _note_sight(self, order: Order) -> None:
+        t = order.t
+        limit = self.sighting_limit_s(order.truth) + self._b.tick_s
+        blind = t - self.sighting_t > limit or self.stale(t)
+        if order.zero or self.touched:
+            return
+        if not blind:
+            self.blind_since = None
+        elif self.blind_since is None:
+            self.blind_since = t

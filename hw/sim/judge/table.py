@@ -1,0 +1,306 @@
+"""The safety rules, one after the other as docs/safety.md has them, each with its number there.
+
+`ORDER_RULES` are looked at for every order to fly, `TIME_RULES` when anything arrives at landerd.
+What may be sent at all is in hw.sim.judge.allowed, the limits of set-points (3) in
+hw.sim.judge.limits; what a STATUSTEXT or a disarm order breaks in hw.sim.judge.rules.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from hw.sim.judge.bounds import ZERO, RuleBounds
+from hw.sim.judge.evidence import BOUNCE_S, Evidence, Order
+from landerd.geometry import horizontal
+
+CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
+RIDES_S = 1.0  # the same to the time it goes with the pad: rule 3 lets no order end at once
+LEVEL_AFTER_S = 0.5  # for so long the vehicle goes with the pad before it may stand level
+HOVER_MPS = 0.02  # an order of less, horizontally, is one to hover
+TOLD_S = 1.0  # before an abort or after it the pilot is told of it
+MISS_S = 0.25  # that it will miss the pad must be noticed in
+DISARMS_S = 1.0  # after ON_GROUND landerd disarms in
+DIES_HARD = "2: sinking faster than the autopilot's timeout allows"
+# Today's core breaks these in every landing: kept apart, or nothing else would be seen for them.
+KNOWN_BROKEN = frozenset({DIES_HARD})
+_PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
+_LOSS_NEWS = ("not in sight", "stale", "no pictures")
+_UNCONFIRMED = "not confirmed"
+
+
+class OrderRule(NamedTuple):
+    """One rule about orders to fly."""
+
+    text: str
+    is_broken: Callable[[Evidence, Order, RuleBounds], bool]
+
+
+class TimeRule(NamedTuple):
+    """One rule about what must come in time, at a time in s."""
+
+    text: str
+    is_broken: Callable[[Evidence, float, RuleBounds], bool]
+
+
+# ---- 1: who flies ------------------------------------------------------------------------------
+
+
+def _without_authority(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return not (e.armed and e.guided) and o.t - e.authority_lost_t > b.tick_s
+
+
+def _flies_on(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    stops = o.zero or o.level or e.climbs_away(o)
+    return o.t - e.closed_t(o.t) > b.tick_s and not stops
+
+
+def _never_silent(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return o.t - e.release_t(o.t) > b.release_s + 2.0 * b.tick_s + 0.05
+
+
+def _stops_on_moving_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return o.zero and e.must_climb_away(o.t, o.truth)
+
+
+def _gets_up(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    released = o.t - e.closed_t(o.t) > b.tick_s and e.flown_t is not None
+    return released and not o.level and e.stands(o.t)
+
+
+def _latched(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    may_fly = e.armed and e.guided and o.t < e.closed_t(o.t)
+    # What was on its way when authority was lost is judged by rule 1a.
+    late = o.t - e.authority_lost_t > b.tick_s
+    return e.latched and not o.zero and may_fly and late
+
+
+def _never_seen(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return e.sighting_t == -math.inf
+
+
+def _out_of_sight(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return o.t - e.sighting_t > e.sighting_limit_s(o.truth) + b.tick_s
+
+
+def _blind_for_s(e: Evidence, o: Order) -> float:
+    """Return for how long landerd has flown without sight or fresh data, s; -1: it has both."""
+    if o.zero or e.touched or e.blind_since is None:
+        return -1.0
+    return o.t - e.blind_since
+
+
+def _turns_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return _blind_for_s(e, o) > b.tick_s and abs(o.yaw_rate) > ZERO
+
+
+def _sinks_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return _blind_for_s(e, o) >= 0.0 and o.velocity[2] > ZERO
+
+
+def _wanders_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    # Full braking, and the last of it fading out with the jerk limit.
+    braking_s = b.speed_mps / b.acceleration_mps2 + 5.0 * b.acceleration_mps2 / b.jerk_mps3
+    too_long = _blind_for_s(e, o) > braking_s + b.tick_s
+    return too_long and horizontal(o.velocity) > HOVER_MPS
+
+
+def _silent_at_once(e: Evidence, t: float, b: RuleBounds) -> bool:
+    return t >= e.closed_t(t) and _owes_order(e, t, b)
+
+
+# ---- 2: never blind ----------------------------------------------------------------------------
+
+
+def _sinks(e: Evidence, o: Order) -> bool:
+    """Tell whether it is an order to descend before contact."""
+    return o.sinks and not e.touched
+
+
+def _no_sighting(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return _sinks(e, o) and o.t - e.sighting_t > e.sighting_limit_s(o.truth)
+
+
+def _blind_budget(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return e.touches_now and o.t - e.sighting_t + b.notice_s > b.blind_commit_s
+
+
+def _outside_region(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    high = o.truth.height >= b.commit_height_m
+    radius = b.k1_m * math.exp(b.k2_per_m * o.truth.height)
+    return _sinks(e, o) and high and o.truth.distance > radius
+
+
+def _heading_off(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    low = b.commit_height_m <= o.truth.height < b.alignment_height_m
+    off = b.has_heading and abs(o.truth.heading_error) > b.heading
+    return _sinks(e, o) and low and off
+
+
+def _dies_hard(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    """Were this the last order, the vehicle would go on with it until the autopilot brakes it."""
+    high = o.truth.height >= b.commit_height_m
+    if b.guid_timeout_s is None or not (_sinks(e, o) and high):
+        return False
+    speed = o.velocity[2] - o.truth.pad_velocity[2]
+    left_m = max(0.0, o.truth.height - speed * b.guid_timeout_s)
+    braked = speed * speed - 2.0 * b.vertical_acceleration_mps2 * left_m
+    return braked > 1.05 * b.dead_companion_mps**2
+
+
+def _misses(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return e.missing_since is not None and o.t - e.missing_since > MISS_S
+
+
+# ---- 3: limits (the others: hw.sim.judge.limits) -----------------------------------------------
+
+
+def _owes_order(e: Evidence, t: float, b: RuleBounds) -> bool:
+    """Tell whether the last order is too long ago."""
+    flown = e.flown_t is not None and e.flown_t > e.free_t
+    return flown and e.last_order_t is not None and t - e.last_order_t > b.stream_s + 1e-6
+
+
+def _too_seldom(e: Evidence, t: float, b: RuleBounds) -> bool:
+    return t < e.closed_t(t) and _owes_order(e, t, b)
+
+
+# ---- 4: after contact --------------------------------------------------------------------------
+
+
+def _pressed(e: Evidence, o: Order) -> bool:
+    """Tell whether landerd has to press the vehicle down and go with the pad."""
+    known = o.t - e.touching_since > CONTACT_LATE_S
+    return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.granted(o.t)
+
+
+def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    waiting = _pressed(e, o) and o.t - e.touching_since < b.settle_s
+    return waiting and not o.level and o.velocity[2] <= ZERO
+
+
+def _does_not_ride(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    rides = _pressed(e, o) and not o.level and o.t - e.touching_since > RIDES_S
+    return rides and o.aside_mps > b.ride_mps
+
+
+def _climbs_from_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return bool(o.truth.feet_down) and o.climbs and e.stands(o.t)
+
+
+def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return o.level and o.t - e.touched_t > BOUNCE_S
+
+
+def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    touches = o.t - e.touched_t <= BOUNCE_S
+    return o.level and touches and o.t - e.touching_since < LEVEL_AFTER_S
+
+
+def _level_sliding(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return o.level and bool(o.truth.feet_down) and o.truth.slip > b.ride_mps
+
+
+def _not_level(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return o.level and not o.sound
+
+
+def _never_disarms(e: Evidence, t: float, b: RuleBounds) -> bool:
+    said_t = e.on_ground_t
+    waits = said_t is not None and t - max(said_t, e.touching_since) > DISARMS_S
+    return waits and e.touched and e.granted(t) and e.disarm_t < e.touching_since
+
+
+# ---- 5: freshness (RC and heartbeats: rule 1b) -------------------------------------------------
+
+
+def _sinks_stale(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return e.stale(o.t) and _sinks_blind(e, o, b)
+
+
+def _turns_stale(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return e.stale(o.t) and _turns_blind(e, o, b)
+
+
+def _wanders_stale(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    return e.stale(o.t) and _wanders_blind(e, o, b)
+
+
+# ---- 6: every abort has an outcome that is told ------------------------------------------------
+
+
+def _untold(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    # Nothing new is to be told of a marker that came in sight and went without being taken.
+    since = e.blind_since
+    if _blind_for_s(e, o) <= TOLD_S or since is None:
+        return False
+    return not (_last_news_is_bad(e) or any(at >= since - TOLD_S for at, _ in e.texts))
+
+
+def _last_news_is_bad(e: Evidence) -> bool:
+    """Tell whether the pilot was last told that the pad is lost, not of a phase."""
+    for _, text in reversed(e.texts):
+        if any(words in text for words in _PHASE_NEWS):
+            return False
+        if any(words in text for words in _LOSS_NEWS):
+            return True
+    return False
+
+
+def _unconfirmed_untold(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    late_s = b.settle_s + CONTACT_LATE_S + TOLD_S
+    waits = bool(o.truth.feet_down) and e.on_ground_t is None and e.granted(o.t)
+    told = any(at > e.touching_since and _UNCONFIRMED in text for at, text in e.texts)
+    return waits and o.t - e.touching_since > late_s and not told
+
+
+def _never_hands_back(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    since = e.landing_since
+    return since is not None and o.t - since > b.total_s + TOLD_S and not o.zero
+
+
+ORDER_RULES = (
+    OrderRule("1a: a set-point while not armed or not GUIDED", _without_authority),
+    OrderRule("1b: a set-point other than zero with the gate low or stale", _flies_on),
+    OrderRule("1b: set-points after the release time", _never_silent),
+    OrderRule("1b: a stop relative to the ground over a moving pad", _stops_on_moving_pad),
+    OrderRule("1b: released on the pad and not level without thrust", _gets_up),
+    OrderRule("1: a set-point before the gate was seen low again", _latched),
+    OrderRule("1c: a set-point before the first sighting", _never_seen),
+    OrderRule(
+        "1d: turning while the pad is out of sight",
+        lambda e, o, b: _out_of_sight(e, o, b) and _turns_blind(e, o, b),
+    ),
+    OrderRule(
+        "1d: descending while the pad is out of sight",
+        lambda e, o, b: _out_of_sight(e, o, b) and _sinks_blind(e, o, b),
+    ),
+    OrderRule(
+        "1d: not hovering while the pad is out of sight",
+        lambda e, o, b: _out_of_sight(e, o, b) and _wanders_blind(e, o, b),
+    ),
+    OrderRule("2: a downward set-point without a young sighting", _no_sighting),
+    OrderRule("2: contact too long after the last sighting", _blind_budget),
+    OrderRule("2: a downward set-point outside the descent region", _outside_region),
+    OrderRule("2: a downward set-point with the heading off", _heading_off),
+    OrderRule(DIES_HARD, _dies_hard),
+    OrderRule("2: descending to a pad that will be missed", _misses),
+    OrderRule("4: no descent ordered after contact", _no_descent),
+    OrderRule("4: not going with the pad after contact", _does_not_ride),
+    OrderRule("4: a climb ordered while standing on the pad", _climbs_from_pad),
+    OrderRule("4: level and without thrust while no foot is down", _level_in_air),
+    OrderRule("4: did not go with the pad after contact", _level_at_once),
+    OrderRule("4: level and without thrust while it slides", _level_sliding),
+    OrderRule("4: an attitude ordered other than level and without thrust", _not_level),
+    OrderRule("5: descending on stale or frozen data", _sinks_stale),
+    OrderRule("5: turning on stale or frozen data", _turns_stale),
+    OrderRule("5: not hovering on stale or frozen data", _wanders_stale),
+    OrderRule("6: an abort that the pilot was not told of", _untold),
+    OrderRule("6: a touch-down not confirmed, and the pilot not told", _unconfirmed_untold),
+    OrderRule("6: not handed back although no landing comes about", _never_hands_back),
+)
+
+TIME_RULES = (
+    TimeRule("1b: silent without stop orders first", _silent_at_once),
+    TimeRule("3: set-points less often than 20 Hz", _too_seldom),
+    TimeRule("4: no disarm ordered after ON_GROUND", _never_disarms),
+)

@@ -1,0 +1,89 @@
+"""What the judge needs of the world, and where the vehicle's feet are in it."""
+
+import math
+from dataclasses import dataclass
+
+from hw.sim.physics.response import STEP_S
+from hw.sim.physics.world import Airframe, World
+from landerd.geometry import Vec3, add, cross, rot_zyx, rotate, scale, sub
+from landerd.pad import Plate
+
+STANDS_M = 0.01  # so close to the plate a foot stands on it: gusts take the load off some by turns
+_SLOWEST_SINK_MPS = 0.1  # and so fast it is taken to sink, to tell where it will touch
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the rules need of the world, local NED."""
+
+    t: float
+    distance: float  # centre of the feet to the landing point, horizontal, m
+    height: float  # of the feet's centre over the landing point, m
+    heading_error: float  # pad minus vehicle, rad
+    yaw: float  # rad
+    pad_velocity: Vec3  # of the plate where the feet's centre is over it, m/s
+    feet_down: int
+    slip: float = 0.0  # speed of the vehicle across the plate, m/s
+    misses: bool = False  # going on like this it touches with a foot beside the plate
+    on_plate: bool = False  # all four feet stand on it
+
+
+class Feet:
+    """The four feet and the plate, in a world."""
+
+    def __init__(self, world: World, airframe: Airframe, plate: Plate) -> None:
+        x, y = 0.5 * airframe.footprint_m[0], 0.5 * airframe.footprint_m[1]
+        z = airframe.gear_height_m
+        self._arms: tuple[Vec3, ...] = ((x, -y, z), (x, y, z), (-x, -y, z), (-x, y, z))
+        self._world = world
+        self._plate = plate
+
+    def over_plate(self, at_most_m: float = math.inf, ahead: Vec3 = (0.0, 0.0, 0.0)) -> bool:
+        """Tell whether all four feet are over the plate, none of them higher than this.
+
+        Args:
+            at_most_m: over the plate.
+            ahead: that much further on, local, m.
+        """
+        vehicle, pad, plate = self._world.vehicle, self._world.pad, self._plate
+        R = rot_zyx(vehicle.yaw, vehicle.pitch, vehicle.roll)
+        for arm in self._arms:
+            x, y, down = pad.in_pad(add(add(vehicle.position, ahead), rotate(R, arm)))
+            if down < -at_most_m:
+                return False
+            if not (-plate.south_m <= x <= plate.north_m and -plate.west_m <= y <= plate.east_m):
+                return False
+        return True
+
+    def touching_velocity(self) -> Vec3:
+        """Return the velocity (local, m/s) of the lowest foot against the plate under it.
+
+        That of one step ago: at first contact, before the foot's spring has acted. The rates of
+        roll, pitch and yaw carry the foot too: it may be twice as fast as the vehicle.
+        """
+        world, pad = self._world, self._world.pad
+        s = world.state_at(world.t - STEP_S)
+        R = rot_zyx(s.yaw, s.pitch, s.roll)
+        arms = [rotate(R, arm) for arm in self._arms]
+        arm = max(arms, key=lambda a: pad.in_pad(add(s.position, a))[2])
+        own = add(s.velocity, cross(rotate(R, s.rates), arm))
+        return sub(own, pad.velocity_at(add(s.position, arm)))
+
+    def truth(self) -> Truth:
+        """Return what the rules need of the world as it is now."""
+        world = self._world
+        across, height = world.relative_velocity, world.height
+        touches_in_s = max(0.0, height) / max(_SLOWEST_SINK_MPS, across[2])
+        ahead = scale((across[0], across[1], 0.0), touches_in_s)
+        return Truth(
+            t=world.t,
+            distance=math.hypot(*world.offset),
+            height=height,
+            heading_error=world.heading_error,
+            yaw=world.vehicle.yaw,
+            pad_velocity=world.pad.velocity_at(world.footprint_centre),
+            feet_down=sum(world.vehicle.feet),
+            slip=math.hypot(across[0], across[1]),
+            misses=not self.over_plate(ahead=ahead),
+            on_plate=self.over_plate(STANDS_M),
+        )
