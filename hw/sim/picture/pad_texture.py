@@ -5,6 +5,7 @@ level whose texels are no larger than the sampling pitch therefore moves no edge
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.geometry import Vec3
-from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, PadLayout, Ring, Square, WhyCode
+from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, Marker, PadLayout, Square, WhyCode
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -71,8 +72,17 @@ def marker_bitmap(marker: Square) -> U8:
     return cast(U8, np.rot90(cells, 2) if marker.kind == "apriltag" else cells)
 
 
-def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
+def pad_texture(
+    layout: PadLayout,
+    ink: float = BLACK,
+    weather: Callable[[F32], F32] | None = None,
+) -> tuple[TextureLevel, ...]:
     """Draw the pad, finest level first.
+
+    Args:
+        layout: markers and plate.
+        ink: grey level of the print.
+        weather: what becomes of the plate's grey levels (rows, columns), north-west first.
 
     Raises:
         ValueError: a marker does not exist (see marker_bitmap).
@@ -99,21 +109,15 @@ def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
         reach = size / 2 + 2 / per_m
         window = np.ix_(np.abs(norths[:, 0] - n) < reach, np.abs(easts[0] - e) < reach)
         dn, de = norths[window[0][:, 0]] - np.float32(n), easts[:, window[1][0]] - np.float32(e)
-        if isinstance(marker, Ring):
-            radius = np.sqrt(dn * dn + de * de)
-            outer = _covered(marker.outer_diameter_m / 2 - radius, per_m)
-            black = outer - _covered(
-                marker.inner_ratio * marker.outer_diameter_m / 2 - radius, per_m
-            )
-        elif isinstance(marker, WhyCode):
-            black = _whycode(marker, dn, de, per_m)
-        else:
-            black = _square(marker, dn, de, per_m)
-        white[window] *= 1.0 - black
-    on_north = _covered(plate.north_m - norths, per_m) * _covered(plate.south_m + norths, per_m)
-    on_east = _covered(plate.east_m - easts, per_m) * _covered(plate.west_m + easts, per_m)
+        white[window] *= 1.0 - _black(marker, dn, de, per_m)
+    on_north = covered(plate.north_m - norths, per_m) * covered(plate.south_m + norths, per_m)
+    on_east = covered(plate.east_m - easts, per_m) * covered(plate.west_m + easts, per_m)
     alpha = on_north * on_east
-    grey = (BLACK + (WHITE - BLACK) * white) * alpha
+    grey = cast(F32, ink + (WHITE - ink) * white)
+    if weather is not None:
+        on_plate = tuple(slice(block, block + round(per_m * d)) for d in (height, width))
+        grey[on_plate] = weather(grey[on_plate])
+    grey = grey * alpha
 
     levels = []
     for level in range(LEVELS):
@@ -134,16 +138,28 @@ def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
     return tuple(levels)
 
 
-def _covered(inside_m: F32, per_m: float) -> F32:
-    """Share of a texel on the inner side of an edge that lies inside_m beyond its centre."""
+def covered(inside_m: F32, per_m: float) -> F32:
+    """Return the share of a texel inside of an edge that lies inside_m beyond its centre."""
     return cast(F32, np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0))
+
+
+def _black(marker: Marker, dn: F32, de: F32, per_m: float) -> F32:
+    """Black share of texels at dn (rows, 1), de (1, columns) from a marker's centre, m."""
+    if isinstance(marker, WhyCode):
+        return _whycode(marker, dn, de, per_m)
+    if isinstance(marker, Square):
+        return _square(marker, dn, de, per_m)
+    radius = cast(F32, np.sqrt(dn * dn + de * de))
+    outer = covered(marker.outer_diameter_m / 2 - radius, per_m)
+    inner = covered(marker.inner_ratio * marker.outer_diameter_m / 2 - radius, per_m)
+    return cast(F32, outer - inner)
 
 
 def _whycode(code: WhyCode, dn: F32, de: F32, per_m: float) -> F32:
     """Black share of texels at dn (rows, 1), de (1, columns) from the code's centre, m."""
     radius = cast(F32, np.sqrt(dn * dn + de * de))
     disc, band, core = (
-        _covered(np.float32(k * code.outer_diameter_m / 2) - radius, per_m)
+        covered(np.float32(k * code.outer_diameter_m / 2) - radius, per_m)
         for k in (1.0, WHYCODE_BAND, WHYCODE_CORE)
     )
     # Anticlockwise from the print's east, in half cells: every second border between halves

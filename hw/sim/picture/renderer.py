@@ -15,19 +15,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.sim.options import RenderOptions
+from hw.sim.options import PadOptions, RenderOptions
+from hw.sim.picture.fractal import generator
 from hw.sim.picture.ground import Ground
-from hw.sim.picture.pad_texture import TextureLevel, pad_texture, plate_corners
+from hw.sim.picture.leaf_shade import LeafShade
+from hw.sim.picture.look_alikes import LookAlikes
+from hw.sim.picture.pad_print import Panel, panels
+from hw.sim.picture.pad_texture import TextureLevel, plate_corners
 from hw.sim.picture.vehicle import Shadow, draw_legs, shade, vehicle_shadow
 from hw.sim.picture.view import (
     F64,
     NO_SECOND_MAP,
     Frustum,
+    footprint,
     in_camera,
     level_of_detail,
     middle,
     on_pad,
     plane_homography,
+    rays_at,
 )
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 from landerd.camera_model import CameraModel
@@ -43,37 +49,59 @@ BAND_ROWS = 80  # of the pad's picture drawn from one level of detail
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
 NOISE_MARGIN = 256  # offsets of the noise field to choose from, along x and along y
-EDGE_SOFTNESS_M = 0.02  # of the shadow's edge that something far away casts
+
+
+_Box = tuple[int, int, int, int]  # left, top, right, bottom in pixels
 
 
 class Renderer:
     """Draws grey pictures of one pad through one camera."""
 
     def __init__(
-        self, layout: PadLayout, camera: CameraModel, options: RenderOptions, seed: int
+        self,
+        layout: PadLayout,
+        camera: CameraModel,
+        options: RenderOptions,
+        seed: int,
+        *,
+        pad: PadOptions | None = None,
     ) -> None:
         """Prepare rays, textures and noise; takes about 0.2 s.
 
+        Args:
+            layout: of the pad as it was printed.
+            camera: whose images are drawn.
+            options: light and surroundings.
+            seed: of all that is random.
+            pad: where it starts, what has become of its print; None: a new one at the origin.
+
         Raises:
-            ValueError: the layout names a marker that does not exist.
+            ValueError: the layout names a marker that does not exist, or the ground's photograph
+                cannot be read.
         """
+        pad = pad or PadOptions(position_m=(0.0, 0.0))
         self._camera = camera
         self._options = options
         self._seed = seed
         self._frustum = Frustum(camera)
-        self._pad = pad_texture(layout)
+        self._panels = panels(layout, pad, options, seed)
         self._plate = np.array(plate_corners(layout))
         w, h = camera.width, camera.height
         # One ray beyond each border, so that rays between pixels can be interpolated there too.
-        self._rays = _rays(camera, np.arange(-1.0, w + 1), np.arange(-1.0, h + 1))
-        columns, rows = (w + 1) // 2, (h + 1) // 2
-        half_x = (np.arange(columns) + 0.5) * w / columns - 0.5
-        half_y = (np.arange(rows) + 0.5) * h / rows - 0.5
-        self._ground = Ground(options.ground, _rays(camera, half_x, half_y), seed)
+        self._rays = rays_at(camera, np.arange(-1.0, w + 1), np.arange(-1.0, h + 1))
+        self._ground = Ground(options, camera, seed, pad.position_m)
+        self._look_alikes = None
+        if options.look_alikes:
+            rng = generator(seed, "look-alikes")
+            down = options.ground_down_m
+            self._look_alikes = LookAlikes(options.look_alikes, layout, pad.position_m, down, rng)
         e, a = math.radians(options.sun_elevation_deg), math.radians(options.sun_azimuth_deg)
         self._sunlight = np.array(
             [-math.cos(e) * math.cos(a), -math.cos(e) * math.sin(a), math.sin(e)]
         )
+        self._leaves = None
+        if options.leaf_shade > 0.0:
+            self._leaves = LeafShade(options, camera, self._sunlight, seed)
         rng = np.random.default_rng([seed, 2])
         bearing = rng.uniform(0.0, 2.0 * math.pi)
         ramp = np.add.outer(
@@ -107,6 +135,10 @@ class Renderer:
         spot = MOTION_SPOT_PX if moves else 0.0
         defocus = math.sqrt(max(options.defocus_px**2 - spot**2, 0.0))
         image, is_sharp = self._background(pose, pad, defocus)
+        if self._leaves is not None:
+            to_leaves = plane_homography(pose, self._leaves.falls_on(pad))
+            if to_leaves is not None:
+                self._leaves.darken(image, to_leaves)
         if options.vehicle_shadow and vehicle is not None:
             plane = self._shaded_plane(vehicle, pad)
             shadow = vehicle_shadow(self._frustum, pose, vehicle, plane, self._sunlight)
@@ -139,27 +171,48 @@ class Renderer:
         """
         w, h = self._camera.width, self._camera.height
         H = plane_homography(pose, pad)
-        box = self._pad_box(pose, pad) if H is not None else None
-        if H is not None and box == (0, 0, w, h) and self._covers(H, self._rays):
-            image = np.empty((h, w), np.uint8)
+        box = self._box(pose, pad, self._plate) if H is not None else None
+        if H is not None and box == (0, 0, w, h) and _covers(self._plate, H, self._rays):
+            image = np.zeros((h, w), np.uint8)
             samples = _samples(box)
-            self._draw_pad(image, H, box, samples, defocus)
+            self._draw_pad(image, pose, pad, samples, defocus, covered=True)
             return image, samples == 1
         level = PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
-        small = self._ground.draw(plane_homography(pose, level))
-        image = np.empty((h, w), np.uint8)
-        cv2.resize(small, (w, h), dst=image, interpolation=cv2.INTER_LINEAR)
+        to_ground = plane_homography(pose, level)
+        image = self._ground.draw(to_ground)
+        if self._look_alikes is not None and to_ground is not None:
+            seen = self._rays[1:-1, 1:-1]
+            self._look_alikes.draw(image, self._frustum, pose, to_ground, seen)
         if H is None or box is None:
             return image, True
         samples = _samples(box)
         if samples > 1:
             _defocus(image, defocus)
-        self._draw_pad(image, H, box, samples, defocus)
+        self._draw_pad(image, pose, pad, samples, defocus, covered=False)
         return image, samples == 1
 
-    def _pad_box(self, pose: CameraPose, pad: PadPose) -> tuple[int, int, int, int] | None:
-        """Left, top, right, bottom of the pad in the image, None when it is out of sight."""
-        corners = self._frustum.clip(in_camera(pose, on_pad(pad, self._plate)))
+    def _draw_pad(
+        self,
+        image: U8,
+        pose: CameraPose,
+        pad: PadPose,
+        samples: int,
+        defocus: float,
+        *,
+        covered: bool,
+    ) -> None:
+        """Draw the pad, flat or folded; covered: nothing else is in the image."""
+        for i, panel in enumerate(self._panels):
+            placed = panel.placed(pad)
+            H = plane_homography(pose, placed)
+            box = self._box(pose, placed, panel.outline) if H is not None else None
+            if H is not None and box is not None:
+                alone = covered and i == 0
+                self._draw_panel(image, H, box, panel, samples, defocus, alone=alone)
+
+    def _box(self, pose: CameraPose, plane: PadPose, outline: F64) -> _Box | None:
+        """Return where an outline (n, 3) on a plane is in the image, None when out of sight."""
+        corners = self._frustum.clip(in_camera(pose, on_pad(plane, outline)))
         if len(corners) < 3:
             return None
         # Between the corners the lens bends the plate's edges outwards.
@@ -173,27 +226,18 @@ class Renderer:
         bottom = min(int(bottom), self._camera.height)
         return (left, top, right, bottom) if left < right and top < bottom else None
 
-    def _covers(self, H: F64, rays: F32) -> bool:
-        """Tell whether a block of rays (rows, columns, 2) meets nothing but the plate."""
-        corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
-        n, e, descent = H[:, :2] @ corners.T + H[:, 2:]
-        if descent.min() <= 0.0:
-            return False
-        # Between the corners the lens bends the block's edges a little.
-        bend = 0.02 * float((self._plate[0] - self._plate[2]).max())
-        north, east = n / descent, e / descent
-        (n1, e0, _), _, (n0, e1, _), _ = self._plate.tolist()
-        return bool(
-            north.max() < n1 - bend
-            and north.min() > n0 + bend
-            and east.max() < e1 - bend
-            and east.min() > e0 + bend
-        )
-
-    def _draw_pad(
-        self, image: U8, H: F64, box: tuple[int, int, int, int], samples: int, defocus: float
+    def _draw_panel(
+        self,
+        image: U8,
+        H: F64,
+        box: _Box,
+        panel: Panel,
+        samples: int,
+        defocus: float,
+        *,
+        alone: bool,
     ) -> None:
-        """Draw the pad, which lies within the box (left, top, right, bottom) of the image.
+        """Draw a part of the pad, which lies within the box (left, top, right, bottom).
 
         A small one is drawn out of focus: a lens blurs before the pixels average, and the other
         way round edges of a far ring would be off by some hundredths of a pixel.
@@ -207,9 +251,11 @@ class Renderer:
             # The array of rays begins one pixel outside the image.
             rays = self._rays[first : last + 2, left : right + 2]
             x, y = rays[rays.shape[0] // 2, rays.shape[1] // 2].tolist()
-            descent = max(float(H[2] @ (x, y, 1.0)), 0.05)
-            level = level_of_detail(H, descent, pitch, self._pad[0].texel_m, len(self._pad))
-            self._draw_band(part, H, rays, self._pad[level], samples, defocus)
+            apart_m = footprint(H, max(float(H[2] @ (x, y, 1.0)), 0.05), pitch)
+            levels = panel.levels
+            texture = levels[level_of_detail(apart_m, levels[0].texel_m, len(levels))]
+            opaque = alone or _covers(panel.outline, H, rays)
+            self._draw_band(part, H, rays, texture, samples, defocus, opaque=opaque)
 
     def _draw_band(
         self,
@@ -219,10 +265,11 @@ class Renderer:
         texture: TextureLevel,
         samples: int,
         defocus: float,
+        *,
+        opaque: bool,
     ) -> None:
         """Draw the pad into part of the image, whose rays have one more on every side."""
         rows, columns = part.shape
-        covered = self._covers(H, rays)
         if samples == 1:
             rays = np.ascontiguousarray(rays[1:-1, 1:-1])
         where = cv2.perspectiveTransform(rays, texture.from_pad() @ H)
@@ -245,7 +292,7 @@ class Renderer:
             return seen
 
         grey = sampled(texture.grey)
-        if covered:
+        if opaque:
             part[:] = grey
             return
         cv2.multiply(part, cv2.bitwise_not(sampled(texture.alpha)), dst=part, scale=1 / 255)
@@ -281,7 +328,7 @@ class Renderer:
         )
         depth = max(float(in_camera(pose, np.array([pad.position]))[0, 2]), 0.1)
         outlines = self._frustum.outlines([in_camera(pose, on_pad(pad, corners))])
-        return Shadow(outlines, [1.0], EDGE_SOFTNESS_M * self._camera.fx / depth)
+        return Shadow(outlines, [1.0], self._options.shadow_softness_m * self._camera.fx / depth)
 
     def _motion(self, start: CameraPose, end: CameraPose, pose: CameraPose, pad: PadPose) -> F64:
         """Path (2,) in pixels of the landing point, or of the image's middle, while exposed."""
@@ -298,7 +345,27 @@ class Renderer:
         return cast(F64, last - first)
 
 
-def _samples(box: tuple[int, int, int, int]) -> int:
+def _covers(outline: F64, H: F64, rays: F32) -> bool:
+    """Tell whether a block of rays (rows, columns, 2) meets nothing but a part of a plane.
+
+    Its outline (n, 3) is convex and clockwise from above, H leads there.
+    """
+    corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
+    n, e, descent = H[:, :2] @ corners.T + H[:, 2:]
+    if descent.min() <= 0.0:
+        return False
+    # Between the corners the lens bends the block's edges a little.
+    bend = 0.02 * float((outline.max(axis=0) - outline.min(axis=0)).max())
+    north, east = n / descent, e / descent
+    along = np.roll(outline, -1, axis=0) - outline
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    # To the right of each edge, as north is up.
+    inside = np.outer(along[:, 0], east) - np.outer(along[:, 1], north)
+    inside -= (along[:, 0] * outline[:, 1] - along[:, 1] * outline[:, 0])[:, None]
+    return bool(inside.min() > bend)
+
+
+def _samples(box: _Box) -> int:
     """Return the samples a pixel, along x and along y, of a pad in a box of the image."""
     left, top, right, bottom = box
     area = (right - left) * (bottom - top)
@@ -325,9 +392,3 @@ def motion_kernel(sigma: float, dx: float, dy: float) -> F32:
 
     kernel = spots(dy) @ spots(dx).T
     return cast(F32, (kernel / kernel.sum()).astype(np.float32))
-
-
-def _rays(camera: CameraModel, x: F64, y: F64) -> F32:
-    """Rays (rows, columns, 2) of the pixels at columns x and rows y."""
-    pixels = np.stack(np.meshgrid(x, y), axis=-1)
-    return camera.rays(pixels.reshape(-1, 2)).reshape(*pixels.shape).astype(np.float32)

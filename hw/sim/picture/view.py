@@ -12,6 +12,7 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Mat3, Vec3
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 NEAR_M = 0.01
@@ -130,15 +131,25 @@ def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
     return np.stack([cx * d[2] - cz * d[0], cy * d[2] - cz * d[1], d[2]])
 
 
-def level_of_detail(H: F64, descent: float, pitch: float, texel_m: float, levels: int) -> int:
-    """Return the level, texels doubling from texel_m, nearest to the footprint of a sample.
+def footprint(H: F64, descent: float, pitch: float) -> float:
+    """Return how far apart neighbouring samples lie on a plane, m.
 
     H is a `plane_homography`, descent its third row for the ray, pitch the distance between
     neighbouring rays. The determinant of a homography's Jacobian is det H over the cube of the
     denominator.
     """
-    footprint = pitch * math.sqrt(abs(float(np.linalg.det(H))) / descent**3)
-    return min(max(round(math.log2(max(footprint, 1e-9) / texel_m)), 0), levels - 1)
+    return pitch * math.sqrt(abs(float(np.linalg.det(H))) / descent**3)
+
+
+def level_of_detail(apart_m: float, texel_m: float, levels: int) -> int:
+    """Return the level, texels doubling from texel_m, nearest to samples so far apart."""
+    return min(max(round(math.log2(max(apart_m, 1e-9) / texel_m)), 0), levels - 1)
+
+
+def rays_at(camera: CameraModel, x: F64, y: F64) -> F32:
+    """Return the rays (rows, columns, 2) of the pixels at columns x and rows y."""
+    pixels = np.stack(np.meshgrid(x, y), axis=-1)
+    return camera.rays(pixels.reshape(-1, 2)).reshape(*pixels.shape).astype(np.float32)
 
 
 def middle(start: CameraPose, end: CameraPose) -> CameraPose:
