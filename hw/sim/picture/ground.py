@@ -8,13 +8,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.sim.options import GroundKind, RenderOptions
+from hw.sim.options import RenderOptions
 from hw.sim.picture import terrain
 from hw.sim.picture.fractal import generator
-from hw.sim.picture.textured_plane import LEVELS, TexturedPlane
+from hw.sim.picture.look_alikes import painted, scattered
+from hw.sim.picture.shade import LeafShade
+from hw.sim.picture.textured_plane import LEVELS, TexturedPlane, Tile
 from hw.sim.picture.view import F64
 from hw.sim.picture.wetness import wetted
 from landerd.camera_model import CameraModel
+from landerd.pad import PadLayout
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -23,52 +26,63 @@ TILE = 1024  # texels of a fractal ground
 TEXEL_M = 0.015
 SKY = 205
 LARGEST_PHOTOGRAPH = 2048  # texels that are kept of its longer side
-SPACING = 8  # pixels between those whose place on the ground is computed
 
 # Mean grey, standard deviation, and exponent of the amplitude spectrum 1/f^k.
 _LOOK = {"grass": (92.0, 24.0, 0.75), "asphalt": (78.0, 12.0, 0.5), "plain": (90.0, 0.0, 1.0)}
 
 
 class Ground:
-    """A textured horizontal plane: fractal, procedural, or from a photograph."""
+    """A textured horizontal plane: fractal, procedural, or from a photograph.
+
+    Attributes:
+        leaves: that shade it, if there are any.
+    """
 
     def __init__(
         self,
         options: RenderOptions,
         camera: CameraModel,
+        layout: PadLayout,
         seed: int,
         place_m: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """Make the texture.
 
         Args:
-            options: the kind of ground, or the photograph.
+            options: the kind of ground, or the photograph, and what lies and falls on it.
             camera: whose images it fills.
+            layout: of the pad, which nothing on the ground is like.
             seed: of the texture.
-            place_m: north, east of the middle of a procedural texture or a photograph.
+            place_m: north, east of the pad at the start: there lies the middle of a procedural
+                texture or a photograph.
 
         Raises:
             ValueError: the photograph cannot be read.
         """
-        kind = options.ground
         self._size = (camera.width, camera.height)
-        if not isinstance(kind, Path) and kind in _LOOK:
+        self.leaves: LeafShade | None = None
+        if options.ground in _LOOK and not (
+            options.look_alikes or options.wet or options.leaf_shade
+        ):
             # Nothing in it is as small as a pixel: half resolution will do.
-            tile = _fractal(kind, seed)
-            tile = wetted(tile, options.wet, generator(seed, "wet ground"))
-            self.plane = TexturedPlane(tile, TEXEL_M, camera, reduced=2)
+            tile = Tile(_fractal(str(options.ground), seed), TEXEL_M)
+            self.plane = TexturedPlane(tile, camera, fine=False)
             return
-        if isinstance(kind, Path):
-            tile, texel_m = photograph(kind, options.ground_m)
-        else:
-            texel_m = terrain.TEXEL_M
-            tile = terrain.TERRAINS[kind](generator(seed, "terrain"))
-        tile = wetted(tile, options.wet, generator(seed, "wet ground"))
-        rows, columns = tile.shape
-        corner_m = (place_m[0] - rows * texel_m / 2, place_m[1] - columns * texel_m / 2)
-        self.plane = TexturedPlane(
-            tile, texel_m, camera, reduced=1, spacing=SPACING, sharp=True, corner_m=corner_m
-        )
+        texture, texel_m, middle = _texture(options, seed)
+        north, east = (p - texel_m * m for p, m in zip(place_m, middle, strict=True))
+        if options.look_alikes:
+            reach_m = texel_m * min(middle)
+            rng = generator(seed, "look-alikes")
+            things = scattered(options.look_alikes, layout, place_m, reach_m, rng)
+            texture = painted(texture, texel_m, (north, east), things)
+        texture = wetted(texture, options.wet, generator(seed, "wet ground"))
+        if options.leaf_shade:
+            size_m = texel_m * np.array(texture.shape)
+            rng = generator(seed, "leaf shade")
+            self.leaves = LeafShade(options, size_m, (north, east), rng)
+            texture = self.leaves.over(texture)
+        tile = Tile(texture, texel_m, (north, east))
+        self.plane = TexturedPlane(tile, camera, fine=True)
 
     def draw(self, to_ground: F64 | None, rays: F32 | None = None) -> U8:
         """Return the picture (height, width) for a ray-to-ground matrix of `plane_homography`.
@@ -83,6 +97,24 @@ class Ground:
         if small.shape == self._size[::-1]:
             return small
         return cast(U8, cv2.resize(small, self._size, interpolation=cv2.INTER_LINEAR))
+
+
+def _texture(options: RenderOptions, seed: int) -> tuple[U8, float, tuple[float, float]]:
+    """Return a texture, the side of a texel, and row and column of where the pad starts."""
+    kind = options.ground
+    if isinstance(kind, Path):
+        texture, texel_m = photograph(kind, options.ground_m)
+        # The photograph is the first quarter.
+        return texture, texel_m, (texture.shape[0] / 4, texture.shape[1] / 4)
+    if kind in _LOOK:
+        # Finer, so that what lies and falls on it has edges.
+        texture = _fractal(kind, seed)
+        fine = cv2.resize(np.tile(texture, (3, 3)), None, fx=2.0, fy=2.0)
+        n = 2 * TILE
+        texture, texel_m = cast(U8, fine[n : 2 * n, n : 2 * n]), TEXEL_M / 2
+    else:
+        texture, texel_m = terrain.TERRAINS[kind](generator(seed, "terrain")), terrain.TEXEL_M
+    return texture, texel_m, (texture.shape[0] / 2, texture.shape[1] / 2)
 
 
 def photograph(path: Path, side_m: float) -> tuple[U8, float]:
@@ -107,7 +139,7 @@ def photograph(path: Path, side_m: float) -> tuple[U8, float]:
     return np.vstack([mirrored, mirrored[::-1]]), side_m / max(size)
 
 
-def _fractal(kind: GroundKind, seed: int) -> U8:
+def _fractal(kind: str, seed: int) -> U8:
     """Return a texture (TILE, TILE) with a power law's spectrum."""
     mean, deviation, exponent = _LOOK[kind]
     rng = np.random.default_rng([seed, 1])

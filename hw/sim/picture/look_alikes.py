@@ -4,7 +4,7 @@ They lie flat and still round the place where the pad starts, none touching it o
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.sim.picture.pad_texture import BLACK, WHITE, marker_bitmap
-from hw.sim.picture.view import F64, NO_SECOND_MAP, Frustum, footprint, in_camera
-from hw.sim.snapshot import CameraPose
+from hw.sim.picture.view import level_of_detail
 from landerd.pad import PadLayout, Square
 
 U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 Rng = np.random.Generator
 
 SIDE = 256  # texels of a drawing
 MARGIN = 16  # of these round it: one on the coarsest level
 LEVELS = 5
 GAP_M = 0.3  # least distance of two things
-REACH_M = 8.0  # from the pad's start; more where it is crowded
+NEAR_M = 5.0  # from the pad's start,
+FURTHER_M = 0.05  # and more with every vain attempt
+TRIES = 100
 UNLIKE = 0.1  # least difference of a ring's inner ratio from those of the pad
 TAGS = ("APRILTAG_36h11", "APRILTAG_25h9", "APRILTAG_16h5", "4X4_50", "5X5_100", "6X6_250")
 OPAQUE = 255 / WHITE
@@ -54,98 +54,81 @@ class LookAlike:
         """Of a circle about it."""
         return self.side_m / math.sqrt(2.0)
 
-    @property
-    def texel_m(self) -> float:
-        """Side of a texel of the finest level."""
-        return self.side_m / (SIDE - 2 * MARGIN)
 
-    def corners(self, down: float) -> F64:
-        """Return the corners (4, 3) of the whole drawing, local NED, m."""
-        half = self.texel_m * SIDE / 2
-        c, s = half * math.cos(self.heading), half * math.sin(self.heading)
-        n, e = self.place_m
-        return np.array(
+def scattered(
+    count: int, layout: PadLayout, place_m: tuple[float, float], reach_m: float, rng: Rng
+) -> list[LookAlike]:
+    """Return so many things, or as many as there is room for.
+
+    Args:
+        count: how many.
+        layout: of the pad, which none is like.
+        place_m: north, east of the landing point at the start.
+        reach_m: of the square about it in which they lie, from its middle to a side.
+        rng: decides on all of it.
+    """
+    plate = layout.plate
+    pad_m = math.hypot(max(plate.north_m, plate.south_m), max(plate.east_m, plate.west_m))
+    makers = [_MAKERS[i] for i in rng.permutation(len(_MAKERS))]
+    things: list[LookAlike] = []
+    for maker, least_m, most_m in (makers[i % len(makers)] for i in range(count)):
+        levels = _levels(*maker(layout, rng))
+        side_m, heading = float(rng.uniform(least_m, most_m)), float(rng.uniform(0, 2 * math.pi))
+        for attempt in range(TRIES):
+            away = pad_m + side_m + GAP_M
+            away += (NEAR_M + FURTHER_M * attempt) * math.sqrt(rng.random())
+            way = rng.uniform(0.0, 2.0 * math.pi)
+            aside = away * math.cos(way), away * math.sin(way)
+            place = place_m[0] + aside[0], place_m[1] + aside[1]
+            thing = LookAlike(place, heading, side_m, levels)
+            if max(map(abs, aside)) + side_m < reach_m and not any(
+                _touch(thing, other) for other in things
+            ):
+                things.append(thing)
+                break
+    return things
+
+
+def painted(
+    texture: U8, texel_m: float, corner_m: tuple[float, float], things: Iterable[LookAlike]
+) -> U8:
+    """Return a texture of the ground with things on it.
+
+    Args:
+        texture: (rows, columns), rows to the north.
+        texel_m: side of a texel.
+        corner_m: north, east of the first texel's outer corner.
+        things: none crosses the texture's border.
+    """
+    texture = texture.copy()
+    for thing in things:
+        inner_m = thing.side_m / (SIDE - 2 * MARGIN)  # side of the finest level's texels
+        level = level_of_detail(texel_m, inner_m, LEVELS)
+        grey, alpha = thing.levels[level]
+        k = inner_m * 2**level / texel_m
+        c, s = k * math.cos(thing.heading), k * math.sin(thing.heading)
+        row, column = (
+            (p - q) / texel_m - 0.5 for p, q in zip(thing.place_m, corner_m, strict=True)
+        )
+        reach = math.ceil(k * len(grey) / math.sqrt(2.0)) + 1
+        top, left = round(row) - reach, round(column) - reach
+        part = texture[max(top, 0) : top + 2 * reach, max(left, 0) : left + 2 * reach]
+        top, left = max(top, 0), max(left, 0)
+        # A drawing's rows go down from its top, which looks along the heading.
+        middle = (len(grey) - 1) / 2
+        to_part = np.array(
             [
-                [n + k * c - j * s, e + k * s + j * c, down]
-                for k, j in ((1, -1), (1, 1), (-1, 1), (-1, -1))
+                [c, -s, column - left - (c - s) * middle],
+                [-s, -c, row - top + (s + c) * middle],
             ]
         )
-
-    def to_texels(self, level: int) -> F64:
-        """Return the matrix (3, 3) from north, east to a level's texels."""
-        k = 1.0 / (self.texel_m * 2**level)
-        middle = (SIDE / 2**level - 1) / 2
-        c, s = k * math.cos(self.heading), k * math.sin(self.heading)
-        n, e = self.place_m
-        return np.array(
-            [[-s, c, middle + s * n - c * e], [-c, -s, middle + c * n + s * e], [0.0, 0.0, 1.0]]
+        size = part.shape[::-1]
+        light, shown = (
+            cv2.warpAffine(a, to_part, size, flags=cv2.INTER_LINEAR) for a in (grey, alpha)
         )
-
-
-class LookAlikes:
-    """All things of one world."""
-
-    def __init__(
-        self, count: int, layout: PadLayout, place_m: tuple[float, float], down: float, rng: Rng
-    ) -> None:
-        """Scatter so many things.
-
-        Args:
-            count: how many.
-            layout: of the pad, which none is like.
-            place_m: north, east of the landing point at the start.
-            down: of the ground, local NED, m.
-            rng: decides on all of it.
-        """
-        self.things: list[LookAlike] = []
-        plate = layout.plate
-        pad_m = math.hypot(max(plate.north_m, plate.south_m), max(plate.east_m, plate.west_m))
-        makers = rng.permutation(np.array(_MAKERS, dtype=object))
-        for i in range(count):
-            maker, least_m, most_m = makers[i % len(makers)]
-            levels = _levels(*maker(layout, rng))
-            side_m = float(rng.uniform(least_m, most_m))
-            heading = float(rng.uniform(0.0, 2.0 * math.pi))
-            tries = 0
-            while True:
-                tries += 1
-                away = pad_m + GAP_M + side_m + (REACH_M + 0.1 * tries) * math.sqrt(rng.random())
-                way = rng.uniform(0.0, 2.0 * math.pi)
-                place = (place_m[0] + away * math.cos(way), place_m[1] + away * math.sin(way))
-                thing = LookAlike(place, heading, side_m, levels)
-                if not any(_touch(thing, other) for other in self.things):
-                    break
-            self.things.append(thing)
-        self._corners = np.concatenate([t.corners(down) for t in self.things])
-        self._to_texels = [[t.to_texels(k) for k in range(LEVELS)] for t in self.things]
-
-    def draw(
-        self, image: U8, frustum: Frustum, pose: CameraPose, to_ground: F64, rays: F32
-    ) -> None:
-        """Draw them into an image whose rays (height, width, 2) are given.
-
-        to_ground is the `plane_homography` to the ground.
-        """
-        pitch = 1.0 / math.sqrt(frustum.camera.fx * frustum.camera.fy)
-        outlines = frustum.outlines(np.split(in_camera(pose, self._corners), len(self.things)))
-        for thing, to_texels, outline in zip(self.things, self._to_texels, outlines, strict=True):
-            if len(outline) < 3:
-                continue
-            left, top = np.maximum(np.floor(outline.min(axis=0)) - 1, 0).astype(int)
-            right, bottom = np.ceil(outline.max(axis=0)).astype(int) + 2
-            part, seen = (a[top:bottom, left:right] for a in (image, rays))
-            if not part.size:
-                continue
-            x, y = seen[part.shape[0] // 2, part.shape[1] // 2].tolist()
-            descent = max(float(to_ground[2] @ (x, y, 1.0)), 0.02)
-            apart = footprint(to_ground, descent, pitch) / thing.texel_m
-            level = min(max(round(math.log2(apart)), 0), LEVELS - 1)
-            grey, alpha = thing.levels[level]
-            where = cv2.perspectiveTransform(seen, to_texels[level] @ to_ground)
-            light = cv2.remap(grey, where, NO_SECOND_MAP, cv2.INTER_LINEAR)
-            hidden = cv2.remap(alpha, where, NO_SECOND_MAP, cv2.INTER_LINEAR)
-            cv2.multiply(part, cv2.bitwise_not(hidden), dst=part, scale=1 / 255)
-            cv2.add(part, light, dst=part)
+        cv2.multiply(part, cv2.bitwise_not(shown), dst=part, scale=1 / 255)
+        cv2.add(part, light, dst=part)
+    return texture
 
 
 def _touch(one: LookAlike, other: LookAlike) -> bool:

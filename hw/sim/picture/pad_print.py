@@ -6,7 +6,7 @@ origin still.
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import cv2
@@ -19,44 +19,86 @@ from hw.sim.picture.pad_texture import (
     BLACK,
     WHITE,
     TextureLevel,
-    covered,
     pad_texture,
-    plate_corners,
 )
 from hw.sim.picture.view import F64, matrix, on_pad
 from hw.sim.picture.wetness import COVER, OCTAVES, SHEEN, wet_cover
 from hw.sim.snapshot import PadPose
-from landerd.geometry import IDENTITY, Mat3, Vec3
+from landerd.geometry import Mat3, Vec3
 from landerd.pad import Marker, PadLayout, Square
 
 F32 = NDArray[np.float32]
-U8 = NDArray[np.uint8]
 
 DIRT = (0.15, 0.4)  # reflectance of dried mud and dead leaves against the plate's white
 DARKENED = 0.85  # light that is left where the print is wet; it is no porous ground
 GLARE = (0.03, 0.08)  # sigma of the spot against the plate's longer side
-OVERLAP_M = 0.05  # of the part with the landing point, under the folded one
+EDGE_M = 0.02  # the lens bends a block of rays, so a fold this near to its corners may be in it
 
 
 @dataclass(frozen=True)
-class Panel:
-    """A flat part of the plate.
+class Fold:
+    """A plate bent along a line: the part without the landing point is on a plane of its own.
 
-    Its own frame is that of the pad as if it were not folded.
+    Attributes:
+        way: (2,) across the line, away from the landing point.
+        least: the line is so far along that way from the landing point, m.
+        R_pad_far: of the far part's frame, in which it lies as the flat pad would.
     """
 
-    levels: tuple[TextureLevel, ...]
-    outline: F64  # (n, 3), convex, in its own frame
-    origin: Vec3  # of its frame, in the pad's
-    R_pad_panel: Mat3
+    way: F64
+    least: float
+    R_pad_far: F64
 
-    def placed(self, pad: PadPose) -> PadPose:
-        """Return where the panel lies when the pad is there."""
-        if self.R_pad_panel == IDENTITY:
-            return pad
-        position = on_pad(pad, np.array([self.origin]))[0]
-        R = matrix(pad.R_local_pad) @ matrix(self.R_pad_panel)
-        return PadPose(cast(Vec3, tuple(position.tolist())), _rows(R))
+    def far_part(self, pad: PadPose) -> PadPose:
+        """Return where the far part's frame is when the pad is there."""
+        hinge = self._hinge
+        R = matrix(pad.R_local_pad) @ self.R_pad_far
+        position = on_pad(pad, (hinge - self.R_pad_far @ hinge)[None])[0]
+        rows = tuple(tuple(row) for row in R.tolist())
+        return PadPose(cast(Vec3, tuple(position.tolist())), cast(Mat3, rows))
+
+    def outline(self, plate: F64) -> F64:
+        """Return the outline (n, 3) of the bent plate from the flat one's, pad frame."""
+        beyond = plate[:, :2] @ self.way - self.least
+        points = []
+        for i, corner in enumerate(plate):
+            before, here = beyond[i - 1], beyond[i]
+            if (before > 0.0) != (here > 0.0):
+                points.append(plate[i - 1] + before / (before - here) * (corner - plate[i - 1]))
+            points.append(
+                corner if here <= 0.0 else self._hinge + self.R_pad_far @ (corner - self._hinge)
+            )
+        return np.array(points)
+
+    @property
+    def _hinge(self) -> F64:
+        """A point (3,) of the line, pad frame."""
+        return np.array([*(self.least * self.way), 0.0])
+
+    def bend(self, texels: F32, rays: F32, H: F64, texture: TextureLevel) -> F32:
+        """Return where rays (rows, columns, 2) meet the texture of the folded pad.
+
+        Args:
+            texels: where they would meet the flat one; may be changed.
+            rays: of the picture.
+            H: `plane_homography` to the far part.
+            texture: of the flat pad.
+        """
+        corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
+        north, east, descent = H[:, :2] @ corners.T + H[:, 2:]
+        beyond = (self.way[0] * north + self.way[1] * east) / descent - self.least
+        if descent.min() > 0.0 and beyond.max() < -EDGE_M:
+            return texels
+        far = cast(F32, cv2.perspectiveTransform(rays, texture.from_pad() @ H))
+        if descent.min() < 0.02:
+            # Rays that miss the plane would meet its mirror image behind the camera.
+            plane = H[2].astype(np.float32)
+            far[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
+        k = texture.texel_m
+        start = self.way @ texture.origin_m - self.least
+        lies = cv2.transform(far, np.array([[k * self.way[1], -k * self.way[0], start]]))
+        cv2.copyTo(far, (lies > 0.0).view(np.uint8), texels)
+        return texels
 
 
 def printed(layout: PadLayout, options: PadOptions, seed: int) -> PadLayout:
@@ -78,10 +120,10 @@ def printed(layout: PadLayout, options: PadOptions, seed: int) -> PadLayout:
     return layout.model_copy(update={"markers": tuple(markers)})
 
 
-def panels(
+def textures(
     layout: PadLayout, pad: PadOptions, render: RenderOptions, seed: int
-) -> tuple[Panel, ...]:
-    """Draw the printed pad: one panel, or two of a folded plate, the landing point's first.
+) -> tuple[TextureLevel, ...]:
+    """Draw the printed pad with what has become of it, finest level first.
 
     Raises:
         ValueError: a marker does not exist (see pad_texture).
@@ -92,39 +134,32 @@ def panels(
         return _used(grey, pad, render, seed)
 
     is_new = pad.dirt == render.wet == render.glare == 0.0
-    levels = pad_texture(layout, black, None if is_new else weather)
-    outline = np.array(plate_corners(layout))
-    fold = fold_line(layout)
-    if pad.bend_deg == 0.0 or fold is None:
-        return (Panel(levels, outline, (0.0, 0.0, 0.0), IDENTITY),)
-    point, towards = fold
-    along = float(point @ towards)
-    near = _part(levels, outline, -towards, -along - OVERLAP_M)
-    far = _part(levels, outline, towards, along)
-    R = _slope(towards, math.radians(pad.bend_deg))
-    hinge = np.array([*point, 0.0])
-    moved = hinge - R @ hinge
-    return (
-        Panel(*near, (0.0, 0.0, 0.0), IDENTITY),
-        Panel(*far, cast(Vec3, tuple(moved.tolist())), _rows(R)),
-    )
+    return pad_texture(layout, black, None if is_new else weather)
 
 
-def fold_line(layout: PadLayout) -> tuple[F64, F64] | None:
-    """Return a point of the line that a plate bends along, and the way (2,) across it.
+def fold(layout: PadLayout, bend_deg: float) -> Fold | None:
+    """Return how a plate is folded: in the middle between the two markers furthest apart.
 
-    The line lies in the middle of the gap between the two markers that are furthest apart, the way
-    leads away from the landing point. None: there is but one marker.
+    Args:
+        layout: markers; a single one has nothing to be folded from.
+        bend_deg: by which the part without the landing point slopes down.
     """
     pairs = itertools.combinations(layout.markers, 2)
     one, other = max(pairs, key=_distance, default=(None, None))
-    if one is None or other is None or _distance((one, other)) == 0.0:
+    if one is None or other is None or bend_deg == 0.0 or _distance((one, other)) == 0.0:
         return None
     start = np.array(one.position_m)
     way = (np.array(other.position_m) - start) / _distance((one, other))
+    # In the middle of the gap between their edges.
     middle = 0.5 * (_radius(one) + _distance((one, other)) - _radius(other))
-    point = start + middle * way
-    return point, (way if point @ way >= 0.0 else -way)
+    least = float(start @ way) + middle
+    if least < 0.0:
+        way, least = -way, -least
+    down, ahead = np.array([0.0, 0.0, 1.0]), np.array([*way, 0.0])
+    frame = np.column_stack([ahead, np.cross(down, ahead), down])
+    c, s = math.cos(math.radians(bend_deg)), math.sin(math.radians(bend_deg))
+    slope = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    return Fold(way, least, frame @ slope @ frame.T)
 
 
 def _distance(pair: tuple[Marker, Marker]) -> float:
@@ -133,44 +168,6 @@ def _distance(pair: tuple[Marker, Marker]) -> float:
 
 def _radius(marker: Marker) -> float:
     return 0.5 * (marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m)
-
-
-def _slope(way: F64, angle: float) -> F64:
-    """Return the rotation (3, 3) that turns a level way (2,) down by an angle."""
-    down = np.array([0.0, 0.0, 1.0])
-    ahead = np.array([*way, 0.0])
-    frame = np.column_stack([ahead, np.cross(down, ahead), down])
-    c, s = math.cos(angle), math.sin(angle)
-    return cast(F64, frame @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ frame.T)
-
-
-def _rows(R: F64) -> Mat3:
-    return cast(Mat3, tuple(tuple(row) for row in R.tolist()))
-
-
-def _part(
-    levels: tuple[TextureLevel, ...], outline: F64, way: F64, least: float
-) -> tuple[tuple[TextureLevel, ...], F64]:
-    """Return textures and outline of what lies further along a way (2,) than least, m."""
-    cut = []
-    for level in levels:
-        rows, columns = level.grey.shape
-        north = level.origin_m[0] - level.texel_m * np.arange(rows, dtype=np.float32)
-        east = level.origin_m[1] + level.texel_m * np.arange(columns, dtype=np.float32)
-        inside = np.add.outer(way[0] * north, way[1] * east - least).astype(np.float32)
-        share = covered(inside, 1 / level.texel_m)
-        grey = cast(U8, cv2.multiply(level.grey, share, dtype=cv2.CV_8U))
-        alpha = cast(U8, cv2.multiply(level.alpha, share, dtype=cv2.CV_8U))
-        cut.append(replace(level, grey=grey, alpha=alpha))
-    beyond = outline[:, :2] @ way - least
-    corners = []
-    for i, corner in enumerate(outline):
-        before, here = beyond[i - 1], beyond[i]
-        if (before >= 0.0) != (here >= 0.0):
-            corners.append(outline[i - 1] + before / (before - here) * (corner - outline[i - 1]))
-        if here >= 0.0:
-            corners.append(corner)
-    return tuple(cut), np.array(corners)
 
 
 def _used(grey: F32, pad: PadOptions, render: RenderOptions, seed: int) -> F32:

@@ -110,8 +110,8 @@ def pad_texture(
         window = np.ix_(np.abs(norths[:, 0] - n) < reach, np.abs(easts[0] - e) < reach)
         dn, de = norths[window[0][:, 0]] - np.float32(n), easts[:, window[1][0]] - np.float32(e)
         white[window] *= 1.0 - _black(marker, dn, de, per_m)
-    on_north = covered(plate.north_m - norths, per_m) * covered(plate.south_m + norths, per_m)
-    on_east = covered(plate.east_m - easts, per_m) * covered(plate.west_m + easts, per_m)
+    on_north = _covered(plate.north_m - norths, per_m) * _covered(plate.south_m + norths, per_m)
+    on_east = _covered(plate.east_m - easts, per_m) * _covered(plate.west_m + easts, per_m)
     alpha = on_north * on_east
     grey = cast(F32, ink + (WHITE - ink) * white)
     if weather is not None:
@@ -138,7 +138,7 @@ def pad_texture(
     return tuple(levels)
 
 
-def covered(inside_m: F32, per_m: float) -> F32:
+def _covered(inside_m: F32, per_m: float) -> F32:
     """Return the share of a texel inside of an edge that lies inside_m beyond its centre."""
     return cast(F32, np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0))
 
@@ -150,8 +150,8 @@ def _black(marker: Marker, dn: F32, de: F32, per_m: float) -> F32:
     if isinstance(marker, Square):
         return _square(marker, dn, de, per_m)
     radius = cast(F32, np.sqrt(dn * dn + de * de))
-    outer = covered(marker.outer_diameter_m / 2 - radius, per_m)
-    inner = covered(marker.inner_ratio * marker.outer_diameter_m / 2 - radius, per_m)
+    outer = _covered(marker.outer_diameter_m / 2 - radius, per_m)
+    inner = _covered(marker.inner_ratio * marker.outer_diameter_m / 2 - radius, per_m)
     return cast(F32, outer - inner)
 
 
@@ -159,7 +159,7 @@ def _whycode(code: WhyCode, dn: F32, de: F32, per_m: float) -> F32:
     """Black share of texels at dn (rows, 1), de (1, columns) from the code's centre, m."""
     radius = cast(F32, np.sqrt(dn * dn + de * de))
     disc, band, core = (
-        covered(np.float32(k * code.outer_diameter_m / 2) - radius, per_m)
+        _covered(np.float32(k * code.outer_diameter_m / 2) - radius, per_m)
         for k in (1.0, WHYCODE_BAND, WHYCODE_CORE)
     )
     # Anticlockwise from the print's east, in half cells: every second border between halves

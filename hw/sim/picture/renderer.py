@@ -16,13 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.sim.options import PadOptions, RenderOptions
-from hw.sim.picture.fractal import generator
 from hw.sim.picture.ground import Ground
-from hw.sim.picture.leaf_shade import LeafShade
-from hw.sim.picture.look_alikes import LookAlikes
-from hw.sim.picture.pad_print import Panel, panels
+from hw.sim.picture.pad_print import fold, textures
 from hw.sim.picture.pad_texture import TextureLevel, plate_corners
-from hw.sim.picture.vehicle import Shadow, draw_legs, shade, vehicle_shadow
+from hw.sim.picture.shade import ShadowEdge
+from hw.sim.picture.vehicle import draw_legs, shade, vehicle_shadow
 from hw.sim.picture.view import (
     F64,
     NO_SECOND_MAP,
@@ -84,24 +82,19 @@ class Renderer:
         self._options = options
         self._seed = seed
         self._frustum = Frustum(camera)
-        self._panels = panels(layout, pad, options, seed)
+        self._pad = textures(layout, pad, options, seed)
+        self._fold = fold(layout, pad.bend_deg)
         self._plate = np.array(plate_corners(layout))
+        self._outline = self._plate if self._fold is None else self._fold.outline(self._plate)
         w, h = camera.width, camera.height
         # One ray beyond each border, so that rays between pixels can be interpolated there too.
         self._rays = rays_at(camera, np.arange(-1.0, w + 1), np.arange(-1.0, h + 1))
-        self._ground = Ground(options, camera, seed, pad.position_m)
-        self._look_alikes = None
-        if options.look_alikes:
-            rng = generator(seed, "look-alikes")
-            down = options.ground_down_m
-            self._look_alikes = LookAlikes(options.look_alikes, layout, pad.position_m, down, rng)
+        self._ground = Ground(options, camera, layout, seed, pad.position_m)
+        self._shadow_edge = ShadowEdge(options, camera) if options.shadow_edge else None
         e, a = math.radians(options.sun_elevation_deg), math.radians(options.sun_azimuth_deg)
         self._sunlight = np.array(
             [-math.cos(e) * math.cos(a), -math.cos(e) * math.sin(a), math.sin(e)]
         )
-        self._leaves = None
-        if options.leaf_shade > 0.0:
-            self._leaves = LeafShade(options, camera, self._sunlight, seed)
         rng = np.random.default_rng([seed, 2])
         bearing = rng.uniform(0.0, 2.0 * math.pi)
         ramp = np.add.outer(
@@ -135,17 +128,13 @@ class Renderer:
         spot = MOTION_SPOT_PX if moves else 0.0
         defocus = math.sqrt(max(options.defocus_px**2 - spot**2, 0.0))
         image, is_sharp = self._background(pose, pad, defocus)
-        if self._leaves is not None:
-            to_leaves = plane_homography(pose, self._leaves.falls_on(pad))
-            if to_leaves is not None:
-                self._leaves.darken(image, to_leaves)
         if options.vehicle_shadow and vehicle is not None:
             plane = self._shaded_plane(vehicle, pad)
             shadow = vehicle_shadow(self._frustum, pose, vehicle, plane, self._sunlight)
             if shadow is not None:
                 shade(image, shadow, options.shadow_darkness)
-        if options.shadow_edge:
-            shade(image, self._edge_shadow(pose, pad), options.shadow_darkness)
+        if self._shadow_edge is not None:
+            self._shadow_edge.darken(image, pose, pad)
         sigma = options.defocus_px if is_sharp else 0.0
         if moves:
             kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), float(motion[0]), float(motion[1]))
@@ -170,49 +159,48 @@ class Renderer:
         defocus is the sigma in pixels that a small pad is drawn with.
         """
         w, h = self._camera.width, self._camera.height
-        H = plane_homography(pose, pad)
-        box = self._box(pose, pad, self._plate) if H is not None else None
-        if H is not None and box == (0, 0, w, h) and _covers(self._plate, H, self._rays):
-            image = np.zeros((h, w), np.uint8)
+        planes = self._planes(pose, pad)
+        box = self._pad_box(pose, pad) if planes else None
+        if planes and box == (0, 0, w, h) and self._covers(planes, self._rays):
+            image = np.empty((h, w), np.uint8)
             samples = _samples(box)
-            self._draw_pad(image, pose, pad, samples, defocus, covered=True)
+            self._draw_pad(image, planes, box, samples, defocus, self._leaf_light(pose, pad, box))
             return image, samples == 1
         level = PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
         to_ground = plane_homography(pose, level)
         image = self._ground.draw(to_ground)
-        if self._look_alikes is not None and to_ground is not None:
-            seen = self._rays[1:-1, 1:-1]
-            self._look_alikes.draw(image, self._frustum, pose, to_ground, seen)
-        if H is None or box is None:
+        if box is None:
             return image, True
         samples = _samples(box)
         if samples > 1:
             _defocus(image, defocus)
-        self._draw_pad(image, pose, pad, samples, defocus, covered=False)
+        self._draw_pad(image, planes, box, samples, defocus, self._leaf_light(pose, pad, box))
         return image, samples == 1
 
-    def _draw_pad(
-        self,
-        image: U8,
-        pose: CameraPose,
-        pad: PadPose,
-        samples: int,
-        defocus: float,
-        *,
-        covered: bool,
-    ) -> None:
-        """Draw the pad, flat or folded; covered: nothing else is in the image."""
-        for i, panel in enumerate(self._panels):
-            placed = panel.placed(pad)
-            H = plane_homography(pose, placed)
-            box = self._box(pose, placed, panel.outline) if H is not None else None
-            if H is not None and box is not None:
-                alone = covered and i == 0
-                self._draw_panel(image, H, box, panel, samples, defocus, alone=alone)
+    def _leaf_light(self, pose: CameraPose, pad: PadPose, box: _Box) -> U8 | None:
+        """Return the light under leaves in the pad's box of the image, 255 all; None: no leaves."""
+        if self._ground.leaves is None:
+            return None
+        left, top, right, bottom = box
+        rays = self._rays[top + 1 : bottom + 1, left + 1 : right + 1]
+        return self._ground.leaves.on_pad(pose, pad, self._sunlight, rays, self._camera.fx)
 
-    def _box(self, pose: CameraPose, plane: PadPose, outline: F64) -> _Box | None:
-        """Return where an outline (n, 3) on a plane is in the image, None when out of sight."""
-        corners = self._frustum.clip(in_camera(pose, on_pad(plane, outline)))
+    def _planes(self, pose: CameraPose, pad: PadPose) -> list[F64]:
+        """Return the `plane_homography` to the pad, and to its far part if it is folded.
+
+        Empty: the camera is not above the pad. From below the far part it is drawn flat.
+        """
+        H = plane_homography(pose, pad)
+        if H is None:
+            return []
+        far = None
+        if self._fold is not None:
+            far = plane_homography(pose, self._fold.far_part(pad))
+        return [H] if far is None else [H, far]
+
+    def _pad_box(self, pose: CameraPose, pad: PadPose) -> _Box | None:
+        """Left, top, right, bottom of the pad in the image, None when it is out of sight."""
+        corners = self._frustum.clip(in_camera(pose, on_pad(pad, self._outline)))
         if len(corners) < 3:
             return None
         # Between the corners the lens bends the plate's edges outwards.
@@ -226,23 +214,43 @@ class Renderer:
         bottom = min(int(bottom), self._camera.height)
         return (left, top, right, bottom) if left < right and top < bottom else None
 
-    def _draw_panel(
+    def _covers(self, planes: list[F64], rays: F32) -> bool:
+        """Tell whether a block of rays (rows, columns, 2) meets nothing but the plate."""
+        corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
+        # Between the corners the lens bends the block's edges a little.
+        bend = 0.02 * float((self._plate[0] - self._plate[2]).max())
+        (n1, e0, _), _, (n0, e1, _), _ = self._plate.tolist()
+        for H in planes:
+            n, e, descent = H[:, :2] @ corners.T + H[:, 2:]
+            if descent.min() <= 0.0:
+                return False
+            north, east = n / descent, e / descent
+            if not (
+                north.max() < n1 - bend
+                and north.min() > n0 + bend
+                and east.max() < e1 - bend
+                and east.min() > e0 + bend
+            ):
+                return False
+        return True
+
+    def _draw_pad(
         self,
         image: U8,
-        H: F64,
+        planes: list[F64],
         box: _Box,
-        panel: Panel,
         samples: int,
         defocus: float,
-        *,
-        alone: bool,
+        light: U8 | None,
     ) -> None:
-        """Draw a part of the pad, which lies within the box (left, top, right, bottom).
+        """Draw the pad, which lies within the box (left, top, right, bottom) of the image.
 
         A small one is drawn out of focus: a lens blurs before the pixels average, and the other
         way round edges of a far ring would be off by some hundredths of a pixel.
         """
+        H = planes[0]
         left, top, right, bottom = box
+        det = float(np.linalg.det(H))
         pitch = 1.0 / math.sqrt(self._camera.fx * self._camera.fy) / samples
         bands = max(round((bottom - top) / BAND_ROWS), 1)
         rows = [top + (bottom - top) * i // bands for i in range(bands + 1)]
@@ -251,37 +259,39 @@ class Renderer:
             # The array of rays begins one pixel outside the image.
             rays = self._rays[first : last + 2, left : right + 2]
             x, y = rays[rays.shape[0] // 2, rays.shape[1] // 2].tolist()
-            apart_m = footprint(H, max(float(H[2] @ (x, y, 1.0)), 0.05), pitch)
-            levels = panel.levels
-            texture = levels[level_of_detail(apart_m, levels[0].texel_m, len(levels))]
-            opaque = alone or _covers(panel.outline, H, rays)
-            self._draw_band(part, H, rays, texture, samples, defocus, opaque=opaque)
+            descent = max(float(H[2] @ (x, y, 1.0)), 0.05)
+            apart_m = footprint(det, descent, pitch)
+            level = level_of_detail(apart_m, self._pad[0].texel_m, len(self._pad))
+            shaded = None if light is None else light[first - top : last - top]
+            self._draw_band(part, planes, rays, self._pad[level], samples, defocus, shaded)
 
     def _draw_band(
         self,
         part: U8,
-        H: F64,
+        planes: list[F64],
         rays: F32,
         texture: TextureLevel,
         samples: int,
         defocus: float,
-        *,
-        opaque: bool,
+        light: U8 | None,
     ) -> None:
         """Draw the pad into part of the image, whose rays have one more on every side."""
         rows, columns = part.shape
+        covered = self._covers(planes, rays)
         if samples == 1:
             rays = np.ascontiguousarray(rays[1:-1, 1:-1])
-        where = cv2.perspectiveTransform(rays, texture.from_pad() @ H)
+        where = cast(F32, cv2.perspectiveTransform(rays, texture.from_pad() @ planes[0]))
         corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
-        plane = H[2].astype(np.float32)
+        plane = planes[0][2].astype(np.float32)
         if (corners @ plane[:2] + plane[2]).min() < 0.02:
             # Rays that miss the plane would meet its mirror image behind the camera.
             where[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
+        if self._fold is not None and len(planes) == 2:
+            where = self._fold.bend(where, rays, planes[1], texture)
         if samples > 1:
             # Within a pixel the way from ray to texel is straight.
             size = (rays.shape[1] * samples, rays.shape[0] * samples)
-            where = cv2.resize(where, size, interpolation=cv2.INTER_LINEAR)
+            where = cast(F32, cv2.resize(where, size, interpolation=cv2.INTER_LINEAR))
 
         def sampled(source: U8) -> U8:
             seen = cast(U8, cv2.remap(source, where, NO_SECOND_MAP, cv2.INTER_LINEAR))
@@ -292,7 +302,9 @@ class Renderer:
             return seen
 
         grey = sampled(texture.grey)
-        if opaque:
+        if light is not None:
+            grey = cast(U8, cv2.multiply(grey, light, scale=1 / 255))
+        if covered:
             part[:] = grey
             return
         cv2.multiply(part, cv2.bitwise_not(sampled(texture.alpha)), dst=part, scale=1 / 255)
@@ -312,24 +324,6 @@ class Renderer:
                 return pad
         return PadPose((0.0, 0.0, self._options.ground_down_m), IDENTITY)
 
-    def _edge_shadow(self, pose: CameraPose, pad: PadPose) -> Shadow:
-        """The half of the pad's plane that lies beyond the shadow's edge."""
-        a = math.radians(self._options.shadow_edge_heading_deg)
-        beyond = np.array([math.cos(a), math.sin(a), 0.0])
-        along = np.array([-math.sin(a), math.cos(a), 0.0])
-        far, edge = 100.0, self._options.shadow_edge_m
-        corners = np.stack(
-            [
-                edge * beyond - far * along,
-                edge * beyond + far * along,
-                far * beyond + far * along,
-                far * beyond - far * along,
-            ]
-        )
-        depth = max(float(in_camera(pose, np.array([pad.position]))[0, 2]), 0.1)
-        outlines = self._frustum.outlines([in_camera(pose, on_pad(pad, corners))])
-        return Shadow(outlines, [1.0], self._options.shadow_softness_m * self._camera.fx / depth)
-
     def _motion(self, start: CameraPose, end: CameraPose, pose: CameraPose, pad: PadPose) -> F64:
         """Path (2,) in pixels of the landing point, or of the image's middle, while exposed."""
         if start == end:
@@ -343,26 +337,6 @@ class Renderer:
             return np.zeros(2)
         first, last = self._camera.pixels(ends)
         return cast(F64, last - first)
-
-
-def _covers(outline: F64, H: F64, rays: F32) -> bool:
-    """Tell whether a block of rays (rows, columns, 2) meets nothing but a part of a plane.
-
-    Its outline (n, 3) is convex and clockwise from above, H leads there.
-    """
-    corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
-    n, e, descent = H[:, :2] @ corners.T + H[:, 2:]
-    if descent.min() <= 0.0:
-        return False
-    # Between the corners the lens bends the block's edges a little.
-    bend = 0.02 * float((outline.max(axis=0) - outline.min(axis=0)).max())
-    north, east = n / descent, e / descent
-    along = np.roll(outline, -1, axis=0) - outline
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    # To the right of each edge, as north is up.
-    inside = np.outer(along[:, 0], east) - np.outer(along[:, 1], north)
-    inside -= (along[:, 0] * outline[:, 1] - along[:, 1] * outline[:, 0])[:, None]
-    return bool(inside.min() > bend)
 
 
 def _samples(box: _Box) -> int:

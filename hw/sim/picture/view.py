@@ -79,6 +79,10 @@ class Frustum:
         """Tell of each point (n, 3), camera frame, whether it can be projected, (n,)."""
         return np.asarray((self._distances(points) >= 0.0).all(axis=1), dtype=np.bool_)
 
+    def near(self, centres: F64, radii: F64) -> NDArray[np.bool_]:
+        """Tell of each ball about centres (n, 3), camera frame, whether it may be in view, (n,)."""
+        return np.asarray((self._distances(centres) >= -radii[:, None]).all(axis=1))
+
     def touches(self, centre: F64, radius: float) -> bool:
         """Tell whether a ball about centre (3,), camera frame, may be in view."""
         return bool((self.planes[:, :3] @ centre + self.planes[:, 3] >= -radius).all())
@@ -131,14 +135,14 @@ def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
     return np.stack([cx * d[2] - cz * d[0], cy * d[2] - cz * d[1], d[2]])
 
 
-def footprint(H: F64, descent: float, pitch: float) -> float:
+def footprint(det: float, descent: float, pitch: float) -> float:
     """Return how far apart neighbouring samples lie on a plane, m.
 
-    H is a `plane_homography`, descent its third row for the ray, pitch the distance between
-    neighbouring rays. The determinant of a homography's Jacobian is det H over the cube of the
-    denominator.
+    det is the determinant of a `plane_homography`, descent its third row for the ray, pitch the
+    distance between neighbouring rays. The determinant of a homography's Jacobian is its own over
+    the cube of the denominator.
     """
-    return pitch * math.sqrt(abs(float(np.linalg.det(H))) / descent**3)
+    return pitch * math.sqrt(abs(det) / descent**3)
 
 
 def level_of_detail(apart_m: float, texel_m: float, levels: int) -> int:
