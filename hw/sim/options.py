@@ -134,7 +134,7 @@ class RenderOptions(Section):
     shadow_edge_heading_deg: float = 90.0  # and covers what lies beyond in this pad direction
     shadow_softness_m: Annotated[float, Field(ge=0, le=5)] = 0.02  # sd of its penumbra
     leaf_shade: Annotated[float, Field(ge=0, le=0.9)] = 0.0  # share of the light lost under leaves
-    leaf_m: Annotated[float, Field(ge=0.02, le=5)] = 0.2  # size of flecks
+    leaf_m: Annotated[float, Field(ge=0.05, le=5)] = 0.2  # size of flecks
     glare: Share = 0.0  # a lamp's or the sun's image on the print, against full scale
 
 

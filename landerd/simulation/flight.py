@@ -26,6 +26,7 @@ from hw.sim.judge.score import Score
 from hw.sim.options import SimOptions
 from hw.sim.physics.world import World, stream
 from hw.sim.picture.camera import SimCamera
+from hw.sim.picture.pad_print import printed
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import Snapshot
@@ -139,7 +140,9 @@ class Simulation:
             jitter_s = surroundings.jitter_s
         self.began = self.world.t
         self._start_pad = self.world.pad
-        renderer = Renderer(self.layout, self.camera_model, options.render, seed)
+        # The world's pad is not quite what its file says; the daemon knows but the file.
+        self._printed = printed(self.layout, options.pad, seed)
+        renderer = Renderer(self._printed, self.camera_model, options.render, seed, pad=options.pad)
         self.camera = SimCamera(
             renderer, self.world.snapshot, options.camera, delivered=self._on_delivered
         )
@@ -268,7 +271,7 @@ class Simulation:
         )
 
     def _on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
-        if visible_markers(self.layout, self._frustum, snapshot.camera, snapshot.pad):
+        if visible_markers(self._printed, self._frustum, snapshot.camera, snapshot.pad):
             self.rules.on_sighting(snapshot.t)
             self.score.on_sighting(snapshot.t)
 

@@ -42,18 +42,22 @@ def cloud(rng: np.random.Generator, size: int, amplitudes: Sequence[float]) -> F
     return field
 
 
-def blotches(rng: np.random.Generator, size: int, octaves: int, share: float, edge: float) -> F32:
+FRAYED = (0.0625, 0.125, 0.25, 0.5, 1.0)  # octaves of blotches with ragged outlines
+
+
+def blotches(
+    rng: np.random.Generator, size: int, amplitudes: Sequence[float], share: float, edge: float
+) -> F32:
     """Return a cover of 0 to 1 (size, size), above one half on the given share of the texels.
 
     Args:
         rng: where it comes from.
-        size: texels along a side.
-        octaves: of the noise, the coarsest 2**(octaves - 1) texels wide.
+        size: texels along a side, as for `cloud`.
+        amplitudes: of the noise's octaves, the finest first; the strongest gives the blotches'
+            size.
         share: covered, 0 to 1.
         edge: over which the cover goes from 0 to 1, in standard deviations of the noise.
     """
-    # Four octaves below the coarsest fray the outlines; finer ones would tear them apart.
-    amplitudes = [0.0 if k < octaves - 5 else 0.5 ** (octaves - 1 - k) for k in range(octaves)]
     field = cloud(rng, size, amplitudes)
     covered = np.quantile(field[::3, ::3], 1.0 - share)
     slope = 1.0 / (edge * float(field.std()))

@@ -22,7 +22,7 @@ from hw.sim.picture.pad_texture import (
     pad_texture,
 )
 from hw.sim.picture.view import F64, matrix, on_pad
-from hw.sim.picture.wetness import COVER, OCTAVES, SHEEN, wet_cover
+from hw.sim.picture.wetness import COVER, SHEEN, SPOTS, wet_cover
 from hw.sim.snapshot import PadPose
 from landerd.geometry import Mat3, Vec3
 from landerd.pad import Marker, PadLayout, Square
@@ -176,7 +176,7 @@ def _used(grey: F32, pad: PadOptions, render: RenderOptions, seed: int) -> F32:
     if pad.dirt > 0.0:
         rng = generator(seed, "dirt")
         mud = rng.uniform(*DIRT) * WHITE
-        cover = blotches(rng, COVER, OCTAVES, pad.dirt, 0.2)
+        cover = blotches(rng, COVER, SPOTS, pad.dirt, 0.2)
         grey = grey + _spread(cover, grey) * (np.float32(mud) - grey)
     if render.wet > 0.0:
         wet = _spread(wet_cover(render.wet, generator(seed, "wet pad")), grey)

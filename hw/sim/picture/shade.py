@@ -58,8 +58,10 @@ class LeafShade:
         while block > 1.4 * flecks * 2 ** (octaves - 1):
             octaves += 1
         size = block * max(round(flecks * 2 ** (octaves - 1) / block), 1)
+        # Flecks lie in groups, as twigs and boughs are over each other.
+        amplitudes = [0.0] * (octaves - 3) + [0.2, 0.6, 1.0, 0.7, 0.5]
         # Each gap draws an image of the sun, so edges are as soft as flecks are small.
-        leaves = blotches(rng, size, octaves, SHADED, 0.8)
+        leaves = blotches(rng, size, amplitudes, SHADED, 0.8)
         self._light = np.rint(255.0 * (1.0 - options.leaf_shade * leaves)).astype(np.uint8)
         self._tile = Tile(self._light, period_m / size, corner_m)
         self._leaf_m = options.leaf_m
@@ -159,10 +161,19 @@ class ShadowEdge:
         )
         per_byte = np.float32(sigma_m * _PER_BYTE)
         deviations = beyond / (per_byte * np.maximum(descent, np.float32(1e-3))) + 128
+        shaded = cv2.boundingRect((deviations > 0.0).view(np.uint8))
+        if not shaded[2]:
+            return
+        # With what is not shaded all round, as there is no interpolating beyond the outermost.
+        left, top = max(shaded[0] - 1, 0), max(shaded[1] - 1, 0)
+        right, bottom = shaded[0] + shaded[2] + 1, shaded[1] + shaded[3] + 1
         k = SPACING // reduced
-        wide = cv2.resize(deviations, None, fx=k, fy=k, interpolation=cv2.INTER_LINEAR)
-        rows, columns = (math.ceil(n / reduced) for n in self._size[::-1])
-        few = np.maximum(wide[k : k + rows, k : k + columns], 0.0)
-        light = cv2.LUT(cv2.convertScaleAbs(few), self._light_of)
-        whole = cv2.resize(light, self._size, interpolation=cv2.INTER_LINEAR)
-        cv2.multiply(image, whole, dst=image, scale=1 / 255)
+        few = cv2.resize(deviations[top:bottom, left:right], None, fx=k, fy=k)
+        light = cv2.LUT(cv2.convertScaleAbs(np.maximum(few, 0.0)), self._light_of)
+        whole = cv2.resize(light, None, fx=reduced, fy=reduced)
+        # The rays begin a spacing outside of the image.
+        y, x = (top - 1) * SPACING, (left - 1) * SPACING
+        whole = whole[max(-y, 0) :, max(-x, 0) :]
+        y, x = max(y, 0), max(x, 0)
+        part = image[y : y + whole.shape[0], x : x + whole.shape[1]]
+        cv2.multiply(part, whole[: part.shape[0], : part.shape[1]], dst=part, scale=1 / 255)

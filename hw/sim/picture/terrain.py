@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.sim.picture.fractal import blotches, cloud, enlarged
+from hw.sim.picture.fractal import FRAYED, blotches, cloud, enlarged
 from hw.sim.picture.pad_texture import WHITE
 
 F32 = NDArray[np.float32]
@@ -95,7 +95,7 @@ def roof(rng: Rng) -> U8:
     field += rng.normal(0.0, 0.05, SIZE // sheet).astype(np.float32).repeat(sheet)[:, None]
     field[::sheet] -= 0.35
     field[1::sheet] += 0.15
-    field -= 0.3 * blotches(rng, SIZE, 9, 0.12, 0.3)
+    field -= 0.3 * blotches(rng, SIZE, (0.0,) * 4 + FRAYED, 0.12, 0.3)
     texture = _developed(_bytes(field), mean)
     for left, top in rng.integers(0, SIZE - 260, (5, 2)):
         height, width = rng.integers(40, 250, 2)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.sim.picture.fractal import blotches
+from hw.sim.picture.fractal import FRAYED, blotches
 
 U8 = NDArray[np.uint8]
 
@@ -16,12 +16,12 @@ DARKENED = 0.5
 # Water mirrors 2 to 6 % of the sky (Fresnel, up to 60 degrees), itself about as bright as white.
 SHEEN = 8  # grey levels
 COVER = 512  # texels of the spots' outlines along a side
-OCTAVES = 7  # a tile is 8 spots wide
+SPOTS = (0.0, 0.0, *FRAYED)  # a tile is 8 of them wide
 
 
 def wet_cover(share: float, rng: np.random.Generator) -> NDArray[np.float32]:
     """Return how wet a texture is (COVER, COVER), 0 to 1; it repeats without a seam."""
-    return blotches(rng, COVER, OCTAVES, share, 0.3)
+    return blotches(rng, COVER, SPOTS, share, 0.3)
 
 
 def wetted(dry: U8, share: float, rng: np.random.Generator) -> U8:
