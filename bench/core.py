@@ -11,11 +11,12 @@ import sys
 import time
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
-from landerd import devices as registry
-from landerd.config.files import Loaded, config_dir, config_files, load
+from landerd.config.files import Loaded, config_dir, config_files
+from landerd.drivers import read_configuration
 from landerd.geometry import matmul, rot_zyx
 from landerd.lander import Lander
 from landerd.messages import Input
@@ -59,12 +60,11 @@ def fly(loaded: Loaded) -> tuple[list[Call], list[float]]:
 
         return call
 
-    step, prior = Lander.step, Lander.prior
-    Lander.step, Lander.prior = watched(step), watched(prior)  # type: ignore[method-assign]
-    try:
+    with (
+        patch.object(Lander, "step", watched(Lander.step)),
+        patch.object(Lander, "prior", watched(Lander.prior)),
+    ):
         run_virtual(Simulation(loaded, SEED).run())
-    finally:
-        Lander.step, Lander.prior = step, prior  # type: ignore[method-assign]
     return asked, us
 
 
@@ -114,11 +114,8 @@ def main() -> int:
     )
     slow = False
     for scenario in SCENARIOS:
-        loaded = load(
-            config_dir() / "default.yaml",
-            options_models=registry.options_models(),
-            drivers=registry.names(),
-            overlays=[config_files("scenarios")[scenario]],
+        loaded = read_configuration(
+            config_dir() / "default.yaml", overlays=[config_files("scenarios")[scenario]]
         )
         asked, us = fly(loaded)
         flown, again = by_kind(asked, us), by_kind(asked, fly_again(loaded, asked))

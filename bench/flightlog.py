@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from hw.sim.options import SimOptions
 from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
-from landerd import devices as registry
 from landerd.camera_model import load_camera
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
 from landerd.config.models import Config, LogSection
+from landerd.drivers import read_configuration
 from landerd.flightlog.contents import Head
 from landerd.flightlog.reader import read_log
 from landerd.flightlog.recorder import Recorder
@@ -40,14 +41,12 @@ MODES = {
 
 def pictures() -> list[np.ndarray]:
     """Draw what the camera sees from 6 m: grass, pad, noise."""
-    loaded = load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-    )
+    loaded = read_configuration(config_dir() / "default.yaml")
     layout = load_pad(loaded.config.pad.layout)
     camera = load_camera(loaded.config.camera.calibration)
-    renderer = Renderer(layout, camera, loaded.options["sim"].render, 1)
+    sim = loaded.options["sim"]
+    assert isinstance(sim, SimOptions)
+    renderer = Renderer(layout, camera, sim.render, 1)
     pad = PadPose((0.0, 0.0, 0.0), rot_z(0.0))
     images = []
     for i in range(10):
@@ -79,7 +78,7 @@ async def fly(flight: Recorded) -> list[float]:
     """Tick at 40 Hz; return the periods, s."""
     loop = asyncio.get_running_loop()
     due = last = loop.time()
-    periods = []
+    periods: list[float] = []
     while len(periods) < SECONDS * 40:
         due = max(due + 0.025, loop.time())
         await asyncio.sleep(due - loop.time())

@@ -1,99 +1,173 @@
-"""CPU time of one simulated picture against range: the reference world's, and the field's scene."""
+"""CPU time of one simulated picture against range: of the reference world, and of others.
+
+All draw the same views in turn, so that the ratios hold on a busy machine too. The real sensor has
+everything that `sim.camera` can switch on, the scene what `sim.render` and `sim.pad` can, the field
+both; the second table has each effect alone.
+"""
 
 import math
 import time
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from random import Random
+from typing import Any
 
 import cv2
 
+from hw.sim.camera_options import SimCameraOptions
 from hw.sim.options import PadOptions, RenderOptions
+from hw.sim.picture.exposure import Exposure
 from hw.sim.picture.pad_print import printed
 from hw.sim.picture.renderer import Renderer
-from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
-from landerd.camera_model import CameraModel, load_camera
+from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
+from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
+from landerd.camera_model import load_camera
 from landerd.geometry import IDENTITY, R_GIMBAL_CAMERA, matmul, rot_zyx
 from landerd.pad import load_pad
 
 CONFIG = Path(__file__).parent.parent / "config"
 REPEATS = 60
 RANGES_M = (30.0, 18.0, 10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.3)
+PITCHES_DEG = (-30.0, -85.0)
+EFFECTS: dict[str, dict[str, Any]] = {
+    "tone curve": {"tone": {"curve": "gamma", "contrast": 0.5}, "black_level": 8.0},
+    "shot noise": {"noise": {"shot": 0.1}},
+    "auto exposure": {"exposure": "auto"},
+    "vignetting": {"vignetting": 0.5},
+    "dirt": {"lens_dirt": 0.5},
+    "rolling shutter": {"readout_s": 0.02},
+    "vibration": {"vibration": {"deg": 0.1, "hz": 90.0}},
+    "sharpening": {"sharpening": 1.0},
+    "JPEG": {"jpeg_quality": 85},
+}
+# Of the scene: what is under sim.render, and under sim.pad.
+SCENE: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "ground": ({"ground": "meadow"}, {}),
+    "look-alikes": ({"look_alikes": 6}, {}),
+    "wet, glare": ({"wet": 0.3, "glare": 0.8}, {}),
+    "leaf shade": ({"leaf_shade": 0.5}, {}),
+    "shadow's edge": ({"shadow_edge": True, "shadow_softness_m": 0.05}, {}),
+    "print": ({}, {"print_scale": 1.01, "marker_error_m": 0.005, "black": 0.25, "dirt": 0.1}),
+    "folded plate": ({}, {"bend_deg": 4.0}),
+}
 GROUNDS = ("meadow", "gravel", "paving", "canopy", "roof", "car_park", "water")
-PRINT = PadOptions(
-    position_m=(0.0, 0.0),
-    print_scale=1.01,
-    marker_error_m=0.005,
-    bend_deg=4.0,
-    black=0.25,
-    dirt=0.1,
-)
-SCENE = RenderOptions(
-    ground="meadow",
-    look_alikes=6,
-    wet=0.3,
-    leaf_shade=0.5,
-    glare=0.8,
-    shadow_edge=True,
-    shadow_softness_m=0.05,
-)
+PAD = PadPose((0.0, 0.0, 0.0), IDENTITY)
+
+
+class World:
+    """A renderer of one world, and what it would be handed by the camera."""
+
+    def __init__(
+        self,
+        sensor: Mapping[str, Any],
+        render: Mapping[str, Any] | None = None,
+        pad: Mapping[str, Any] | None = None,
+    ) -> None:
+        layout = load_pad(CONFIG / "pads/thesis.yaml")
+        camera = load_camera(CONFIG / "cameras/thesis.yaml")
+        self.options = SimCameraOptions.model_validate(sensor)
+        scene = RenderOptions.model_validate(render or {})
+        at_origin = PadOptions.model_validate({"position_m": (0.0, 0.0), **(pad or {})})
+        began = time.thread_time()
+        self.renderer = Renderer(
+            printed(layout, at_origin, 1), camera, scene, 1, self.options, at_origin
+        )
+        self.set_up_s = time.thread_time() - began
+        vibration = self.options.vibration
+        self.vibration = Vibration(vibration, Random(1)) if vibration.deg > 0.0 else None
+
+    def time(self, frame: int, view: "View") -> float:
+        """Draw a view and return the CPU time, ms."""
+        o = self.options
+        half = 0.5 * o.exposure_s
+        began = time.thread_time()
+        readout = None
+        if o.readout_s > 0.0 or self.vibration is not None:
+            steps = math.ceil(o.readout_s / POSE_PERIOD_S)
+            times = [o.readout_s * (k / steps - 0.5) for k in range(steps + 1)] if steps else [0.0]
+            shots = tuple(Snapshot(t, view.pose(t), PAD, view.vehicle) for t in times)
+            readout = Readout(0.1 * frame, o.readout_s, o.exposure_s, shots, self.vibration)
+        self.renderer.render(
+            frame,
+            view.pose(-half),
+            view.pose(half),
+            PAD,
+            view.vehicle,
+            Exposure(o.exposure_s),
+            readout,
+        )
+        return 1e3 * (time.thread_time() - began)
+
+
+class View:
+    """A vehicle that passes the pad."""
+
+    def __init__(self, range_m: float, pitch_deg: float, motion_px: float) -> None:
+        """Take the slant range, where the camera looks, and the motion during an exposure."""
+        pitch = math.radians(pitch_deg)
+        self.lens = (range_m * -math.cos(pitch), 0.0, range_m * math.sin(pitch))
+        self.R = matmul(rot_zyx(0.0, pitch, 0.0), R_GIMBAL_CAMERA)
+        focal = load_camera(CONFIG / "cameras/thesis.yaml").fx
+        self.speed = motion_px * range_m / focal / SimCameraOptions().exposure_s
+        body = (self.lens[0] - 0.10, self.lens[1], self.lens[2] - 0.04)
+        self.vehicle = VehiclePose(body, IDENTITY, (0.44, 0.26), 0.20)
+
+    def pose(self, t: float) -> CameraPose:
+        """Return the camera's pose at t, s."""
+        north, east, down = self.lens
+        return CameraPose((north, east + self.speed * t, down), self.R)
+
+
+def least(worlds: list[World], view: View) -> list[float]:
+    """Return the least time of each world, in turn, ms."""
+    times = [[w.time(i, view) for w in worlds] for i in range(REPEATS)]
+    return [min(of_one) for of_one in zip(*times, strict=True)]
+
+
+def together(effects: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """Return one block with all effects."""
+    block: dict[str, Any] = {}
+    for options in effects:
+        block |= options
+    return block
+
+
+def ratios(times: list[float]) -> str:
+    """Return all but the first of four times against that."""
+    sensor, scene, field = (t / times[0] for t in times[1:])
+    return f"{sensor:16.2f}{scene:8.2f}{field:8.2f}"
 
 
 def main() -> None:
-    """Print milliseconds a picture at several ranges, and how many times the reference's."""
+    """Print milliseconds a frame at several ranges."""
     cv2.setNumThreads(1)
-    camera = load_camera(CONFIG / "cameras/thesis.yaml")
-    layout = load_pad(CONFIG / "pads/thesis.yaml")
-    Renderer(layout, camera, RenderOptions(), seed=1)  # what is slow only once
-    began = time.thread_time()
-    reference = Renderer(layout, camera, RenderOptions(), seed=1)
-    plain_s = time.thread_time() - began
-    print(f"set-up of the reference {plain_s:.2f} s")
+    World({})  # what is slow but once
+    reference = World({})
+    sensor = together(EFFECTS.values())
+    render, pad = (together(scene[i] for scene in SCENE.values()) for i in (0, 1))
+    print(f"set-up {reference.set_up_s:.2f} s; with everything in the scene")
     for ground in GROUNDS:
-        began = time.thread_time()
-        render = SCENE.model_copy(update={"ground": ground})
-        renderer = Renderer(printed(layout, PRINT, 1), camera, render, seed=1, pad=PRINT)
-        more_s = time.thread_time() - began - plain_s
-        if ground == SCENE.ground:
-            scene = renderer
-        print(f"set-up of {ground:8} with everything: {more_s:+.2f} s")
-    print("range_m  pitch_deg  motion_px  reference: least, median  scene: least, median  ratio")
-    ratios = []
+        more_s = World({}, render | {"ground": ground}, pad).set_up_s - reference.set_up_s
+        print(f"  {ground:9} {more_s:+.2f} s")
+    others = [World(sensor), World({}, render, pad), World(sensor, render, pad)]
+    print("range_m  pitch_deg  motion_px  reference_ms  x: real sensor   scene   field")
+    sums = [0.0] * 4
     for range_m in RANGES_M:
-        for pitch_deg in (-30.0, -85.0):
+        for pitch_deg in PITCHES_DEG:
             for motion_px in (0.0, 2.0):
-                one, other = times([reference, scene], camera, range_m, pitch_deg, motion_px)
-                ratios.append(other[0] / one[0])
-                print(
-                    f"{range_m:7.1f} {pitch_deg:10.0f} {motion_px:10.1f}"
-                    f" {one[0]:17.2f} {one[REPEATS // 2]:8.2f}"
-                    f" {other[0]:13.2f} {other[REPEATS // 2]:8.2f} {ratios[-1]:6.2f}"
-                )
-    print(f"ratio: mean {sum(ratios) / len(ratios):.2f}, worst {max(ratios):.2f}")
-
-
-def times(
-    renderers: list[Renderer],
-    camera: CameraModel,
-    range_m: float,
-    pitch_deg: float,
-    motion_px: float,
-) -> list[list[float]]:
-    """Return the sorted milliseconds that each takes for the same pictures, drawn in turn."""
-    pad = PadPose((0.0, 0.0, 0.0), IDENTITY)
-    pitch = math.radians(pitch_deg)
-    lens = (range_m * -math.cos(pitch), 0.0, range_m * math.sin(pitch))
-    R = matmul(rot_zyx(0.0, pitch, 0.0), R_GIMBAL_CAMERA)
-    shift = motion_px * range_m / camera.fx
-    start = CameraPose(lens, R)
-    end = CameraPose((lens[0], lens[1] + shift, lens[2]), R)
-    body = (lens[0] - 0.10, lens[1], lens[2] - 0.04)
-    vehicle = VehiclePose(body, IDENTITY, (0.44, 0.26), 0.20)
-    taken: list[list[float]] = [[] for _ in renderers]
-    for i in range(REPEATS):
-        for renderer, each in zip(renderers, taken, strict=True):
-            began = time.thread_time()
-            renderer.render(i, start, end, pad, vehicle)
-            each.append(1e3 * (time.thread_time() - began))
-    return [sorted(each) for each in taken]
+                times = least([reference, *others], View(range_m, pitch_deg, motion_px))
+                sums = [s + t for s, t in zip(sums, times, strict=True)]
+                row = f"{range_m:7.1f} {pitch_deg:10.0f} {motion_px:10.1f} {times[0]:13.2f}"
+                print(row + ratios(times))
+    print(f"all {'':38}" + ratios(sums))
+    print("alone, ms more at    20 m    5 m    1 m")
+    alone = [World({}), *(World(options) for options in EFFECTS.values())]
+    alone += [World({}, *scene) for scene in SCENE.values()]
+    rows = [least(alone, View(range_m, -60.0, 2.0)) for range_m in (20.0, 5.0, 1.0)]
+    for name, *times in zip(("", *EFFECTS, *SCENE), *rows, strict=True):
+        if name:
+            more = [t - row[0] for t, row in zip(times, rows, strict=True)]
+            print(f"{name:18}" + "".join(f"{ms:7.2f}" for ms in more))
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from landerd import devices as registry
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
 
@@ -40,11 +40,8 @@ class Stopwatch:
 
 def main() -> None:
     """Fly one landing and print the figures."""
-    loaded = load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overlays=[config_dir() / "scenarios" / "stationary.yaml"],
+    loaded = read_configuration(
+        config_dir() / "default.yaml", overlays=[config_dir() / "scenarios" / "stationary.yaml"]
     )
     simulation = Simulation(loaded, seed=1)
     watch = Stopwatch()

@@ -225,43 +225,57 @@ def main() -> None:
     cv2.setNumThreads(1)
     what = args.only.split(",")
     if "grid" in what:
-        print(HEAD)
-        for d in (float(v) for v in args.distances.split(",")):
-            row = Cell()
-            for a in (float(v) for v in args.angles.split(",")):
-                rng = np.random.default_rng([args.seed, round(d * 10), round(a)])
-                cell = run_cell(args.images, rng, d, a, args.tracking)
-                print(f"{d:5.1f} m {a:4.0f} deg     {cell.line()}", flush=True)
-                row += cell
-            print(f"{d:5.1f} m all          {row.line()}", flush=True)
-    for name in ("shadow", "motion"):
-        for px in (5.0, 10.0, 15.0) if name == "motion" and name in what else (0.0,):
-            if name not in what:
-                continue
-            rng = np.random.default_rng([args.seed, 77, round(px)])
-            total = Cell()
-            for d in (2.0, 5.0, 10.0, 15.0):
-                for a in (0, 30, 45):
-                    alter = moving(px, rng) if name == "motion" else shadowed(rng)
-                    cell = run_cell(max(1, args.images // 2), rng, d, a, args.tracking, alter)
-                    total += cell
-                    print(f"{name} {px:3.0f} px {d:4.0f} m {a:2d} {cell.line()}", flush=True)
-            print(f"{name} {px:3.0f} px all       {total.line()}", flush=True)
+        print_grid(args.images, args.seed, args.tracking, args.distances, args.angles)
+    if "shadow" in what:
+        print_disturbed("shadow", 0.0, args.images, args.seed, args.tracking)
+    if "motion" in what:
+        for px in (5.0, 10.0, 15.0):
+            print_disturbed("motion", px, args.images, args.seed, args.tracking)
     if "negatives" in what:
-        rng = np.random.default_rng([args.seed, 99])
-        made = scenes.hard_negatives(rng, CAMERA, RING.inner_ratio)
-        alarms: dict[str, int] = {}
-        times = []
-        for _ in range(args.negatives):
-            kind, image = next(made)
-            began = time.perf_counter()
-            found = find_rings(image, RING, CAMERA)
-            times.append((time.perf_counter() - began) * 1e3)
-            alarms[kind] = alarms.get(kind, 0) + len(found)
-        print(
-            f"negatives: {args.negatives} images, false alarms {alarms}, "
-            f"ms median {np.median(times):.2f} p95 {np.percentile(times, 95):.2f}"
-        )
+        print_negatives(args.negatives, args.seed)
+
+
+def print_grid(images: int, seed: int, tracking: bool, distances: str, angles: str) -> None:
+    """Print a row for every distance and angle."""
+    print(HEAD)
+    for d in (float(v) for v in distances.split(",")):
+        row = Cell()
+        for a in (float(v) for v in angles.split(",")):
+            rng = np.random.default_rng([seed, round(d * 10), round(a)])
+            cell = run_cell(images, rng, d, a, tracking)
+            print(f"{d:5.1f} m {a:4.0f} deg     {cell.line()}", flush=True)
+            row += cell
+        print(f"{d:5.1f} m all          {row.line()}", flush=True)
+
+
+def print_disturbed(name: str, px: float, images: int, seed: int, tracking: bool) -> None:
+    """Print rows of images with a shadow's edge across the ring, or moving by so many pixels."""
+    rng = np.random.default_rng([seed, 77, round(px)])
+    total = Cell()
+    for d in (2.0, 5.0, 10.0, 15.0):
+        for a in (0, 30, 45):
+            alter = moving(px, rng) if name == "motion" else shadowed(rng)
+            cell = run_cell(max(1, images // 2), rng, d, a, tracking, alter)
+            total += cell
+            print(f"{name} {px:3.0f} px {d:4.0f} m {a:2d} {cell.line()}", flush=True)
+    print(f"{name} {px:3.0f} px all       {total.line()}", flush=True)
+
+
+def print_negatives(count: int, seed: int) -> None:
+    """Print the false alarms in images without a ring."""
+    made = scenes.hard_negatives(np.random.default_rng([seed, 99]), CAMERA, RING.inner_ratio)
+    alarms: dict[str, int] = {}
+    times = []
+    for _ in range(count):
+        kind, image = next(made)
+        began = time.perf_counter()
+        found = find_rings(image, RING, CAMERA)
+        times.append((time.perf_counter() - began) * 1e3)
+        alarms[kind] = alarms.get(kind, 0) + len(found)
+    print(
+        f"negatives: {count} images, false alarms {alarms}, "
+        f"ms median {np.median(times):.2f} p95 {np.percentile(times, 95):.2f}"
+    )
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ frame. Times are medians over frames, each the least of a few repeats, on one co
 pupil-apriltags on the full frame (quad_decimate 2, one thread): pip install 'landerd[peers]'.
 """
 
+import importlib
 import resource
 import time
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.camera_model import CameraModel
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior
 from landerd.vision import Vision
@@ -27,7 +29,7 @@ FRAME_S = 1 / 30
 U8 = NDArray[np.uint8]
 
 
-def sequence(camera: scenes.CameraModel, distance: float) -> list[tuple[U8, scenes.View]]:
+def sequence(camera: CameraModel, distance: float) -> list[tuple[U8, scenes.View]]:
     """Return frames of a pad that drifts through the image, and where it truly is."""
     rng = np.random.default_rng(7)
     k = camera.width / 640
@@ -60,7 +62,7 @@ def prior_of(view: scenes.View, rng: np.random.Generator) -> Prior:
     return Prior(tuple(down), PadPrior((x, y, z), 0.01 * z, tuple(north)))
 
 
-def tracking_ms(camera: scenes.CameraModel, frames: list[tuple[U8, scenes.View]]) -> list[float]:
+def tracking_ms(camera: CameraModel, frames: list[tuple[U8, scenes.View]]) -> list[float]:
     """Return the time of each frame but the first with the pad in track."""
     runs = []
     for _ in range(REPEATS):
@@ -75,10 +77,10 @@ def tracking_ms(camera: scenes.CameraModel, frames: list[tuple[U8, scenes.View]]
             if not found.pad:
                 print(f"  not found: {np.linalg.norm(view.position):.1f} m, frame {i}")
         runs.append(times)
-    return np.min(runs, axis=0)[1:].tolist()
+    return [min(times) for times in zip(*runs, strict=True)][1:]
 
 
-def searching_ms(camera: scenes.CameraModel, image: U8) -> float:
+def searching_ms(camera: CameraModel, image: U8) -> float:
     """Return the time of a full search with nothing known."""
 
     def fresh() -> Callable[[], object]:
@@ -88,21 +90,26 @@ def searching_ms(camera: scenes.CameraModel, image: U8) -> float:
     return least_ms(fresh)
 
 
+def peer_ms(detect: Callable[[U8], object], image: U8) -> float:
+    """Return the time of the peer's search of a full frame."""
+    return least_ms(lambda: lambda: detect(image))
+
+
 def main() -> None:
     """Print the table."""
     try:
-        from pupil_apriltags import Detector
+        library = importlib.import_module("pupil_apriltags")
     except ImportError:
         raise SystemExit("needs the AprilTag 3 library: pip install 'landerd[peers]'") from None
     cv2.setNumThreads(1)
-    peer = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
+    peer = library.Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
     small = scenes.THESIS_CAMERA
     large = small.scaled(1920, 1440)
     print(f"{'m':>5} {'peer ms':>8} {'track ms':>9} {'ratio':>6} {'search ms':>10} {'ratio':>6}")
     medians: list[tuple[float, float, float]] = []
     for distance in DISTANCES:
         frames = sequence(small, distance)
-        unit = float(np.median([least_ms(lambda i=i: lambda: peer.detect(i)) for i, _ in frames]))
+        unit = float(np.median([peer_ms(peer.detect, image) for image, _ in frames]))
         track = float(np.median(tracking_ms(small, frames)))
         search = float(np.median([searching_ms(small, image) for image, _ in frames[:4]]))
         medians.append((unit, track, search))

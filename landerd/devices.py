@@ -1,109 +1,326 @@
-"""Which drivers there are: the one place that lists them. A new driver is one line here.
+"""The one place where devices are chosen and made: real, simulated or recorded ones.
 
-Drivers are named by their modules and imported when they are chosen, so that a driver whose
-libraries this machine lacks is in nobody's way.
+What a vehicle does not need, the simulator and the players of recordings, is imported where it is
+used.
 """
 
-from collections.abc import Callable, Collection, Mapping
-from importlib import import_module
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, cast
 
-from pydantic import BaseModel
+from hw.autopilots.signing import Signing
+from hw.links import open_link
+from hw.links.tapped import TappedLink
+from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.config.files import Loaded
+from landerd.config.models import Config
+from landerd.config.parameters import ParameterSet
+from landerd.drivers import DRIVERS, gimbal_speaks_over, import_named, names
+from landerd.flightlog.recorder import Recorder
+from landerd.messages import Frame
+from landerd.pad import PadLayout
+from landerd.ports import (
+    Autopilot,
+    AutopilotFactory,
+    ByteLink,
+    CameraFactory,
+    CameraOptions,
+    Gimbal,
+    GimbalBehindAutopilotFactory,
+    GimbalFactory,
+    GimbalOverLinkFactory,
+    LinkOptions,
+    MessageSigning,
+    Parameters,
+)
+from landerd.runtime.daemon import Devices
+from landerd.section import Section
 
-
-class Driver(NamedTuple):
-    """Where a driver is, as "module:name"."""
-
-    factory: str | None  # None: the simulated world makes it
-    options: str | None = None  # model of its block of the configuration, as camera.v4l2
-    over: Literal["link", "autopilot"] | None = None  # what it is handed to speak through
-    model: str | None = None  # what connects it to a modelled device in the simulator
-
-
-def _gimbal(driver: str, model: str, over: Literal["link", "autopilot"] | None = None) -> Driver:
-    """Return the driver at "module:Name" of hw.gimbals with its model of hw.sim.gimbals."""
-    path = f"hw.gimbals.{driver}"
-    return Driver(f"{path}Gimbal", f"{path}Options", over, f"hw.sim.gimbals.{model}")
-
-
-DRIVERS: Mapping[str, Mapping[str, Driver]] = {
-    "camera": {
-        "v4l2": Driver("hw.cameras.v4l2:V4l2Camera", "hw.cameras.v4l2:V4l2Options"),
-        "gstreamer": Driver(
-            "hw.cameras.gstreamer:GstreamerCamera", "hw.cameras.gstreamer:GstreamerOptions"
-        ),
-        "picamera2": Driver(
-            "hw.cameras.picamera2:Picamera2Camera", "hw.cameras.picamera2:Picamera2Options"
-        ),
-        "sim": Driver(None),
-    },
-    "gimbal": {
-        "sim": Driver(None),
-        "fixed": _gimbal("fixed:Fixed", "fixed:connect"),
-        "mavlink": _gimbal("mavlink_v2:Mavlink", "mavlink:connect_v2", "autopilot"),
-        "mavlink_mount": _gimbal(
-            "mavlink_mount:MavlinkMount", "mavlink:connect_mount", "autopilot"
-        ),
-        "servo_mavlink": _gimbal(
-            "servo_mavlink:ServoMavlink", "servo:connect_mavlink", "autopilot"
-        ),
-        "servo_pca9685": _gimbal("servo_pca9685:ServoPca9685", "servo:connect_pca9685"),
-        "servo_sysfs": _gimbal("servo_sysfs:ServoSysfs", "servo:connect_sysfs"),
-        "simplebgc": _gimbal("simplebgc:SimpleBgc", "simplebgc:connect", "link"),
-        "siyi": _gimbal("siyi:Siyi", "siyi:connect", "link"),
-        "storm32": _gimbal("storm32:Storm32", "storm32:connect", "link"),
-    },
-    "autopilot": {
-        "mavlink": Driver("hw.autopilots.mavlink:MavlinkAutopilot"),
-    },
-}
-SIMULATOR_OPTIONS = "hw.sim.options:SimOptions"
+if TYPE_CHECKING:
+    from hw.autopilots.mavlink import MavlinkAutopilot
+    from hw.replay.pictures import DrawnPictures
+    from hw.replay.telemetry import Telemetry
+    from hw.replay.vehicle import RecordedVehicle
+    from hw.sim.gimbals.bench import Bench, Connected, Model
+    from hw.sim.gimbals.mount import SimMount
+    from hw.sim.options import SimOptions
+    from hw.sim.physics.world import World
+    from hw.sim.picture.camera import SimCamera
+    from hw.sim.snapshot import Snapshot
+    from hw.sim.stand_in.autopilot import SimAutopilot
+    from landerd.geometry import Vec3
 
 
-def names() -> Mapping[str, Collection[str]]:
-    """Return the names of the drivers by section of the configuration."""
-    return {section: drivers.keys() for section, drivers in DRIVERS.items()}
+class SetUpError(Exception):
+    """The configuration names what cannot be made; the text is one line."""
 
 
-def options_models() -> Mapping[str, type[BaseModel]]:
-    """Return the models of all options by section: "sim", "camera.v4l2", ..."""
-    models: dict[str, type[BaseModel]] = {"sim": _import(SIMULATOR_OPTIONS)}
-    for section, drivers in DRIVERS.items():
-        for name, driver in drivers.items():
-            if driver.options is not None:
-                models[f"{section}.{name}"] = _import(driver.options)
-    return models
+def camera_options(loaded: Loaded) -> CameraOptions | None:
+    """Return what the configured camera is asked for; None: its driver does not say."""
+    options = loaded.options.get(f"camera.{loaded.config.camera.driver}")
+    return options if isinstance(options, CameraOptions) else None
 
 
-def factory(section: str, name: str) -> Callable[..., Any] | None:
-    """Return what makes the device; None for one that only the simulated world has.
+def sim_options(loaded: Loaded) -> "SimOptions":
+    """Return the options of the simulated world."""
+    from hw.sim.options import SimOptions
+
+    options = loaded.options["sim"]
+    assert isinstance(options, SimOptions)
+    return options
+
+
+def fitting_camera(loaded: Loaded) -> CameraModel:
+    """Return the calibration at the size of the pictures that the camera is asked for.
+
+    Raises:
+        CalibrationError: it cannot be read, or is of another aspect.
+    """
+    path = loaded.config.camera.calibration
+    camera = load_camera(path)
+    options = camera_options(loaded)
+    if options is None:
+        return camera
+    try:
+        return camera.scaled(options.width, options.height)
+    except CalibrationError as e:
+        raise CalibrationError(f"{path}: {e}") from None
+
+
+# ---- real devices ------------------------------------------------------------------------------
+
+
+def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None) -> Devices:
+    """Make camera, gimbal and autopilot as the configuration names them; none is opened.
+
+    Args:
+        loaded: the configuration.
+        overlay: where parameters that a ground station saves are written.
+        recorder: gets the bytes of the autopilot's link.
+
+    Raises:
+        SetUpError: a driver is the simulator's, or a link or key cannot be used.
+    """
+    config = loaded.config
+    # Drivers first: a link may be refused too, but a wrong driver's name says more.
+    camera = cast(CameraFactory, _factory("camera", config.camera.driver))
+    gimbal = _factory("gimbal", config.gimbal.driver)
+    try:
+        link = open_link(config.autopilot.url)
+        autopilot = make_autopilot(
+            config,
+            link if recorder is None else TappedLink(link, recorder.raw),
+            ParameterSet(config, overlay),
+            _signing(config),
+        )
+        return Devices(
+            camera(options=loaded.options[f"camera.{config.camera.driver}"]),
+            _make_gimbal(gimbal, loaded, autopilot),
+            autopilot,
+        )
+    except ValueError as e:
+        raise SetUpError(str(e)) from None
+
+
+def make_autopilot(
+    config: Config,
+    link: ByteLink,
+    parameters: Parameters,
+    signing: MessageSigning | None = None,
+) -> Autopilot:
+    """Make the configured driver of the autopilot on a link; it is not opened."""
+    section = config.autopilot
+    factory = cast(AutopilotFactory, _factory("autopilot", section.driver))
+    return factory(
+        link,
+        system_id=section.system_id,
+        setpoint_frame=section.setpoint_frame,
+        ground_stations=section.ground_stations,
+        parameters=parameters,
+        signing=signing,
+    )
+
+
+def _signing(config: Config) -> Signing | None:
+    key = config.autopilot.signing_key
+    if key is None:
+        return None
+    return Signing(key, config.autopilot.signing_time or key.with_suffix(".time"))
+
+
+def _make_gimbal(factory: object, loaded: Loaded, autopilot: Autopilot) -> Gimbal:
+    driver = loaded.config.gimbal.driver
+    options = loaded.options[f"gimbal.{driver}"]
+    match gimbal_speaks_over(driver):
+        case "autopilot":
+            behind = cast(GimbalBehindAutopilotFactory, factory)
+            return behind(options=options, autopilot=autopilot)
+        case "link":
+            assert isinstance(options, LinkOptions)
+            over_link = cast(GimbalOverLinkFactory, factory)
+            return over_link(options=options, link=open_link(options.url))
+        case None:
+            return cast(GimbalFactory, factory)(options=options)
+
+
+def _factory(section: str, driver: str) -> object:
+    """Return what makes a device; of which kind a factory is, its section says, and `over`.
+
+    Raises:
+        SetUpError: only the simulated world has such a device.
+    """
+    path = DRIVERS[section][driver].factory
+    if path is None:
+        others = sorted(set(names()[section]) - {driver})
+        raise SetUpError(
+            f"{section}.driver: {driver} is only flown by landerd sim; "
+            f"expected one of {', '.join(others)}"
+        )
+    return import_named(path)
+
+
+# ---- simulated devices -------------------------------------------------------------------------
+
+
+class SimulatedGimbal(NamedTuple):
+    """A gimbal in the simulated world, and what of it only the world knows."""
+
+    driver: Gimbal  # what the daemon has: a simulated device, or a real driver
+    mount: "SimMount"  # the gimbal in the world
+    model: "Model | None"  # the device below a real driver, where it has a life of its own
+
+    def true_angles(self) -> tuple[float, float]:
+        """Return yaw and pitch as they are, rad, against what the driver's are against."""
+        return self.mount.angles(self.driver.traits.reference)
+
+
+def simulated_camera(
+    loaded: Loaded,
+    layout: PadLayout,
+    camera_model: CameraModel,
+    world: "World",
+    seed: int,
+    delivered: "Callable[[Frame, Snapshot], None]",
+) -> "SimCamera":
+    """Make a camera that sees a simulated world.
+
+    Args:
+        loaded: the configuration.
+        layout: the pad in the world, as it was printed.
+        camera_model: of the true lens.
+        world: what there is to be seen.
+        seed: of what is random in the pictures.
+        delivered: told of every sound frame, with the truth at its exposure.
+    """
+    from hw.sim.picture.camera import SimCamera
+    from hw.sim.picture.renderer import Renderer
+
+    options = sim_options(loaded)
+    renderer = Renderer(layout, camera_model, options.render, seed, options.camera, options.pad)
+    return SimCamera(renderer, world.snapshot, options.camera, delivered, seed)
+
+
+def simulated_gimbal(
+    loaded: Loaded,
+    world: "World",
+    seed: int,
+    autopilot: "MavlinkAutopilot",
+    stand_in: "SimAutopilot | None",
+    *,
+    realtime: bool,
+) -> SimulatedGimbal:
+    """Make the configured gimbal in a simulated world.
+
+    Args:
+        loaded: the configuration; its driver may be a real one, which then moves a model.
+        world: where the gimbal is.
+        seed: of its errors.
+        autopilot: landerd's driver, through which some gimbals are spoken to.
+        stand_in: the simulated autopilot, which drives those; None: a real one flies.
+        realtime: real sockets and terminals instead of links in memory.
+    """
+    from hw.sim.gimbals.bench import Bench
+    from hw.sim.gimbals.mount import SimMount
+    from hw.sim.gimbals.sim import SimGimbal
+    from hw.sim.physics.world import stream
+
+    options, driver = sim_options(loaded).gimbal, loaded.config.gimbal.driver
+    mount = SimMount(world, options, stream(seed, "gimbal"))
+    connect = gimbal_model(driver)
+    if connect is None:
+        return SimulatedGimbal(SimGimbal(mount, options), mount, None)
+    bench = Bench(mount, stand_in, autopilot, realtime=realtime)
+    gimbal, model = connect(loaded.options[f"gimbal.{driver}"], bench)
+    return SimulatedGimbal(gimbal, mount, model)
+
+
+def gimbal_model(name: str) -> "Callable[[Section, Bench], Connected] | None":
+    """Return what connects a gimbal's driver to the model of its device; None: there is none.
 
     Raises:
         KeyError: there is no such driver.
     """
-    path = DRIVERS[section][name].factory
-    return None if path is None else _import(path)
+    path = DRIVERS["gimbal"][name].model
+    return (
+        None if path is None else cast("Callable[[Section, Bench], Connected]", import_named(path))
+    )
 
 
-def over(section: str, name: str) -> Literal["link", "autopilot"] | None:
-    """Return what a driver is handed to speak through.
+# ---- recorded devices --------------------------------------------------------------------------
 
-    Raises:
-        KeyError: there is no such driver.
+
+def recorded_vehicle(
+    telemetry: "Telemetry",
+    camera_deg: tuple[float, float] | None,
+    *,
+    has_video: bool,
+    start: float,
+) -> "RecordedVehicle":
+    """Make the vehicle of a recorded flight, with the gimbal that there was.
+
+    Args:
+        telemetry: the recording.
+        camera_deg: yaw and pitch of a camera that did not move; None: it was on a gimbal, whose
+            recorded angles count. Without either the gimbal is pretended, but for a real video.
+        has_video: there are pictures of the flight.
+        start: of the first measurements, s on the recording's clock.
     """
-    return DRIVERS[section][name].over
+    from hw.replay.vehicle import RecordedVehicle
+
+    pretended = not has_video and camera_deg is None and not telemetry.gimbal.times
+    return RecordedVehicle(telemetry, camera_deg, pretended=pretended, start=start)
 
 
-def model(section: str, name: str) -> Callable[..., Any] | None:
-    """Return what connects a driver to the model of its device; None where there is none.
+def drawn_pictures(
+    loaded: Loaded,
+    layout: PadLayout,
+    camera_model: CameraModel,
+    vehicle: "RecordedVehicle",
+    pad: "Vec3",
+    *,
+    start: float,
+    fps: float,
+) -> "DrawnPictures":
+    """Make pictures, for a recorded flight without any, of a pad that was not there.
 
-    Raises:
-        KeyError: there is no such driver.
+    Args:
+        loaded: the configuration, with the simulator's light, lens and ground.
+        layout: the pad.
+        camera_model: intrinsics.
+        vehicle: where the camera was and how it looked.
+        pad: landing point, local NED, m.
+        start: of the first picture, s on the recording's clock.
+        fps: pictures a second.
     """
-    path = DRIVERS[section][name].model
-    return None if path is None else _import(path)
+    from hw.replay.pictures import DrawnPictures
 
-
-def _import(path: str) -> Any:
-    module, _, name = path.partition(":")
-    return getattr(import_module(module), name)
+    return DrawnPictures(
+        layout,
+        camera_model,
+        sim_options(loaded).render,
+        vehicle,
+        loaded.config.vehicle,
+        pad,
+        start=start,
+        fps=fps,
+    )

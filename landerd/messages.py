@@ -258,7 +258,7 @@ class LandingTarget:
 
 @dataclass(frozen=True, slots=True)
 class PressDown:
-    """Stand level on the pad without thrust: asks for no lean, as a velocity in wind would."""
+    """Stand level on the pad without thrust: asks for no tilt, as a velocity in wind would."""
 
     heading: float  # to keep, local, rad
 
@@ -269,14 +269,19 @@ class Disarm:
 
 
 class Phase(Enum):
-    """Landing phases, thesis Table 2.1."""
+    """Landing phases, named as in the thesis's Table 2.1: what the pilot and the log see.
+
+    LANDED is the thesis's word for committed to the touch-down: the vehicle is still in the air
+    when the phase begins (below the commit height, 0.16 m), and stands on the pad when it ends.
+    What landerd does meanwhile is told by guidance.states.
+    """
 
     NOT_LANDING = "NOT_LANDING"
     APPROACH = "APPROACH"
     CLOSE_APPROACH = "CLOSE_APPROACH"
     YAW_CORRECTION = "YAW_CORRECTION"
     DESCENT = "DESCENT"
-    LANDED = "LANDED"
+    LANDED = "LANDED"  # committed, then on the pad
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,11 @@ class Ring(Section):
     inner_ratio: Annotated[float, Field(gt=0.1, lt=0.9)] = 50 / 122  # inner over outer diameter
     position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
 
+    @property
+    def radius_m(self) -> float:
+        """Radius of the outer edge."""
+        return 0.5 * self.outer_diameter_m
+
 
 class Square(Section):
     """An AprilTag or ArUco marker."""
@@ -57,6 +62,11 @@ class WhyCode(Section):
     id: Annotated[int, Field(ge=0)]
     position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
     heading_deg: Finite = 0.0  # of the print's top, clockwise from the pad's north
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the ring's outer edge."""
+        return 0.5 * self.outer_diameter_m
 
     @model_validator(mode="after")
     def _reads_as_one_code(self) -> Self:

@@ -28,7 +28,10 @@ class Mutant(NamedTuple):
     test: str  # in tests/test_safety.py
 
 
-GATE, LANDER = "landerd/guidance/gate.py", "landerd/lander.py"
+GATE = "landerd/guidance/gate.py"
+SILENT, FLYING = "landerd/guidance/state_silent.py", "landerd/guidance/state_flying.py"
+PAD, CONTEXT = "landerd/guidance/state_pad.py", "landerd/guidance/landing_context.py"
+ORDERS, ESTIMATOR = "landerd/guidance/orders.py", "landerd/estimation/estimator.py"
 LIMITS, PHASES = "landerd/guidance/limits.py", "landerd/guidance/phases.py"
 TOUCHDOWN = "landerd/guidance/touchdown.py"
 
@@ -56,15 +59,15 @@ MUTANTS = [
     ),
     Mutant(
         "1b: silent at once when the gate closes",
-        LANDER,
-        "now < self._release_until:",
+        SILENT,
+        "step.now < self._until:",
         "False:",
         "test_1b_a_closed_gate_gives_zeros_for_a_second_and_then_silence",
     ),
     Mutant(
         "1b: never silent after the gate closed",
-        LANDER,
-        "now < self._release_until:",
+        SILENT,
+        "step.now < self._until:",
         "True:",
         "test_1b_a_closed_gate_gives_zeros_for_a_second_and_then_silence",
     ),
@@ -77,22 +80,22 @@ MUTANTS = [
     ),
     Mutant(
         "1c: hovers before it has seen the pad",
-        LANDER,
-        "if not self._flown:\n            self._enter(Phase.NOT_LANDING, why)\n            return",
-        "if not self._flown:\n            self._flown = True",
+        SILENT,
+        "if step.granted and context.sight(step) is not None:",
+        "if step.granted:",
         "test_1c_landerd_is_silent_until_it_has_seen_the_pad",
     ),
     Mutant(
         "1d: turns on while the pad is out of sight",
-        LANDER,
-        "self._send(velocity, 0.0, dt, may_descend=False)",
-        "self._send(velocity, 0.3, dt, may_descend=False)",
+        FLYING,
+        "context.orders.fly(velocity, 0.0, may_descend=False)",
+        "context.orders.fly(velocity, 0.3, may_descend=False)",
         "test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back",
     ),
     Mutant(
         "1d: stops once instead of streaming the hover",
-        LANDER,
-        "self._send(velocity, 0.0, dt, may_descend=False)",
+        FLYING,
+        "context.orders.fly(velocity, 0.0, may_descend=False)",
         "pass",
         "test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back",
     ),
@@ -119,8 +122,8 @@ MUTANTS = [
     ),
     Mutant(
         "2: descends without a young sighting",
-        LANDER,
-        "limit = self._config.guidance.lost.after_s - dt",
+        CONTEXT,
+        "limit = self.options.lost.after_s - step.dt",
         "limit = 9.0",
         "test_2_no_descent_without_a_young_sighting",
     ),
@@ -148,8 +151,8 @@ MUTANTS = [
     Mutant(
         "2: sinks blind for long after commit",
         TOUCHDOWN,
-        "BLIND_S = 0.9",
-        "BLIND_S = 9.0",
+        "MAX_BLIND_S = 0.9",
+        "MAX_BLIND_S = 9.0",
         "test_2_after_commit_it_sinks_blind_for_a_second_at_most",
     ),
     Mutant(
@@ -169,7 +172,7 @@ MUTANTS = [
     Mutant(
         "3: no limit of jerk",
         LIMITS,
-        "k = most / size if size > most else 1.0",
+        "k = max_change / size if size > max_change else 1.0",
         "k = 1.0",
         "test_3_set_points_keep_the_limits_from_far_away",
     ),
@@ -189,9 +192,9 @@ MUTANTS = [
     ),
     Mutant(
         "4: no descent ordered after contact",
-        LANDER,
-        "self._send((north, east, self._touchdown.descent(0.0)), 0.0, dt, may_descend=True)",
-        "self._send((north, east, 0.0), 0.0, dt, may_descend=True)",
+        PAD,
+        "orders.fly((north, east, self._touchdown.descent(0.0)), 0.0, may_descend=True)",
+        "orders.fly((north, east, 0.0), 0.0, may_descend=True)",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
     ),
     Mutant(
@@ -217,29 +220,29 @@ MUTANTS = [
     ),
     Mutant(
         "5: flies on a stale attitude",
-        LANDER,
-        "if placement.attitude.age(now) > fresh.attitude_s:\n            return None",
-        "if False:\n            return None",
+        ESTIMATOR,
+        "return not poses.attitude.age(now) > fresh.attitude_s",
+        "return True",
         "test_5_stale_telemetry_is_not_flown_on[30-attitude is stale]",
     ),
     Mutant(
         "5: flies on a stale position",
-        LANDER,
-        "if placement.position.age(now) > fresh.position_s:\n            return None",
-        "if False:\n            return None",
+        ESTIMATOR,
+        "if poses.position.age(now) > fresh.position_s:\n            return False",
+        "if False:\n            return False",
         "test_5_stale_telemetry_is_not_flown_on[32-position is stale]",
     ),
     Mutant(
         "5: flies on stale gimbal angles",
-        "landerd/estimation/placement.py",
+        "landerd/estimation/camera_pose.py",
         "max_gap_s=fresh.gimbal_s",
         "max_gap_s=99.0",
         "test_5_a_gimbal_that_fails_stops_the_landing[GimbalFault.SILENT]",
     ),
     Mutant(
         "6: the pilot is told nothing",
-        LANDER,
-        "self._out.append(StatusText(severity, line))",
+        ORDERS,
+        "self.commands.append(StatusText(severity, line))",
         "pass",
         "test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back",
     ),

@@ -10,9 +10,9 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from landerd import devices as registry
 from landerd.commands.replay import config_of
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 from landerd.flightlog.contents import Head
 from landerd.flightlog.disk import SyncedFile
 from landerd.flightlog.reader import read_log
@@ -54,10 +54,8 @@ FLIGHTS: dict[str, tuple[Sequence[str], Script | None, float]] = {
 def fly(name: str, path: Path) -> None:
     """Fly one of them and write its log."""
     overrides, script, longest_s = FLIGHTS[name]
-    loaded = load(
+    loaded = read_configuration(
         config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
         overlays=[config_dir() / "scenarios" / "stationary.yaml"],
         overrides=overrides,
     )

@@ -2,8 +2,8 @@
 
 from collections.abc import Awaitable, Callable, Sequence
 
-from landerd import devices as registry
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
 
@@ -24,10 +24,8 @@ def fly(
     seed: int = 1,
 ) -> Simulation:
     """Fly the stationary scenario with overrides to its end and return it."""
-    loaded = load(
+    loaded = read_configuration(
         config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
         overlays=[config_dir() / "scenarios" / "stationary.yaml"],
         overrides=overrides,
     )

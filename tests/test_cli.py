@@ -1,6 +1,5 @@
 """The command line as a script sees it: exit codes, stdout and stderr of a real process."""
 
-import json
 import os
 import re
 import subprocess
@@ -93,24 +92,6 @@ def test_a_wrong_configuration_gives_a_line_a_fault(tmp_path: Path) -> None:
         "at least 5 and at most 18",
         "mine.yaml:3: rc.gate: unknown key; nearest known key: rc.gate_channel",
     ]
-
-
-def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
-    low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
-    done = landerd("sim", "hover", "--seed", "3", "--json", *low)
-    assert done.returncode == 0, done.stderr
-    (line,) = done.stdout.splitlines()
-    result = json.loads(line)
-    assert (result["landed"], result["seed"], result["scenario"]) == (True, 3, "hover")
-    assert 0.8 < result["nis_ratio"] < 1.2
-    assert result["refused_percent"] < 5.0
-
-
-def test_a_flight_that_does_not_land_is_exit_code_1() -> None:
-    nothing_to_see = ["--set", "sim.start.position_m=[-500, 0]", "--set", "sim.camera.fps=0.1"]
-    done = landerd("sim", *nothing_to_see)
-    assert done.returncode == 1
-    assert done.stdout.startswith("Did not land: not landed in 150 s: NOT_LANDING, ")
 
 
 def test_a_reader_that_goes_away_is_no_fault() -> None:

@@ -209,7 +209,7 @@ def test_what_was_known_before_a_restart_of_the_autopilot_is_forgotten() -> None
     assert flight.lander.prior(flight.t).down is None
     flight.run(0.1)
     assert flight.lander.prior(flight.t).pad is None
-    assert flight.lander.relative(flight.t) is None
+    assert flight.lander.relative_state(flight.t) is None
 
 
 def test_it_takes_over_from_the_ground_station_without_a_jerk() -> None:
@@ -423,7 +423,7 @@ def test_sightings_with_an_impossible_number_are_as_good_as_no_sightings(
     flight.distort = lambda true: true
     flight.run(0.5)
     assert flight.lander.phase is not Phase.NOT_LANDING
-    seen = flight.lander.relative(flight.t)
+    seen = flight.lander.relative_state(flight.t)
     assert seen is not None
     assert norm(sub(seen.error, sub(flight.pad, flight.feet))) < 0.05
 
@@ -618,7 +618,7 @@ def test_an_autopilot_that_restarts_during_touch_down_is_not_called_landed() -> 
 def test_the_estimate_keeps_up_with_a_moving_pad() -> None:
     flight = Flight(position=(-4.0, 0.0, -8.0), pad_velocity=(0.8, 0.6, 0.0)).engaged()
     flight.run(3.0)
-    seen = flight.lander.relative(flight.t)
+    seen = flight.lander.relative_state(flight.t)
     assert seen is not None
     assert norm(sub(seen.error, sub(flight.pad, flight.feet))) < 0.05
     assert norm(sub(seen.pad_velocity, flight.pad_velocity)) < 0.1

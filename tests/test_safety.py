@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.sim.gimbals.sim import GimbalFault
+from hw.sim.gimbals.sim import GimbalFault, SimGimbal
 from hw.sim.picture.camera import CameraFaults
 from landerd.messages import Phase
 from landerd.simulation.flight import Simulation
@@ -399,6 +399,7 @@ def test_5_a_gimbal_that_fails_stops_the_landing(fault: GimbalFault) -> None:
     async def script(simulation: Simulation) -> None:
         seen["wire"] = Wire(simulation)
         await flying(simulation)
+        assert isinstance(simulation.gimbal, SimGimbal)
         simulation.gimbal.fault = fault
         seen["t"] = now()
         await asyncio.sleep(4.0)

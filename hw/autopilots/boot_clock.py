@@ -5,8 +5,8 @@ from collections import deque
 from dataclasses import dataclass
 
 _WINDOW_S = 10.0  # the quickest exchange of this long counts: clocks drift
-_SLOWEST_S = 1.0  # slower exchanges say too little
-_SLACK_S = 0.003  # resolution of the stamps and drift within the window
+_LONGEST_ROUND_TRIP_S = 1.0  # slower exchanges say too little
+_OFFSET_TOLERANCE_S = 0.003  # resolution of the stamps and drift within the window
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +37,13 @@ class BootClock:
     def exchanged(self, sent: float, boot_s: float, received: float) -> None:
         """Note an exchange: request sent, the autopilot's boot time in its reply, reply here."""
         round_trip = received - sent
-        if not 0.0 <= round_trip <= _SLOWEST_S:
+        if not 0.0 <= round_trip <= _LONGEST_ROUND_TRIP_S:
             return
         new = _Exchange(received, round_trip, 0.5 * (sent + received) - boot_s)
         exchanges = self._exchanges
         if exchanges:
             best = min(exchanges, key=lambda e: e.round_trip)
-            bound = 0.5 * (best.round_trip + round_trip) + _SLACK_S
+            bound = 0.5 * (best.round_trip + round_trip) + _OFFSET_TOLERANCE_S
             if abs(new.offset - best.offset) > bound:  # cannot both be true: a clock was stepped
                 exchanges.clear()
         exchanges.append(new)

@@ -6,16 +6,16 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots import telemetry
+from hw.autopilots import orders, telemetry
 from hw.autopilots.boot_clock import BootClock
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.autopilots.orders import AUTOPILOT_COMPONENT, SetpointFrame
 from hw.autopilots.parameter_protocol import ParameterProtocol
+from hw.autopilots.refusals import Refusals
 from hw.autopilots.streams import Streams
-from landerd.geometry import norm
 from landerd.messages import (
     AutopilotMessage,
     AutopilotRestarted,
@@ -30,9 +30,6 @@ from landerd.ports import ByteLink, MessageSigning, Parameters
 log = logging.getLogger(__name__)
 
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
-_AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
-_VELOCITY_AND_YAW_RATE = 1479  # type_mask: ignore position, acceleration, yaw
-_ATTITUDE_AND_THRUST = 7  # type_mask: ignore the body's rates
 
 _TIMESYNC_PERIOD_S = 0.2
 _RESTART_S = 1.0  # boot time going back by more than this is a restart
@@ -49,19 +46,6 @@ _GROUND_STATION_MESSAGES = frozenset(
         mavlink.MAVLINK_MSG_ID_COMMAND_INT,
     }
 )
-_OUR_COMMANDS = {
-    mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: "a message rate",
-    mavlink.MAV_CMD_COMPONENT_ARM_DISARM: "to disarm",
-    mavlink.MAV_CMD_DO_SET_SERVO: "to move a servo",
-    mavlink.MAV_CMD_DO_MOUNT_CONTROL: "to point the gimbal",
-    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: "control of the gimbal",
-}
-_RESULTS = {
-    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "not now",
-    mavlink.MAV_RESULT_DENIED: "denied",
-    mavlink.MAV_RESULT_UNSUPPORTED: "not supported",
-    mavlink.MAV_RESULT_FAILED: "failed",
-}
 _READERS: Mapping[int, Callable[[Message, float], AutopilotMessage | None]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: telemetry.heartbeat,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: telemetry.attitude,
@@ -98,7 +82,7 @@ class MavlinkAutopilot:
         link: ByteLink,
         *,
         system_id: int = 1,
-        setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned",
+        setpoint_frame: SetpointFrame = "local_ned",
         ground_stations: Collection[int] = (255,),
         parameters: Parameters | None = None,
         signing: MessageSigning | None = None,
@@ -127,7 +111,7 @@ class MavlinkAutopilot:
         self._subscribers: dict[int, Callable[[Message, float], None]] = {}  # by message id
         self._pending: deque[AutopilotMessage] = deque()
         self._logged: dict[str, float] = {}
-        self._refused: set[tuple[int, int]] = set()  # commands and results told already
+        self._refusals = Refusals()
         self._texts_left, self._texts_t = _TEXTS_AT_ONCE, 0.0
         self._yaw: float | None = None
         self._disarmed_until = -math.inf
@@ -142,7 +126,7 @@ class MavlinkAutopilot:
         await self._link.open()
         self._codec.reset()
         self._streams.restart()
-        self._refused.clear()
+        self._refusals.restart()
 
     async def close(self) -> None:
         """Close the link; safe to call twice."""
@@ -178,7 +162,7 @@ class MavlinkAutopilot:
         values = (*params, *(0.0,) * (7 - len(params)))
         self.send(
             mavlink.MAVLink_command_long_message(
-                self._system, _AUTOPILOT_COMPONENT, command, 0, *values
+                self._system, AUTOPILOT_COMPONENT, command, 0, *values
             )
         )
 
@@ -200,9 +184,9 @@ class MavlinkAutopilot:
     def _take(self, message: Message, now: float) -> None:
         source = (message.get_srcSystem(), message.get_srcComponent())
         kind = message.get_msgId()
-        if source == (self._system, _AUTOPILOT_COMPONENT):
+        if source == (self._system, AUTOPILOT_COMPONENT):
             self._take_autopilots(message, kind, now)
-            self._ask_what_is_due(now)
+            self._request_missing(now)
         elif source[0] in self._ground_stations and kind in _GROUND_STATION_MESSAGES:
             self._take_ground_stations(message, kind, now)
         else:
@@ -211,18 +195,26 @@ class MavlinkAutopilot:
     def _take_autopilots(self, m: Message, kind: int, now: float) -> None:
         self._streams.received(kind)
         try:
-            read = _READERS.get(kind)
-            message = read(m, now) if read is not None else None
-            subscriber = self._subscribers.get(kind)
-            is_stamped = kind in _STAMPED or (subscriber and "time_boot_ms" in m.fieldnames)
-            t = self._place(m, now) if is_stamped else now
-            if subscriber is not None and t is not None:
-                subscriber(m, t)
-            if message is not None and t is not None:
-                self._pending.append(replace(message, t=t))
+            self._pass_on(m, kind, now)
         except telemetry.BadMessage as e:
             self._drop(str(e), now)
-            return
+        else:
+            self._note(m, kind, now)
+
+    def _pass_on(self, m: Message, kind: int, now: float) -> None:
+        """Give a message to the core and to its subscriber. Raises BadMessage."""
+        read = _READERS.get(kind)
+        message = read(m, now) if read is not None else None
+        subscriber = self._subscribers.get(kind)
+        is_stamped = kind in _STAMPED or (subscriber and "time_boot_ms" in m.fieldnames)
+        t = self._place(m, now) if is_stamped else now
+        if subscriber is not None and t is not None:
+            subscriber(m, t)
+        if message is not None and t is not None:
+            self._pending.append(replace(message, t=t))
+
+    def _note(self, m: Message, kind: int, now: float) -> None:
+        """Take what the driver itself needs to know."""
         if kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
             self._yaw = m.yaw
         elif kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
@@ -253,10 +245,9 @@ class MavlinkAutopilot:
         if m.result in (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS):
             return
         self.counters["command refused"] += 1
-        if (m.command, m.result) not in self._refused:
-            self._refused.add((m.command, m.result))
-            what = _OUR_COMMANDS.get(m.command, f"command {m.command}")
-            self._warn(f"autopilot refuses {what}: {_RESULTS.get(m.result, m.result)}")
+        text = self._refusals.tell(m.command, m.result)
+        if text is not None:
+            self._warn(text)
 
     def _take_ground_stations(self, m: Message, kind: int, now: float) -> None:
         if m.target_system != self._system or m.target_component not in (0, COMPONENT):
@@ -299,18 +290,18 @@ class MavlinkAutopilot:
             self._pending.append(AutopilotRestarted(now))
             self._clock = BootClock()
             self._streams.restart()
-            self._refused.clear()
+            self._refusals.restart()
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
 
-    def _ask_what_is_due(self, now: float) -> None:
-        """Ask for the time, and for the streams that are missing."""
+    def _request_missing(self, now: float) -> None:
+        """Ask for the time when it is due, and for the streams that do not come."""
         if now >= self._timesync_due:
             self._timesync_due = now + _TIMESYNC_PERIOD_S
             stamp = _nanoseconds(now)
             self._timesync_sent.append(stamp)
             self.send(mavlink.MAVLink_timesync_message(0, stamp))
-        self._streams.keep(now)
+        self._streams.request_missing(now)
 
     def _ask_stream(self, message_id: int, rate_hz: float) -> None:
         self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
@@ -332,86 +323,24 @@ class MavlinkAutopilot:
 
     def fly(self, setpoint: Setpoint) -> None:
         """Send one velocity and yaw-rate set-point; one that is not finite is refused."""
-        now = asyncio.get_running_loop().time()
-        north, east, down = setpoint.velocity
-        if not (
-            telemetry.within(telemetry.FASTEST_MPS, north, east, down)
-            and telemetry.within(telemetry.FASTEST_TURN_RADPS, setpoint.yaw_rate)
-        ):
-            self._drop("set-point refused: not finite or beyond any vehicle", now)
-            return
-        if self._frame == "local_ned":
-            frame, x, y = mavlink.MAV_FRAME_LOCAL_NED, north, east
-        elif self._yaw is None:
-            self._drop("set-point refused: heading not known", now)
-            return
-        else:
-            c, s = math.cos(self._yaw), math.sin(self._yaw)
-            frame, x, y = mavlink.MAV_FRAME_BODY_NED, c * north + s * east, c * east - s * north
-        self.send(
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                int(now * 1e3) & 0xFFFFFFFF,
-                self._system,
-                _AUTOPILOT_COMPONENT,
-                frame,
-                _VELOCITY_AND_YAW_RATE,
-                *(0.0, 0.0, 0.0),
-                *(x, y, down),
-                *(0.0, 0.0, 0.0),
-                0.0,
-                setpoint.yaw_rate,
-            )
+        self._order(
+            lambda now: orders.velocity_target(setpoint, self._system, now, self._frame, self._yaw)
         )
 
     def press_down(self, order: PressDown) -> None:
-        """Send SET_ATTITUDE_TARGET: level, thrust 0.
-
-        ArduCopter takes 0 for the fastest descent, or with GUID_OPTIONS bit 3 for no thrust:
-        either presses down.
-        """
-        now = asyncio.get_running_loop().time()
-        if not math.isfinite(order.heading):
-            self._drop("level order refused: heading not finite", now)
-            return
-        half = 0.5 * order.heading
-        self.send(
-            mavlink.MAVLink_set_attitude_target_message(
-                int(now * 1e3) & 0xFFFFFFFF,
-                self._system,
-                _AUTOPILOT_COMPONENT,
-                _ATTITUDE_AND_THRUST,
-                (math.cos(half), 0.0, 0.0, math.sin(half)),
-                *(0.0, 0.0, 0.0),
-                0.0,
-            )
-        )
+        """Order a level attitude with thrust 0."""
+        self._order(lambda now: orders.level_target(order, self._system, now))
 
     def show_target(self, target: LandingTarget) -> None:
-        """Send LANDING_TARGET: body FRD, time of exposure on landerd's clock.
+        """Tell the autopilot where the pad is."""
+        self._order(lambda now: orders.landing_target(target))
 
-        ArduPilot finds the difference of the clocks itself from the quickest messages, so that
-        what is left is the shortest time from exposure to arrival: its PLND_LAG.
-        """
+    def _order(self, make: Callable[[float], Message]) -> None:
         now = asyncio.get_running_loop().time()
-        x, y, z = target.position
-        distance = norm(target.position)
-        if not telemetry.within(telemetry.FARTHEST_M, x, y, z):
-            self._drop("landing target refused: not finite", now)
-            return
-        self.send(
-            mavlink.MAVLink_landing_target_message(
-                int(target.t * 1e6),
-                0,
-                mavlink.MAV_FRAME_BODY_FRD,
-                *(math.atan2(y, z), math.atan2(-x, z)),  # for readers of the old fields
-                distance,
-                *(0.0, 0.0),
-                *(x, y, z),
-                (1.0, 0.0, 0.0, 0.0),
-                mavlink.LANDING_TARGET_TYPE_VISION_FIDUCIAL,
-                1,
-            )
-        )
+        try:
+            self.send(make(now))
+        except orders.Refused as e:
+            self._drop(str(e), now)
 
     def plot(self, values: Mapping[str, float]) -> None:
         """Send NAMED_VALUE_FLOATs."""
@@ -441,7 +370,7 @@ class MavlinkAutopilot:
         """Ask for one of the autopilot's parameters; `receive` takes the answer."""
         self.send(
             mavlink.MAVLink_param_request_read_message(
-                self._system, _AUTOPILOT_COMPONENT, name.encode("ascii"), -1
+                self._system, AUTOPILOT_COMPONENT, name.encode("ascii"), -1
             )
         )
 

@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 LENGTH = 13  # of a signature: link, time stamp (6), hash (6)
 _EPOCH_S = 1_420_070_400  # 1 January 2015, UTC
 _TICKS_PER_S = 100_000
-_LATE = 60 * _TICKS_PER_S  # a new sender's time stamp may be behind ours by this
+_MOST_BEHIND = 60 * _TICKS_PER_S  # ticks: a new sender's stamp behind ours; pymavlink's number
 # The file is ahead of what was sent, so that it is right after a crash, and written in good time,
 # so that it is also after a loss of power with the last write not on the disk.
 _AHEAD, _REST = 60 * _TICKS_PER_S, 30 * _TICKS_PER_S
@@ -70,7 +70,7 @@ class Signing:
             return False
         link, stamp = frame[-LENGTH], int.from_bytes(frame[-LENGTH + 1 : -6], "little")
         sender = (link, system, component)
-        oldest = self._streams.get(sender, self._last - _LATE)
+        oldest = self._streams.get(sender, self._last - _MOST_BEHIND)
         expected = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
         if stamp <= oldest or not hmac.compare_digest(expected, frame[-6:]):
             return False

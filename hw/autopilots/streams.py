@@ -18,7 +18,7 @@ STREAMS_HZ = {
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 2.0,
 }
 _WINDOW_S = 1.0  # rates are measured over this long
-_ENOUGH = 0.75  # a stream slower than this part of its rate is asked for again
+_LEAST_SHARE = 0.75  # of its rate, below which a stream is asked for again
 
 
 class Streams:
@@ -44,14 +44,14 @@ class Streams:
         """Count a message."""
         self._received[message_id] += 1
 
-    def keep(self, now: float) -> None:
+    def request_missing(self, now: float) -> None:
         """Ask for what does not come; called often."""
         window = now - self._window_start
         if window < _WINDOW_S:
             return
         for message_id, wanted in self._wanted.items():
             # One may have come just before or after the window.
-            if self._received[message_id] + 1 < _ENOUGH * wanted * window:
+            if self._received[message_id] + 1 < _LEAST_SHARE * wanted * window:
                 self._ask(message_id, wanted)
                 self._tell(message_id, self._received[message_id] / window, wanted)
             else:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
 
+# So long without a picture the camera counts as lost; before the first one the source starts.
 _FIRST_FRAME_S, _STALL_S = 8.0, 1.0
 
 

@@ -19,7 +19,7 @@ from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Angle
 
-_MOST = 50  # reports; a reader that has stopped must not fill the memory
+_MOST_REPORTS = 50  # kept; a reader that has stopped must not fill the memory
 
 
 class BehindAutopilotOptions(MountOptions):
@@ -51,7 +51,7 @@ class BehindAutopilotGimbal(ABC):
         self._mounting = Mounting(options)
         self.traits = self._mounting.traits
         self._sent_t = -math.inf
-        self._states: deque[GimbalState] = deque(maxlen=_MOST)
+        self._states: deque[GimbalState] = deque(maxlen=_MOST_REPORTS)
         self._waiter: asyncio.Future[None] | None = None
         autopilot.subscribe(report, options.rate_hz, self._take)
 

@@ -38,11 +38,11 @@ BNO_DATA = struct.Struct("<3h")  # away from the ground, 0.01 m/s^2
 
 _G = 9.80665
 _STILL_SAMPLES = 25  # that tell the gyroscope's error when it begins
-_STILL = math.radians(2.0)  # rad/s: what shakes more is not still
-_PULL_S = 20.0  # time constant of the accelerometer's pull
-_LEARN = 0.25 / _PULL_S**2  # 1/s^2: how fast the gyroscope's error is learnt; does not swing
-_FORCE = 0.1  # of g: beside it the accelerometer tells nothing of gravity
-_LONGEST_S = 0.2  # between two samples of one motion
+_STILL_RADPS = math.radians(2.0)  # what shakes more is not still
+_CORRECTION_S = 20.0  # time constant of the accelerometer's correction: 1 / k_P of the paper
+_BIAS_GAIN = 0.25 / _CORRECTION_S**2  # k_I of the paper, 1/s^2, for critical damping
+_GRAVITY_TOLERANCE = 0.1  # of g: farther from 1 g the accelerometer tells nothing of gravity
+_LONGEST_STEP_S = 0.2  # between two samples of one motion
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
 Kind = Literal["mpu6050", "bno055"]
@@ -177,12 +177,14 @@ class Mpu6050(Imu):
         now = asyncio.get_running_loop().time()
         dt, self._t = now - self._t, now
         if self._direction is None:
-            self._begin(force, rates)
+            self._initialise(force, rates)
         elif norm(force) > 0.0:
-            self._direction = self._carried(self._direction, force, rates, min(dt, _LONGEST_S))
+            self._direction = self._propagated(
+                self._direction, force, rates, min(dt, _LONGEST_STEP_S)
+            )
         return self._direction
 
-    def _begin(self, force: Vec3, rates: Vec3) -> None:
+    def _initialise(self, force: Vec3, rates: Vec3) -> None:
         """Take the first direction, and the gyroscope's error, when all is still.
 
         Without the error, which may be many degrees a second, no direction would be true for long.
@@ -198,18 +200,18 @@ class Mpu6050(Imu):
             mean = add(mean, scale(one_force, count))
             mean_rates = add(mean_rates, scale(one_rates, count))
         self._still = []
-        is_still = all(norm(sub(one, mean_rates)) < _STILL for _, one in still)
+        is_still = all(norm(sub(one, mean_rates)) < _STILL_RADPS for _, one in still)
         if is_still and norm(mean) > 0.0:
             self._bias = mean_rates
             self._direction = unit(scale(mean, -1.0))
 
-    def _carried(self, down: Vec3, force: Vec3, rates: Vec3, dt: float) -> Vec3:
+    def _propagated(self, down: Vec3, force: Vec3, rates: Vec3, dt: float) -> Vec3:
         down = unit(add(down, scale(cross(down, sub(rates, self._bias)), dt)))
-        if abs(norm(force) - _G) > _FORCE * _G:
+        if abs(norm(force) - _G) > _GRAVITY_TOLERANCE * _G:
             return down
         shown = unit(scale(force, -1.0))
-        self._bias = add(self._bias, scale(cross(down, shown), _LEARN * dt))
-        return unit(add(down, scale(sub(shown, down), dt / _PULL_S)))
+        self._bias = add(self._bias, scale(cross(down, shown), _BIAS_GAIN * dt))
+        return unit(add(down, scale(sub(shown, down), dt / _CORRECTION_S)))
 
 
 class Bno055(Imu):

@@ -16,7 +16,7 @@ from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Angle, Section
 
 Latency = Annotated[float, Field(ge=0, le=0.2)]
-_LARGEST = 2.0 * math.pi + 1e-6  # no gimbal reports more, rad
+_LARGEST_ANGLE = 2.0 * math.pi + 1e-6  # no gimbal reports more, rad
 SERVO_SIGMA = math.radians(1.5)  # of hobby servos whose table was calibrated
 
 
@@ -63,7 +63,7 @@ class Mounting:
 
     def state(self, t: float, yaw: float, pitch: float, roll: float = 0.0) -> GimbalState | None:
         """Return the state for a device's angles (rad) that arrived at t; None: they are none."""
-        if not all(-_LARGEST <= angle <= _LARGEST for angle in (yaw, pitch, roll)):
+        if not all(-_LARGEST_ANGLE <= angle <= _LARGEST_ANGLE for angle in (yaw, pitch, roll)):
             return None  # NaN too
         o = self._options
         return GimbalState(

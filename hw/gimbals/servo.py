@@ -3,7 +3,7 @@
 Angles are relative to the airframe. What is reported is where the servos should be by now: the
 ordered angle, followed with a limited speed and a lag, read back through the table of calibration.
 With an IMU on the camera the pitch is measured, against the horizon, and its servo is moved so that
-the camera keeps the pitch that was ordered however the airframe leans. The drivers differ in how
+the camera keeps the pitch that was ordered however the airframe tilts. The drivers differ in how
 the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
 """
 
@@ -24,7 +24,7 @@ from landerd.ports import DeviceLost, Feedback, GimbalTraits
 from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
-_LEAN_S = 0.2  # time constant with which the pitch servo makes up for the airframe's lean
+_LEVELLING_S = 0.2  # time constant with which the pitch servo makes up for the airframe's pitch
 OpenBus = Callable[[int], ReadableBus]
 Pulse = Annotated[float, Field(ge=400, le=2600)]
 TILT = ((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))  # a usual servo, middle at 45 down
@@ -124,7 +124,7 @@ class ServoGimbal:
     ) -> None:
         self._imu = make_imu(options.imu, open_imu) if options.imu is not None else None
         self._levelled = False
-        self._lean = 0.0  # of the airframe under the pitch servo, as the IMU shows it, rad
+        self._airframe_pitch = 0.0  # under the pitch servo, as the IMU shows it, rad
         slew = math.radians(options.slew_deg_s)
         self._pitch = ServoAxis(options.pitch, slew, options.lag_s)
         self._yaw = ServoAxis(options.yaw, slew, options.lag_s) if options.yaw else None
@@ -160,8 +160,10 @@ class ServoGimbal:
             pitch = self._imu.pitch()
             if pitch is not None:
                 self._levelled = True
-                lean = wrap(pitch - self._pitch.angle)
-                self._lean += (lean - self._lean) / (_LEAN_S * _RATE_HZ)
+                airframe_pitch = wrap(pitch - self._pitch.angle)
+                self._airframe_pitch += (airframe_pitch - self._airframe_pitch) / (
+                    _LEVELLING_S * _RATE_HZ
+                )
                 t = self._t - self._imu.latency_s
                 return GimbalState(t, yaw, pitch, 0.0, Reference.TILT)
 
@@ -172,7 +174,7 @@ class ServoGimbal:
         if not (self._is_open and math.isfinite(command.yaw) and math.isfinite(command.pitch)):
             return
         self._advance(asyncio.get_running_loop().time())
-        self._pitch.target = clamp(command.pitch - self._lean, *self._pitch.limits)
+        self._pitch.target = clamp(command.pitch - self._airframe_pitch, *self._pitch.limits)
         if self._yaw is not None:
             self._yaw.target = clamp(command.yaw, *self._yaw.limits)
         try:

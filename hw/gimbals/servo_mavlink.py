@@ -15,7 +15,7 @@ from smbus2 import SMBus
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.gimbals.servo import TILT, OpenBus, ServoAxisOptions, ServoGimbal, ServoOptions
 
-_AGAIN_S = 1.0  # an order is repeated after this: one may have been lost
+_REPEAT_S = 1.0  # an order is repeated after this: one may have been lost
 
 
 class ServoMavlinkOptions(ServoOptions):
@@ -54,7 +54,7 @@ class AutopilotOutputs:
         for channel, pulse in pulses.items():
             pulse_us = round(pulse)
             sent_t, sent_us = self._sent.get(channel, (-math.inf, 0))
-            period = self._period_s if pulse_us != sent_us else _AGAIN_S
+            period = self._period_s if pulse_us != sent_us else _REPEAT_S
             if now - sent_t >= period - 1e-6:
                 self._sent[channel] = (now, pulse_us)
                 self._autopilot.command(

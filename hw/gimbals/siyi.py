@@ -37,7 +37,7 @@ UNIT = math.radians(0.1)
 
 _START = b"\x55\x66"
 _CRC = 2
-_LONGEST = 64  # of the data in any frame that concerns us
+_LONGEST_DATA = 64  # of the data in any frame that concerns us
 _STALE_S = 0.2  # without angles for this long the motors are stopped
 
 
@@ -140,7 +140,7 @@ def frame_scanner() -> FrameScanner:
 
     def size(header: bytes) -> int | None:
         start, _, length, _, _ = HEADER.unpack(header)
-        is_header = start == _START and length <= _LONGEST
+        is_header = start == _START and length <= _LONGEST_DATA
         return HEADER.size + length + _CRC if is_header else None
 
     def is_sound(frame: bytes) -> bool:

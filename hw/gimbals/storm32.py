@@ -31,7 +31,7 @@ SET_ANGLES = struct.Struct("<3fBB")  # pitch, roll, yaw in degrees; flags; type
 ATTITUDE = struct.Struct("<HI3f")  # fields; time since boot, ms; pitch, roll, yaw in degrees
 
 _HEADER, _CRC = 3, 2
-_LONGEST = 77  # of any answer's payload
+_LONGEST_PAYLOAD = 77  # of any answer, bytes
 
 
 class Storm32Options(MountOptions):
@@ -102,7 +102,7 @@ def frame_scanner(starts: bytes) -> FrameScanner:
     """Return what finds the frames that begin with one of these bytes."""
 
     def size(header: bytes) -> int | None:
-        return _HEADER + header[1] + _CRC if header[1] <= _LONGEST else None
+        return _HEADER + header[1] + _CRC if header[1] <= _LONGEST_PAYLOAD else None
 
     def is_sound(frame: bytes) -> bool:
         crc: int = x25crc(frame[1:-_CRC]).crc

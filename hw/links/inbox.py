@@ -6,7 +6,7 @@ from landerd.ports import DeviceLost
 
 # A reader that has stopped must not fill the memory: what comes on top of this is lost, as in a
 # serial port's buffer.
-_CAPACITY = 1 << 16
+_CAPACITY = 1 << 16  # bytes
 
 
 class Inbox:

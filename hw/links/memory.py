@@ -1,6 +1,7 @@
 """Two joined ends of a link in memory, for virtual time: no sockets, no threads."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from random import Random
@@ -10,6 +11,8 @@ from landerd.ports import DeviceLost
 
 Tap = Callable[[float, bytes], None]
 
+BITS_A_BYTE = 10  # start bit, eight of data, stop bit
+
 
 @dataclass
 class LinkFaults:
@@ -18,6 +21,8 @@ class LinkFaults:
     drop: float = 0.0  # probability that a write is lost
     corrupt: float = 0.0  # probability that a byte is changed
     delay_s: float = 0.0
+    jitter_s: float = 0.0  # the longest extra delay of a write, drawn evenly
+    baud: float | None = None  # bits a second on the wire, ten a byte; None: no time at all
     rng: Random = field(default_factory=lambda: Random(0))
 
 
@@ -36,6 +41,8 @@ class MemoryLink:
         self.heard: Tap | None = None
         self._peer: MemoryLink = self
         self._inbox = Inbox()
+        self._under_way: deque[tuple[float, bytes]] = deque()  # arrival, what
+        self._wire_free_t = 0.0  # when the last byte written will have left, s
         self._cut = False
         self._is_open = False
 
@@ -69,10 +76,34 @@ class MemoryLink:
             return
         if faults.corrupt > 0.0:
             data = _corrupted(data, faults)
-        if faults.delay_s > 0.0:
-            loop.call_later(faults.delay_s, self._peer._deliver, data)
+        arrival = loop.time() + self._delay(loop.time(), len(data))
+        if arrival > loop.time() or self._under_way:
+            self._send_off(arrival, data)
         else:
             self._peer._deliver(data)
+
+    def _delay(self, now: float, size: int) -> float:
+        """Return how long a write of so many bytes takes to the other end, s."""
+        faults = self.faults
+        delay = faults.delay_s
+        if faults.jitter_s > 0.0:
+            delay += faults.rng.uniform(0.0, faults.jitter_s)
+        if faults.baud is not None:
+            self._wire_free_t = max(self._wire_free_t, now) + BITS_A_BYTE * size / faults.baud
+            delay += self._wire_free_t - now
+        return delay
+
+    def _send_off(self, arrival: float, data: bytes) -> None:
+        """Let bytes arrive, never before those that were written before them."""
+        if self._under_way:
+            arrival = max(arrival, self._under_way[-1][0])
+        self._under_way.append((arrival, data))
+        # Timers of one time run in any order: each takes what was written first.
+        asyncio.get_running_loop().call_at(arrival, self._arrive)
+
+    def _arrive(self) -> None:
+        _, data = self._under_way.popleft()
+        self._peer._deliver(data)
 
     async def close(self) -> None:
         """Disconnect; safe to call twice."""

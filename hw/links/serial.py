@@ -16,8 +16,8 @@ from landerd.ports import DeviceLost
 _READ_SIZE = 4096
 # At 57600 baud this much takes 0.7 s to send; nothing older is worth sending.
 _UNSENT_LIMIT = 4096
-_LAST_WORDS_S = 0.1
-_LOOK_S = 0.002
+_DRAIN_S = 0.1  # that what was written last has to go out on closing
+_POLL_S = 0.002
 _REASONS = {
     errno.ENOENT: "is not there",
     errno.ENXIO: "is not there",
@@ -52,7 +52,7 @@ class SerialLink:
 
         opening = _aside(work)
         while opening.is_alive():
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
         if not isinstance(opened[0], serial.Serial):
             raise DeviceLost(f"serial {self._path} {_reason(opened[0])}")
         self._port = opened[0]
@@ -75,13 +75,13 @@ class SerialLink:
     async def close(self) -> None:
         """Release the port; safe to call twice. What was written last has a moment to go out."""
         loop = asyncio.get_running_loop()
-        end = loop.time() + _LAST_WORDS_S
+        end = loop.time() + _DRAIN_S
         with contextlib.suppress(OSError):
             while (port := self._port) is not None and port.out_waiting and loop.time() < end:
-                await asyncio.sleep(_LOOK_S)
+                await asyncio.sleep(_POLL_S)
         closing = self._release("closed")
         while closing is not None and closing.is_alive() and loop.time() < end:
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
 
     def _receive(self) -> None:
         assert self._port is not None

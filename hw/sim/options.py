@@ -6,6 +6,7 @@ from typing import Annotated, Literal, get_args
 import cv2
 from pydantic import AfterValidator, ConfigDict, Field
 
+from hw.sim.camera_options import SimCameraOptions
 from landerd.section import Finite, NotNegative, Positive, Section
 
 GroundKind = Literal[
@@ -52,6 +53,7 @@ class WindOptions(Section):
     from_deg: Finite | None = 0.0  # direction the mean wind comes from; null: by seed
     gust_mps: Annotated[float, Field(ge=0, le=20)] = 0.0
     gust_s: Annotated[float, Field(gt=0, le=60)] = 5.0  # how long one gust lasts
+    turbulence_mps: Annotated[float, Field(ge=0, le=5)] = 0.0  # standard deviation (Dryden)
 
 
 class PadOptions(Section):
@@ -67,6 +69,8 @@ class PadOptions(Section):
     heave_hz: Annotated[float, Field(ge=0, le=2)] = 0.2
     sway_m: Annotated[float, Field(ge=0, le=3)] = 0.0  # amplitude, to the pad's east
     sway_hz: Annotated[float, Field(ge=0, le=2)] = 0.2
+    brake_mps2: Annotated[float, Field(ge=0, le=10)] = 0.0  # it brakes to a stand so hard,
+    brake_after_s: NotNegative = 10.0  # so long after the start
     tilt_deg: Annotated[float, Field(ge=0, le=30)] = 0.0
     tilt_azimuth_deg: Finite | None = 0.0  # where it slopes down, from pad north; null: by seed
     # The print as it is, against what the pad file says; the landing point stays the file's.
@@ -77,6 +81,61 @@ class PadOptions(Section):
     bend_deg: Annotated[float, Field(ge=-15, le=15)] = 0.0
     black: Annotated[float, Field(ge=0.02, le=0.5)] | None = None  # share of white; null: 0.12
     dirt: Annotated[float, Field(ge=0, le=0.6)] = 0.0  # share of the plate covered
+
+
+class LinkOptions(Section):
+    """The link between landerd and the autopilot; bytes keep their order."""
+
+    delay_up_s: Annotated[float, Field(ge=0, le=1)] = 0.0  # from landerd to the autopilot
+    delay_down_s: Annotated[float, Field(ge=0, le=1)] = 0.0
+    jitter_s: Annotated[float, Field(ge=0, le=0.5)] = 0.0  # longest extra delay, either way
+    loss: Annotated[float, Field(ge=0, le=1)] = 0.0  # share of messages lost, either way
+    baud: Annotated[float, Field(ge=9600)] | None = None  # null: bytes take no time
+
+
+class AutopilotOptions(Section):
+    """The stand-in's clock, rates, radio and parameters."""
+
+    timesync_delay_s: Annotated[float, Field(ge=0, le=1)] = 0.0  # of its answers, on top
+    telemetry_hz: Annotated[float, Field(gt=0, le=100)] | None = None  # most it sends of states
+    boot_age_s: Annotated[float, Field(ge=0, lt=2**32)] = 60.0  # on its clock at the start
+    rc_channels: Annotated[int, Field(ge=4, le=18)] = 16  # of the receiver
+    gate: Literal["radio", "override"] = "radio"  # how the pilot's switch reaches it
+    guid_timeout_s: Annotated[float, Field(ge=0.1, le=5)] = 3.0  # GUID_TIMEOUT
+
+
+class ResponseOptions(Section):
+    """How the vehicle answers velocities; as measured of ArduCopter 4.5.7 in SITL."""
+
+    delay_s: Annotated[float, Field(ge=0, le=0.5)] = 0.0  # before anything happens
+    bandwidth: Annotated[float, Field(ge=0.3, le=3)] = 1.0  # of the inner loops, times measured
+    jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0  # PSC_JERK_XY and _Z
+    acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5  # WPNAV_ACCEL
+    vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0  # WPNAV_ACCEL_Z
+
+
+class AirframeOptions(Section):
+    """What the vehicle is, on top of `vehicle`."""
+
+    mass_kg: Annotated[float, Field(ge=0.3, le=30)] = 3.0
+    angle_max_deg: Annotated[float, Field(ge=10, le=80)] | None = None  # null: the vehicle's
+    # Share by which the ground raises the thrust of a standing vehicle; it fades with the height.
+    ground_effect: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+
+
+class BuildOptions(Section):
+    """Where things really are, minus where the configuration has them."""
+
+    camera_offset_error_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # body
+    gear_height_error_m: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
+
+
+class CompanionOptions(Section):
+    """The computer that landerd runs on."""
+
+    vision_factor: Annotated[float, Field(ge=0.1, le=20)] = 1.0  # on the time of a search
+    stall_s: Annotated[float, Field(ge=0, le=3)] = 0.0  # the event loop stands still so long,
+    stall_every_s: Annotated[float, Field(gt=0)] = 10.0  # so often on average
 
 
 class MountOptions(Section):
@@ -97,17 +156,10 @@ class SimGimbalOptions(Section):
     bias_deg: Annotated[float, Field(ge=0, le=10)] = 0.5  # of reported angles; sign by seed
     pitch_bias_deg: Annotated[float, Field(ge=0, le=10)] | None = None  # of pitch; null: bias_deg
     noise_deg: NotNegative = 0.05
+    scale_error: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0  # of reported angles
+    backlash_deg: Annotated[float, Field(ge=0, le=5)] = 0.0  # of the gears before the encoders
     mount: MountOptions = MountOptions()
     pitch_feedback: bool = True  # false: a servo without an encoder, reported is what was ordered
-
-
-class SimCameraOptions(Section):
-    """When the simulated camera exposes and delivers."""
-
-    fps: Annotated[float, Field(gt=0, le=120)] = 30.0
-    exposure_s: Annotated[float, Field(gt=0, le=0.05)] = 0.008
-    latency_s: Annotated[float, Field(ge=0, le=0.5)] = 0.06  # middle of exposure to delivery
-    clock_offset_s: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.005  # of the frames' time
 
 
 class RenderOptions(Section):
@@ -146,6 +198,12 @@ class EkfOptions(Section):
     velocity_noise_mps: NotNegative = 0.002
     velocity_bias_mps: tuple[NotNegative, NotNegative] = (0.01, 0.03)  # size, drawn in between
     attitude_noise_deg: NotNegative = 0.02
+    position_wander_m_per_min: NotNegative = 0.0  # level; standard deviation after a minute
+    position_jump_m: NotNegative = 0.0  # level; the longest of the jumps
+    jump_every_s: Positive = 20.0  # on average
+    vertical_bias_mps: Annotated[float, Field(ge=-1, le=1)] = 0.0  # of the velocity down
+    heading_error_deg: Annotated[float, Field(ge=-30, le=30)] = 0.0  # at the start,
+    heading_drift_deg_per_min: Annotated[float, Field(ge=-30, le=30)] = 0.0  # and then
     height_scale_max: Annotated[float, Field(ge=0, le=0.2)] = 0.05  # barometer reads too high
 
 
@@ -160,4 +218,10 @@ class SimOptions(Section):
     gimbal: SimGimbalOptions = SimGimbalOptions()
     camera: SimCameraOptions = SimCameraOptions()
     ekf: EkfOptions = EkfOptions()
+    link: LinkOptions = LinkOptions()
+    autopilot: AutopilotOptions = AutopilotOptions()
+    response: ResponseOptions = ResponseOptions()
+    airframe: AirframeOptions = AirframeOptions()
+    build: BuildOptions = BuildOptions()
+    companion: CompanionOptions = CompanionOptions()
     render: RenderOptions = RenderOptions()

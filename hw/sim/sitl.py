@@ -16,7 +16,7 @@ from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.sim.options import SimOptions
 from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.vehicle import Touchdown
-from hw.sim.physics.world import HISTORY_S, Airframe, Sample, World
+from hw.sim.physics.world import HISTORY_S, Airframe, Sample, World, interpolated
 from landerd.geometry import Vec3, add, rot_zyx, rotate, sub, wrap
 from landerd.pad import Plate
 from landerd.ports import ByteLink
@@ -24,13 +24,12 @@ from landerd.ports import ByteLink
 _SYSTEM, _COMPONENT = 255, 191  # of who asks for the truth
 _AUTOPILOT_COMPONENT = 1
 TRUTH_HZ = 100.0
-_ASK_AGAIN_S = 1.0
-_GUESS_S = 0.1  # the truth is carried on for at most this long after the last report
-_POSITION_S = 2.0  # time constant that takes out the steps of the reported position
-_JUMP_M = 1.0  # the vehicle was put elsewhere
+_EXTRAPOLATION_S = 0.1  # the truth is carried on for at most this long after the last report
+_POSITION_LAG_S = 2.0  # time constant that takes out the steps of the reported position
+_JUMP_M = 1.0  # farther from where its velocity takes it the vehicle was put elsewhere
 _M_PER_UNIT = 0.011131884502145034  # 1e-7 degrees of latitude, as ArduPilot counts
 _FRAME_HEIGHT_M = 0.1  # from SITL's ground to the vehicle's origin where it stands
-_TOUCHES_M = 0.02  # feet this near count as touching: the height comes in centimetres
+_CONTACT_M = 0.02  # feet this near count as touching: the height comes in centimetres
 _CLEAR_M = 0.3  # so far above it the vehicle flies again
 
 
@@ -143,7 +142,7 @@ class Truth:
                 last.position[2] + 0.5 * dt * (last.velocity[2] + velocity[2]),
             )
             if math.dist(carried, position) < _JUMP_M:
-                k = 1.0 - math.exp(-dt / _POSITION_S)
+                k = 1.0 - math.exp(-dt / _POSITION_LAG_S)
                 position = (
                     carried[0] + k * (position[0] - carried[0]),
                     carried[1] + k * (position[1] - carried[1]),
@@ -161,35 +160,31 @@ class Truth:
         if i == 0:
             return states[0]
         if i == len(states):
-            return _carried_on(states[-1], t)
+            return _extrapolated(states[-1], t)
         a, b = states[i - 1], states[i]
         k = (t - a.t) / (b.t - a.t)
         return State(
             t,
-            _mix(a.position, b.position, k),
-            _mix(a.velocity, b.velocity, k),
+            interpolated(a.position, b.position, k),
+            interpolated(a.velocity, b.velocity, k),
             a.roll + k * wrap(b.roll - a.roll),
             a.pitch + k * (b.pitch - a.pitch),
             wrap(a.yaw + k * wrap(b.yaw - a.yaw)),
-            _mix(a.rates, b.rates, k),
+            interpolated(a.rates, b.rates, k),
         )
 
 
-def _carried_on(s: State, t: float) -> State:
-    dt = min(t - s.t, _GUESS_S)
+def _extrapolated(s: State, t: float) -> State:
+    dt = min(t - s.t, _EXTRAPOLATION_S)
     p, q, r = s.rates
     return replace(
         s,
         t=t,
-        position=_mix(s.position, add(s.position, s.velocity), dt),
+        position=interpolated(s.position, add(s.position, s.velocity), dt),
         roll=s.roll + p * dt,
         pitch=s.pitch + q * dt,
         yaw=wrap(s.yaw + r * dt),
     )
-
-
-def _mix(a: Vec3, b: Vec3, k: float) -> Vec3:
-    return (a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), a[2] + k * (b[2] - a[2]))
 
 
 class SitlWorld(World):
@@ -233,7 +228,7 @@ class SitlWorld(World):
         vehicle.motors = self._truth.armed
         self.battery.energy_j = self._truth.energy_j
         heights = self._heights_of_feet(pad) if pad is not None else [math.inf] * 4
-        a, b, c, d = (h < _TOUCHES_M for h in heights)
+        a, b, c, d = (h < _CONTACT_M for h in heights)
         vehicle.feet = (a, b, c, d)
         if min(heights) > _CLEAR_M:
             self._flying = True

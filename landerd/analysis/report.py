@@ -9,7 +9,7 @@ import io
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -34,6 +34,17 @@ figcaption, .small { color: #666; font-size: .9em; }
 .note { background: #fff3cd; padding: .3em .8em; border-left: 4px solid #e0a800; }
 table { border-collapse: collapse; } td { padding: .1em 1em .1em 0; vertical-align: top; }
 """
+
+
+_WIDTH_IN = 10.0  # of all plots
+
+
+class _Plot(NamedTuple):
+    title: str
+    caption: str
+    height_in: float
+    draw: Callable[[Any, Flight], None]  # onto a figure of matplotlib's
+    is_there: Callable[[Flight], bool]  # what it shows
 
 
 def report(flights: list[Flight]) -> str:
@@ -61,43 +72,9 @@ def _section(flight: Flight) -> str:
     out += [f"<li>{html.escape(text)}</li>" for text in sentences(flight)]
     out.append("</ol>")
     out += _views(flight)
-    samples = flight.samples()
-    if len(samples) > 1:
-        out += _figure(
-            "Way to the pad",
-            "Feet and landing point (black) as landerd believed them to be; colours are phases.",
-            (10, 3.6),
-            lambda figure: _way(figure, samples),
-        )
-        out += _figure(
-            "Phases, height and distance",
-            "",
-            (10, 3.4),
-            lambda figure: picture.over_time(figure.add_subplot(), samples),
-        )
-        out += _figure(
-            "Error and uncertainty",
-            "Pad minus vehicle; the band is one standard deviation of the estimate.",
-            (10, 5.2),
-            lambda figure: _errors(figure, flight),
-        )
-    if any(s.pad for s in flight.sightings):
-        out += _figure(
-            "Pointing of the camera",
-            "Where the pad stood in the camera's frame: x right, y down, z away (thesis figures "
-            "3.2 to 3.4); 0 in x and y is the middle of the picture.",
-            (10, 5.2),
-            lambda figure: _pointing(figure, flight),
-        )
-    if flight.positions:
-        out += _figure(
-            "Velocities asked and flown",
-            "Set-points are dashed; there are none while landerd is silent.",
-            (10, 5.2),
-            lambda figure: _velocities(figure, flight),
-        )
-    if len(flight.batteries) > 1:
-        out += _figure("Battery", "", (10, 2.6), lambda figure: _battery(figure, flight))
+    for plot in _PLOTS:
+        if plot.is_there(flight):
+            out += _figure(plot, flight)
     versions = "".join(
         f"<tr><td>{html.escape(k)}</td><td>{html.escape(v)}</td></tr>"
         for k, v in log.versions.items()
@@ -117,21 +94,19 @@ def _notes(flight: Flight) -> list[str]:
     return notes
 
 
-def _figure(
-    title: str, caption: str, size: tuple[float, float], fill: Callable[[Any], None]
-) -> list[str]:
+def _figure(plot: _Plot, flight: Flight) -> list[str]:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=(_WIDTH_IN, plot.height_in), layout="constrained")
     FigureCanvasSVG(figure)
-    fill(figure)
+    plot.draw(figure, flight)
     data = io.StringIO()
     figure.savefig(data, format="svg")
     text = data.getvalue()
     return [
-        f"<h2>{html.escape(title)}</h2>",
-        f"<figure>{text[text.index('<svg') :]}<figcaption>{html.escape(caption)}</figcaption>"
+        f"<h2>{html.escape(plot.title)}</h2>",
+        f"<figure>{text[text.index('<svg') :]}<figcaption>{html.escape(plot.caption)}</figcaption>"
         "</figure>",
     ]
 
@@ -176,7 +151,8 @@ def _image(image: NDArray[np.uint8]) -> str:
 # ---- plots -------------------------------------------------------------------------------------
 
 
-def _way(figure: Any, samples: list[picture.Sample]) -> None:
+def _way(figure: Any, flight: Flight) -> None:
+    samples = flight.samples()
     left, right = figure.subplots(1, 2)
     pad = samples[-1].pad
     north, east = (samples[0].vehicle[i] - pad[i] for i in (0, 1))
@@ -192,6 +168,14 @@ def _way(figure: Any, samples: list[picture.Sample]) -> None:
     left.set(xlabel="towards where it came from (m)", ylabel="up (m)", title="from the side")
     left.grid(alpha=0.3)
     picture.above(right, samples)
+
+
+def _has_way(flight: Flight) -> bool:
+    return len(flight.samples()) > 1
+
+
+def _over_time(figure: Any, flight: Flight) -> None:
+    picture.over_time(figure.add_subplot(), flight.samples())
 
 
 def _errors(figure: Any, flight: Flight) -> None:
@@ -278,6 +262,41 @@ def _finish(figure: Any, flight: Flight) -> None:
         for (start, change), end in zip(flight.changes, ends, strict=False):
             axes.axvspan(start, end, color=COLOURS[change.phase], alpha=0.12, lw=0)
     figure.axes[-1].set_xlabel("time (s)")
+
+
+_PLOTS = (
+    _Plot(
+        "Way to the pad",
+        "Feet and landing point (black) as landerd believed them to be; colours are phases.",
+        3.6,
+        _way,
+        _has_way,
+    ),
+    _Plot("Phases, height and distance", "", 3.4, _over_time, _has_way),
+    _Plot(
+        "Error and uncertainty",
+        "Pad minus vehicle; the band is one standard deviation of the estimate.",
+        5.2,
+        _errors,
+        _has_way,
+    ),
+    _Plot(
+        "Pointing of the camera",
+        "Where the pad stood in the camera's frame: x right, y down, z away (thesis figures "
+        "3.2 to 3.4); 0 in x and y is the middle of the picture.",
+        5.2,
+        _pointing,
+        lambda flight: any(s.pad for s in flight.sightings),
+    ),
+    _Plot(
+        "Velocities asked and flown",
+        "Set-points are dashed; there are none while landerd is silent.",
+        5.2,
+        _velocities,
+        lambda flight: bool(flight.positions),
+    ),
+    _Plot("Battery", "", 2.6, _battery, lambda flight: len(flight.batteries) > 1),
+)
 
 
 def write_report(flights: list[Flight], path: Path) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 from landerd.calibration.gimbal_fit import Axis, GimbalFit, View, fit
 from landerd.calibration.gimbal_motion import FEWEST_VIEWS, AxisName, Delays, Measured
 
-_LEAST_RANGE = math.radians(8.0)
-_LARGEST_ERROR = math.radians(0.6)  # of the direction of the pad: something moved, or gives way
-_LARGEST_SIGMA = math.radians(1.0)
-_SLOPE = 0.05  # by how much a degree that is reported may differ from one
-_SAME = math.radians(0.3)  # angles nearer than this are one row of a table
+_LEAST_TURN = math.radians(8.0)  # of an axis over all views
+_LARGEST_BEARING_ERROR = math.radians(0.6)  # rms, of the pad: more, and something moved or gives
+_LARGEST_SIGMA = math.radians(1.0)  # of what is found of an axis
+_LARGEST_SCALE_ERROR = 0.05  # by how much a degree that is reported may differ from one
+_SAME_ANGLE = math.radians(0.3)  # reported angles nearer than this are one row of a table
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,7 @@ def calibrate(
             f"the pad was seen in {len(views)} pictures, {FEWEST_VIEWS} are needed: lay it farther "
             "away, so that it stays in the picture while the camera turns"
         ]
-    reasons = []
-    for name in measured.signs:
-        angles = [getattr(view, name) for view in views]
-        if max(angles) - min(angles) < _LEAST_RANGE:
-            degrees = math.degrees(max(angles) - min(angles))
-            reasons.append(
-                f"{name} was turned by {degrees:.0f} degrees only, "
-                f"{math.degrees(_LEAST_RANGE):.0f} are needed: farther away, or wider limits"
-            )
+    reasons = _turned_too_little(measured)
     if reasons:
         return None, reasons
     axes: dict[AxisName, Axis] = {
@@ -70,9 +62,34 @@ def calibrate(
         "pitch": _axis("pitch", measured, tables=tables),
     }
     if not tables:
-        reasons += _slopes(measured, axes, aside_m)
+        reasons += _scale_errors(measured, axes, aside_m)
     found = fit(views, axes["yaw"], axes["pitch"], aside_m, turns=bool(measured.signs))
-    if found.error > _LARGEST_ERROR:
+    reasons += _uncertain(found)
+    result = _result(measured, axes, found)
+    for name, axis in (("yaw", result.yaw), ("pitch", result.pitch)):
+        if axis is not None and axis.table is not None and not _monotonic(axis.table):
+            reasons.append(f"{name}: the camera turns to and fro while the pulse rises: play?")
+    return result, reasons
+
+
+def _turned_too_little(measured: Measured) -> list[str]:
+    """Say which axis was not turned far enough to be known."""
+    reasons = []
+    for name in measured.signs:
+        angles = [getattr(view, name) for view in measured.views]
+        if max(angles) - min(angles) < _LEAST_TURN:
+            degrees = math.degrees(max(angles) - min(angles))
+            reasons.append(
+                f"{name} was turned by {degrees:.0f} degrees only, "
+                f"{math.degrees(_LEAST_TURN):.0f} are needed: farther away, or wider limits"
+            )
+    return reasons
+
+
+def _uncertain(found: GimbalFit) -> list[str]:
+    """Say where the views contradict each other, or tell too little."""
+    reasons = []
+    if found.error > _LARGEST_BEARING_ERROR:
         reasons.append(
             f"the pad was {math.degrees(found.error):.2f} degrees (rms) from where it should have "
             "been: did pad, airframe or camera move? Is there play in the gimbal?"
@@ -83,11 +100,7 @@ def calibrate(
                 f"{name} is only known to {math.degrees(sigma):.1f} degrees (1 sigma): a larger or "
                 "nearer pad, wider turns"
             )
-    result = _result(measured, axes, found)
-    for name, axis in (("yaw", result.yaw), ("pitch", result.pitch)):
-        if axis is not None and axis.table is not None and not _monotonic(axis.table):
-            reasons.append(f"{name}: the camera turns to and fro while the pulse rises: play?")
-    return result, reasons
+    return reasons
 
 
 def _axis(name: AxisName, measured: Measured, *, tables: bool) -> Axis:
@@ -101,14 +114,14 @@ def _rows(views: Sequence[View], name: AxisName) -> tuple[float, ...]:
     """Return the angles that were reported, those of the same order as one."""
     rows: list[list[float]] = []
     for angle in sorted(getattr(view, name) for view in views):
-        if rows and angle - rows[-1][0] < _SAME:
+        if rows and angle - rows[-1][0] < _SAME_ANGLE:
             rows[-1].append(angle)
         else:
             rows.append([angle])
     return tuple(float(np.mean(row)) for row in rows)
 
 
-def _slopes(measured: Measured, axes: dict[AxisName, Axis], aside_m: float) -> list[str]:
+def _scale_errors(measured: Measured, axes: dict[AxisName, Axis], aside_m: float) -> list[str]:
     """Say which axis turns by other angles than it reports."""
     free: dict[AxisName, Axis] = {}
     for name, axis in axes.items():
@@ -121,7 +134,7 @@ def _slopes(measured: Measured, axes: dict[AxisName, Axis], aside_m: float) -> l
         if axis.kind != "table":
             continue
         slope = axis.sign * (values[1] - values[0]) / (axis.at[1] - axis.at[0])
-        if abs(slope - 1.0) > _SLOPE:
+        if abs(slope - 1.0) > _LARGEST_SCALE_ERROR:
             reasons.append(
                 f"{name} turns by {slope:.2f} degrees for each one that it reports: is the "
                 "camera's calibration right? Else set the gimbal's own scale"

@@ -34,17 +34,18 @@ from landerd.geometry import (
 )
 from landerd.messages import PoseSolution
 
-# What nature and people are trusted with, 1 sigma.
-_LEVEL = math.radians(0.5)  # of pad and airframe
-_AHEAD_M = 0.01
-_CAMERA = math.radians(3.0)  # how far a camera sits turned
-_NOT = 1e-6
-_LEVER_M = 0.03  # of the lens from the axes
-_BEARING = 1e-3  # rad: what vision and calibration leave
-_TILT = math.radians(0.5)
-_HEADING = math.radians(0.3)
-_STEPS = 30
-_SETTLED = 1e-4  # of the cost: a smaller gain ends the search
+# What nature and people are trusted with, 1 sigma; judged, not measured.
+_LEVEL_SIGMA = math.radians(0.5)  # of pad and airframe
+_AHEAD_SIGMA_M = 0.01  # of the pad's middle aside from straight ahead
+_CAMERA_SIGMA = math.radians(3.0)  # how far a camera sits turned
+_NOT_TURNED = 1e-6  # the same, rad, of one whose turn cannot be told from its axis's zero
+_LEVER_SIGMA_M = 0.03  # of the lens from the axes
+# What vision and the camera's calibration leave in a pose, beside what it states itself.
+_BEARING_SIGMA = 1e-3  # rad
+_TILT_SIGMA = math.radians(0.5)
+_HEADING_SIGMA = math.radians(0.3)
+_MOST_STEPS = 30  # of Levenberg and Marquardt
+_CONVERGED = 1e-4  # a step that gains less of the cost is the last
 
 Kind = Literal["shift", "table", "none"]
 
@@ -110,8 +111,8 @@ def fit(views: Sequence[View], yaw: Axis, pitch: Axis, aside_m: float, *, turns:
         aside_m: how far to the right of the gimbal's pivot straight ahead is.
         turns: any axis does; a camera that is bolted may as well be turned as its last axis.
     """
-    problem = _Problem(views, yaw, pitch, aside_m, _CAMERA if turns else _NOT)
-    x, covariance = _solved(problem)
+    problem = _Problem(views, yaw, pitch, aside_m, _CAMERA_SIGMA if turns else _NOT_TURNED)
+    x, covariance = _least_squares(problem)
     sigma = np.sqrt(np.diag(covariance))
     cut = yaw.size + pitch.size
     errors = [problem.bearing_error(x, view) for view in views]
@@ -127,7 +128,7 @@ def fit(views: Sequence[View], yaw: Axis, pitch: Axis, aside_m: float, *, turns:
 
 
 class _Problem:
-    """The unknowns in one vector, and what they leave over.
+    """The unknowns in one vector, and their residuals.
 
     Unknowns: values of yaw, of pitch; camera roll and yaw; the lens's place behind the axes (m,
     camera frame); for each place of the pad its position (m) and turn (rad) in the base frame.
@@ -138,7 +139,7 @@ class _Problem:
     ) -> None:
         """Take what is known; camera_yaw: how far the camera may be turned aside, rad."""
         self._views, self._yaw, self._pitch, self._aside_m = views, yaw, pitch, aside_m
-        self._turned = np.array([_CAMERA, camera_yaw])
+        self._camera_sigma = np.array([_CAMERA_SIGMA, camera_yaw])
         self._cut = yaw.size + pitch.size
         self._weights = [_whitening(view.pad) for view in views]
         places = sorted({view.place for view in views})
@@ -195,24 +196,24 @@ class _Problem:
         roll, pitch, yaw = (float(v) for v in x[row : row + 3])
         return matmul(rot_zyx(yaw, pitch, roll), self._pads[place])
 
-    def left_over(self, x: F64) -> F64:
+    def residuals(self, x: F64) -> F64:
         """Return all residuals in units of their sigma."""
         rest: list[float] = []
         for view, W in zip(self._views, self._weights, strict=True):
             position, R = self._seen(x, view)
             rest += list(W @ np.array(sub(view.pad.position, position)))
             normal, north = _column(R, 2), _column(R, 0)
-            tilt = math.hypot(view.pad.sigma_tilt, _TILT)
-            heading = math.hypot(view.pad.sigma_yaw or 0.0, _HEADING)
+            tilt = math.hypot(view.pad.sigma_tilt, _TILT_SIGMA)
+            heading = math.hypot(view.pad.sigma_yaw or 0.0, _HEADING_SIGMA)
             rest += scale(sub(view.pad.normal, normal), 1.0 / tilt)
             # Only what turns it about the normal is news.
             rest.append(dot(view.pad.north or north, cross(normal, north)) / heading)
         for place, row in self._row.items():
             level = sub(_column(self._lie(x, place), 2), self._down[place])
-            rest += scale(level, 1.0 / _LEVEL)
-            rest.append((float(x[row + 1]) - self._aside_m) / _AHEAD_M)
-        rest += list(x[self._cut : self._cut + 2] / self._turned)
-        rest += list(x[self._cut + 2 : self._cut + 5] / _LEVER_M)
+            rest += scale(level, 1.0 / _LEVEL_SIGMA)
+            rest.append((float(x[row + 1]) - self._aside_m) / _AHEAD_SIGMA_M)
+        rest += list(x[self._cut : self._cut + 2] / self._camera_sigma)
+        rest += list(x[self._cut + 2 : self._cut + 5] / _LEVER_SIGMA_M)
         return np.array(rest)
 
     def bearing_error(self, x: F64, view: View) -> float:
@@ -221,17 +222,17 @@ class _Problem:
         return math.atan2(norm(cross(a, b)), dot(a, b))
 
 
-def _solved(problem: _Problem) -> tuple[F64, F64]:
+def _least_squares(problem: _Problem) -> tuple[F64, F64]:
     """Return the unknowns with the least squares and their covariance."""
     x, damping = problem.start, 1e-3
-    rest = problem.left_over(x)
+    rest = problem.residuals(x)
     cost = float(rest @ rest)
-    for _ in range(_STEPS):
+    for _ in range(_MOST_STEPS):
         J = _jacobian(problem, x, rest)
         A, b = J.T @ J, J.T @ rest
         for _ in range(8):
             step = np.linalg.solve(A + damping * np.diag(np.diag(A) + 1e-9), -b)
-            tried = problem.left_over(x + step)
+            tried = problem.residuals(x + step)
             new = float(tried @ tried)
             if new < cost:
                 break
@@ -239,7 +240,7 @@ def _solved(problem: _Problem) -> tuple[F64, F64]:
         else:
             break
         gain, x, rest, cost, damping = cost - new, x + step, tried, new, 0.1 * damping
-        if gain < _SETTLED * cost:
+        if gain < _CONVERGED * cost:
             break
     J = _jacobian(problem, x, rest)
     freedom = max(1, len(rest) - len(x))
@@ -251,12 +252,12 @@ def _jacobian(problem: _Problem, x: F64, rest: F64) -> F64:
     for i in range(len(x)):
         moved = x.copy()
         moved[i] += h
-        J[:, i] = (problem.left_over(moved) - rest) / h
+        J[:, i] = (problem.residuals(moved) - rest) / h
     return J
 
 
 def _whitening(pad: PoseSolution) -> F64:
-    floor = (_BEARING * norm(pad.position)) ** 2
+    floor = (_BEARING_SIGMA * norm(pad.position)) ** 2
     covariance = np.array(pad.covariance) + floor * np.eye(3)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 

@@ -28,20 +28,20 @@ from landerd.runtime.daemon import Devices
 AxisName = Literal["yaw", "pitch"]
 
 _ORDER_S = 0.025  # orders come as often as in flight
-_HEARD_S = 5.0  # until autopilot and gimbal must have been heard
+_HEARD_WITHIN_S = 5.0  # until autopilot and gimbal must have been heard
 _REST_S = 1.2  # from an order until the camera stands still,
-_CREEP_S = 6.0  # and where nobody measures whether it still creeps
-_PICTURES = 2  # of each direction
-_STEP = math.radians(6.0)  # to see which way an axis turns
-FEWEST_VIEWS = 8
-_FOLLOWED = 0.3  # of an order, at least
-_SEARCH = tuple(math.radians(a) for a in (0.0, -20.0, -40.0, -60.0, -80.0, 20.0))
-_PART = 0.6  # of half the picture: how far from its middle the pad is brought
+_REST_UNMEASURED_S = 6.0  # and where nobody measures whether it still creeps
+_PICTURES_EACH = 2  # taken in each direction
+_SIGN_STEP = math.radians(6.0)  # ordered, to see which way an axis turns
+FEWEST_VIEWS = 8  # that a calibration is made of
+_LEAST_FOLLOWED = 0.3  # part of an order that must come, for the gimbal to be said to follow
+_SEARCH_PITCHES = tuple(math.radians(a) for a in (0.0, -20.0, -40.0, -60.0, -80.0, 20.0))
+_FROM_MIDDLE = 0.6  # of half the picture: how far from its middle the pad is brought
 _WIDEST_YAW = math.radians(35.0)  # straight down it would be any
-_WAVE = math.radians(5.0)
-_WAVE_HZ, _WAVE_S = 0.5, 3.0
-_WAVE_PERIOD_S = 0.05  # between pictures that are searched
-_DELAYS = np.arange(-0.25, 0.6, 0.002)  # s
+_SWING = math.radians(5.0)  # amplitude
+_SWING_HZ, _SWING_S = 0.5, 3.0
+_SWING_PICTURES_S = 0.05  # between pictures that are searched
+_DELAYS_S = np.arange(-0.25, 0.6, 0.002)  # that are tried
 
 
 class Refused(Exception):
@@ -92,7 +92,7 @@ class GimbalMotion:
         """
         self._devices, self._camera = devices, camera
         self._limits, self._search, self._say = reach, search, say
-        self._rest_s = _REST_S if is_measured else _CREEP_S
+        self._rest_s = _REST_S if is_measured else _REST_UNMEASURED_S
         self._with_autopilot = with_autopilot
         self._orders: list[tuple[float, float, float]] = []  # time, yaw, pitch
         self._states: list[GimbalState] = []
@@ -140,7 +140,7 @@ class GimbalMotion:
     async def _hear(self) -> None:
         """Wait until gimbal and autopilot are heard."""
         loop = asyncio.get_running_loop()
-        end = loop.time() + _HEARD_S
+        end = loop.time() + _HEARD_WITHIN_S
         while loop.time() < end and not (self._states and self._disarmed is not None):
             self._check()
             await asyncio.sleep(0.1)
@@ -176,7 +176,7 @@ class GimbalMotion:
         if place == 0:
             middle = [0.5 * (min(angles) + max(angles)) for angles in zip(*grid, strict=True)]
             for axis in measured.signs:
-                measured.delays[axis] = await self._wave(axis, middle[0], middle[1])
+                measured.delays[axis] = await self._delays_of(axis, middle[0], middle[1])
 
     async def _find(self) -> tuple[float, float, PoseSolution]:
         """Return orders that bring the pad into the picture, and where it is seen."""
@@ -185,7 +185,7 @@ class GimbalMotion:
         yaws = [clamp(yaw, low, high) for yaw in (0.0, -_WIDEST_YAW, _WIDEST_YAW)]
         tries = [(start.yaw, start.pitch)]
         for yaw in dict.fromkeys(yaws):
-            tries += [(yaw, clamp(p, *self._limits["pitch"])) for p in _SEARCH]
+            tries += [(yaw, clamp(p, *self._limits["pitch"])) for p in _SEARCH_PITCHES]
         for yaw, pitch in dict.fromkeys(tries):
             views = await self._look(yaw, pitch, 0)
             if views:
@@ -199,11 +199,11 @@ class GimbalMotion:
         """Return 1 if the camera turns as is reported, -1 for the other way; None: it is bolted."""
         low, high = self._limits[axis]
         at = yaw if axis == "yaw" else pitch
-        if high - low < _STEP:
+        if high - low < _SIGN_STEP:
             return None
-        steps = [s for s in (_STEP, -_STEP) if low <= at + s <= high]
+        steps = [s for s in (_SIGN_STEP, -_SIGN_STEP) if low <= at + s <= high]
         before = await self._look(yaw, pitch, 0)
-        why = f"{axis}: the pad leaves the picture when it turns by {_deg(_STEP)}"
+        why = f"{axis}: the pad leaves the picture when it turns by {_deg(_SIGN_STEP)}"
         for step in steps:
             turn = {"yaw": (yaw + step, pitch), "pitch": (yaw, pitch + step)}[axis]
             after = await self._look(*turn, 0)
@@ -213,7 +213,7 @@ class GimbalMotion:
             turned = turn_between(before[0].pad, after[0].pad)
             # The camera's x lies along the pitch axis; yaw turns about gravity, the pad's normal.
             came = turned[0] if axis == "pitch" else dot(turned, before[0].pad.normal)
-            if abs(came) > _FOLLOWED * abs(step):
+            if abs(came) > _LEAST_FOLLOWED * abs(step):
                 break
             why = (
                 f"{axis} does not follow: {_deg(step)} were ordered, {_deg(came)} came. Are its "
@@ -221,7 +221,7 @@ class GimbalMotion:
             )
         else:
             raise Refused(why)
-        if told * step < 0.0 or abs(told) < _FOLLOWED * abs(step):
+        if told * step < 0.0 or abs(told) < _LEAST_FOLLOWED * abs(step):
             raise Refused(
                 f"{axis} reports {_deg(told)} for an order of {_deg(step)}: orders and reports do "
                 "not belong together"
@@ -233,8 +233,8 @@ class GimbalMotion:
         camera = self._camera
         x, y, z = pad.position
         across, down = math.atan2(x, z), math.atan2(y, z)
-        most_across = _PART * math.atan(0.5 * camera.width / camera.fx)
-        most_down = _PART * math.atan(0.5 * camera.height / camera.fy)
+        most_across = _FROM_MIDDLE * math.atan(0.5 * camera.width / camera.fx)
+        most_down = _FROM_MIDDLE * math.atan(0.5 * camera.height / camera.fy)
         # The camera's pitch by the pad, which lies level.
         flat = max(0.3, abs(pad.normal[1]))
         signs = self.measured.signs
@@ -249,31 +249,9 @@ class GimbalMotion:
         corners = [(y, p) for y in (ys[0], ys[4]) for p in (ps[0], ps[4])]
         return list(dict.fromkeys(cross + corners))
 
-    async def _wave(self, axis: AxisName, yaw: float, pitch: float) -> Delays:
-        """Swing an axis to and fro, and return how late the picture is."""
-        low, high = self._limits[axis]
-        at = yaw if axis == "yaw" else pitch
-        at = (
-            clamp(at, low + _WAVE, high - _WAVE) if high - low > 2.0 * _WAVE else 0.5 * (low + high)
-        )
-        size = min(_WAVE, high - at, at - low)
-        loop = asyncio.get_running_loop()
-        start = loop.time() + _REST_S
-
-        def target(t: float) -> GimbalCommand:
-            swung = at + size * math.sin(2.0 * math.pi * _WAVE_HZ * max(0.0, t - start))
-            return GimbalCommand(swung, pitch) if axis == "yaw" else GimbalCommand(yaw, swung)
-
-        moving = asyncio.create_task(self._order(target))
-        frames: list[Frame] = []
-        try:
-            while loop.time() < start + _WAVE_S:
-                frame = await self._devices.camera.newest()
-                if frame.t > (frames[-1].t + _WAVE_PERIOD_S if frames else start):
-                    frames.append(frame)
-                self._check()
-        finally:
-            moving.cancel()
+    async def _delays_of(self, axis: AxisName, yaw: float, pitch: float) -> Delays:
+        """Swing an axis to and fro, and return how late the pictures are."""
+        frames = await self._swing(axis, yaw, pitch)
         times, angles = [], []
         for frame in frames:
             pad = await self._pad_in(frame)
@@ -297,6 +275,32 @@ class GimbalMotion:
             _delay(seen_t, seen, lambda t: np.interp(t, reports[:, 0], reports[:, 1])),
         )
 
+    async def _swing(self, axis: AxisName, yaw: float, pitch: float) -> list[Frame]:
+        """Swing an axis about these angles, as far as its limits allow; return the pictures."""
+        low, high = self._limits[axis]
+        at = yaw if axis == "yaw" else pitch
+        has_room = high - low > 2.0 * _SWING
+        at = clamp(at, low + _SWING, high - _SWING) if has_room else 0.5 * (low + high)
+        size = min(_SWING, high - at, at - low)
+        loop = asyncio.get_running_loop()
+        start = loop.time() + _REST_S
+
+        def target(t: float) -> GimbalCommand:
+            swung = at + size * math.sin(2.0 * math.pi * _SWING_HZ * max(0.0, t - start))
+            return GimbalCommand(swung, pitch) if axis == "yaw" else GimbalCommand(yaw, swung)
+
+        moving = asyncio.create_task(self._order(target))
+        frames: list[Frame] = []
+        try:
+            while loop.time() < start + _SWING_S:
+                frame = await self._devices.camera.newest()
+                if frame.t > (frames[-1].t + _SWING_PICTURES_S if frames else start):
+                    frames.append(frame)
+                self._check()
+        finally:
+            moving.cancel()
+        return frames
+
     # ---- orders and pictures -------------------------------------------------------------------
 
     async def _look(self, yaw: float, pitch: float, place: int) -> list[View]:
@@ -307,7 +311,7 @@ class GimbalMotion:
             await asyncio.sleep(self._rest_s)
             start = asyncio.get_running_loop().time()
             taken = 0
-            while taken < _PICTURES:
+            while taken < _PICTURES_EACH:
                 frame = await self._devices.camera.newest()
                 self._check()
                 if frame.t < start:
@@ -379,7 +383,7 @@ def _spread(at: float, ends: list[float], limits: tuple[float, float]) -> list[f
 def _delay(t: F64, seen: F64, model: Callable[[F64], F64]) -> float:
     """Return the delay (s) behind a model of t with which a straight line explains best."""
     best, least = 0.0, math.inf
-    for delay in _DELAYS:
+    for delay in _DELAYS_S:
         A = np.column_stack([np.ones(len(t)), model(t - delay)])
         x, *_ = np.linalg.lstsq(A, seen, rcond=None)
         left = float(np.sum((A @ x - seen) ** 2))

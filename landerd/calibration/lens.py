@@ -23,11 +23,11 @@ Lens = Literal["plumb_bob", "rational", "fisheye"]
 FEWEST_VIEWS = 10
 GRID = (4, 4)  # cells of the picture, across and down
 _FEWEST_CELLS = 13  # of the 16 that must hold corners
-_TILT_DEG = 15.0  # a view from this far aside tells the focal length
-_FEWEST_TILTED = 4
-_LARGEST_ERROR_PX = 1.0
-_FOCAL_SIGMA = 0.003  # largest, as a part of the focal length
-_OUTLIER = 3.0  # a view worse than this many times the median is named
+_TILTED_DEG = 15.0  # a view from this far aside tells the focal length
+_FEWEST_TILTED = 4  # views
+_LARGEST_ERROR_PX = 1.0  # rms over all corners
+_LARGEST_FOCAL_SIGMA = 0.003  # as a part of the focal length
+_OUTLIER_RATIO = 3.0  # a view worse than this many times the median is named
 
 
 @dataclass(frozen=True)
@@ -162,10 +162,10 @@ def too_poor(views: Sequence[View], size: tuple[int, int]) -> list[str]:
 def not_trusted(result: Calibration, views: Sequence[View]) -> list[str]:
     """Say why a calibration is not to be flown with; empty: it is good."""
     reasons = []
-    tilted = sum(tilt >= _TILT_DEG for tilt in result.tilts_deg)
+    tilted = sum(tilt >= _TILTED_DEG for tilt in result.tilts_deg)
     if tilted < _FEWEST_TILTED:
         reasons.append(
-            f"{tilted} views from aside (tilted by {_TILT_DEG:.0f} degrees or more), at least "
+            f"{tilted} views from aside (tilted by {_TILTED_DEG:.0f} degrees or more), at least "
             f"{_FEWEST_TILTED} are needed: from straight ahead focal length and distance look alike"
         )
     if result.error_px > _LARGEST_ERROR_PX:
@@ -175,17 +175,17 @@ def not_trusted(result: Calibration, views: Sequence[View]) -> list[str]:
             f"allowed; worst: {views[worst].name}, {result.errors_px[worst]:.2f} px. Is the board "
             "flat, its size right, the focus fixed, nothing blurred?"
         )
-    if result.focal_sigma > _FOCAL_SIGMA:
+    if result.focal_sigma > _LARGEST_FOCAL_SIGMA:
         reasons.append(
             f"the focal length is only known to {100 * result.focal_sigma:.2f} % (1 sigma), "
-            f"{100 * _FOCAL_SIGMA:g} % are needed: more views, more tilted, nearer"
+            f"{100 * _LARGEST_FOCAL_SIGMA:g} % are needed: more views, more tilted, nearer"
         )
     return reasons
 
 
 def outliers(result: Calibration) -> list[int]:
     """Return the views that fit much worse than the others."""
-    limit = _OUTLIER * float(np.median(result.errors_px))
+    limit = _OUTLIER_RATIO * float(np.median(result.errors_px))
     return [i for i, error in enumerate(result.errors_px) if error > limit and error > 0.3]
 
 

@@ -1,9 +1,7 @@
 """`landerd calibrate camera`: a ROS camera_info file from pictures of a board."""
 
 import argparse
-import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,11 +20,12 @@ from landerd.calibration.lens import (
 )
 from landerd.camera_model import camera_info
 from landerd.commands.detect import SourceError, pictures
+from landerd.commands.shared import InputError, add_json, check_folder, print_json, refusing
 
 # Of the frames of a video or camera those are kept
 _STILL_PX = 2.0  # that have the board where the frame before had it,
 _NEW_PX = 40.0  # and not where a kept one had it
-_ENOUGH_VIEWS = 40
+_MOST_VIEWS = 40  # then a video or camera is left
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,19 +60,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="rational beyond 90 degrees of view, fisheye beyond 120 (plumb_bob)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="camera_info")
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate; return 0, 1 if the pictures are too poor, 2 if the input is wrong."""
-    try:
+    """Calibrate; return 0, or 1 if the pictures are too poor."""
+    with refusing(ValueError, SourceError):
         board = _board(args)
-        if args.output is not None and not args.output.absolute().parent.is_dir():
-            raise ValueError(f"-o {args.output}: its folder does not exist")
+        check_folder(args.output)
         views, size, seen = _views(board, args.sources, quiet=args.json)
-    except (ValueError, SourceError) as e:
-        print(e, file=sys.stderr)
-        return 2
     lens: Lens = args.lens
     result, reasons = None, too_poor(views, size)
     if not reasons:
@@ -83,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         except ValueError as e:
             reasons = [str(e)]
     if args.json:
-        print(json.dumps(_as_json(result, reasons, views, size, seen), allow_nan=False))
+        print_json(_as_json(result, reasons, views, size, seen))
     else:
         print(_in_words(result, reasons, views, size, seen))
     if result is None or reasons:
@@ -101,7 +96,7 @@ def _board(args: argparse.Namespace) -> Board:
     if args.board == "chessboard":
         return Chessboard(columns, rows, args.square)
     if args.marker is None:
-        raise ValueError("--marker is needed with --board charuco: the side of a marker in m")
+        raise InputError("--marker is needed with --board charuco: the side of a marker in m")
     return Charuco(columns, rows, args.square, args.marker, args.dictionary)
 
 
@@ -140,7 +135,7 @@ def _views(
                         parts = coverage(views, size)
                         print(f"{len(views)} views, {parts.sum()} of {parts.size} parts covered")
                 before = view
-                if is_stream and len(views) >= _ENOUGH_VIEWS:
+                if is_stream and len(views) >= _MOST_VIEWS:
                     break
     except KeyboardInterrupt:
         pass  # how a live camera's calibration is ended

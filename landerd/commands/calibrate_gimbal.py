@@ -2,10 +2,8 @@
 
 import argparse
 import asyncio
-import json
 import math
-import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +13,31 @@ import yaml
 from hw.gimbals.fixed import FixedOptions
 from hw.gimbals.mounting import MountOptions
 from hw.gimbals.servo import ServoAxisOptions, ServoOptions
-from landerd import devices as registry
 from landerd.calibration.gimbal import AxisResult, GimbalCalibration, calibrate
-from landerd.calibration.gimbal_motion import AxisName, GimbalMotion, Refused
+from landerd.calibration.gimbal_motion import Delays, GimbalMotion, Refused
 from landerd.camera_model import CalibrationError
-from landerd.commands.run import SetUpError, fitting_camera, make_devices
+from landerd.commands.shared import (
+    InputError,
+    add_config,
+    add_json,
+    add_overlay,
+    check_folder,
+    load_with_saved,
+    print_json,
+    refusing,
+)
 from landerd.config.files import Loaded
 from landerd.config.yaml_tree import put
+from landerd.devices import SetUpError, fitting_camera, make_devices
+from landerd.drivers import gimbal_speaks_over
 from landerd.geometry import clamp
 from landerd.pad import PadError, load_pad
 from landerd.ports import DeviceLost, Feedback, GimbalOptions
 from landerd.runtime.daemon import Devices
+from landerd.section import Section
 from landerd.vision import Vision
+
+Axes = Mapping[str, AxisResult]  # pitch, and yaw where it turns
 
 _FIRST = (
     "Stand the vehicle level and unpowered by its motors, on a table, say. Lay the pad flat on the "
@@ -37,7 +48,7 @@ _NEXT = "Lay the pad nearer or farther, flat and straight ahead again."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments, all but those of the configuration."""
+    """Add the command's arguments."""
     parser.add_argument(
         "--places",
         type=int,
@@ -55,26 +66,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="on a bench: nobody is asked whether the vehicle is disarmed, and it stands level",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="the keys to set")
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    add_json(parser)
+    add_config(parser, required=True)
+    add_overlay(parser)
 
 
-def run(args: argparse.Namespace, loaded: Loaded, overlay: Path) -> int:
-    """Calibrate; return 0, 1 if nothing to be trusted came of it, 2 if the input is wrong."""
-    driver = loaded.config.gimbal.driver
-    try:
-        if args.yes and args.places > 1:
-            raise ValueError("--places needs somebody to move the pad: not with --yes")
-        if args.output is not None and not args.output.absolute().parent.is_dir():
-            raise ValueError(f"-o {args.output}: its folder does not exist")
-        if args.without_autopilot and registry.over("gimbal", driver) == "autopilot":
-            raise ValueError(f"--without-autopilot: {driver} speaks through the autopilot")
-        if not load_pad(loaded.config.pad.layout).has_heading:
-            raise ValueError(f"{loaded.config.pad.layout}: a pad with a tag or WhyCode is needed")
+def run(args: argparse.Namespace) -> int:
+    """Calibrate; return 0, or 1 if nothing to be trusted came of it."""
+    loaded, overlay = load_with_saved(args)
+    _check(args, loaded)
+    with refusing(CalibrationError, SetUpError):
         fitting_camera(loaded)
         devices = make_devices(loaded, overlay)
-    except (CalibrationError, PadError, SetUpError, ValueError) as e:
-        print(e, file=sys.stderr)
-        return 2
     try:
         report = asyncio.run(
             calibrate_gimbal(
@@ -89,7 +92,7 @@ def run(args: argparse.Namespace, loaded: Loaded, overlay: Path) -> int:
     except KeyboardInterrupt:
         return 1
     if args.json:
-        print(json.dumps(report, allow_nan=False))
+        print_json(report)
     else:
         print("\n".join(_in_words(report)))
     if not report["good"]:
@@ -100,6 +103,20 @@ def run(args: argparse.Namespace, loaded: Loaded, overlay: Path) -> int:
     elif not args.json:
         print("set in the configuration:", text, sep="\n", end="")
     return 0
+
+
+def _check(args: argparse.Namespace, loaded: Loaded) -> None:
+    """Refuse what cannot be calibrated so. Raises InputError."""
+    driver = loaded.config.gimbal.driver
+    if args.yes and args.places > 1:
+        raise InputError("--places needs somebody to move the pad: not with --yes")
+    check_folder(args.output)
+    if args.without_autopilot and gimbal_speaks_over(driver) == "autopilot":
+        raise InputError(f"--without-autopilot: {driver} speaks through the autopilot")
+    with refusing(PadError):
+        layout = load_pad(loaded.config.pad.layout)
+    if not layout.has_heading:
+        raise InputError(f"{loaded.config.pad.layout}: a pad with a tag or WhyCode is needed")
 
 
 async def calibrate_gimbal(
@@ -121,45 +138,65 @@ async def calibrate_gimbal(
         ask: shows a question and waits for the answer; None: nobody is asked.
         say: tells a line.
     """
-    config = loaded.config
-    camera, layout = fitting_camera(loaded), load_pad(config.pad.layout)
-    search = Vision(layout, camera, config.vision).process
-    options = loaded.options[f"gimbal.{config.gimbal.driver}"]
-    assert isinstance(options, GimbalOptions)
-    reach: dict[AxisName, tuple[float, float]] = {
-        "yaw": options.traits.yaw_limits,
-        "pitch": options.traits.pitch_limits,
-    }
-    motion = GimbalMotion(
-        devices,
-        camera,
-        reach,
-        search,
-        say,
-        is_measured=options.traits.feedback is Feedback.MEASURED,
-        with_autopilot=with_autopilot,
-    )
+    options = _options(loaded)
+    motion = _motion(loaded, devices, say, with_autopilot=with_autopilot)
 
     async def lay(place: int) -> None:
         if ask is not None:
             await ask(_NEXT if place else _FIRST)
 
     result: GimbalCalibration | None = None
-    reasons: list[str] = []
     try:
         measured = await motion.run(places, lay)
         result, reasons = calibrate(
             measured,
             tables=isinstance(options, ServoOptions),
             turns=not (isinstance(options, ServoOptions) and options.yaw is None),
-            aside_m=-config.vehicle.camera_offset_m[1],
+            aside_m=-loaded.config.vehicle.camera_offset_m[1],
         )
     except (DeviceLost, Refused) as e:
         reasons = [str(e)]
+    return _report(loaded, result, reasons, len(motion.measured.views))
+
+
+def _options(loaded: Loaded) -> Section:
+    return loaded.options[f"gimbal.{loaded.config.gimbal.driver}"]
+
+
+def _motion(
+    loaded: Loaded, devices: Devices, say: Callable[[str], None], *, with_autopilot: bool
+) -> GimbalMotion:
+    """Return what moves the gimbal as far as it reaches, and looks for the pad."""
+    camera, layout = fitting_camera(loaded), load_pad(loaded.config.pad.layout)
+    options = _options(loaded)
+    assert isinstance(options, GimbalOptions)
+    traits = options.traits
+    return GimbalMotion(
+        devices,
+        camera,
+        {"yaw": traits.yaw_limits, "pitch": traits.pitch_limits},
+        Vision(layout, camera, loaded.config.vision).process,
+        say,
+        is_measured=traits.feedback is Feedback.MEASURED,
+        with_autopilot=with_autopilot,
+    )
+
+
+async def _ask(question: str) -> None:
+    print(question)
+    await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
+
+
+# ---- what came of it ---------------------------------------------------------------------------
+
+
+def _report(
+    loaded: Loaded, result: GimbalCalibration | None, reasons: list[str], views: int
+) -> dict[str, Any]:
     report: dict[str, Any] = {
         "good": result is not None and not reasons,
         "reasons": reasons,
-        "views": len(motion.measured.views),
+        "views": views,
     }
     if result is not None:
         report |= {
@@ -172,46 +209,76 @@ async def calibrate_gimbal(
     return report
 
 
-async def _ask(question: str) -> None:
-    print(question)
-    await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
-
-
-# ---- what came of it ---------------------------------------------------------------------------
-
-
 def keys(loaded: Loaded, found: GimbalCalibration) -> dict[str, Any]:
     """Return the keys of the configuration that follow, dotted, with their values."""
-    driver = loaded.config.gimbal.driver
-    options = loaded.options[f"gimbal.{driver}"]
+    block, options = f"gimbal.{loaded.config.gimbal.driver}", _options(loaded)
+    axes = {"pitch": found.pitch} | ({"yaw": found.yaw} if found.yaw is not None else {})
+    delays = [axis.delays for axis in axes.values() if axis.delays is not None]
     values: dict[str, Any] = {}
-    axes = [("pitch", found.pitch)] + ([("yaw", found.yaw)] if found.yaw is not None else [])
-    delays = [axis.delays for _, axis in axes if axis.delays is not None]
-    late = sum(d.report for d in delays) / len(delays) if delays else 0.0
-    for name, axis in axes:
-        if isinstance(options, FixedOptions) and axis.zero is not None:
-            old = getattr(options, f"{name}_deg")
-            values[f"gimbal.fixed.{name}_deg"] = _wrapped_deg(old + math.degrees(axis.zero))
-        elif isinstance(options, MountOptions) and axis.zero is not None:
-            sign, zero = getattr(options, f"{name}_sign"), getattr(options, f"{name}_zero_deg")
-            zero = axis.sign * zero + math.degrees(axis.zero)
-            values[f"gimbal.{driver}.{name}_sign"] = axis.sign * sign
-            values[f"gimbal.{driver}.{name}_zero_deg"] = _wrapped_deg(zero)
-        elif isinstance(options, ServoOptions) and axis.table is not None:
-            servo = getattr(options, name)
-            values[f"gimbal.{driver}.{name}.channel"] = servo.channel
-            values[f"gimbal.{driver}.{name}.table"] = _servo_table(servo, axis.table)
-    if isinstance(options, MountOptions) and delays:
-        if options.traits.feedback is Feedback.MEASURED:
-            values[f"gimbal.{driver}.latency_s"] = _within(options.latency_s - late, 0.2)
-        else:
-            values["gimbal.lag_s"] = max(0.001, _within(delays[0].order, 0.5))
-    elif isinstance(options, ServoOptions) and delays:
-        values[f"gimbal.{driver}.lag_s"] = _within(options.lag_s + late, 0.5)
+    match options:
+        case FixedOptions():
+            values = _fixed_keys(block, options, axes)
+        case MountOptions():
+            values = _mount_keys(block, options, axes, delays)
+        case ServoOptions():
+            values = _servo_keys(block, options, axes, delays)
     values["gimbal.camera_rotation_deg"] = [_deg(angle) for angle in found.camera_rotation]
     if delays:
         values["aim.lead_s"] = _within(max(d.order for d in delays), 0.5)
     return values
+
+
+def _fixed_keys(block: str, options: FixedOptions, axes: Axes) -> dict[str, Any]:
+    """Return where a bolted camera looks."""
+    old_deg = {"yaw": options.yaw_deg, "pitch": options.pitch_deg}
+    return {
+        f"{block}.{name}_deg": _wrapped_deg(old_deg[name] + math.degrees(axis.zero))
+        for name, axis in axes.items()
+        if axis.zero is not None
+    }
+
+
+def _mount_keys(
+    block: str, options: MountOptions, axes: Axes, delays: Sequence[Delays]
+) -> dict[str, Any]:
+    """Return signs and zeros, and how late the reports are or the gimbal is."""
+    old = {
+        "yaw": (options.yaw_sign, options.yaw_zero_deg),
+        "pitch": (options.pitch_sign, options.pitch_zero_deg),
+    }
+    values: dict[str, Any] = {}
+    for name, axis in axes.items():
+        if axis.zero is not None:
+            sign, zero_deg = old[name]
+            zero_deg = axis.sign * zero_deg + math.degrees(axis.zero)
+            values[f"{block}.{name}_sign"] = axis.sign * sign
+            values[f"{block}.{name}_zero_deg"] = _wrapped_deg(zero_deg)
+    if delays and options.traits.feedback is Feedback.MEASURED:
+        values[f"{block}.latency_s"] = _within(options.latency_s - _report_late_s(delays), 0.2)
+    elif delays:
+        values["gimbal.lag_s"] = max(0.001, _within(delays[0].order, 0.5))
+    return values
+
+
+def _servo_keys(
+    block: str, options: ServoOptions, axes: Axes, delays: Sequence[Delays]
+) -> dict[str, Any]:
+    """Return the tables of servos, and their lag."""
+    servos = {"yaw": options.yaw, "pitch": options.pitch}
+    values: dict[str, Any] = {}
+    for name, axis in axes.items():
+        servo = servos[name]
+        if axis.table is not None and servo is not None:
+            values[f"{block}.{name}.channel"] = servo.channel
+            values[f"{block}.{name}.table"] = _servo_table(servo, axis.table)
+    if delays:
+        values[f"{block}.lag_s"] = _within(options.lag_s + _report_late_s(delays), 0.5)
+    return values
+
+
+def _report_late_s(delays: Sequence[Delays]) -> float:
+    """Return by how much pictures are behind the reports, mean of the axes, s."""
+    return sum(d.report for d in delays) / len(delays)
 
 
 def _servo_table(

@@ -4,22 +4,32 @@ import argparse
 import contextlib
 import gc
 import hashlib
-import json
+import logging
 import os
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from landerd import devices as registry
 from landerd.camera_model import CalibrationError, load_camera
+from landerd.campaigns.failures import as_lines, summary
 from landerd.campaigns.journal import Journal, JournalError
 from landerd.campaigns.plan import Campaign, load_campaign
-from landerd.campaigns.pool import Run, run_all
+from landerd.campaigns.pool import Run, Task, run_all
 from landerd.campaigns.table import as_text, has_failed, make_row
-from landerd.config.files import ConfigError, Loaded, config_dir, config_files, load
+from landerd.commands.shared import (
+    add_config,
+    add_json,
+    config_path,
+    print_json,
+    refusing,
+    tell,
+    whole_number,
+)
+from landerd.config.files import ConfigError, Loaded, config_files
+from landerd.drivers import read_configuration
 from landerd.pad import PadError, load_pad
 
 
@@ -31,29 +41,24 @@ class _SimulatedLanding:
     overrides: tuple[str, ...]
 
     def __call__(self, scenario: str, seed: int) -> dict[str, Any]:
-        import logging
-
         from landerd.simulation.flight import simulate
 
         logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
         try:
-            return simulate(self.load(scenario), scenario, seed)
+            return simulate(self.load(scenario, seed), scenario, seed)
         finally:
             gc.collect()  # flights are circles of objects, and large
 
-    def load(self, scenario: str) -> Loaded:
-        """Return the configuration of a scenario. Raises ConfigError."""
-        return load(
-            self.config,
-            options_models=registry.options_models(),
-            drivers=registry.names(),
-            overlays=[config_files("scenarios")[scenario]],
-            overrides=self.overrides,
+    def load(self, scenario: str, seed: int = 0) -> Loaded:
+        """Return the configuration of a scenario as a seed draws it. Raises ConfigError."""
+        overlays = [config_files("scenarios")[scenario]]
+        return read_configuration(
+            self.config, overlays=overlays, overrides=self.overrides, seed=seed
         )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments, all but those of the configuration."""
+    """Add the command's arguments."""
     names = ", ".join(config_files("campaigns"))
     parser.add_argument("name", metavar="NAME", help=f"{names}, or a scenario of landerd sim")
     parser.add_argument(
@@ -68,21 +73,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write every run down as it ends; runs that FILE holds are not flown again",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    add_json(parser)
+    add_config(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly the campaign; return 0, 1 if a row misses what it needs, 2 if the input is wrong."""
-    landing = _SimulatedLanding(args.config or config_dir() / "default.yaml", tuple(args.set))
-    try:
+    """Fly the campaign; return 0, or 1 if a row misses what it needs."""
+    landing = _SimulatedLanding(config_path(args), tuple(args.set))
+    with refusing(ConfigError, CalibrationError, PadError, JournalError):
         campaign = load_campaign(args.name)
         loaded = [landing.load(row.scenario) for row in campaign.rows]
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
         journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
-    except (ConfigError, CalibrationError, PadError, JournalError) as e:
-        print(e, file=sys.stderr)
-        return 2
     with journal or contextlib.nullcontext():
         return _fly(args, campaign, landing, journal)
 
@@ -105,48 +108,66 @@ def _fly(
 ) -> int:
     started = time.monotonic()
     count = args.runs or campaign.runs
-    # Runs are what is spread over the cores; the children take this over.
-    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
     tasks = [(row.scenario, seed) for row in campaign.rows for seed in range(1, count + 1)]
     runs = [journal.runs[task] for task in tasks if task in journal.runs] if journal else []
     kept = {(run.scenario, run.seed) for run in runs}
     waiting = [task for task in tasks if task not in kept]
-    progress = _Progress(len(waiting))
-    jobs = args.jobs or len(os.sched_getaffinity(0))
     try:
-        with contextlib.closing(run_all(landing, waiting, jobs)) as series:
-            for ended in series:
-                runs.append(ended)
-                if journal is not None:
-                    journal.keep(ended)
-                progress.show(ended)
+        _fly_all(landing, waiting, args.jobs or len(os.sched_getaffinity(0)), journal, runs)
     except KeyboardInterrupt:
-        progress.clear()
         if not args.json:
             if runs:
                 print(as_text(_rows(campaign, runs)))
             print(f"stopped after {len(runs)} of {len(tasks)} runs")
         raise
-    progress.clear()
     rows = _rows(campaign, runs)
     wall_s = time.monotonic() - started
     if args.json:
-        print(json.dumps({"campaign": args.name, "rows": rows, "wall_s": wall_s}, allow_nan=False))
+        print_json({"campaign": args.name, "rows": rows, "wall_s": wall_s})
     else:
         print(as_text(rows))
+        for row in rows:
+            for line in as_lines(row["days"]) if "days" in row else ():
+                print(line)
         print(f"{len(waiting)} landings in {wall_s / 60.0:.1f} min")
     return 1 if any(row["missed"] for row in rows) else 0
+
+
+def _fly_all(
+    landing: _SimulatedLanding,
+    tasks: Sequence[Task],
+    jobs: int,
+    journal: Journal | None,
+    runs: list[Run],
+) -> None:
+    """Fly all tasks, and add each run as it ends, also to the journal, while telling how far."""
+    # Runs are what is spread over the cores; the children take this over.
+    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
+    progress = _Progress(len(tasks))
+    try:
+        with contextlib.closing(run_all(landing, tasks, jobs)) as series:
+            for ended in series:
+                runs.append(ended)
+                if journal is not None:
+                    journal.keep(ended)
+                progress.show(ended)
+    finally:
+        progress.clear()
 
 
 def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
     of: dict[str, list[Run]] = {row.scenario: [] for row in campaign.rows}
     for ended in runs:
         of[ended.scenario].append(ended)
-    return [
-        make_row(row, sorted(of[row.scenario], key=lambda r: r.seed))
-        for row in campaign.rows
-        if of[row.scenario]
-    ]
+    rows = []
+    for row in campaign.rows:
+        flown = sorted(of[row.scenario], key=lambda r: r.seed)
+        if flown:
+            made = make_row(row, flown)
+            if any(run.result and run.result["world"] for run in flown):
+                made["days"] = summary(flown)
+            rows.append(made)
+    return rows
 
 
 class _Progress:
@@ -167,7 +188,7 @@ class _Progress:
             self._failed += 1
             why = ended.error or _why(ended.result or {})
             self.clear()
-            print(f"{ended.scenario}, seed {ended.seed}: {why}", file=sys.stderr)
+            tell(f"{ended.scenario}, seed {ended.seed}: {why}")
         left_min = (time.monotonic() - self._started) / self._done * self._left / 60.0
         line = f"{self._done} of {self._total}, {self._failed} failed, {left_min:.0f} min left"
         if self._terminal:
@@ -191,6 +212,4 @@ def _why(result: dict[str, Any]) -> str:
 
 
 def _count(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected a whole number, 1 or more")
-    return int(text)
+    return whole_number(text, 1)

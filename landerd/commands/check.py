@@ -3,48 +3,54 @@
 import argparse
 import asyncio
 import dataclasses
-import json
 import logging
 import os
 import shutil
-import sys
 from pathlib import Path
 
 from hw.cameras import v4l2
 from landerd.camera_model import CalibrationError, CameraModel, load_camera
-from landerd.commands.run import SetUpError, fitting_camera, make_devices
+from landerd.commands.shared import (
+    add_config,
+    add_json,
+    add_overlay,
+    load_with_saved,
+    print_json,
+    refusing,
+)
 from landerd.config.files import Loaded
+from landerd.devices import SetUpError, camera_options, fitting_camera, make_devices
 from landerd.pad import PadError, load_pad
+from landerd.ports import Camera
 from landerd.preflight.autopilot import AutopilotCheck
 from landerd.preflight.camera import check_camera
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.runtime.daemon import Devices
 
-_ENOUGH_DISK_MB = 500.0
+_LEAST_FREE_MB = 500.0  # of the logs' disk
 _MARKS = {"ok": "ok  ", "warn": "WARN", "fail": "FAIL"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments, all but those of the configuration."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    """Add the command's arguments."""
+    add_json(parser)
+    add_config(parser, required=True)
+    add_overlay(parser)
 
 
-def run(args: argparse.Namespace, loaded: Loaded, overlay: Path) -> int:
-    """Check; return 0 if ready, 1 if something would stop a landing, 2 for wrong input."""
+def run(args: argparse.Namespace) -> int:
+    """Check; return 0 if ready, or 1 if something would stop a landing."""
+    loaded, overlay = load_with_saved(args)
     logging.basicConfig(level=logging.CRITICAL)  # what drivers would say is in the findings
-    try:
+    with refusing(CalibrationError, PadError, SetUpError):
         load_pad(loaded.config.pad.layout)
         load_camera(loaded.config.camera.calibration)
         devices = make_devices(loaded, overlay)
-    except (CalibrationError, PadError, SetUpError, ValueError) as e:
-        print(e, file=sys.stderr)
-        return 2
     findings = asyncio.run(check(loaded, devices))
     ready = not any(f.level == "fail" for f in findings)
     if args.json:
-        report = {"ready": ready, "findings": [dataclasses.asdict(f) for f in findings]}
-        print(json.dumps(report, allow_nan=False))
+        print_json({"ready": ready, "findings": [dataclasses.asdict(f) for f in findings]})
     else:
         for finding in findings:
             mend = f" -> {finding.mend}" if finding.mend else ""
@@ -60,25 +66,11 @@ async def check(loaded: Loaded, devices: Devices) -> list[Finding]:
     """
     config = loaded.config
     autopilot = AutopilotCheck(config)
-    options = loaded.options.get(f"camera.{config.camera.driver}")
-    try:
-        model: CameraModel | None = fitting_camera(loaded)
-        findings = []
-    except CalibrationError as e:
-        model = None
-        mend = "set the camera's size, or calibrate at this size: landerd calibrate camera"
-        findings = [Finding("fail", "calibration", str(e), mend)]
+    model, calibration = _calibration(loaded)
+    gimbal_done = asyncio.Event()
 
     async def camera() -> list[Finding]:
-        if model is None:
-            return []
-        found = await check_camera(devices.camera, model, getattr(options, "fps", None))
-        if any(f.item == "camera" and f.level == "fail" for f in found):
-            found += [
-                Finding("ok", "camera", f"there is {path}, {name}: {v4l2.in_words(modes)}")
-                for path, name, modes in v4l2.cameras()
-            ]
-        return found
+        return [] if model is None else await _camera(loaded, devices.camera, model)
 
     async def gimbal() -> list[Finding]:
         await asyncio.sleep(1.5)  # until a heartbeat has told whether the vehicle is armed
@@ -87,14 +79,29 @@ async def check(loaded: Loaded, devices: Devices) -> list[Finding]:
         finally:
             gimbal_done.set()
 
-    gimbal_done = asyncio.Event()
-    parts = await asyncio.gather(
-        autopilot.run(devices.autopilot, gimbal_done),
-        camera(),
-        gimbal(),
-    )
+    parts = await asyncio.gather(autopilot.run(devices.autopilot, gimbal_done), camera(), gimbal())
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
-    return [*findings, *(f for part in parts for f in part), *cut, disk(loaded)]
+    return [*calibration, *(f for part in parts for f in part), *cut, disk(loaded)]
+
+
+def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
+    """Return the calibration at the size of the pictures; None: what is wrong with it."""
+    try:
+        return fitting_camera(loaded), []
+    except CalibrationError as e:
+        mend = "set the camera's size, or calibrate at this size: landerd calibrate camera"
+        return None, [Finding("fail", "calibration", str(e), mend)]
+
+
+async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:
+    options = camera_options(loaded)
+    found = await check_camera(camera, model, options.fps if options is not None else None)
+    if any(f.item == "camera" and f.level == "fail" for f in found):
+        found += [
+            Finding("ok", "camera", f"there is {path}, {name}: {v4l2.in_words(modes)}")
+            for path, name, modes in v4l2.cameras()
+        ]
+    return found
 
 
 def disk(loaded: Loaded) -> Finding:
@@ -108,7 +115,7 @@ def disk(loaded: Loaded) -> Finding:
     if not os.access(existing, os.W_OK):
         return Finding("warn", "log", f"{existing} cannot be written", "give it to landerd's user")
     free_mb = shutil.disk_usage(existing).free / 1e6
-    if free_mb < _ENOUGH_DISK_MB:
+    if free_mb < _LEAST_FREE_MB:
         what = f"{free_mb:.0f} MB are free for logs in {existing}"
         return Finding("warn", "log", what, "delete old logs, or lower log.most_mb")
     return Finding("ok", "log", f"{free_mb / 1e3:.1f} GB are free in {existing}")

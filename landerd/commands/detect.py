@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 import os
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.commands.shared import InputError, refusing, tell
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, cross, dot, scale, sub
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Sightings
@@ -67,30 +67,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what each picture shows; return 0, or 2 if a file or source cannot be used."""
-    try:
+    """Print what each picture shows; return 0."""
+    with refusing(CalibrationError, PadError):
         camera, layout = load_camera(args.camera), load_pad(args.pad)
+    try:
         _new_vision(layout, camera)
-        if args.draw is not None:
-            args.draw.mkdir(parents=True, exist_ok=True)
-    except (CalibrationError, PadError) as e:
-        return _refuse(str(e))
     except ValueError as e:
-        return _refuse(f"{args.pad}: {e}")
-    except OSError as e:
-        return _refuse(f"--draw {args.draw}: {e.strerror}")
-    code = 0
+        raise InputError(f"{args.pad}: {e}") from None
+    if args.draw is not None:
+        try:
+            args.draw.mkdir(parents=True, exist_ok=True)
+        except OSError as e:
+            raise InputError(f"--draw {args.draw}: {e.strerror}") from None
+    is_refused = False
     for source in args.sources:
         try:
             _detect(source, camera, layout, args)
         except (SourceError, CalibrationError) as e:
-            code = _refuse(str(e))
-    return code
-
-
-def _refuse(text: str) -> int:
-    print(text, file=sys.stderr)
-    return 2
+            tell(str(e))  # at once: the next source may be a camera, which does not end
+            is_refused = True
+    if is_refused:
+        raise InputError("a source cannot be used", is_told=True)
+    return 0
 
 
 def _detect(source: str, camera: CameraModel, layout: PadLayout, args: argparse.Namespace) -> None:

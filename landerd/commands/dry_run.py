@@ -1,54 +1,58 @@
 """`landerd dry-run`: what landerd would have ordered on somebody's own flight. Nothing is sent."""
 
 import argparse
-import json
 import math
-import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from hw.replay.align import SURE, find_offset, picture_motion, turning_motion
-from hw.replay.pictures import DrawnPictures, VideoPictures
+from hw.replay.pictures import VideoPictures
 from hw.replay.telemetry import Telemetry, TelemetryError, read_telemetry
 from hw.replay.vehicle import RecordedVehicle
 from hw.replay.video import VideoError, read_video
-from hw.sim.options import SimOptions
+from landerd.analysis.orders_video import OrdersVideo, VideoNotWritten
 from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.commands.shared import (
+    InputError,
+    add_config,
+    add_json,
+    check_output,
+    load_config,
+    print_json,
+    refusing,
+)
 from landerd.config.files import Loaded
 from landerd.config.models import Config
+from landerd.devices import drawn_pictures, recorded_vehicle
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.flightlog.replay import phases
-from landerd.geometry import (
-    Vec3,
-)
-from landerd.lander import Lander
-from landerd.messages import (
-    Command,
-    Frame,
-    Input,
-    Prior,
-    Sightings,
-)
+from landerd.geometry import Vec3
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.runtime.daemon import Observer
-from landerd.runtime.dry_run import DryRun
-from landerd.vision.draw import draw
+from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 
 GOOD_RATE_HZ = 20.0
 LEAST_RATE_HZ = 2.0  # slower telemetry says too little between its measurements
 
 
-class Unusable(Exception):
-    """The recording cannot be used so; the text says why and what helps."""
+@dataclass(frozen=True)
+class _Flight:
+    """A recorded flight as the core is shown it; times on the recording's clock, s."""
+
+    camera: CameraModel  # of the pictures
+    vehicle: RecordedVehicle
+    expose: Expose
+    start: float
+    end: float
+    offset_s: float | None = None  # of the video's beginning after the telemetry's; None: no video
+    offset_correlation: float | None = None  # None: the offset was given
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments, beside those that choose the configuration."""
+    """Add the command's arguments."""
     parser.add_argument(
         "--telemetry", required=True, type=Path, metavar="FILE", help="ArduPilot .bin or .tlog"
     )
@@ -86,99 +90,81 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log", type=Path, metavar="FILE.mcap", help="write a flight log, for landerd report"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    add_json(parser)
+    add_config(parser)
 
 
-def run(args: argparse.Namespace, loaded: Loaded) -> int:
-    """Print what would have been ordered; return 0, or 2 if the recording cannot be used."""
-    try:
-        result = _dry_run(args, loaded)
-    except (TelemetryError, VideoError, Unusable, CalibrationError, PadError) as e:
-        print(e, file=sys.stderr)
-        return 2
-    print(json.dumps(result, allow_nan=False) if args.json else _in_words(args, result))
+def run(args: argparse.Namespace) -> int:
+    """Print what would have been ordered; return 0."""
+    loaded = load_config(args)
+    check_output(args.draw, ".mp4")
+    check_output(args.log, ".mcap")
+    with refusing(TelemetryError, VideoError, VideoNotWritten, CalibrationError, PadError):
+        telemetry = _telemetry(args.telemetry)
+        layout = load_pad(loaded.config.pad.layout)
+        flight = _flight(args, loaded, layout, telemetry)
+        result = _fly(args, loaded.config, layout, flight)
+    if args.video is not None and not result.frames:
+        raise InputError(f"{args.video}: no frame of it falls into the telemetry: see --offset")
+    report = _report(telemetry, flight, result)
+    if args.json:
+        print_json(report)
+    else:
+        print(_in_words(args, report))
     return 0
 
 
-def _dry_run(args: argparse.Namespace, loaded: Loaded) -> dict[str, Any]:
-    config = loaded.config
-    for path, suffix in ((args.draw, ".mp4"), (args.log, ".mcap")):
-        if path is not None and (path.suffix != suffix or not path.absolute().parent.is_dir()):
-            raise Unusable(f"{path}: expected a {suffix} in a folder that exists")
-    telemetry = read_telemetry(args.telemetry)
+# ---- the recording -----------------------------------------------------------------------------
+
+
+def _telemetry(path: Path) -> Telemetry:
+    telemetry = read_telemetry(path)
     for track, name in ((telemetry.attitude, "attitude"), (telemetry.position, "position")):
         if track.rate_hz < LEAST_RATE_HZ:
-            raise Unusable(
-                f"{args.telemetry}: {name} only {track.rate_hz:.1f} times a second, expected "
+            raise InputError(
+                f"{path}: {name} only {track.rate_hz:.1f} times a second, expected "
                 f"{LEAST_RATE_HZ:g} or more"
             )
-    layout = load_pad(config.pad.layout)
-    camera = load_camera(config.camera.calibration)
+    return telemetry
+
+
+def _flight(
+    args: argparse.Namespace, loaded: Loaded, layout: PadLayout, telemetry: Telemetry
+) -> _Flight:
+    """Return the flight with its video, or with drawn pictures.
+
+    Raises:
+        InputError: the arguments do not fit the recording.
+        CalibrationError: the calibration cannot be used for these pictures.
+        VideoError: there is no video.
+    """
+    camera = load_camera(loaded.config.camera.calibration)
+    start, end = _part(args, telemetry)
+    vehicle = recorded_vehicle(
+        telemetry, args.gimbal, has_video=args.video is not None, start=start
+    )
+    if args.video is None:
+        pad = _pad(args, telemetry, loaded.config)
+        drawn = drawn_pictures(loaded, layout, camera, vehicle, pad, start=start, fps=args.fps)
+        return _Flight(camera, vehicle, drawn.expose, start, end)
+    camera = _fitting(camera, args.video, loaded.config)
+    offset, correlation = _offset(args, camera, vehicle, telemetry)
+    begins = telemetry.start + offset
+    filmed = VideoPictures(args.video, begins)
+    start = max(start, begins)
+    return _Flight(camera, vehicle, filmed.expose, start, end, offset, correlation)
+
+
+def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]:
+    """Return from when to when the core runs, s on the recording's clock."""
     start = telemetry.start + max(0.0, args.start)
     end = telemetry.end if args.end is None else min(telemetry.end, telemetry.start + args.end)
     if start >= end:
-        raise Unusable(
+        raise InputError(
             f"{args.telemetry}: nothing between --from and --to; it has "
             f"{telemetry.end - telemetry.start:.1f} s"
         )
-    offset = None
-    pretended = args.video is None and args.gimbal is None and not telemetry.gimbal.times
-    vehicle = RecordedVehicle(telemetry, args.gimbal, pretended=pretended, start=start)
-    if args.video is not None:
-        camera = _fitting(camera, args.video, config)
-        offset, sure = _offset(args, camera, vehicle, telemetry)
-        start = max(start, telemetry.start + offset)
-        expose = VideoPictures(args.video, telemetry.start + offset).expose
-    else:
-        sure = None
-        options = loaded.options["sim"]
-        assert isinstance(options, SimOptions)
-        expose = DrawnPictures(
-            layout,
-            camera,
-            options.render,
-            vehicle,
-            config.vehicle,
-            _pad(args, telemetry, config),
-            start=start,
-            fps=args.fps,
-        ).expose
-    observers: list[Observer] = []
-    recorder = _recorder(args.log, config, layout, camera)
-    if recorder is not None:
-        observers.append(recorder)
-    drawing = _Drawing(args.draw, camera, layout, args.fps) if args.draw else None
-    if drawing is not None:
-        observers.append(drawing)
-    dry = DryRun(config, layout, camera, observers)
-    vehicle.ordered = lambda: dry.gimbal
-    if drawing is not None:
-        drawing.dry = dry
-    try:
-        dry.run(start, end, vehicle.measure, expose)
-    finally:
-        if recorder is not None:
-            recorder.close()
-        if drawing is not None:
-            drawing.close()
-    result = dry.result
-    if args.video is not None and not result.frames:
-        raise Unusable(f"{args.video}: no frame of it falls into the telemetry: see --offset")
-    changes = phases(result.steps)
-    zero = telemetry.start
-    return {
-        "telemetry_s": telemetry.end - telemetry.start,
-        "attitude_hz": telemetry.attitude.rate_hz,
-        "position_hz": telemetry.position.rate_hz,
-        "offset_s": offset,
-        "offset_correlation": sure,
-        "frames": result.frames,
-        "frames_with_pad": result.seen,
-        "first_seen_s": None if result.first_seen_t is None else result.first_seen_t - zero,
-        "setpoints": result.setpoints,
-        "phases": [{"t": t - zero, "name": c.phase.value, "reason": c.reason} for t, c in changes],
-        "outcome": result.outcome,
-    }
+    return start, end
 
 
 def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3:
@@ -207,70 +193,42 @@ def _offset(
 ) -> tuple[float, float | None]:
     """Return when the video begins, s after the telemetry, and how sure that is."""
     if args.gimbal is None and not telemetry.gimbal.times:
-        raise Unusable(f"{args.telemetry}: no gimbal angles in it: give --gimbal YAW,PITCH")
+        raise InputError(f"{args.telemetry}: no gimbal angles in it: give --gimbal YAW,PITCH")
     if args.offset is not None:
         return args.offset, None
     times, seen = picture_motion(read_video(args.video), camera.fx)
     if len(times) < 40:
-        raise Unusable(f"{args.video}: too short to be aligned by its motion: give --offset")
-    turned = turning_motion(vehicle.look, telemetry.start, telemetry.end)
-    offset, sure = find_offset(times, seen, turned)
-    if sure < SURE:
-        raise Unusable(
-            f"{args.video}: its motion fits the telemetry nowhere (correlation {sure:.2f}, "
+        raise InputError(f"{args.video}: too short to be aligned by its motion: give --offset")
+    turns = turning_motion(vehicle.look, telemetry.start, telemetry.end)
+    offset, correlation = find_offset(times, seen, turns)
+    if correlation < SURE:
+        raise InputError(
+            f"{args.video}: its motion fits the telemetry nowhere (correlation {correlation:.2f}, "
             f"expected {SURE:g} or more): give --offset"
         )
-    return offset, sure
+    return offset, correlation
 
 
 # ---- what comes out ----------------------------------------------------------------------------
 
 
-class _Drawing:
-    """An observer that writes a video: what was seen, and what would have been ordered."""
-
-    def __init__(self, path: Path, camera: CameraModel, layout: PadLayout, fps: float) -> None:
-        self._camera, self._layout = camera, layout
-        size = (camera.width, camera.height)
-        code = cv2.VideoWriter.fourcc(*"mp4v")
-        self._writer = cv2.VideoWriter(str(path), code, fps, size)
-        if not self._writer.isOpened():
-            raise Unusable(f"{path}: this video cannot be written")
-        self.dry: DryRun | None = None
-
-    def on_flight(self, lander: Lander) -> None:
-        """One flight is all there is."""
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """Draw one picture."""
-        picture = draw(frame.image, sightings, self._camera, self._layout)
-        assert self.dry is not None
-        lander, order = self.dry.lander, self.dry.setpoint
-        lines = [f"{lander.phase.value}: {lander.reason}"]
-        if order is not None:
-            north, east, down = order.velocity
-            turn = math.degrees(order.yaw_rate)
-            lines.append(
-                f"would send north {north:+.2f} east {east:+.2f} down {down:+.2f} m/s, "
-                f"turn {turn:+.1f} deg/s"
-            )
-        for i, line in enumerate(lines):
-            _write(picture, line, picture.shape[0] - 12 - 20 * (len(lines) - 1 - i))
-        self._writer.write(picture)
-
-    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Steps show in the next picture."""
-
-    def close(self) -> None:
-        """Finish the file."""
-        self._writer.release()
-
-
-def _write(picture: NDArray[np.uint8], line: str, y: int) -> None:
-    for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-        cv2.putText(
-            picture, line, (8, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness, cv2.LINE_AA
-        )
+def _fly(
+    args: argparse.Namespace, config: Config, layout: PadLayout, flight: _Flight
+) -> DryRunResult:
+    """Show the core the flight, and write down what it orders, where that was asked for."""
+    recorder = _recorder(args.log, config, layout, flight.camera)
+    video = OrdersVideo(args.draw, flight.camera, layout, args.fps) if args.draw else None
+    observers: list[Observer] = [each for each in (recorder, video) if each is not None]
+    dry = DryRun(config, layout, flight.camera, observers)
+    flight.vehicle.ordered = lambda: dry.gimbal
+    try:
+        dry.run(flight.start, flight.end, flight.vehicle.measure, flight.expose)
+    finally:
+        if recorder is not None:
+            recorder.close()
+        if video is not None:
+            video.close()
+    return dry.result
 
 
 def _recorder(
@@ -280,6 +238,27 @@ def _recorder(
         return None
     path.unlink(missing_ok=True)
     return Recorder(Head(config, layout, camera), config.log, path, background=False)
+
+
+def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict[str, Any]:
+    """Return the object that `--json` prints."""
+    zero = telemetry.start
+    return {
+        "telemetry_s": telemetry.end - zero,
+        "attitude_hz": telemetry.attitude.rate_hz,
+        "position_hz": telemetry.position.rate_hz,
+        "offset_s": flight.offset_s,
+        "offset_correlation": flight.offset_correlation,
+        "frames": result.frames,
+        "frames_with_pad": result.seen,
+        "first_seen_s": None if result.first_seen_t is None else result.first_seen_t - zero,
+        "setpoints": result.setpoints,
+        "phases": [
+            {"t": t - zero, "name": change.phase.value, "reason": change.reason}
+            for t, change in phases(result.steps)
+        ],
+        "outcome": result.outcome,
+    }
 
 
 def _in_words(args: argparse.Namespace, result: dict[str, Any]) -> str:
@@ -316,7 +295,7 @@ def _in_words(args: argparse.Namespace, result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _numbers(*lengths: int) -> Any:
+def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:
     def parse(text: str) -> tuple[float, ...]:
         try:
             values = tuple(float(part) for part in text.split(","))

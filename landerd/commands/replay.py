@@ -1,15 +1,14 @@
 """`landerd replay`: a flight again on the desk, from its log alone."""
 
 import argparse
-import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
-from landerd import devices as registry
+from landerd.commands.shared import add_json, add_set, print_json, refusing, tell
 from landerd.config.files import ConfigError, from_record
 from landerd.config.models import Config
+from landerd.drivers import options_models
 from landerd.flightlog.reader import FlightLog, LogError, read_log
 from landerd.flightlog.replay import (
     TOLERANCE,
@@ -20,37 +19,29 @@ from landerd.flightlog.replay import (
     replay,
     replay_vision,
 )
+from landerd.messages import Command
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("log", type=Path, metavar="LOG.mcap", help="flight log")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="what if this key of the configuration had been different; may be given again",
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    add_set(parser, "what if this key of the configuration had been different")
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print how the replay compares; return 0, 1 if it differs, 2 if the log cannot be used."""
-    try:
+    """Print how the replay compares; return 0, or 1 if it differs."""
+    with refusing(LogError, ConfigError):
         log = read_log(args.log)
         config, unknown = config_of(log, args.set)
-    except (LogError, ConfigError) as e:
-        print(e, file=sys.stderr)
-        return 2
     for note in log.notes:
-        print(note, file=sys.stderr)
+        tell(note)
     for key in unknown:
-        print(f"{log.path}: {key}: this version has no such key, it is left out", file=sys.stderr)
+        tell(f"{log.path}: {key}: this version has no such key, it is left out")
     replayed = replay(log, config)
     vision = replay_vision(log, config)
     if args.json:
-        print(json.dumps(_as_json(replayed.comparison, vision), allow_nan=False))
+        print_json(_as_json(replayed.comparison, vision))
     else:
         print(_in_words(log, replayed, vision, what_if=bool(args.set)))
     good = _is_good(replayed.comparison) and (isinstance(vision, str) or vision.within_tolerance)
@@ -63,8 +54,7 @@ def config_of(log: FlightLog, overrides: list[str]) -> tuple[Config, list[str]]:
     Raises:
         ConfigError: a value cannot be used.
     """
-    others = registry.options_models()
-    return from_record(log.config, str(log.path), others=others, overrides=overrides)
+    return from_record(log.config, str(log.path), others=options_models(), overrides=overrides)
 
 
 def _is_good(comparison: Comparison) -> bool:
@@ -139,6 +129,6 @@ def _first(comparison: Comparison) -> list[str]:
     ]
 
 
-def _timeline(steps: list[Any]) -> list[str]:
+def _timeline(steps: list[tuple[float, list[Command]]]) -> list[str]:
     changes = phases(steps)
     return [f"    {t:7.2f} s  {c.phase.value:14}  {c.reason}" for t, c in changes] or ["    none"]

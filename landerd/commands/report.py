@@ -2,9 +2,9 @@
 
 import argparse
 import importlib.util
-import sys
 from pathlib import Path
 
+from landerd.commands.shared import InputError, refusing
 from landerd.flightlog.reader import LogError, read_log
 
 
@@ -17,23 +17,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the page; return 0, or 2 if a log cannot be used."""
+    """Write the page; return 0."""
     if importlib.util.find_spec("matplotlib") is None:
-        return _refuse("report needs matplotlib: pip install 'landerd[report]'")
+        raise InputError("report needs matplotlib: pip install 'landerd[report]'")
     from landerd.analysis.flight import flight_of
     from landerd.analysis.report import write_report
 
     try:
-        flights = [flight_of(read_log(path)) for path in args.logs]
-        write_report(flights, args.output)
-    except LogError as e:
-        return _refuse(str(e))
+        with refusing(LogError):
+            flights = [flight_of(read_log(path)) for path in args.logs]
+            write_report(flights, args.output)
     except OSError as e:
-        return _refuse(f"{args.output}: cannot be written: {e.strerror}")
+        raise InputError(f"{args.output}: cannot be written: {e.strerror}") from None
     print(args.output)
     return 0
-
-
-def _refuse(text: str) -> int:
-    print(text, file=sys.stderr)
-    return 2

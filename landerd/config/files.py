@@ -7,12 +7,13 @@ changed to fit: text is not a number, true is not 1, and `.nan` and `.inf` are n
 import difflib
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
+from landerd.config.distributions import draw
 from landerd.config.gimbal_reach import within_reach
 from landerd.config.models import Config
 from landerd.config.yaml_tree import (
@@ -26,6 +27,7 @@ from landerd.config.yaml_tree import (
     shown,
 )
 from landerd.ports import GimbalOptions
+from landerd.section import Section
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -43,8 +45,9 @@ class Loaded:
     """A whole configuration."""
 
     config: Config
-    options: Mapping[str, BaseModel]  # of drivers and simulator, by section: "camera.v4l2", "sim"
+    options: Mapping[str, Section]  # of drivers and simulator, by section: "camera.v4l2", "sim"
     remarks: tuple[str, ...] = ()  # what was changed to suit the gimbal, a line each
+    world: Mapping[str, Any] = field(default_factory=dict)  # what the seed drew, by dotted key
 
 
 def config_dir() -> Path:
@@ -75,10 +78,11 @@ def read_model(path: Path, model: type[M]) -> M:
 def load(
     path: Path,
     *,
-    options_models: Mapping[str, type[BaseModel]],
+    options_models: Mapping[str, type[Section]],
     drivers: Mapping[str, Collection[str]] | None = None,
     overlays: Sequence[Path] = (),
     overrides: Sequence[str] = (),
+    seed: int = 0,
 ) -> Loaded:
     """Read and check a configuration file.
 
@@ -92,6 +96,7 @@ def load(
         drivers: names that the key `driver` of a section may have, by section.
         overlays: files laid over the first, as scenarios are.
         overrides: KEY=VALUE, the key dotted, the value in YAML.
+        seed: of the values that are distributions (landerd.config.distributions).
 
     Raises:
         ConfigError: a file cannot be read, or a key is unknown, given twice, missing, of another
@@ -103,6 +108,7 @@ def load(
         tree = tree.under(read_file(overlay, faults))
     for override in overrides:
         tree = tree.under(read_override(override, faults))
+    tree, world = draw(tree, seed, faults)
 
     model = _with_options(Config, options_models)
     config = _validated(model, tree, faults)
@@ -111,7 +117,22 @@ def load(
         raise ConfigError([str(fault) for fault in sorted(faults)])
 
     config = _anchored(config)
-    options = {}
+    options = _options(config, options_models, path)
+    gimbal = options.get(f"gimbal.{config.gimbal.driver}")
+    if not isinstance(gimbal, GimbalOptions):  # the simulator's reaches all that may be asked of it
+        return Loaded(config, options, world=world)
+    try:
+        config, remarks = within_reach(config, gimbal.traits)
+    except ValueError as e:
+        raise ConfigError([f"{shown(path)}: {e}"]) from None
+    return Loaded(config, options, tuple(remarks), world)
+
+
+def _options(
+    config: Config, options_models: Mapping[str, type[Section]], path: Path
+) -> dict[str, Section]:
+    """Return the blocks of drivers and simulator that are there, by section. Raises ConfigError."""
+    options: dict[str, Section] = {}
     for section in options_models:
         parent, _, driver = section.rpartition(".")
         block = _at(config, section)
@@ -119,14 +140,7 @@ def load(
             options[section] = block
         elif _at(config, parent).driver == driver:
             raise ConfigError([f"{shown(path)}: {section}: missing, driver {driver} needs it"])
-    gimbal = options.get(f"gimbal.{config.gimbal.driver}")
-    if not isinstance(gimbal, GimbalOptions):  # the simulator's reaches all that may be asked of it
-        return Loaded(config, options)
-    try:
-        config, remarks = within_reach(config, gimbal.traits)
-    except ValueError as e:
-        raise ConfigError([f"{shown(path)}: {e}"]) from None
-    return Loaded(config, options, tuple(remarks))
+    return options
 
 
 def from_record(
@@ -176,7 +190,7 @@ def _known(
 
 
 def _with_options(
-    model: type[M], options_models: Mapping[str, type[BaseModel]], at: str = ""
+    model: type[M], options_models: Mapping[str, type[Section]], at: str = ""
 ) -> type[M]:
     """Return the model with options added to its sections; None where they need arguments."""
     fields: dict[str, Any] = {}

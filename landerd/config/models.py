@@ -1,7 +1,7 @@
-"""The whole configuration as typed models. `config_file` reads it from YAML.
+"""The whole configuration as typed models. `landerd.config.files` reads it from YAML.
 
 Lengths in m, times in s; angles end in `_deg` because people type them. Drivers and the simulator
-bring models of their own (landerd.devices); they appear under the section they belong to.
+bring models of their own (landerd.drivers); they appear under the section they belong to.
 """
 
 from pathlib import Path

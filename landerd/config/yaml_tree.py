@@ -15,6 +15,9 @@ import yaml
 
 Loc = tuple[str | int, ...]
 
+# The one key of a value that each seed of the simulator draws: landerd.config.distributions.
+DISTRIBUTIONS = frozenset({"uniform", "log_uniform", "normal", "choice", "sign"})
+
 
 @dataclass(frozen=True, order=True)
 class Place:
@@ -74,6 +77,8 @@ class Node:
         """Return the other tree laid over this one, key by key."""
         if not (isinstance(self.value, dict) and isinstance(above.value, dict)):
             return above
+        if DISTRIBUTIONS & {*self.value, *above.value}:
+            return above  # they are values, and no blocks to be laid over each other
         value = dict(self.value)
         for key, node in above.value.items():
             value[key] = value[key].under(node) if key in value else node

@@ -4,16 +4,18 @@ import math
 
 from landerd.geometry import wrap
 
-TURN_WALK = math.radians(2.0)  # rad/s per sqrt(s): how a pad's turn rate may change
-INITIAL_TURN = math.radians(10.0)  # rad/s, 1 sigma of a new pad's turn rate
-REJECTIONS = 5  # headings in a row outside the gate before the filter starts again from them
+# Chosen by trial in the simulator: the row `turning` of `landerd campaign guidance`.
+TURN_RATE_RANDOM_WALK = math.radians(2.0)  # rad/s per sqrt(s): how a pad's turn rate may change
+SIGMA_INITIAL_TURN_RATE = math.radians(10.0)  # rad/s, of a new pad
+REJECTIONS_TO_RESTART = 5  # headings in a row, as of sightings in pad_filter
 
 
 class HeadingFilter:
     """Heading (rad, local) and turn rate (rad/s), driven by white angular acceleration."""
 
-    def __init__(self, gate_sigma: float) -> None:
-        self._gate = gate_sigma**2
+    def __init__(self, max_sigma: float) -> None:
+        """Max sigma: innovations beyond so many of their own standard deviations are refused."""
+        self._nis_limit = max_sigma**2
         self.reset()
 
     def reset(self) -> None:
@@ -22,27 +24,27 @@ class HeadingFilter:
         self.turn_rate = 0.0
         self._heading = 0.0
         self._t = -math.inf
-        self._P = (0.0, 0.0, 0.0)  # of heading, heading with rate, rate
+        self._P = (0.0, 0.0, 0.0)  # covariance: of heading, heading with rate, rate
         self._rejections = 0
 
     def at(self, t: float) -> tuple[float, float]:
         """Return heading and its sigma at time t, rad; only while known."""
         dt = t - self._t
-        return wrap(self._heading + self.turn_rate * dt), math.sqrt(self._grown(dt)[0])
+        return wrap(self._heading + self.turn_rate * dt), math.sqrt(self._covariance_after(dt)[0])
 
     def update(self, t: float, heading: float, sigma: float) -> None:
-        """Take a measurement in, in the order of time."""
+        """Take a measurement and its sigma (rad) in, in the order of time (s)."""
         if not self.known:
             self._start(t, heading, sigma)
             return
         dt = t - self._t
         predicted = wrap(self._heading + self.turn_rate * dt)
-        h, c, w = self._grown(dt)
+        h, c, w = self._covariance_after(dt)
         innovation = wrap(heading - predicted)
         s = h + sigma * sigma
-        if innovation * innovation > self._gate * s:
+        if innovation * innovation > self._nis_limit * s:
             self._rejections += 1
-            if self._rejections >= REJECTIONS:
+            if self._rejections >= REJECTIONS_TO_RESTART:
                 self._start(t, heading, sigma)
             return
         self._rejections = 0
@@ -55,12 +57,12 @@ class HeadingFilter:
     def _start(self, t: float, heading: float, sigma: float) -> None:
         self.known = True
         self._t, self._heading, self.turn_rate = t, heading, 0.0
-        self._P = (sigma * sigma, 0.0, INITIAL_TURN**2)
+        self._P = (sigma * sigma, 0.0, SIGMA_INITIAL_TURN_RATE**2)
         self._rejections = 0
 
-    def _grown(self, dt: float) -> tuple[float, float, float]:
+    def _covariance_after(self, dt: float) -> tuple[float, float, float]:
         h, c, w = self._P
-        q = TURN_WALK * TURN_WALK
+        q = TURN_RATE_RANDOM_WALK * TURN_RATE_RANDOM_WALK
         return (
             h + dt * (2.0 * c + dt * w) + q * dt**3 / 3.0,
             c + dt * w + 0.5 * q * dt * dt,

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 from landerd.geometry import wrap
 
+CUT_BLOCK = 32  # entries, under a second of the fastest stream; chosen by hand
+
 
 class History:
     """The last second of one kind of measurement, each a fixed number of floats."""
@@ -47,7 +49,7 @@ class History:
         self._values.append(values)
         first = bisect_left(self._times, t - self._keep_s)
         # Cut in blocks: removing one entry a message from the front would move the whole list.
-        if first > 32:
+        if first > CUT_BLOCK:
             del self._times[:first]
             del self._values[:first]
         return True

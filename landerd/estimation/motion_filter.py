@@ -1,8 +1,8 @@
-"""Kalman filter of a moving point seen through errors that are the same from frame to frame.
+"""Kalman filter of a moving point seen through biases, errors that all frames have in common.
 
-State: position and velocity of the point (local NED), and three common errors of what shows it: the
+State: position and velocity of the point (local NED), and three biases of what shows it: the
 lens's direction about the camera's x and y (rad), and the clock of the pictures (s). Constant
-velocity that turns with the pad's heading, driven by white acceleration; the common errors are
+velocity that turns with the pad's heading, driven by white acceleration; the biases are
 Gauss-Markov. A 9x9 covariance as six 3x3 blocks in plain floats: the same bits on every machine.
 """
 
@@ -27,59 +27,67 @@ from landerd.geometry import (
 )
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
-NOTHING: Mat3 = (ZERO, ZERO, ZERO)
+ZEROS: Mat3 = (ZERO, ZERO, ZERO)
 
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """What a measurement would change."""
+    """Measured minus expected, and what the measurement would change."""
 
-    vector: Vec3  # measured minus expected, m
-    S: Mat3  # its covariance
+    vector: Vec3  # m
+    S: Mat3  # its covariance, m^2
     S_inverse: Mat3
-    PHt: tuple[Mat3, Mat3, Mat3]  # P H^T by blocks: position, velocity, common
+    PHt: tuple[Mat3, Mat3, Mat3]  # P H^T by blocks: position, velocity, biases
 
     @property
-    def distance(self) -> float:
-        """Squared Mahalanobis distance: chi-square of 3."""
+    def nis(self) -> float:
+        """Normalised innovation squared, its squared Mahalanobis distance: chi-square of 3."""
         return dot(self.vector, rotate(self.S_inverse, self.vector))
 
 
 class MotionFilter:
-    """Measured is position + B common + noise, with B given for every measurement."""
+    """Measured is position + B bias + noise; the 3x3 Jacobian B comes with every measurement."""
 
-    def __init__(self, common_sigma: Vec3, common_s: float) -> None:
+    def __init__(self, sigma_bias: Vec3, bias_time_constant_s: float) -> None:
         """Make a filter that knows nothing; call `start` first, after setting `q`.
 
         Args:
-            common_sigma: of the common errors: rad, rad, s.
-            common_s: their correlation time.
+            sigma_bias: of the biases while nothing is known of them: rad, rad, s.
+            bias_time_constant_s: their correlation time.
         """
         self.q: Vec3 = ZERO  # spectral density of the acceleration along local axes, m^2/s^3
-        self._common_covariance = diagonal(*(sigma * sigma for sigma in common_sigma))
-        self._common_s = common_s
+        self._initial_Pbb = diagonal(*(sigma * sigma for sigma in sigma_bias))
+        self._bias_time_constant_s = bias_time_constant_s
         self.t = -math.inf
         self.turn_rate = 0.0  # of the velocity, rad/s
         self.position = self.velocity = ZERO
-        self.Ppp = self.Ppv = self.Pvv = NOTHING
-        self._Ppc = self._Pvc = NOTHING
-        self.forget_common()
+        self.Ppp = self.Ppv = self.Pvv = ZEROS
+        self._Ppb = self._Pvb = ZEROS
+        self.forget_bias()
 
-    def forget_common(self) -> None:
-        """Take the common errors back to what is assumed of them."""
-        self.common = ZERO
-        self.Pcc = self._common_covariance
+    def forget_bias(self) -> None:
+        """Take the biases back to what is assumed of them."""
+        self.bias = ZERO
+        self.Pbb = self._initial_Pbb
 
     def start(self, t: float, measured: Vec3, R: Mat3, B: Mat3, sigma_velocity: Vec3) -> None:
-        """Begin from one measurement; what is known of the common errors is kept."""
+        """Begin from one measurement; what is known of the biases is kept.
+
+        Args:
+            t: s.
+            measured: m.
+            R: its white noise's covariance, m^2.
+            B: its Jacobian by the biases: m/rad, m/rad, m/s.
+            sigma_velocity: of a velocity that is not known, along the axes, m/s.
+        """
         self.t = t
-        BP = matmul(B, self.Pcc)
-        self.position = sub(measured, rotate(B, self.common))
+        BP = matmul(B, self.Pbb)
+        self.position = sub(measured, rotate(B, self.bias))
         self.velocity = ZERO
         self.Ppp = matadd(R, matmul(BP, transpose(B)))
-        self.Ppv = self._Pvc = NOTHING
+        self.Ppv = self._Pvb = ZEROS
         self.Pvv = diagonal(*(sigma * sigma for sigma in sigma_velocity))
-        self._Ppc = matscale(BP, -1.0)
+        self._Ppb = matscale(BP, -1.0)
 
     @property
     def sigma_velocity(self) -> Vec3:
@@ -98,51 +106,51 @@ class MotionFilter:
         if self.turn_rate != 0.0:
             middle = rotate(rot_z(0.5 * self.turn_rate * dt), velocity)
             velocity = rotate(rot_z(self.turn_rate * dt), velocity)
-        return add(self.position, scale(middle, dt)), velocity, self._grown(dt)
+        return add(self.position, scale(middle, dt)), velocity, self._position_covariance_after(dt)
 
     def predict(self, t: float) -> None:
         """Go on to time t."""
         dt = t - self.t
         self.t = t
         self.position, self.velocity, self.Ppp = self.at(dt)
-        keep = math.exp(-dt / self._common_s)
-        self._Ppc = matscale(matadd(self._Ppc, matscale(self._Pvc, dt)), keep)
-        self._Pvc = matscale(self._Pvc, keep)
+        keep = math.exp(-dt / self._bias_time_constant_s)
+        self._Ppb = matscale(matadd(self._Ppb, matscale(self._Pvb, dt)), keep)
+        self._Pvb = matscale(self._Pvb, keep)
         self.Ppv = matadd(
             matadd(self.Ppv, matscale(self.Pvv, dt)), diagonal(*scale(self.q, 0.5 * dt * dt))
         )
         self.Pvv = matadd(self.Pvv, diagonal(*scale(self.q, dt)))
-        self.common = scale(self.common, keep)
+        self.bias = scale(self.bias, keep)
         keep *= keep
-        self.Pcc = matadd(matscale(self.Pcc, keep), matscale(self._common_covariance, 1.0 - keep))
+        self.Pbb = matadd(matscale(self.Pbb, keep), matscale(self._initial_Pbb, 1.0 - keep))
 
     def innovation(self, measured: Vec3, R: Mat3, B: Mat3) -> Innovation:
         """Return what a measurement at the filter's own time, with covariance R, would change."""
         Bt = transpose(B)
-        Up = matadd(self.Ppp, matmul(self._Ppc, Bt))
-        Uv = matadd(transpose(self.Ppv), matmul(self._Pvc, Bt))
-        Uc = matadd(transpose(self._Ppc), matmul(self.Pcc, Bt))
-        S = matadd(matadd(Up, matmul(B, Uc)), R)
-        vector = sub(sub(measured, self.position), rotate(B, self.common))
-        return Innovation(vector, S, inverse(S), (Up, Uv, Uc))
+        Up = matadd(self.Ppp, matmul(self._Ppb, Bt))
+        Uv = matadd(transpose(self.Ppv), matmul(self._Pvb, Bt))
+        Ub = matadd(transpose(self._Ppb), matmul(self.Pbb, Bt))
+        S = matadd(matadd(Up, matmul(B, Ub)), R)
+        vector = sub(sub(measured, self.position), rotate(B, self.bias))
+        return Innovation(vector, S, inverse(S), (Up, Uv, Ub))
 
     def correct(self, innovation: Innovation) -> None:
         """Take a measurement in."""
         vector, S_inverse = innovation.vector, innovation.S_inverse
-        Up, Uv, Uc = innovation.PHt
-        Kp, Kv, Kc = matmul(Up, S_inverse), matmul(Uv, S_inverse), matmul(Uc, S_inverse)
+        Up, Uv, Ub = innovation.PHt
+        Kp, Kv, Kb = matmul(Up, S_inverse), matmul(Uv, S_inverse), matmul(Ub, S_inverse)
         self.position = add(self.position, rotate(Kp, vector))
         self.velocity = add(self.velocity, rotate(Kv, vector))
-        self.common = add(self.common, rotate(Kc, vector))
-        Up, Uv, Uc = transpose(Up), transpose(Uv), transpose(Uc)
+        self.bias = add(self.bias, rotate(Kb, vector))
+        Up, Uv, Ub = transpose(Up), transpose(Uv), transpose(Ub)
         self.Ppp = _symmetric(_minus(self.Ppp, matmul(Kp, Up)))
         self.Ppv = _minus(self.Ppv, matmul(Kp, Uv))
         self.Pvv = _symmetric(_minus(self.Pvv, matmul(Kv, Uv)))
-        self._Ppc = _minus(self._Ppc, matmul(Kp, Uc))
-        self._Pvc = _minus(self._Pvc, matmul(Kv, Uc))
-        self.Pcc = _symmetric(_minus(self.Pcc, matmul(Kc, Uc)))
+        self._Ppb = _minus(self._Ppb, matmul(Kp, Ub))
+        self._Pvb = _minus(self._Pvb, matmul(Kv, Ub))
+        self.Pbb = _symmetric(_minus(self.Pbb, matmul(Kb, Ub)))
 
-    def _grown(self, dt: float) -> Mat3:
+    def _position_covariance_after(self, dt: float) -> Mat3:
         cross = matadd(self.Ppv, transpose(self.Ppv))
         grown = matadd(matadd(self.Ppp, matscale(cross, dt)), matscale(self.Pvv, dt * dt))
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))

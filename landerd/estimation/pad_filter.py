@@ -1,8 +1,12 @@
-"""The pad in local NED: which of a frame's poses to believe, and what follows from all of them.
+"""The pad in local NED: which of a frame's poses to accept, and what follows from all of them.
 
 Each sighting is taken at its exposure time, so a late picture corrects the state it belongs to and
 the state is predicted from there to now. Of two solutions the likelier is taken: by the picture, by
 where the pad should be, and by how it lay before.
+
+Constants below without another origin were chosen by trial in the simulator: with them every row of
+`landerd campaign guidance` reaches what config/campaigns/guidance.yaml asks of it, consistent
+innovations (`nis_deviation`) included.
 """
 
 import math
@@ -11,25 +15,33 @@ from dataclasses import dataclass, replace
 from landerd.config.models import EstimationSection
 from landerd.estimation.heading_filter import HeadingFilter
 from landerd.estimation.motion_filter import Innovation, MotionFilter
-from landerd.estimation.placement import PlacedPad
+from landerd.estimation.observation import PadObservation
 from landerd.geometry import Mat3, Vec3, add, clamp, matscale, scale, unit
 
-CONFIRM = 3  # consistent sightings before a pad is believed: one false alarm must not fly
-REJECTIONS = 5  # sightings in a row outside the gate before the filter starts again from them
-CONFIRM_GAP_S = 0.3  # between them: over a longer gap a false alarm and the pad make a fast pad
+# ---- when a pad is known -----------------------------------------------------------------------
+SIGHTINGS_TO_CONFIRM = 3  # consistent ones before a pad counts: one false alarm must not fly
+# Between those, s. With 2 s, one false alarm and the pad made a pad that flew at 3 to 6 m/s.
+MAX_CONFIRM_GAP_S = 0.3
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
-INITIAL_SPEED_MPS = (8.0, 8.0, 1.0)  # 1 sigma of a new pad's velocity, local NED
-MAX_TILT = math.radians(25.0)  # what lies steeper is no pad, whatever it looks like
-SIGMA_TILT = math.radians(6.0)  # how far from level pads usually lie
-TILT_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
-COMMON_S = 120.0  # correlation time of the gimbal's and the clock's errors
-ADAPT = 0.05  # a frame: how fast the assumed noises follow what the innovations show
-NOISE_RANGE = (0.05, 100.0)  # of the frames' variance, times what vision and configuration say
-OUTLIER = 4.0  # an innovation beyond the gate by this factor tells nothing of the noise
-CALMEST_MPS2, WILDEST_MPS2 = 0.05, 2.0  # how little and how much acceleration of a pad is assumed
-SWINGING = 0.001  # rad: so far off is the lens's direction that swings as the airframe does
+REJECTIONS_TO_RESTART = 5  # in a row, after which the filter starts again from what it refused
+MAX_SIGMA_HEADING = math.radians(5.0)  # rad; a heading less certain than this is not known
 
-MAX_SIGMA_HEADING = math.radians(5.0)  # a heading less certain than this is not known
+# ---- what is assumed of pads -------------------------------------------------------------------
+SIGMA_INITIAL_VELOCITY_MPS = (8.0, 8.0, 1.0)  # of a new pad, local NED: `moving-15` is 2 sigma
+MIN_ACCELERATION_MPS2, MAX_ACCELERATION_MPS2 = 0.05, 2.0  # bounds of the adapted root of q
+MAX_TILT = math.radians(25.0)  # rad; what lies steeper is no pad, whatever it looks like
+SIGMA_INITIAL_TILT = math.radians(6.0)  # rad, from level
+TILT_RANDOM_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
+
+# ---- what is assumed of the measurement --------------------------------------------------------
+BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and clock
+ADAPTATION_RATE = 0.05  # per frame: how fast the assumed noises follow the innovations
+NOISE_SCALE_RANGE = (0.05, 100.0)  # of the white noise's variance, times what is said of it
+OUTLIER_FACTOR = 4.0  # an innovation beyond the NIS limit by this tells nothing of the noise
+# Swing of the lens's direction with the airframe (gimbal or clock a little late), 1 sigma, rad: it
+# is alike from frame to frame and yet no motion of the pad. Without it a vehicle in calm air
+# leaned 5 degrees to and fro after its own swinging.
+SIGMA_SWING = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +57,6 @@ class PadEstimate:
     sigma_heading: float  # rad
     turn_rate: float  # rad/s; 0 without heading
     normal: Vec3  # unit vector into the pad
-    sighting_t: float  # exposure of the last sighting accepted, s
 
     def moved(self, now: float) -> "PadEstimate":
         """Return the pad at another time if it goes on as it did."""
@@ -59,88 +70,76 @@ class PadEstimate:
 
 
 class PadFilter:
-    """One pad's state. Call `update` with every placed sighting in the order of exposure."""
+    """One pad's state. Call `update` with every frame's observations in the order of exposure.
+
+    Attributes:
+        rejected: sightings refused so far.
+        nis: normalised innovation squared of the last update, refused or not: chi-square of 3
+            degrees of freedom, 3 on average; NaN where there was nothing to compare with.
+    """
 
     def __init__(self, options: EstimationSection) -> None:
         bearing = math.radians(options.gimbal_sigma_deg)
-        self._motion = MotionFilter((bearing, bearing, options.clock_sigma_s), COMMON_S)
+        self._motion = MotionFilter((bearing, bearing, options.clock_sigma_s), BIAS_TIME_CONSTANT_S)
         self._q = options.pad_acceleration_mps2**2
         self._heading = HeadingFilter(options.gate_sigma)
-        self._bearing = bearing
-        self._gate = options.gate_sigma**2
-        self._hits = 0
-        self._rejections = 0
-        self._lean = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
-        self._lean_variance = SIGMA_TILT**2
-        self._noise = 1.0  # variance of what is new in a frame, times what it is said to be
-        self._last_vector: Vec3 = (0.0, 0.0, 0.0)  # innovation before this
-        self.rejected = 0  # sightings refused so far
-        # Of the last update's innovation, refused or not: chi-square of 3, 3 on average; NaN where
-        # there was nothing to compare with.
+        self._sigma_bearing = bearing
+        self._nis_limit = options.gate_sigma**2
+        self._accepted = 0  # sightings since the filter began; 0: nothing is known
+        self._rejections = 0  # in a row
+        self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
+        self._tilt_variance = SIGMA_INITIAL_TILT**2
+        self._noise_scale = 1.0  # white noise's variance over what it is said to be
+        self._last_innovation: Vec3 = (0.0, 0.0, 0.0)  # the position's, m
+        self.rejected = 0
         self.nis = math.nan
 
     @property
-    def common(self) -> Vec3:
+    def bias(self) -> Vec3:
         """Errors common to all frames: lens about camera x and y (rad), clock (s)."""
-        return self._motion.common
+        return self._motion.bias
 
     def reset(self) -> None:
         """Forget the pad, and all that is known of the gimbal."""
-        self._hits = 0
+        self._accepted = 0
         self._heading.reset()
-        self._motion.forget_common()
+        self._motion.forget_bias()
 
     def shift(self, by: Vec3) -> None:
         """The autopilot's local frame jumped: what was at x is now at x + by, m."""
         self._motion.shift(by)
 
-    def update(self, candidates: list[PlacedPad]) -> bool:
-        """Take the likeliest candidate of one frame in; tell whether it was accepted.
+    def update(self, observations: list[PadObservation]) -> bool:
+        """Take the likeliest observation of one frame in; tell whether it was accepted.
 
         Args:
-            candidates: the same frame's pose solutions, one or two, in local NED.
+            observations: of the same frame's pose solutions, one or two.
         """
         self.nis = math.nan
-        candidates = [c for c in candidates if c.tilt < MAX_TILT + 2.0 * c.sigma_tilt]
-        if not candidates:
+        possible = [o for o in observations if o.tilt < MAX_TILT + 2.0 * o.sigma_tilt]
+        if not possible:
             return False
-        t = candidates[0].t
-        motion = self._motion
-        gap = MAX_GAP_S if self._hits >= CONFIRM else CONFIRM_GAP_S
-        if self._hits == 0 or t - motion.t > gap:
-            self._start(min(candidates, key=_image_and_level))
+        t = possible[0].t
+        max_gap = MAX_GAP_S if self._accepted >= SIGHTINGS_TO_CONFIRM else MAX_CONFIRM_GAP_S
+        if self._accepted == 0 or t - self._motion.t > max_gap:
+            self._start(min(possible, key=_cost_by_level))
             return False
-        if t <= motion.t:
+        if t <= self._motion.t:
             return False
-        self._lean_variance += TILT_WALK**2 * (t - motion.t)
-        motion.predict(t)
-        innovations = [self._innovation(c) for c in candidates]
-        costs = [
-            self._image_and_lean(c) + i.distance
-            for c, i in zip(candidates, innovations, strict=True)
-        ]
-        chosen = costs.index(min(costs))
-        best, innovation = candidates[chosen], innovations[chosen]
-        self.nis = innovation.distance
+        self._tilt_variance += TILT_RANDOM_WALK**2 * (t - self._motion.t)
+        self._motion.predict(t)
+        best, innovation = self._likeliest(possible)
+        self.nis = innovation.nis
         self._adapt(best, innovation)
-        if not self.nis <= self._gate:  # so that NaN is outside
-            self.rejected += 1
-            self._rejections += 1
-            if self._rejections >= REJECTIONS:
-                self._start(best)
+        if not self.nis <= self._nis_limit:  # so that NaN is outside
+            self._reject(best)
             return False
-        self._rejections = 0
-        self._hits += 1
-        motion.correct(innovation)
-        self._correct_lean(best)
-        if best.heading is not None:
-            self._heading.update(t, best.heading, best.sigma_heading)
-            motion.turn_rate = self._heading.turn_rate
-        return self._hits >= CONFIRM
+        self._accept(best, innovation)
+        return self._accepted >= SIGHTINGS_TO_CONFIRM
 
-    def estimate(self, now: float, sighting_t: float) -> PadEstimate | None:
+    def estimate(self, now: float) -> PadEstimate | None:
         """Return the state predicted to now, or None while no pad is confirmed."""
-        if self._hits < CONFIRM:
+        if self._accepted < SIGHTINGS_TO_CONFIRM:
             return None
         position, velocity, covariance = self._motion.at(max(0.0, now - self._motion.t))
         heading, sigma_heading = self._heading.at(now) if self._heading.known else (0.0, math.inf)
@@ -154,39 +153,66 @@ class PadFilter:
             heading=heading if known else None,
             sigma_heading=sigma_heading,
             turn_rate=self._heading.turn_rate if known else 0.0,
-            normal=unit((*self._lean, 1.0)),
-            sighting_t=sighting_t,
+            normal=unit((*self._tilt, 1.0)),
         )
 
-    def _start(self, seen: PlacedPad) -> None:
-        self._hits = 1
+    def _start(self, seen: PadObservation) -> None:
+        """Begin anew from one observation; the biases are kept."""
+        self._accepted = 1
         self._rejections = 0
         self._motion.q = (self._q, self._q, self._q)
-        self._last_vector = (0.0, 0.0, 0.0)
-        self._noise = 1.0
-        self._motion.start(seen.t, seen.position, seen.covariance, seen.common, INITIAL_SPEED_MPS)
-        self._lean = (0.0, 0.0)
-        self._lean_variance = SIGMA_TILT**2
-        self._correct_lean(seen)
+        self._last_innovation = (0.0, 0.0, 0.0)
+        self._noise_scale = 1.0
+        self._motion.start(
+            seen.t,
+            seen.position,
+            seen.covariance,
+            seen.bias_jacobian,
+            SIGMA_INITIAL_VELOCITY_MPS,
+        )
+        self._tilt = (0.0, 0.0)
+        self._tilt_variance = SIGMA_INITIAL_TILT**2
+        self._correct_tilt(seen)
         self._heading.reset()
         self._motion.turn_rate = 0.0
         if seen.heading is not None:
             self._heading.update(seen.t, seen.heading, seen.sigma_heading)
 
-    def _innovation(self, seen: PlacedPad) -> Innovation:
+    def _likeliest(self, possible: list[PadObservation]) -> tuple[PadObservation, Innovation]:
+        innovations = [self._innovation(o) for o in possible]
+        costs = [self._cost_by_tilt(o) + i.nis for o, i in zip(possible, innovations, strict=True)]
+        chosen = costs.index(min(costs))
+        return possible[chosen], innovations[chosen]
+
+    def _innovation(self, seen: PadObservation) -> Innovation:
         # A pad that the vehicle goes along with hides the clock's error.
         v = self._motion.velocity
-        a, b, c = seen.common
-        common = (
+        a, b, c = seen.bias_jacobian
+        bias_jacobian = (
             (a[0], a[1], a[2] - v[0]),
             (b[0], b[1], b[2] - v[1]),
             (c[0], c[1], c[2] - v[2]),
         )
         return self._motion.innovation(
-            seen.position, matscale(seen.covariance, self._noise), common
+            seen.position, matscale(seen.covariance, self._noise_scale), bias_jacobian
         )
 
-    def _adapt(self, seen: PlacedPad, innovation: Innovation) -> None:
+    def _reject(self, seen: PadObservation) -> None:
+        self.rejected += 1
+        self._rejections += 1
+        if self._rejections >= REJECTIONS_TO_RESTART:
+            self._start(seen)
+
+    def _accept(self, seen: PadObservation, innovation: Innovation) -> None:
+        self._rejections = 0
+        self._accepted += 1
+        self._motion.correct(innovation)
+        self._correct_tilt(seen)
+        if seen.heading is not None:
+            self._heading.update(seen.t, seen.heading, seen.sigma_heading)
+            self._motion.turn_rate = self._heading.turn_rate
+
+    def _adapt(self, seen: PadObservation, innovation: Innovation) -> None:
         """Let the assumed noises follow the innovations (Mehra 1970).
 
         They should be as large as their covariance says, or the frames' noise is another one; and
@@ -194,45 +220,49 @@ class PadFilter:
         airframe (a gimbal or a clock a little late) is alike from frame to frame too. Taken for
         the pad's motion it would be flown after, and so keep the airframe swinging.
         """
-        if not self.nis <= OUTLIER * self._gate:  # so that NaN is outside
+        if not self.nis <= OUTLIER_FACTOR * self._nis_limit:  # so that NaN is outside
             return
-        distance = min(self.nis, self._gate)
-        noise = self._noise * math.exp(ADAPT * (distance / 3.0 - 1.0))
-        self._noise = clamp(noise, *NOISE_RANGE)
+        nis = min(self.nis, self._nis_limit)
+        scaled = self._noise_scale * math.exp(ADAPTATION_RATE * (nis / 3.0 - 1.0))
+        self._noise_scale = clamp(scaled, *NOISE_SCALE_RANGE)
         x, y, z = innovation.vector
-        u, v, w = self._last_vector
-        self._last_vector = innovation.vector
+        u, v, w = self._last_innovation
+        self._last_innovation = innovation.vector
         S = innovation.S
         expected = S[0][0] + S[1][1]
-        swinging = min(expected, 2.0 * (SWINGING * seen.range_m) ** 2)
-        level = (x * u + y * v - swinging) / expected
+        by_swing = min(expected, 2.0 * (SIGMA_SWING * seen.range_m) ** 2)
+        horizontal = (x * u + y * v - by_swing) / expected
         q_north, _, q_down = self._motion.q
-        q_north = _drifted(q_north, level)
-        self._motion.q = (q_north, q_north, _drifted(q_down, z * w / S[2][2]))
+        q_north = _adapted(q_north, horizontal)
+        self._motion.q = (q_north, q_north, _adapted(q_down, z * w / S[2][2]))
 
-    def _image_and_lean(self, c: PlacedPad) -> float:
-        """Chi-square of a pose: what the picture says, and how the pad lay before."""
-        north, east = c.normal[0] - self._lean[0], c.normal[1] - self._lean[1]
-        variance = self._lean_variance + c.sigma_tilt**2 + self._bearing**2
-        return c.cost + (north * north + east * east) / variance
+    def _cost_by_tilt(self, seen: PadObservation) -> float:
+        """Return chi-square of a pose: what the picture says, and how the pad lay before."""
+        north, east = seen.normal[0] - self._tilt[0], seen.normal[1] - self._tilt[1]
+        variance = self._tilt_variance + seen.sigma_tilt**2 + self._sigma_bearing**2
+        return seen.cost + (north * north + east * east) / variance
 
-    def _correct_lean(self, seen: PlacedPad) -> None:
-        s = self._lean_variance + seen.sigma_tilt**2 + self._bearing**2
-        k = self._lean_variance / s
-        north, east = self._lean
-        self._lean = (
+    def _correct_tilt(self, seen: PadObservation) -> None:
+        """Take the normal in by a Kalman filter of one variance, white in both directions."""
+        s = self._tilt_variance + seen.sigma_tilt**2 + self._sigma_bearing**2
+        k = self._tilt_variance / s
+        north, east = self._tilt
+        self._tilt = (
             north + k * (seen.normal[0] - north),
             east + k * (seen.normal[1] - east),
         )
-        self._lean_variance *= 1.0 - k
+        self._tilt_variance *= 1.0 - k
 
 
-def _drifted(q: float, likeness: float) -> float:
-    """Return the process noise after an innovation that is so much like the one before."""
-    changed = q * math.exp(ADAPT * clamp(likeness, -3.0, 3.0))
-    return clamp(changed, CALMEST_MPS2**2, WILDEST_MPS2**2)
+def _adapted(q: float, correlation: float) -> float:
+    """Return the process noise q (m^2/s^3) after two innovations that correlate so.
+
+    The correlation is in units of their expected variance: 0 on average where q is right.
+    """
+    changed = q * math.exp(ADAPTATION_RATE * clamp(correlation, -3.0, 3.0))
+    return clamp(changed, MIN_ACCELERATION_MPS2**2, MAX_ACCELERATION_MPS2**2)
 
 
-def _image_and_level(c: PlacedPad) -> float:
-    """Chi-square of a pose: what the picture says, and that pads lie nearly level."""
-    return c.cost + (c.tilt / math.hypot(SIGMA_TILT, c.sigma_tilt)) ** 2
+def _cost_by_level(seen: PadObservation) -> float:
+    """Return chi-square of a pose: what the picture says, and that pads lie nearly level."""
+    return seen.cost + (seen.tilt / math.hypot(SIGMA_INITIAL_TILT, seen.sigma_tilt)) ** 2

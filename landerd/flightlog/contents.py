@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from landerd.camera_model import CameraModel
 from landerd.config.models import Config
-from landerd.guidance.relative import Relative
+from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Command, Input, Phase, Prior
 from landerd.pad import PadLayout
 
@@ -60,7 +60,7 @@ class State:
     reason: str
     outcome: str | None
     aborts: int
-    relative: Relative | None  # None while pad or vehicle is unknown
+    relative: RelativeState | None  # None while pad or vehicle is unknown
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -127,50 +127,61 @@ def records(path: Path, notes: list[str]) -> Iterator[tuple[str, McapRecord]]:
     Raises:
         LogError: it cannot be read, or is no MCAP file.
     """
+    stream, size = _opened(path)
+    with stream:
+        topics: dict[int, str] = {}
+        for part in _parts(path, stream, size, notes):
+            if isinstance(part, Channel):
+                topics[part.id] = part.topic
+            elif isinstance(part, Message):
+                if part.channel_id in topics:
+                    yield topics[part.channel_id], part
+            elif not isinstance(part, Schema):
+                yield "", part
+
+
+def _opened(path: Path) -> tuple[BinaryIO, int]:
+    """Return an MCAP file behind its magic bytes, and its size. Raises LogError."""
     try:
         stream = path.open("rb")
-        size = path.stat().st_size
     except OSError as e:
         raise LogError(f"{path}: cannot be read: {e.strerror}") from None
-    with stream:
+    try:
+        size = path.stat().st_size
+        magic = stream.read(len(_MAGIC))
+    except OSError as e:
+        stream.close()
+        raise LogError(f"{path}: cannot be read: {e.strerror}") from None
+    if magic != _MAGIC:
+        stream.close()
+        what = "empty" if not magic else "not an MCAP file"
+        raise LogError(f"{path}: {what}, expected a flight log")
+    return stream, size
+
+
+def _parts(path: Path, stream: BinaryIO, size: int, notes: list[str]) -> Iterator[McapRecord]:
+    """Yield the records, those of chunks one by one; damage is left out and added to notes."""
+    reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=_MOST_BYTES)
+    at = stream.tell()
+    chunks = reader.records
+    while True:
         try:
-            magic = stream.read(len(_MAGIC))
-        except OSError as e:
-            raise LogError(f"{path}: cannot be read: {e.strerror}") from None
-        if magic != _MAGIC:
-            what = "empty" if not magic else "not an MCAP file"
-            raise LogError(f"{path}: {what}, expected a flight log")
-        reader = StreamReader(
-            stream, skip_magic=True, emit_chunks=True, record_size_limit=_MOST_BYTES
-        )
-        topics: dict[int, str] = {}
-        at = stream.tell()
-        parts = reader.records
-        while True:
-            try:
-                record = next(parts)
-                # The library takes fewer bytes than asked for at the end of a file.
-                inner = _inner(record)
-            except StopIteration:
+            record = next(chunks)
+            # The library takes fewer bytes than asked for at the end of a file.
+            inner = _inner(record)
+        except StopIteration:
+            return
+        except _DAMAGE as e:
+            if _is_lost(e, stream.tell(), size):
+                left = f"the last {size - at} of {size} bytes are an unfinished part"
+                notes.append(f"{path}: recording was cut off; {left}")
                 return
-            except _DAMAGE as e:
-                if _is_lost(e, stream.tell(), size):
-                    left = f"the last {size - at} of {size} bytes are an unfinished part"
-                    notes.append(f"{path}: recording was cut off; {left}")
-                    return
-                notes.append(f"{path}: damaged, bytes {at} to {stream.tell()} are left out")
-                at = stream.tell()
-                parts = reader.records
-                continue
+            notes.append(f"{path}: damaged, bytes {at} to {stream.tell()} are left out")
             at = stream.tell()
-            for part in inner:
-                if isinstance(part, Channel):
-                    topics[part.id] = part.topic
-                elif isinstance(part, Message):
-                    if part.channel_id in topics:
-                        yield topics[part.channel_id], part
-                elif not isinstance(part, Schema):
-                    yield "", part
+            chunks = reader.records
+            continue
+        at = stream.tell()
+        yield from inner
 
 
 def _inner(record: McapRecord) -> list[McapRecord]:

@@ -87,7 +87,7 @@ class Recorder:
         self._synced_t = 0.0
         self._low = 0  # 1: no room for images, 2: none for detail, or the disk takes nothing
         self._dropped: Counter[str] = Counter()
-        self._told = Dropped(0, 0, 0, 0)
+        self._dropped_written = Dropped(0, 0, 0, 0)
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         if background:
@@ -146,7 +146,12 @@ class Recorder:
         if lander is None or not self._takes_detail():
             return
         state = State(
-            now, lander.phase, lander.reason, lander.outcome, lander.aborts, lander.relative(now)
+            now,
+            lander.phase,
+            lander.reason,
+            lander.outcome,
+            lander.aborts,
+            lander.relative_state(now),
         )
         self._put(self._state, (state,))
 
@@ -223,7 +228,7 @@ class Recorder:
         files, self._files = self._files, None
         if files is None:
             return
-        self._tell_dropped(files, self._now)
+        self._write_dropped(files, self._now)
         files.writer.finish()
         files.mcap.close()
         if files.tlog is not None:
@@ -239,7 +244,7 @@ class Recorder:
         files = self._files
         if files is None:
             return
-        self._tell_dropped(files, now)
+        self._write_dropped(files, now)
         files.writer.flush()
         taken = files.mcap.sync() & (files.tlog is None or files.tlog.sync())
         folder = files.mcap.path.parent
@@ -258,11 +263,11 @@ class Recorder:
             log.warning("%s: %s, %s not recorded", folder, files.mcap.error or "nearly full", lost)
         self._low = low
 
-    def _tell_dropped(self, files: _Files, now: float) -> None:
+    def _write_dropped(self, files: _Files, now: float) -> None:
         count = self._dropped
         dropped = Dropped(count["images"], count["detail"], count["messages"], count["errors"])
-        if dropped != self._told:
-            self._told = dropped
+        if dropped != self._dropped_written:
+            self._dropped_written = dropped
             files.writer.dropped(now, dropped)
 
     # ---- what is in the queue; without files it goes nowhere -----------------------------------

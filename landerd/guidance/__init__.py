@@ -1,1 +1,1 @@
-"""What to order: gate, phases, controllers, limits, aim."""
+"""What to order: who flies, the states of a landing, controllers, limits, where to look."""

@@ -4,6 +4,7 @@ import math
 from enum import Enum
 
 from landerd.config.models import FreshnessSection, RcSection
+from landerd.guidance import pilot_texts
 from landerd.messages import Heartbeat, RcChannels
 
 
@@ -83,19 +84,19 @@ class Gate:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
         if beat is None or now - beat.t > self._freshness.heartbeat_s:
-            return Authority.SILENT, "no heartbeat from the autopilot"
+            return Authority.SILENT, pilot_texts.NO_HEARTBEAT
         if not beat.armed:
-            return Authority.SILENT, "not armed"
+            return Authority.SILENT, pilot_texts.NOT_ARMED
         if not beat.guided:
-            return Authority.SILENT, f"mode is {beat.mode}, not GUIDED"
+            return Authority.SILENT, pilot_texts.NOT_GUIDED.format(mode=beat.mode)
         if self._ending:
-            return Authority.RELEASED, "told to stop: take over"
+            return Authority.RELEASED, pilot_texts.TOLD_TO_STOP
         if now - self._rc_t > self._freshness.rc_s:
-            return Authority.RELEASED, "RC channels are stale"
+            return Authority.RELEASED, pilot_texts.RC_STALE
         if self._pulse_us == 0:
-            return Authority.RELEASED, f"RC {self._channel} has no signal"
+            return Authority.RELEASED, pilot_texts.RC_NO_SIGNAL.format(channel=self._channel)
         if self._pulse_us <= self._threshold_us:
-            return Authority.RELEASED, f"RC {self._channel} is low"
+            return Authority.RELEASED, pilot_texts.RC_LOW.format(channel=self._channel)
         if self._latched:
-            return Authority.RELEASED, f"move RC {self._channel} low, then high"
-        return Authority.GRANTED, "granted"
+            return Authority.RELEASED, pilot_texts.RC_LATCHED.format(channel=self._channel)
+        return Authority.GRANTED, pilot_texts.GRANTED

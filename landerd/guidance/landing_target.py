@@ -2,23 +2,25 @@
 
 from collections.abc import Sequence
 
-from landerd.estimation.pad_filter import PadEstimate
-from landerd.estimation.placement import PlacedPad, Placement
+from landerd.estimation.estimator import Estimator
+from landerd.estimation.observation import PadObservation
 from landerd.geometry import norm, rot_zyx, rotate, sub, transpose
 from landerd.messages import LandingTarget
 
 
-def landing_target(
-    placement: Placement, estimate: PadEstimate, seen: Sequence[PlacedPad]
-) -> LandingTarget | None:
+def landing_target(estimator: Estimator, seen: Sequence[PadObservation]) -> LandingTarget | None:
     """Return what one frame shows as LANDING_TARGET wants it; None where a history is missing.
 
     The autopilot has a filter of its own, so it gets the measurement and not the estimate; the
     estimate decides between the poses that explain the frame. The angles of gimbal and airframe at
     exposure are in it already.
     """
+    estimate = estimator.pad(estimator.sighting_t)
+    if estimate is None:
+        return None
     pad = min(seen, key=lambda s: norm(sub(s.position, estimate.position)))
-    position, attitude = placement.position.at(pad.t), placement.attitude.at(pad.t)
+    poses = estimator.poses
+    position, attitude = poses.position.at(pad.t), poses.attitude.at(pad.t)
     if position is None or attitude is None:
         return None
     roll, pitch, yaw = attitude[:3]

@@ -5,6 +5,7 @@ The camera looks where the pad should be and then sweeps (guidance.aim), whateve
 
 from landerd.config.models import LostSection
 from landerd.geometry import Vec3
+from landerd.guidance import pilot_texts
 
 
 class LostPlan:
@@ -37,7 +38,7 @@ class LostPlan:
             return None
         climbed = self._start_down - down_m
         if waited < self._hold_s:
-            return (0.0, 0.0, 0.0), "holding"
+            return (0.0, 0.0, 0.0), pilot_texts.HOLDING
         if climbed >= o.climb_m:
-            return (0.0, 0.0, 0.0), "searching"
-        return (0.0, 0.0, -o.climb_mps), "climbing"
+            return (0.0, 0.0, 0.0), pilot_texts.SEARCHING
+        return (0.0, 0.0, -o.climb_mps), pilot_texts.CLIMBING

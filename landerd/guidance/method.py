@@ -5,7 +5,7 @@ from typing import Protocol
 from landerd.config.models import GuidanceSection
 from landerd.geometry import Vec3
 from landerd.guidance.pid_method import PidMethod
-from landerd.guidance.relative import Relative
+from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.tracking_method import TrackingMethod
 from landerd.messages import Phase
 
@@ -20,7 +20,7 @@ class Method(Protocol):
         """Begin a landing."""
 
     def step(
-        self, phase: Phase, relative: Relative, floor_m: float, dt: float
+        self, phase: Phase, relative: RelativeState, floor_m: float, dt: float
     ) -> tuple[Vec3, float]:
         """Return velocity (local NED, m/s) and yaw rate (rad/s)."""
 

@@ -3,14 +3,22 @@
 import math
 
 from landerd.config.models import DescentSection
-from landerd.guidance.relative import Relative
+from landerd.guidance import pilot_texts
+from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
 
-BACK = 1.3  # a phase is left backwards only this much outside the bound it was entered at
-COMMITTED_MPS = 0.4  # about how fast it sinks after commit
-COMMIT_AGE_S = 0.3  # of the last sighting at commit: sight may end there, and contact takes time
-TOO_FAR = 1.5  # low and this much outside the region it climbs and tries again
-ALIGNMENT_MARGIN_M = 0.1  # the floor kept over the alignment height, for the height's own error
+# Chosen by trial in the simulator where nothing else is said: with them every row of `landerd
+# campaign guidance` reaches what is asked of it.
+PHASE_HYSTERESIS = 1.3  # CLOSE_APPROACH is left backwards so many times its bound away
+COMMITTED_SINK_RATE_MPS = 0.4  # after commit, for the time to touch-down: between 0.3 and 0.6
+# Of the last sighting at commit, s: sight may end there. With an older one touchdown.MAX_BLIND_S
+# was over on the pad, before contact was sure, and the vehicle climbed from it.
+MAX_COMMIT_AGE_S = 0.3
+ALIGNMENT_MARGIN_M = 0.1  # of the floor over the alignment height, for the height's own error
+# Go-arounds, below the commit height: so many times the region's radius away, or below this part
+# of the commit height and still not fit to commit.
+GO_AROUND_RADII = 1.5
+GO_AROUND_HEIGHT_SHARE = 0.5
 
 
 def descent_radius(options: DescentSection, height: float) -> float:
@@ -26,7 +34,12 @@ def region_height(options: DescentSection, radius: float) -> float:
 
 
 class Phases:
-    """Moves from APPROACH to LANDED by distance, height and heading."""
+    """Moves from APPROACH to LANDED, which means committed, by distance, height and heading.
+
+    Attributes:
+        phase: that holds now.
+        goes_around: it was low over the pad but not so that it could land, and climbs to try again.
+    """
 
     def __init__(self, options: DescentSection, *, has_heading: bool) -> None:
         self.configure(options)
@@ -36,7 +49,7 @@ class Phases:
     def configure(self, options: DescentSection) -> None:
         """Take new bounds."""
         self._options = options
-        self._touchdown_s = options.commit_height_m / COMMITTED_MPS
+        self._touchdown_s = options.commit_height_m / COMMITTED_SINK_RATE_MPS
         self._align = math.radians(options.align_deg)
         self._realign = math.radians(options.realign_deg)
 
@@ -45,9 +58,9 @@ class Phases:
         self.phase = Phase.APPROACH
         self._aligned = not self._has_heading
         self._heading_known = True  # or not needed
-        self.climbs_again = False  # it was low over the pad, but not so that it could land
+        self.goes_around = False
 
-    def may_descend(self, relative: Relative) -> bool:
+    def may_descend(self, relative: RelativeState) -> bool:
         """Tell whether the vehicle is inside the descent region, its own uncertainty counted."""
         radius = descent_radius(self._options, relative.height)
         return relative.distance + 2.0 * relative.sigma_m < radius
@@ -55,19 +68,27 @@ class Phases:
     @property
     def floor_m(self) -> float:
         """Height over the pad not to go below now: the alignment height until aligned."""
-        if self.climbs_again and self._heading_known:
+        if self.goes_around and self._heading_known:
             return self._options.retry_height_m
         return 0.0 if self._aligned else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
-    def step(self, relative: Relative, sighting_age: float = 0.0) -> tuple[Phase, str]:
+    def step(self, relative: RelativeState, sighting_age: float = 0.0) -> tuple[Phase, str]:
         """Return the phase that holds from now on and why; the age is that at exposure, s."""
         self._update_alignment(relative.heading_error)
-        radius = descent_radius(self._options, relative.height)
-        close = self._options.close_factor * radius
+        self._move_on(relative)
+        if self._commits(relative, sighting_age):
+            self.phase = Phase.LANDED
+        else:
+            self._decide_go_around(relative)
+        return self.phase, self._why(relative)
+
+    def _move_on(self, relative: RelativeState) -> None:
+        """Take the phases up to DESCENT that hold; several may be passed in one step."""
+        close = self._options.close_factor * descent_radius(self._options, relative.height)
         distance = relative.distance
         if self.phase is Phase.APPROACH and distance < close:
             self.phase = Phase.CLOSE_APPROACH
-        elif self.phase is not Phase.APPROACH and distance > BACK * close:
+        elif self.phase is not Phase.APPROACH and distance > PHASE_HYSTERESIS * close:
             self.phase = Phase.APPROACH
         if self.phase is Phase.CLOSE_APPROACH and self.may_descend(relative):
             self.phase = Phase.YAW_CORRECTION
@@ -75,19 +96,17 @@ class Phases:
             self.phase = Phase.DESCENT
         elif self.phase is Phase.DESCENT and not self._aligned:
             self.phase = Phase.YAW_CORRECTION
-        if (
+
+    def _commits(self, relative: RelativeState, sighting_age: float) -> bool:
+        return (
             self.phase is Phase.DESCENT
             and relative.height < self._options.commit_height_m
-            and not self.climbs_again
-            and sighting_age < COMMIT_AGE_S
+            and not self.goes_around
+            and sighting_age < MAX_COMMIT_AGE_S
             and self.will_land_well(relative)
-        ):
-            self.phase = Phase.LANDED
-        else:
-            self._decide_to_climb(relative)
-        return self.phase, self._why(relative)
+        )
 
-    def will_land_well(self, relative: Relative) -> bool:
+    def will_land_well(self, relative: RelativeState) -> bool:
         """Tell whether the error and the speed at touch-down will be inside their limits."""
         o = self._options
         (north, east, _), (v_north, v_east, v_down) = relative.error, relative.error_rate
@@ -96,17 +115,18 @@ class Phases:
         slow = math.hypot(v_north, v_east) < o.commit_slip_mps and -v_down < o.commit_sink_mps
         return off < o.commit_miss_m and slow
 
-    def _decide_to_climb(self, relative: Relative) -> None:
+    def _decide_go_around(self, relative: RelativeState) -> None:
         """Just over the pad is no place to wait: what cannot land climbs and tries again."""
         o = self._options
-        if self.climbs_again:
-            self.climbs_again = relative.height < self.floor_m
+        if self.goes_around:
+            self.goes_around = relative.height < self.floor_m
         elif not self._heading_known:
             # From higher up the camera sees all markers again.
-            self.climbs_again = relative.height < o.alignment_height_m
+            self.goes_around = relative.height < o.alignment_height_m
         elif relative.height < o.commit_height_m:
-            outside = relative.distance > TOO_FAR * descent_radius(o, relative.height)
-            self.climbs_again = outside or relative.height < 0.5 * o.commit_height_m
+            outside = relative.distance > GO_AROUND_RADII * descent_radius(o, relative.height)
+            too_low = relative.height < GO_AROUND_HEIGHT_SHARE * o.commit_height_m
+            self.goes_around = outside or too_low
 
     def _update_alignment(self, heading_error: float | None) -> None:
         if not self._has_heading:
@@ -117,11 +137,11 @@ class Phases:
         else:
             self._aligned = abs(heading_error) < (self._realign if self._aligned else self._align)
 
-    def _why(self, relative: Relative) -> str:
-        if self.climbs_again and not self._heading_known:
-            return "pad's heading not seen, climbing again"
+    def _why(self, relative: RelativeState) -> str:
+        if self.goes_around and not self._heading_known:
+            return pilot_texts.NO_HEADING_CLIMBING
         if self.phase is Phase.YAW_CORRECTION and not self._heading_known:
-            return "pad's heading not seen"
-        if self.climbs_again:
-            return f"off by {relative.distance:.2f} m, climbing again"
-        return f"{relative.distance:.1f} m away, {relative.height:.1f} m up"
+            return pilot_texts.NO_HEADING
+        if self.goes_around:
+            return pilot_texts.OFF_CLIMBING.format(distance=relative.distance)
+        return pilot_texts.UNDER_WAY.format(distance=relative.distance, height=relative.height)

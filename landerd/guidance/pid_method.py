@@ -5,7 +5,7 @@ import math
 from landerd.config.models import GuidanceSection, PidGains
 from landerd.geometry import Vec3, clamp
 from landerd.guidance.pid import Pid
-from landerd.guidance.relative import Relative
+from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
 
 
@@ -47,7 +47,7 @@ class PidMethod:
         self._saturated = self._down_saturated = False
 
     def step(
-        self, phase: Phase, relative: Relative, floor_m: float, dt: float
+        self, phase: Phase, relative: RelativeState, floor_m: float, dt: float
     ) -> tuple[Vec3, float]:
         """Return velocity (local NED, m/s) and yaw rate (rad/s).
 

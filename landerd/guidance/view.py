@@ -3,13 +3,17 @@
 import math
 from collections.abc import Sequence
 
+from landerd.config.models import AimSection
+from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
-from landerd.estimation.placement import Placement
 from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
 from landerd.pad import Marker, PadLayout, Ring, Square
 
-WIDEST = math.radians(50.0)  # what is narrower than this fits into the picture of any lens used
-NEAREST_M = 0.05
+# Markers seen within this angle, rad, fit into the picture: chosen by hand for the thesis's camera
+# (78 by 63 degrees), with room for a gimbal that lags.
+MAX_GROUP_ANGLE = math.radians(50.0)
+MIN_RANGE_M = 0.05  # nearer than this the pad has no direction
 
 
 class View:
@@ -21,21 +25,41 @@ class View:
         groups = [layout.markers, telling, [min(telling, key=_size)]]
         self._groups = [_corners(group) for group in groups]
 
-    def direction(self, placement: Placement, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
+    def ahead(self, estimator: Estimator, now: float, options: AimSection) -> Vec3 | None:
+        """Return the direction to look in when the gimbal has got there, None to search for it.
+
+        Args:
+            estimator: where vehicle and pad are.
+            now: s.
+            options: how late the gimbal is, and how long a pad out of sight is remembered.
+
+        Returns:
+            as `direction`.
+        """
+        attitude = estimator.poses.attitude.newest
+        # From stale data the lens would be led away from a pad that is still in the picture.
+        remembered = now - estimator.sighting_t < options.search_after_s
+        if attitude is None or not remembered or not estimator.has_fresh_vehicle(now):
+            return None
+        then = now + options.lead_s
+        pad = estimator.pad(then)
+        return self.direction(estimator.poses, pad, then - attitude[0]) if pad else None
+
+    def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
         """Return the direction to look in, unit vector in the frame the gimbal is measured in.
 
         Args:
-            placement: where vehicle and gimbal are.
+            poses: where vehicle and gimbal are.
             pad: as it will be when the gimbal has got there.
             ahead_s: how long after the newest attitude that is.
         """
-        base = placement.gimbal_base(ahead_s)
+        base = poses.gimbal_base(ahead_s)
         if base is None:
             return None
         pivot, R_local_base = base
         to_pad = sub(pad.position, pivot)
         look = to_pad if pad.heading is None else self._look(to_pad, pad.heading)
-        if dot(look, look) < NEAREST_M * NEAREST_M:
+        if dot(look, look) < MIN_RANGE_M * MIN_RANGE_M:
             return None
         return rotate(transpose(R_local_base), unit(look))
 
@@ -46,9 +70,9 @@ class View:
         for corners in self._groups:
             rays = [unit(add(to_pad, rotate(R, c))) for c in corners]
             # The wider of the rectangle's diagonals.
-            wide = min(((rays[0], rays[2]), (rays[1], rays[3])), key=lambda d: dot(*d))
-            middle = add(*wide)
-            if dot(*wide) > math.cos(WIDEST):
+            diagonal = min(((rays[0], rays[2]), (rays[1], rays[3])), key=lambda d: dot(*d))
+            middle = add(*diagonal)
+            if dot(*diagonal) > math.cos(MAX_GROUP_ANGLE):
                 break
         return scale(middle, 0.5)
 

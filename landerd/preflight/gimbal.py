@@ -73,40 +73,51 @@ def _gimbal_stream(got: list[tuple[float, GimbalState]], config: Config) -> list
 
 async def _moves(gimbal: Gimbal, start: GimbalState, config: Config) -> list[Finding]:
     """Order a change of pitch, then of yaw, and look which way the gimbal says it goes."""
-    findings = []
     limits = {"pitch": config.gimbal.pitch_limits_deg, "yaw": config.gimbal.yaw_limits_deg}
+    findings = []
     for axis, (low, high) in limits.items():
         now = math.degrees(getattr(start, axis))
         middle = 0.5 * (low + high)
         step = min(_MOVE_DEG, 0.4 * (high - low)) * (1.0 if now < middle else -1.0)
         if abs(step) <= _MOVED_DEG:
             continue
-        target = {"yaw": start.yaw, "pitch": start.pitch, axis: math.radians(now + step)}
-        gimbal.command(GimbalCommand(**target))
-        states = await gather(gimbal.state, GIMBAL_MOVE_S)
-        gimbal.command(GimbalCommand(start.yaw, start.pitch))
-        end = math.degrees(getattr(states[-1][1], axis)) if states else now
-        moved = math.remainder(end - now, 360.0) * math.copysign(1.0, step)
-        if moved < -_MOVED_DEG:
-            findings.append(
-                Finding(
-                    "fail",
-                    "gimbal motion",
-                    f"{axis} moves the wrong way: {step:+.0f} degrees ordered, {end - now:+.0f} "
-                    "came. The camera would turn away from the pad",
-                    f"reverse its {axis} ({axis}_sign, or the servo's table): landerd "
-                    "calibrate gimbal finds how",
-                )
-            )
-        elif moved < _MOVED_DEG:
-            findings.append(
-                Finding(
-                    "fail",
-                    "gimbal motion",
-                    f"{axis} does not follow: {step:+.0f} degrees ordered, {end - now:+.0f} came "
-                    f"in {GIMBAL_MOVE_S:g} s",
-                    "are its motors on, does its mode take orders, are the limits right?",
-                )
-            )
+        came = await _moved_deg(gimbal, start, axis, now + step) - now
+        findings += _motion(axis, step, came)
         await asyncio.sleep(0.5)
     return findings or [Finding("ok", "gimbal motion", "pitch and yaw follow orders")]
+
+
+async def _moved_deg(gimbal: Gimbal, start: GimbalState, axis: str, to_deg: float) -> float:
+    """Order an axis to an angle for a while, and return which one it then tells."""
+    target = {"yaw": start.yaw, "pitch": start.pitch, axis: math.radians(to_deg)}
+    gimbal.command(GimbalCommand(**target))
+    states = await gather(gimbal.state, GIMBAL_MOVE_S)
+    gimbal.command(GimbalCommand(start.yaw, start.pitch))
+    return math.degrees(getattr(states[-1][1] if states else start, axis))
+
+
+def _motion(axis: str, step: float, came: float) -> list[Finding]:
+    """Say what is wrong with a change of angle, deg."""
+    moved = math.remainder(came, 360.0) * math.copysign(1.0, step)
+    if moved < -_MOVED_DEG:
+        return [
+            Finding(
+                "fail",
+                "gimbal motion",
+                f"{axis} moves the wrong way: {step:+.0f} degrees ordered, {came:+.0f} "
+                "came. The camera would turn away from the pad",
+                f"reverse its {axis} ({axis}_sign, or the servo's table): landerd "
+                "calibrate gimbal finds how",
+            )
+        ]
+    if moved < _MOVED_DEG:
+        return [
+            Finding(
+                "fail",
+                "gimbal motion",
+                f"{axis} does not follow: {step:+.0f} degrees ordered, {came:+.0f} came "
+                f"in {GIMBAL_MOVE_S:g} s",
+                "are its motors on, does its mode take orders, are the limits right?",
+            )
+        ]
+    return []

@@ -8,10 +8,12 @@ nothing outside the process can make an event.
 import asyncio
 import selectors
 import time
-from collections.abc import Coroutine, Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Coroutine, Mapping
+from contextvars import Context, ContextVar
+from typing import Any, TypeVar, TypeVarTuple
 
 T = TypeVar("T")
+Arguments = TypeVarTuple("Arguments")
 
 
 class Deadlock(RuntimeError):
@@ -47,11 +49,17 @@ class _JumpingSelector(selectors.BaseSelector):
         self._inner.close()
 
 
+# Set in the context of tasks that run on the computer that `VirtualLoop.stall` holds up.
+STALLS: ContextVar[bool] = ContextVar("STALLS", default=False)
+
+
 class VirtualLoop(asyncio.SelectorEventLoop):
     """Event loop on virtual time, which starts at 0 s."""
 
     def __init__(self) -> None:
         self._jumping = _JumpingSelector()
+        self._stalled_until = 0.0
+        self._held_up: list[asyncio.Handle] = []
         super().__init__(self._jumping)
         # Timers closer together than this run in one go; far below any period used here.
         self._clock_resolution = 1e-9
@@ -59,6 +67,34 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         """Return virtual seconds since the loop was made."""
         return self._jumping.now
+
+    def stall(self, duration_s: float) -> None:
+        """Hold up every task whose context has STALLS set; the rest of the world goes on."""
+        self._stalled_until = max(self._stalled_until, self.time() + duration_s)
+        self.call_at(self._stalled_until, self._go_on)
+
+    def call_soon(
+        self,
+        callback: Callable[[*Arguments], object],
+        *args: *Arguments,
+        context: Context | None = None,
+    ) -> asyncio.Handle:
+        """Call back soon, a task that stalls when the stall is over."""
+        if self._jumping.now < self._stalled_until:
+            stalls = STALLS.get() if context is None else context.get(STALLS, False)
+            if stalls:
+                handle = asyncio.Handle(callback, args, self, context)
+                self._held_up.append(handle)
+                return handle
+        return super().call_soon(callback, *args, context=context)
+
+    def _go_on(self) -> None:
+        if self._jumping.now < self._stalled_until:
+            return  # it stalled again meanwhile
+        held_up, self._held_up = self._held_up, []
+        for handle in held_up:
+            if not handle.cancelled():
+                self.call_soon(handle._run)
 
 
 class WallLoop(asyncio.SelectorEventLoop):

@@ -222,7 +222,7 @@ class Daemon:
     def _figures(self, now: float) -> dict[str, float]:
         """What the pilot may watch in the ground station's plots."""
         figures = {"phase": float(PHASES.index(self.lander.phase))}
-        pad = self.lander.relative(now)
+        pad = self.lander.relative_state(now)
         if pad is not None:
             figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
         return figures

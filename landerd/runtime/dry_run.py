@@ -57,7 +57,6 @@ class DryRun:
         self._observers = tuple(observers)
         self.lander = Lander(config, layout)
         self.gimbal = GimbalCommand(0.0, 0.0)  # as last ordered
-        self.setpoint: Setpoint | None = None  # of the last step that gave one
         self.result = DryRunResult()
 
     def run(self, start: float, end: float, measure: Measure, expose: Expose) -> None:
@@ -110,13 +109,10 @@ class DryRun:
     def _step(self, now: float, message: Input) -> None:
         commands = list(self.lander.step(message))
         self.result.steps.append((now, commands))
-        if isinstance(message, Tick):
-            self.setpoint = None
         for command in commands:
             if isinstance(command, GimbalCommand):
                 self.gimbal = command
             elif isinstance(command, Setpoint):
-                self.setpoint = command
                 self.result.setpoints += 1
         for observer in self._observers:
             observer.on_step(now, message, commands)

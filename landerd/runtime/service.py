@@ -46,7 +46,7 @@ class ServiceNotifier:
     """An observer fed by the control task: when that hangs, so does the watchdog's food."""
 
     def __init__(self) -> None:
-        self._told_t: float | None = None
+        self._fed_t: float | None = None
 
     def on_flight(self, lander: Lander) -> None:
         """A new flight changes nothing here."""
@@ -61,9 +61,9 @@ class ServiceNotifier:
                 notify(f"STATUS={command.phase.value}: {command.reason}")
         if not isinstance(message, Tick):
             return
-        if self._told_t is None:
+        if self._fed_t is None:
             notify("READY=1")
-        elif now - self._told_t < ALIVE_EVERY_S:
+        elif now - self._fed_t < ALIVE_EVERY_S:
             return
-        self._told_t = now
+        self._fed_t = now
         notify("WATCHDOG=1")

@@ -1,27 +1,44 @@
 """What a simulated landing came to: the object that is printed, and the drawing."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from hw.sim.judge.score import Score
 from landerd.analysis.picture import Trace
+from landerd.lander import Lander
 from landerd.messages import Phase
+from landerd.pad import PadLayout
+from landerd.simulation.recording import Recording
 from landerd.vision.draw import draw
-
-if TYPE_CHECKING:
-    from landerd.simulation.flight import Simulation
 
 NIS_EXPECTED = 3.0  # of the pad filter: three coordinates
 
 
-def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, Any]:
-    """Return the object that `landerd sim --json` prints, but for wall_s."""
-    score, lander = simulation.score, simulation.daemon.lander
-    first, contact, disarm = score.first_sighting_t, score.contact, score.disarm_t
+@dataclass(frozen=True)
+class Flown:
+    """A simulated flight that is over; times on the loop's clock, s."""
 
-    began = simulation.began
-    flown_s = simulation.world.t - began
+    began: float
+    ended: float
+    timed_out: bool  # it took longer than it may
+    ends_at_contact: bool  # what comes after it was not simulated
+    score: Score
+    rules_broken: Mapping[str, float]  # with the time of the first break
+    lander: Lander
+    faults: Mapping[str, int]  # bad input, by kind
+    recording: Recording
+    innovation_gate: float  # sightings with a NIS beyond this were refused
+
+
+def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
+    """Return the object that `landerd sim --json` prints, but for wall_s."""
+    score, lander, recording = flown.score, flown.lander, flown.recording
+    first, contact = score.first_sighting_t, score.contact
+    flown_s = flown.ended - flown.began
 
     def since_sighting(t: float | None) -> float | None:
         return t - first if t is not None and first is not None else None
@@ -29,90 +46,85 @@ def result_of(simulation: "Simulation", scenario: str, seed: int) -> dict[str, A
     return {
         "scenario": scenario,
         "seed": seed,
-        "landed": contact.on_plate if simulation.ends_at_contact and contact else score.landed,
-        "outcome": _outcome(simulation),
+        "landed": contact.on_plate if flown.ends_at_contact and contact else score.landed,
+        "outcome": _outcome(flown),
         "touchdown_error_m": contact.error_m if contact else None,
         "touchdown_vertical_mps": contact.vertical_mps if contact else None,
         "touchdown_horizontal_mps": contact.horizontal_mps if contact else None,
         "yaw_error_deg": math.degrees(contact.yaw_error) if contact else None,
-        "time_s": since_sighting(disarm),
+        "time_s": since_sighting(score.disarm_t),
         "time_to_touchdown_s": since_sighting(contact.t if contact else None),
         "energy_hj": None if score.energy_j is None else score.energy_j / 100.0,
-        "pad_velocity_error_mps": simulation.recording.pad_velocity_error_mps,
-        "nis_ratio": _nis_ratio(simulation),
-        "refused_percent": _refused_percent(simulation),
-        "off_centre_px_p95": _percentile(simulation.recording.off_centre_px, 0.95),
-        "gimbal_error_px_p95": _percentile(simulation.recording.gimbal_errors_px, 0.95),
+        "pad_velocity_error_mps": recording.pad_velocity_error_mps,
+        "nis_ratio": _nis_ratio(flown),
+        "refused_percent": _refused_percent(flown),
+        "off_centre_px_p95": _percentile(recording.off_centre_px, 0.95),
+        "gimbal_error_px_p95": _percentile(recording.gimbal_errors_px, 0.95),
         "aborts": lander.aborts,
-        "phases": _phases(simulation),
+        "phases": _phases(flown),
         "rules_broken": [
-            f"{rule} (at {t - began:.2f} s)" for rule, t in simulation.rules.broken.items()
+            f"{rule} (at {t - flown.began:.2f} s)" for rule, t in flown.rules_broken.items()
         ],
         "simulated_s": flown_s,
-        "frames_per_s": simulation.recording.frames / flown_s,
-        "faults": dict(simulation.daemon.faults),
+        "frames_per_s": recording.frames / flown_s,
+        "faults": dict(flown.faults),
     }
 
 
-def _outcome(simulation: "Simulation") -> str:
-    lander = simulation.daemon.lander
+def _outcome(flown: Flown) -> str:
+    lander = flown.lander
     if lander.outcome is not None:
         return lander.outcome
-    if simulation.ends_at_contact and simulation.score.contact is not None:
+    if flown.ends_at_contact and flown.score.contact is not None:
         return "touched down"
-    if simulation.timed_out:
-        flown_s = simulation.world.t - simulation.began
+    if flown.timed_out:
+        flown_s = flown.ended - flown.began
         return f"not landed in {flown_s:.0f} s: {lander.phase.value}, {lander.reason}"
     return lander.reason
 
 
-def _nis_ratio(simulation: "Simulation") -> float | None:
+def _nis_ratio(flown: Flown) -> float | None:
     """Return the mean NIS over its expectation: 1 if the filter is as sure as it may be.
 
     Refused sightings count, or a narrow gate would make any filter look right; but none counts for
     more than the gate, or one false alarm would outweigh a flight.
     """
-    gate = _gate(simulation)
-    capped = [min(nis, gate) for nis in simulation.recording.nis]
+    capped = [min(nis, flown.innovation_gate) for nis in flown.recording.nis]
     return sum(capped) / len(capped) / NIS_EXPECTED if capped else None
 
 
-def _refused_percent(simulation: "Simulation") -> float | None:
-    nis = simulation.recording.nis
-    return 100.0 * sum(n > _gate(simulation) for n in nis) / len(nis) if nis else None
-
-
-def _gate(simulation: "Simulation") -> float:
-    return float(simulation.config.estimation.gate_sigma**2)
+def _refused_percent(flown: Flown) -> float | None:
+    nis = flown.recording.nis
+    return 100.0 * sum(n > flown.innovation_gate for n in nis) / len(nis) if nis else None
 
 
 def _percentile(values: list[float], share: float) -> float | None:
     return sorted(values)[math.ceil(share * len(values)) - 1] if values else None
 
 
-def _phases(simulation: "Simulation") -> list[dict[str, Any]]:
-    changes = simulation.recording.phases
-    ends = [t for t, _ in changes[1:]] + [simulation.world.t]
-    began = simulation.began
+def _phases(flown: Flown) -> list[dict[str, Any]]:
+    changes = flown.recording.phases
+    ends = [t for t, _ in changes[1:]] + [flown.ended]
+    began = flown.began
     return [
         {"name": c.phase.value, "reason": c.reason, "start": t - began, "end": end - began}
         for (t, c), end in zip(changes, ends, strict=True)
     ]
 
 
-def trace_of(simulation: "Simulation", result: dict[str, Any]) -> Trace:
-    """Return the drawing of a flight."""
+def trace_of(recording: Recording, layout: PadLayout, result: dict[str, Any]) -> Trace:
+    """Return the drawing of a flight with this result over a pad of this layout."""
     landed = "landed" if result["landed"] else "did not land"
     error = result["touchdown_error_m"]
     trace = Trace(
         f"landerd sim {result['scenario']}, seed {result['seed']}: {landed}"
         + (f", {error:.2f} m from the landing point" if error is not None else ""),
-        simulation.recording.samples,
+        recording.samples,
     )
-    views = simulation.recording.views
+    views = recording.views
     wanted = [p for p in (Phase.NOT_LANDING, Phase.DESCENT, Phase.LANDED) if p in views]
     for phase in wanted or list(views)[:3]:
         t, frame, sightings = views[phase]
-        image = draw(frame.image, sightings, simulation.camera_model, simulation.layout)
+        image = draw(frame.image, sightings, recording.camera_model, layout)
         trace.views.append((f"{t:.1f} s, {phase.value}", np.asarray(image)))
     return trace

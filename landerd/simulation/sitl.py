@@ -14,26 +14,25 @@ from typing import Any
 
 from hw.autopilots.arducopter import Mode
 from hw.links import open_link
-from hw.sim.options import SimOptions
 from hw.sim.sitl import SitlWorld, Truth
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
-from landerd import devices as registry
 from landerd.analysis.picture import write_picture
 from landerd.config.files import Loaded
+from landerd.devices import sim_options
+from landerd.drivers import gimbal_speaks_over
 from landerd.pad import load_pad
 from landerd.ports import DeviceLost
 from landerd.runtime.clock import SlavedLoop, run_slaved
-from landerd.simulation.flight import (
+from landerd.simulation.flight import LONGEST_S, Simulation, as_coroutine
+from landerd.simulation.result import result_of, trace_of
+from landerd.simulation.surroundings import (
     GATE_OPENS_S,
-    LONGEST_S,
     WALL_JITTER_S,
-    Simulation,
     Surroundings,
     beyond_pad,
     speed_on_the_way,
 )
-from landerd.simulation.result import result_of, trace_of
 
 CONNECTS_S = 10.0
 REPORTS_S = 90.0  # ArduCopter needs 42 s from its start to a local origin
@@ -80,12 +79,10 @@ class SitlFlight:
         Raises:
             AutopilotError: the URL is none.
         """
-        options = loaded.options["sim"]
-        assert isinstance(options, SimOptions)
         self.version = ""
         self.rate = 1.0
         self._loaded = loaded
-        self._options = options
+        self._options = sim_options(loaded)
         self._seed = seed
         self._url = url
         self._take_off_m = take_off_m
@@ -220,7 +217,7 @@ class SitlFlight:
                 if self._take_off_m is not None:
                     tasks.create_task(self._send_off(world, self._take_off_m))
                 if script is not None:
-                    tasks.create_task(_run(script(simulation)))
+                    tasks.create_task(as_coroutine(script(simulation)))
 
         try:
             await simulation.run(longest_s=LONGEST_S, script=beside)
@@ -275,7 +272,7 @@ def simulate_sitl(
         ImportError: a picture is wanted and matplotlib is not installed.
     """
     gimbal = loaded.config.gimbal.driver
-    if registry.over("gimbal", gimbal) == "autopilot":
+    if gimbal_speaks_over(gimbal) == "autopilot":
         raise AutopilotError(f"gimbal.driver: {gimbal} needs the simulator's own autopilot")
     started = time.perf_counter()
     flight = SitlFlight(loaded, seed, url, take_off_m=take_off_m, log=log, progress=progress)
@@ -284,13 +281,14 @@ def simulate_sitl(
         run_slaved(flight.run())
     finally:
         gc.unfreeze()
-    result = result_of(flight.simulation, scenario, seed)
+    simulation = flight.simulation
+    result = result_of(simulation.flown(), scenario, seed)
     result["autopilot"] = flight.version
     result["speedup"] = flight.rate
-    result["disarmed"] = _how_disarmed(flight.simulation)
-    result["judged_at_contact"] = flight.simulation.ends_at_contact
+    result["disarmed"] = _how_disarmed(simulation)
+    result["judged_at_contact"] = simulation.ends_at_contact
     if picture is not None:
-        write_picture(trace_of(flight.simulation, result), picture)
+        write_picture(trace_of(simulation.recording, simulation.layout, result), picture)
     result["wall_s"] = time.perf_counter() - started
     return result
 
@@ -299,7 +297,3 @@ def _how_disarmed(simulation: Simulation) -> str:
     if simulation.score.disarm_t is None:
         return "no"
     return "by landerd's command" if simulation.rules.disarm_orders else "by itself"
-
-
-async def _run(work: Awaitable[None]) -> None:
-    await work

@@ -11,12 +11,15 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Ring, Square, WhyCode
-from landerd.vision.pad_pose import Measured, pad_poses
-from landerd.vision.pose import circle, rotation_from
+from landerd.vision.expected import any_across
+from landerd.vision.pad_pose import Measurement, pad_poses
+from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 
-_SEEDS = 6
-_AGREE = 30.0  # chi-square that one more marker may add
-_SEEN_PX = 16.0  # a ring this wide and wholly in the image would have been found
+_MAX_SEEDS = 6  # candidates from which a consensus is grown: bounds the time among look-alikes
+_MAX_CHI2_PER_MARKER = 30.0  # that one more may add: its six errors add more once in 25,000 times
+_ALWAYS_FOUND_PX = 16.0  # rings so wide and wholly in the image are found 99 times of 100
+# Two outlines are of one thing if their middles are nearer and their sizes more alike than this.
+_SAME_MIDDLE, _SAME_SIZE = 0.2, 1.3  # of the smaller one's size
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Candidate:
 
     marker: Ring | WhyCode | Square
     sighting: MarkerSighting
-    measured: Measured
+    measurement: Measurement
 
 
 def choose(
@@ -50,20 +53,20 @@ def choose(
             return candidates, poses
     best: tuple[list[Candidate], list[PoseSolution]] = ([], [])
     best_score: tuple[float, bool, float] | None = None
-    for seed in sorted(candidates, key=_uncertainty)[:_SEEDS]:
-        group, poses = _grown(seed, candidates, prior)
+    for seed in sorted(candidates, key=_uncertainty)[:_MAX_SEEDS]:
+        group, poses = _consensus(seed, candidates, prior)
         if not poses:
             continue
         off = 0.0 if expected is None else float(np.linalg.norm(expected - poses[0].position))
         decoded = any(c.sighting.id is not None for c in group)
-        missing = 0 if decoded else _missing(group, poses[0], layout, camera)
+        missing = 0 if decoded else _count_missing(group, poses[0], layout, camera)
         score = (float(len(group) - missing), decoded, -off)
         if best_score is None or score > best_score:
             best, best_score = (group, poses), score
     return best
 
 
-def _grown(
+def _consensus(
     seed: Candidate, candidates: list[Candidate], prior: Prior
 ) -> tuple[list[Candidate], list[PoseSolution]]:
     """Add to a seed what agrees with it."""
@@ -79,11 +82,11 @@ def _grown(
 
 def _poses(candidates: list[Candidate], prior: Prior) -> list[PoseSolution]:
     north = prior.pad.north if prior.pad else None
-    return pad_poses([c.measured for c in candidates], north, prior.down)
+    return pad_poses([c.measurement for c in candidates], north, prior.down)
 
 
 def _agree(poses: list[PoseSolution], markers: int) -> bool:
-    return bool(poses) and poses[0].cost < _AGREE * (markers - 1)
+    return bool(poses) and poses[0].cost < _MAX_CHI2_PER_MARKER * (markers - 1)
 
 
 def _no_two_alike(candidates: list[Candidate]) -> bool:
@@ -99,7 +102,7 @@ def _same_outline(a: MarkerSighting, b: MarkerSighting) -> bool:
     p, q = np.array(a.outline_px), np.array(b.outline_px)
     sizes = np.ptp(p, axis=0).max(), np.ptp(q, axis=0).max()
     apart = np.linalg.norm((p.min(axis=0) + p.max(axis=0) - q.min(axis=0) - q.max(axis=0)) / 2.0)
-    return bool(apart < 0.2 * min(sizes) and max(sizes) < 1.3 * min(sizes))
+    return bool(apart < _SAME_MIDDLE * min(sizes) and max(sizes) < _SAME_SIZE * min(sizes))
 
 
 def _uncertainty(candidate: Candidate) -> float:
@@ -108,7 +111,7 @@ def _uncertainty(candidate: Candidate) -> float:
     return undecoded - float(np.ptp(np.array(candidate.sighting.outline_px), axis=0).max())
 
 
-def _missing(
+def _count_missing(
     group: list[Candidate], pad: PoseSolution, layout: PadLayout, camera: CameraModel
 ) -> int:
     """Count the rings that should be seen with a pad at this pose, but are not in the group."""
@@ -119,14 +122,14 @@ def _missing(
             continue
         if pad.north is None and ring.position_m != (0.0, 0.0):
             continue
-        north = np.array(pad.north) if pad.north is not None else normal[[1, 2, 0]]
+        north = np.array(pad.north) if pad.north is not None else any_across(normal)
         R = rotation_from(normal, north)
-        points = np.array(pad.position) + (
-            circle(0.5 * ring.outer_diameter_m) + np.array(ring.position_m)
-        ) @ (R[:, :2].T)
-        if points[:, 2].min() < 0.05:
+        points = np.array(pad.position) + (circle(ring.radius_m) + np.array(ring.position_m)) @ (
+            R[:, :2].T
+        )
+        if points[:, 2].min() < MIN_DEPTH_M:
             continue
         px = camera.pixels(points)
         inside = px.min() > 0 and bool((px < (camera.width - 1, camera.height - 1)).all())
-        missing += inside and float(np.ptp(px, axis=0).min()) > _SEEN_PX
+        missing += inside and float(np.ptp(px, axis=0).min()) > _ALWAYS_FOUND_PX
     return missing

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution, Sightings
 from landerd.pad import PadLayout
-from landerd.vision.pose import rotation_from
+from landerd.vision.pose import MIN_DEPTH_M, rotation_from
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]  # blue, green, red
@@ -61,12 +61,12 @@ def _draw_pad(
             ]
         )
         points = t + corners @ R[:, :2].T
-        if points[:, 2].min() > 0.05:
+        if points[:, 2].min() > MIN_DEPTH_M:
             _polygon(picture, camera.pixels(points), _PAD)
         axes += [(length * R[:, 0], _NORTH), (length * R[:, 1], _EAST)]
     for axis, colour in axes:
         ends = np.array([t, t + axis])
-        if ends[:, 2].min() > 0.05:
+        if ends[:, 2].min() > MIN_DEPTH_M:
             _line(picture, camera.pixels(ends), colour)
     _text(picture, (8.0, 32.0 * size), f"pad {_range(pad)}", _PAD, size)
 

@@ -15,20 +15,21 @@ from landerd.geometry import Vec3, cross, rotation_vector
 from landerd.messages import PoseSolution
 from landerd.vision.pose import Pose, gravity_cost, rotation_from, skew, solution, vec3
 
-_STEPS = 5
-_CONVERGED = 1e-4  # chi-square that a further step would gain
-_NO_YAW = 1e-6  # information of a heading that nobody knows, 1/rad^2: keeps matrices regular
+_MAX_STEPS = 5
+_CONVERGED = 1e-4  # reduction of chi-square by a step: a hundredth of a sigma
+_MIN_YAW_INFORMATION = 1e-6  # 1/rad^2, of a heading that nobody knows: keeps matrices regular
 _PRIOR_NORTH_SIGMA = math.radians(5.0)
 _PLACE_SIGMA_M = 1e-3  # of a marker on its pad, as printed and laid out
 _FLATNESS_SIGMA = math.radians(0.1)  # of its tilt and heading against the pad's
-_PLACING = np.array([_PLACE_SIGMA_M**2] * 3 + [_FLATNESS_SIGMA**2] * 3)
-_ONE = np.eye(6)
-_IMPOSSIBLE = 50.0  # chi-square above the best solution's beyond which another one is dropped
-_HOPELESS = 200.0  # chi-square above the better pose's, of the same ring, that no others make up
+_PLACE_VARIANCES = np.array([_PLACE_SIGMA_M**2] * 3 + [_FLATNESS_SIGMA**2] * 3)
+_IDENTITY = np.eye(6)
+# A solution is dropped whose chi-square is above the best one's by more: of the pad; and of a ring
+# by itself, which the other markers cannot make up for.
+_MAX_CHI2_ABOVE_BEST, _MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurement:
     """A marker's place on the pad and the poses its image allows, best first."""
 
     place: F64  # centre in the pad frame, (3,)
@@ -36,12 +37,14 @@ class Measured:
     poses: tuple[Pose, ...]
 
 
-def measured_ring(place: tuple[float, float], solutions: tuple[PoseSolution, ...]) -> Measured:
+def ring_measurement(
+    place: tuple[float, float], solutions: tuple[PoseSolution, ...]
+) -> Measurement:
     """Return what a ring's sighting says: position and normal, no heading."""
     poses = []
     best = min(s.cost for s in solutions)
     for s in solutions:
-        if s.cost > best + _HOPELESS:
+        if s.cost > best + _MAX_RING_CHI2_ABOVE_BEST:
             continue
         n = np.array(s.normal)
         information = np.zeros((6, 6))
@@ -49,11 +52,11 @@ def measured_ring(place: tuple[float, float], solutions: tuple[PoseSolution, ...
         information[3:, 3:] = (np.eye(3) - np.outer(n, n)) / s.sigma_tilt**2
         R = rotation_from(n, np.array([0.0, -1.0, 0.0]) if abs(n[1]) < 0.9 else np.eye(3)[0])
         poses.append(Pose(R, np.array(s.position), information, s.cost - best))
-    return Measured(np.array([*place, 0.0]), None, tuple(poses))
+    return Measurement(np.array([*place, 0.0]), None, tuple(poses))
 
 
 def pad_poses(
-    measured: list[Measured], north: Vec3 | None, down: Vec3 | None
+    measured: list[Measurement], north: Vec3 | None, down: Vec3 | None
 ) -> list[PoseSolution]:
     """Return the poses of the landing point that explain all markers, best first, at most two.
 
@@ -67,7 +70,7 @@ def pad_poses(
         return []
     prior_north = None if north is None else np.array(north)
     measured = [
-        Measured(m.place, m.heading, tuple(_as_placed(p, m.heading) for p in m.poses))
+        Measurement(m.place, m.heading, tuple(_on_pad(p, m.heading) for p in m.poses))
         for m in measured
     ]
     # Start from the solutions of the marker that knows its tilt best: the others then choose.
@@ -79,11 +82,11 @@ def pad_poses(
             continue
         joint.append(with_gravity(pose, down))
     joint.sort(key=lambda p: p.cost)
-    has_north = _tells_north(measured)
+    has_north = _has_north(measured)
     found = []
     for pose in joint[:2]:
         s = solution(pose, has_north)
-        if s is not None and pose.cost < joint[0].cost + _IMPOSSIBLE:
+        if s is not None and pose.cost < joint[0].cost + _MAX_CHI2_ABOVE_BEST:
             found.append(s)
     return found
 
@@ -93,11 +96,12 @@ def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
     return Pose(pose.R, pose.t, pose.information, pose.cost + gravity_cost(pose.normal, down))
 
 
-def _as_placed(pose: Pose, heading: float | None) -> Pose:
+def _on_pad(pose: Pose, heading: float | None) -> Pose:
     """Return a marker's pose turned to the pad's axes, its own place on the pad being uncertain."""
     # (information^-1 + placing)^-1, also where the information is singular.
     information = np.asarray(
-        np.linalg.solve(_ONE + pose.information * _PLACING, pose.information), dtype=np.float64
+        np.linalg.solve(_IDENTITY + pose.information * _PLACE_VARIANCES, pose.information),
+        dtype=np.float64,
     )
     R = pose.R
     if heading is not None:
@@ -112,7 +116,7 @@ def _tilt_information(pose: Pose) -> float:
     return float(np.trace(turn) - n @ turn @ n)
 
 
-def _tells_north(measured: list[Measured]) -> bool:
+def _has_north(measured: list[Measurement]) -> bool:
     """Tell whether the markers seen leave no heading open: a square, or two places."""
     if any(m.heading is not None for m in measured):
         return True
@@ -125,14 +129,14 @@ def _same(a: Pose, b: Pose) -> bool:
     return bool(near and np.trace(step) > 3.0 - 1e-5)
 
 
-def _joint(measured: list[Measured], first: Pose, prior_north: F64 | None) -> Pose | None:
+def _joint(measured: list[Measurement], first: Pose, prior_north: F64 | None) -> Pose | None:
     """Minimise the joint cost from one solution of the first marker; None if it fails."""
     R = _start_rotation(measured, first, prior_north)
     pose = Pose(R, first.t - R @ measured[0].place, np.zeros((6, 6)), 0.0)
-    yaw_information = _NO_YAW
-    if prior_north is not None and not _tells_north(measured):
+    yaw_information = _MIN_YAW_INFORMATION
+    if prior_north is not None and not _has_north(measured):
         yaw_information = 1.0 / _PRIOR_NORTH_SIGMA**2
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         n = pose.normal
         information = np.zeros((6, 6))
         information[3:, 3:] = yaw_information * np.outer(n, n)
@@ -155,7 +159,7 @@ def _joint(measured: list[Measured], first: Pose, prior_north: F64 | None) -> Po
     return pose if np.isfinite(pose.t).all() else None
 
 
-def _start_rotation(measured: list[Measured], first: Pose, prior_north: F64 | None) -> F64:
+def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 | None) -> F64:
     """Return a rotation of the pad about the first marker's normal to start from."""
     for m in measured:
         if m.heading is not None:
@@ -177,14 +181,14 @@ def _start_rotation(measured: list[Measured], first: Pose, prior_north: F64 | No
     return first.R if prior_north is None else rotation_from(first.normal, prior_north)
 
 
-def _derivative(m: Measured, pose: Pose) -> F64:
+def _derivative(m: Measurement, pose: Pose) -> F64:
     """Return the derivative (6, 6) of the marker's error by the pad's."""
     J = np.eye(6)
     J[:3, 3:] = -skew(pose.R @ m.place)
     return J
 
 
-def _nearest(m: Measured, pose: Pose) -> tuple[F64, Pose]:
+def _nearest(m: Measurement, pose: Pose) -> tuple[F64, Pose]:
     """Return the marker's solution nearest to a pad pose, and its residual (6,)."""
     best: tuple[float, F64, Pose] | None = None
     for candidate in m.poses:

@@ -17,9 +17,12 @@ from landerd.camera_model import F64
 from landerd.geometry import Mat3, Vec3, clamp, cross, dot
 from landerd.messages import PoseSolution
 
-CONTINUED = math.cos(math.radians(5.0))  # a gimbal turns the camera less between frames
-_DOWN_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
-SAME_NORMAL = math.cos(math.radians(1.0))  # two solutions that agree so well are one
+# Of the angle between two normals: of one solution in two frames, between which a gimbal turns the
+# camera less; and of two fits that are one solution.
+SAME_SOLUTION_COS = math.cos(math.radians(5.0))
+EQUAL_NORMALS_COS = math.cos(math.radians(1.0))
+_LEVEL_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
+MIN_DEPTH_M = 0.05  # what is nearer to the lens is not projected into the image
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ def gravity_cost(normal: F64, down: Vec3 | None) -> float:
     """Return the chi-square of a pad's normal's angle to gravity; zero where that is not known."""
     if down is None:
         return 0.0
-    return (math.acos(clamp(dot(vec3(normal), down), -1.0, 1.0)) / _DOWN_SIGMA) ** 2
+    return (math.acos(clamp(dot(vec3(normal), down), -1.0, 1.0)) / _LEVEL_SIGMA) ** 2
 
 
 def circle(radius: float, count: int = 16) -> F64:

@@ -1,11 +1,7 @@
 """Fit of a ring's pose to the grey levels near its two edges.
 
-The model of a pixel: its ray meets the pad's plane at a distance rho from the ring's centre; the
-edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian and, where
-asked for, by straight motion. Gauss-Newton on centre, normal, blur, motion, levels and light
-gradient, with weights against what the model leaves out (occlusion, the plate's edge). Distances
-are exact in the pad's plane, so neither perspective nor lens distortion bends them; two
-corrections of second order make up for measuring them in pixels.
+Gauss-Newton on centre, normal, blur, motion, levels and light gradient of a `RingModel`, with
+robust weights against what the model leaves out (occlusion, the plate's edge).
 
 Several starts are fitted side by side: arrays have one row for each.
 """
@@ -17,35 +13,44 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from landerd.vision.ring_pixels import (
-    F32,
-    Pixels,
-    PlaneView,
-    blurred_step,
-    plane_axes,
-    shifted,
+from landerd.pad import Ring
+from landerd.vision.ring_model import (
+    BLUR,
+    HEIGHTS,
+    INSIDE,
+    MIN_BLUR_PX,
+    MOTION,
+    RATIO,
+    TILT,
+    RingModel,
 )
+from landerd.vision.ring_pixels import F32, Pixels, plane_axes
 from landerd.vision.ring_pose import F64, Pose
 
-# Rows of the derivative and of the normal equations. The light gradient follows, then the residual.
-_RATIO = 0  # inner radius: only the judgement uses it
-_CENTRE = slice(1, 4)  # on the plane's axes
-_TILT = slice(4, 6)  # of the normal, towards the two tangents
-_BLUR = 6  # variance, px^2
-_INSIDE = 7  # level
-_STEPS = slice(8, 10)  # of the level, outwards: at the outer and the inner edge
-_MOTION = slice(10, 12)  # where it is fitted
-_STATIC, _MOVING = 10, 12  # rows before the light gradient
+Mask = NDArray[np.bool_]
 
-_SPREAD_PX = 0.4  # of the places in which a small ring's pixel is looked at, along x and y
-_CORNERS = np.array([[[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]])
-_NEAR = 30.0  # gain of chi-square by a step after which small rings are looked at with all care
-_ENOUGH = 1.0  # and after which another step is not worth it
-_NO_RIVAL = 1.5  # times the other start's noise: it will not become the better one
-_MIN_BLUR, _MAX_BLUR = 0.2, 12.0  # px
-_TOLD_TILT = 7.0  # sigma of a tilt that is told from frontal view
+# Where nothing else is said, the numbers were set by trial on the images of `bench.vision_ring`.
+_MAX_BLUR_PX = 12.0
+_MAX_MOTION_PX = 30.0  # of the path, along x and y each
+# Reductions of chi-square by a step; a step of one sigma reduces it by 1.
+_SUPERSAMPLED_BELOW = 30.0  # then small rings are worth subpixels
+_CONVERGED = 1.0  # then another step is not worth it
+_RIVAL_NOISE = 1.5  # times the least noise of all starts: above, this one will not become the best
+# A tilt so many sigmas from the line of sight is no frontal view: with this the stated sigmas of
+# nearly frontal views are as large as their errors.
+_DISTINCT_TILT_SIGMAS = 7.0
 _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
+_SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
+_MIN_NOISE = 0.5  # grey levels: rounding alone leaves 0.29
+_ROBUST_SIGMAS = 3.0  # residuals beyond it count less (Geman and McClure's weights)
+_PAPER_SIGMA = 0.06  # of the difference between the white inside and around, over white
+_LEAST_WHITE = 10.0  # grey levels: darker paper is not taken to be more even
+_TILT_STEP = 0.2  # rad: steps of the tilt are damped as if it were known to this
+_DEPTH_STEP, _ASIDE_STEP = 0.25, 0.3  # longest steps: of the depth, in depths; aside, in radii
+_MIN_RANGE_M = 0.02  # depth at which a step towards the lens ends
+_EXPLAINED, _EXPLAINED_SHARE = 8.0, 0.1  # a residual below: grey levels, or of the contrast
 
 
 @dataclass(frozen=True)
@@ -73,105 +78,259 @@ class RingFit:
         return min(self.inside, self.outside) - self.black
 
 
+@dataclass
+class _Estimate:
+    """Where the fits of all starts stand."""
+
+    t: F64  # (starts, 3), m
+    normal: F64  # (starts, 3)
+    # (starts, rows - 1): blur, levels, motion and light as `RingModel` takes them. The columns of
+    # ratio and pose stay 0: the ratio is held, the pose is in t and normal.
+    parameters: F64
+
+
+@dataclass(frozen=True)
+class _Prior:
+    """What is known besides the pixels, as matrices (rows, rows) in units of 1/noise^2."""
+
+    information: F64
+    zero_mean: F64  # its part that draws the parameters to zero
+    damping: F64  # a limit to steps, no prior
+
+
+@dataclass(frozen=True)
+class _NormalEquations:
+    """The least squares problem linearised about an estimate."""
+
+    axes: F32  # of the planes, (starts, 3, 3)
+    residual: F32  # (starts, n)
+    squares: NDArray[np.floating]  # of residuals over `_ROBUST_SIGMAS` noises, (starts, n)
+    weight: NDArray[np.floating]  # of prior and robustness, (starts, n)
+    noise: F32  # robust sigma of the residuals, (starts,)
+    variance: F64  # noise^2, (starts, 1)
+    products: F64  # of the derivatives and, last, the residual: (starts, rows, rows)
+    H: F64  # information times noise^2, (starts, rows - 1, rows - 1)
+    b: F64  # gradient, (starts, rows - 1)
+
+
 def fit_ring(
     pixels: Pixels,
     starts: Sequence[Pose],
-    radius: float,
-    ratio: float,
+    ring: Ring,
     blur_px: float,
     steps: int,
     motion_px: Sequence[F64] | None = None,
 ) -> list[RingFit]:
     """Return the fits from starts within about two pixels, best first; failed ones are left out.
 
-    `motion_px` gives a first path (2,) of the image during exposure for every start; None: the
-    image stood still.
+    Args:
+        pixels: near the ring's edges.
+        starts: poses to start from.
+        ring: its true size and ratio.
+        blur_px: sigma to start from.
+        steps: at most.
+        motion_px: a first path (2,) of the image during exposure for every start; None: the image
+            stood still.
     """
-    n = len(pixels.grey)
-    eighth = n // 8
-    ordered = np.partition(pixels.grey, (eighth, n - 1 - eighth))
-    black, white = float(ordered[eighth]), float(ordered[n - 1 - eighth])
-    model = _Model(pixels, starts[0][0], radius, ratio, motion_px)
-    t = np.array([position for position, _ in starts])
-    normal = np.array([away for _, away in starts])
-    state = np.zeros((len(starts), model.rows - 1))
-    state[:, _BLUR : _STEPS.stop] = blur_px**2, white, white - black, black - white
-    if motion_px is not None:
-        state[:, _MOTION] = motion_px
-    prior, pull, limit = _priors(model.rows - 1, max(white, 10.0), motion_px is not None)
-    near, last_gain = False, np.zeros(len(starts))
+    model = RingModel(pixels, starts[0][0], ring, motion_px)
+    black, white = _levels(pixels.grey)
+    estimate = _first_estimate(model.rows, starts, (black, white), blur_px, motion_px)
+    prior = _prior(model.rows - 1, max(white, _LEAST_WHITE), model.is_moving)
+    equations = _descended(model, prior, estimate, steps)
+    return [] if equations is None else _ring_fits(model, estimate, equations)
+
+
+def _descended(
+    model: RingModel, prior: _Prior, estimate: _Estimate, steps: int
+) -> _NormalEquations | None:
+    """Move an estimate until it is fitted; return the equations of the last step; None: it failed.
+
+    Quality and covariance are taken from them: the last step changed little.
+    """
+    equations = None
+    is_near, last_reduction = False, np.zeros(len(estimate.t))
     for i in range(steps):
-        careful = pixels.fine and (near or i >= steps - 2)
-        t32, axes = plane_axes(t, normal)
-        J = model.derivative(t32, axes, state, careful)
-        residual = J[:, -1]
-        middle = np.partition(np.abs(residual), n // 2, axis=1)[:, n // 2]
-        noise = np.maximum(1.4826 * middle, 0.5)
-        u = residual * (1.0 / (3.0 * noise))[:, None]
-        u *= u
-        weight = pixels.trust / (1.0 + u) ** 2
-        products = ((J * weight[:, None]) @ J.transpose(0, 2, 1)).astype(np.float64)
-        variance = (noise * noise).astype(np.float64)[:, None]
-        H = products[:, :-1, :-1] + variance[:, None] * prior
-        b = products[:, :-1, -1] - variance * (state @ pull)
-        if not np.isfinite(products).all():
-            return []
-        A = H + variance[:, None] * limit
-        step = np.array([_solved(a, c) for a, c in zip(A[:, 1:, 1:], b[:, 1:], strict=True)])
-        gain = (step * b[:, 1:]).sum(axis=1) / variance[:, 0]
-        t, normal = _moved(t, normal, axes, step, radius)
-        state[:, _BLUR:] += step[:, _BLUR - 1 :]
-        state[:, _BLUR] = np.minimum(np.maximum(state[:, _BLUR], _MIN_BLUR**2), _MAX_BLUR**2)
-        if motion_px is not None:
-            state[:, _MOTION] = np.clip(state[:, _MOTION], -30.0, 30.0)
-        # The judgement below is of the state before the last step, which changed little.
-        is_open = (gain > _ENOUGH) & ((noise < _NO_RIVAL * noise.min()) | (i < 2))
-        # Gains fall ever faster near the end, so the next one is foreseen. Where two poses vie, the
-        # last gain itself must be small: their costs are compared.
-        if np.count_nonzero(is_open) == 1:
-            is_open &= gain * gain > _ENOUGH * last_gain
-        if careful == pixels.fine and not is_open.any():
+        supersampled = model.pixels.supersample and (is_near or i >= steps - 2)
+        equations = _normal_equations(model, prior, estimate, supersampled)
+        if equations is None:
+            return None
+        reduction = _step(model, prior, estimate, equations)
+        is_open = _is_open(reduction, last_reduction, equations.noise, i)
+        if supersampled == model.pixels.supersample and not is_open.any():
             break
-        near = near or float(gain.min()) < _NEAR
-        last_gain = gain
-    inverse = np.array([cv2.invert(h)[1] for h in H])  # numpy's own takes five times as long
-    costs = (9.0 * pixels.trust * u / (1.0 + u)).sum(axis=1) * (noise / noise.min()) ** 2
-    trusted = float(pixels.trust.sum())
-    unexplained = np.abs(residual) * np.sqrt(pixels.trust)
-    fits = []
-    for k in range(len(starts)):
-        if not float(normal[k] @ t[k]) > _MIN_COS * math.hypot(*t[k].tolist()):
-            continue
-        inside, outer, inner = state[k, _INSIDE : _STEPS.stop].tolist()
-        levels = (inside, inside + inner, inside + inner + outer)
-        explained = unexplained[k] < max(8.0, 0.1 * (min(levels[0], levels[2]) - levels[1]))
-        scale = products[k, -1, -1] / max(float(weight[k].sum()) - (model.rows - 2), 5.0)
-        C, e = inverse[k], axes[k].astype(np.float64)
-        across = C[1:6, _RATIO]
-        pose_covariance = scale * (C[1:6, 1:6] - np.outer(across, across) / C[_RATIO, _RATIO])
-        pose_covariance += _unseen_tilt(pose_covariance, e @ t[k] / np.linalg.norm(t[k]))
-        fits.append(
-            RingFit(
-                position=t[k],
-                normal=normal[k],
-                blur_px=math.sqrt(float(state[k, _BLUR])),
-                motion_px=state[k, _MOTION] if motion_px is not None else np.zeros(2),
-                inside=levels[0],
-                black=levels[1],
-                outside=levels[2],
-                noise=float(noise[k]),
-                cost=float(costs[k]),
-                inliers=float(pixels.trust[explained].sum()) / trusted,
-                covariance=e.T @ pose_covariance[:3, :3] @ e,
-                sigma_tilt=math.sqrt(max(0.0, float(np.trace(pose_covariance[3:, 3:])) / 2.0)),
-                ratio=ratio + float(C[_RATIO] @ b[k]) / radius,
-                sigma_ratio=math.sqrt(max(0.0, scale * float(C[_RATIO, _RATIO]))) / radius,
-            )
-        )
+        is_near = is_near or float(reduction.min()) < _SUPERSAMPLED_BELOW
+        last_reduction = reduction
+    return equations
+
+
+def _levels(grey: F32) -> tuple[float, float]:
+    """Return the limits of the darkest and the brightest eighth: about black and white."""
+    n = len(grey)
+    eighth = n // 8
+    ordered = np.partition(grey, (eighth, n - 1 - eighth))
+    return float(ordered[eighth]), float(ordered[n - 1 - eighth])
+
+
+def _first_estimate(
+    rows: int,
+    starts: Sequence[Pose],
+    levels: tuple[float, float],
+    blur_px: float,
+    motion_px: Sequence[F64] | None,
+) -> _Estimate:
+    black, white = levels
+    parameters = np.zeros((len(starts), rows - 1))
+    parameters[:, BLUR : HEIGHTS.stop] = blur_px**2, white, white - black, black - white
+    if motion_px is not None:
+        parameters[:, MOTION] = motion_px
+    t = np.array([position for position, _ in starts])
+    return _Estimate(t, np.array([normal for _, normal in starts]), parameters)
+
+
+@lru_cache
+def _prior(rows: int, white: float, is_moving: bool) -> _Prior:
+    """Return what is known of all rings.
+
+    Paper is equally white inside and around: far away little is seen of the surroundings. Motion is
+    below 30 px. Tilts span about a radian; near frontal view they are hardly seen.
+    """
+    zero_mean = np.zeros((rows, rows))
+    zero_mean[HEIGHTS, HEIGHTS] = 1.0 / (_PAPER_SIGMA * white) ** 2
+    held = np.full(rows, 1e-4)  # so that no parameter is ever free
+    held[TILT] += 1.0
+    held[BLUR] += 1e-3
+    held[-2:] += 1.0
+    if is_moving:
+        zero_mean[MOTION, MOTION] = 1e-3 * np.eye(2)
+    damping = np.zeros(rows)
+    damping[TILT] = 1.0 / _TILT_STEP**2
+    return _Prior(zero_mean + np.diag(held), zero_mean, np.diag(damping))
+
+
+def _normal_equations(
+    model: RingModel, prior: _Prior, estimate: _Estimate, supersampled: bool
+) -> _NormalEquations | None:
+    """Return the normal equations about an estimate; None if they are not finite."""
+    weight = model.pixels.weight
+    n = len(weight)
+    t32, axes = plane_axes(estimate.t, estimate.normal)
+    J = model.derivative(t32, axes, estimate.parameters, supersampled)
+    residual = J[:, -1]
+    middle = np.partition(np.abs(residual), n // 2, axis=1)[:, n // 2]
+    noise = np.maximum(_SIGMA_PER_MAD * middle, _MIN_NOISE)
+    u = residual * (1.0 / (_ROBUST_SIGMAS * noise))[:, None]
+    u *= u
+    robust = weight / (1.0 + u) ** 2
+    products = ((J * robust[:, None]) @ J.transpose(0, 2, 1)).astype(np.float64)
+    if not np.isfinite(products).all():
+        return None
+    variance = (noise * noise).astype(np.float64)[:, None]
+    H = products[:, :-1, :-1] + variance[:, None] * prior.information
+    b = products[:, :-1, -1] - variance * (estimate.parameters @ prior.zero_mean)
+    return _NormalEquations(axes, residual, u, robust, noise, variance, products, H, b)
+
+
+def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _NormalEquations) -> F64:
+    """Move the estimate, the ratio held; return by how much chi-square should fall, (starts,)."""
+    A, b = equations.H + equations.variance[:, None] * prior.damping, equations.b
+    step = np.array([_solved(a, c) for a, c in zip(A[:, 1:, 1:], b[:, 1:], strict=True)])
+    reduction: F64 = (step * b[:, 1:]).sum(axis=1) / equations.variance[:, 0]
+    _move(estimate, equations.axes, step, model.ring.radius_m)
+    p = estimate.parameters
+    p[:, BLUR:] += step[:, BLUR - 1 :]
+    p[:, BLUR] = np.minimum(np.maximum(p[:, BLUR], MIN_BLUR_PX**2), _MAX_BLUR_PX**2)
+    if model.is_moving:
+        p[:, MOTION] = np.clip(p[:, MOTION], -_MAX_MOTION_PX, _MAX_MOTION_PX)
+    return reduction
+
+
+def _solved(A: F64, b: F64) -> F64:
+    """Return the solution (n,) of A x = b; zero if A is singular. Four times as fast as numpy's."""
+    return np.asarray(cv2.solve(A, b[:, None])[1], dtype=np.float64)[:, 0]
+
+
+def _move(estimate: _Estimate, axes: F32, step: F64, radius: float) -> None:
+    """Move poses by steps (starts, 5 or more) on the planes' axes, wild ones shortened."""
+    t = estimate.t
+    forward = (step[:, None, :3] @ axes)[:, 0]
+    turn = (step[:, None, 3:5] @ axes[:, :2])[:, 0]
+    for k, ((x, y, z), (dx, dy, dz)) in enumerate(zip(t.tolist(), forward.tolist(), strict=True)):
+        aside = math.hypot(dx - x * dz / z, dy - y * dz / z)
+        longest = max(abs(dz) / (_DEPTH_STEP * z), aside / (_ASIDE_STEP * radius))
+        if longest > 1.0:
+            forward[k] /= longest
+            turn[k] /= longest
+    t, normal = t + forward, estimate.normal + turn
+    t[:, 2] = np.maximum(t[:, 2], _MIN_RANGE_M)
+    estimate.t = t
+    estimate.normal = normal / np.sqrt((normal * normal).sum(axis=1))[:, None]
+
+
+def _is_open(reduction: F64, last_reduction: F64, noise: F32, steps_before: int) -> Mask:
+    """Tell for which starts another step is worth its time, (starts,)."""
+    is_open: Mask = (reduction > _CONVERGED) & (
+        (noise < _RIVAL_NOISE * noise.min()) | (steps_before < 2)
+    )
+    # Reductions fall ever faster near the end, so the next one is foreseen. Where two poses vie,
+    # the last one itself must be small: their costs are compared.
+    if np.count_nonzero(is_open) == 1:
+        is_open &= reduction * reduction > _CONVERGED * last_reduction
+    return is_open
+
+
+def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquations) -> list[RingFit]:
+    """Return the fits, best first, but for those of flat views."""
+    noise, u = equations.noise, equations.squares
+    robust = _ROBUST_SIGMAS * _ROBUST_SIGMAS * model.pixels.weight * u / (1.0 + u)
+    costs = robust.sum(axis=1) * (noise / noise.min()) ** 2
+    fits = [
+        _ring_fit(model, estimate, equations, k, float(costs[k]))
+        for k, (t, normal) in enumerate(zip(estimate.t, estimate.normal, strict=True))
+        if float(normal @ t) > _MIN_COS * math.hypot(*t.tolist())
+    ]
     return sorted(fits, key=lambda f: f.cost)
 
 
-def _unseen_tilt(covariance: F64, sight: F64) -> F64:
+def _ring_fit(
+    model: RingModel, estimate: _Estimate, equations: _NormalEquations, k: int, cost: float
+) -> RingFit:
+    """Return the fit from one start, with its quality and covariance."""
+    t, parameters, radius = estimate.t[k], estimate.parameters[k], model.ring.radius_m
+    inside, outer, inner = parameters[INSIDE : HEIGHTS.stop].tolist()
+    black, outside = inside + inner, inside + inner + outer
+    C = cv2.invert(equations.H[k])[1]  # numpy's own takes five times as long
+    dof = float(equations.weight[k].sum()) - (model.rows - 2)
+    scale = equations.products[k, -1, -1] / max(dof, 5.0)
+    e = equations.axes[k].astype(np.float64)
+    across = C[1:6, RATIO]
+    covariance = scale * (C[1:6, 1:6] - np.outer(across, across) / C[RATIO, RATIO])
+    covariance += _frontal_inflation(covariance, e @ t / np.linalg.norm(t))
+    return RingFit(
+        position=t,
+        normal=estimate.normal[k],
+        blur_px=math.sqrt(float(parameters[BLUR])),
+        motion_px=parameters[MOTION] if model.is_moving else np.zeros(2),
+        inside=inside,
+        black=black,
+        outside=outside,
+        noise=float(equations.noise[k]),
+        cost=cost,
+        inliers=_inliers(model.pixels, equations.residual[k], min(inside, outside) - black),
+        covariance=e.T @ covariance[:3, :3] @ e,
+        sigma_tilt=math.sqrt(max(0.0, float(np.trace(covariance[3:, 3:])) / 2.0)),
+        ratio=model.ring.inner_ratio + float(C[RATIO] @ equations.b[k]) / radius,
+        sigma_ratio=math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius,
+    )
+
+
+def _inliers(pixels: Pixels, residual: F32, contrast: float) -> float:
+    """Return the share of pixels, by weight, that are explained to a tenth of the contrast."""
+    unexplained = np.abs(residual) * np.sqrt(pixels.weight)
+    explained = unexplained < max(_EXPLAINED, _EXPLAINED_SHARE * contrast)
+    return float(pixels.weight[explained].sum()) / float(pixels.weight.sum())
+
+
+def _frontal_inflation(covariance: F64, sight: F64) -> F64:
     """Return what is to be added to a covariance (5, 5) of centre and tilt near frontal view.
 
     There the image changes with the square of the angle to the line of sight (unit vector, on the
@@ -185,135 +344,7 @@ def _unseen_tilt(covariance: F64, sight: F64) -> F64:
     variance = float(way @ moved)
     if not variance > 0.0:
         return np.zeros((5, 5))
-    share = 3.0 * math.exp(-min((angle * angle / variance / _TOLD_TILT**2) ** 2, 50.0))
+    sigmas_4 = (angle * angle / variance / _DISTINCT_TILT_SIGMAS**2) ** 2
+    share = 3.0 * math.exp(-min(sigmas_4, 50.0))
     added: F64 = np.outer(moved, moved) * (share / variance)
     return added
-
-
-class _Model:
-    """The grey levels of pixels as a ring would show them, and their derivatives."""
-
-    def __init__(
-        self,
-        pixels: Pixels,
-        centre: F64,
-        radius: float,
-        ratio: float,
-        motion_px: Sequence[F64] | None,
-    ) -> None:
-        """Prepare; the light gradient is about a first centre."""
-        self._pixels = pixels
-        self._radii = np.array([radius, radius * ratio], dtype=np.float32)
-        x, y, z = centre.tolist()
-        xy = pixels.rays[:2] - np.array([[x / z], [y / z]], dtype=np.float32)
-        self._xy = xy * np.float32(z / radius)
-        self._along: F64 | None = None  # the motion's path, where the image is looked at
-        if motion_px is not None:
-            parts = int(min(max(max(math.hypot(*m) for m in motion_px) / 1.3, 3.0), 9.0))
-            self._along = (np.arange(parts) + 0.5) / parts - 0.5
-        self._bends: tuple[F32, F32] | None = None
-        self._static = _STATIC if motion_px is None else _MOVING
-        self.rows = self._static + 3
-
-    def derivative(self, t: F32, axes: F32, state: F64, careful: bool) -> F32:
-        """Return derivatives of grey levels (starts, rows, n), the residual last.
-
-        Careful: small rings bend within the blur. A Gaussian is nearly the mean of four narrower
-        ones set square around it, and for those the edges are straight enough.
-        """
-        pixels, radii = self._pixels, self._radii[:, None]
-        v, parts, spread = pixels.rays, 1, 0.0
-        if self._along is not None:
-            parts = len(self._along)
-            v = shifted(pixels, state[:, _MOTION, None] * self._along)
-        elif careful:
-            parts, spread = 4, _SPREAD_PX
-            v = shifted(pixels, spread * _CORNERS)
-        g = PlaneView(v, pixels.focal, t, axes)
-        blur = np.sqrt(np.maximum(state[:, _BLUR] - spread**2, _MIN_BLUR**2))
-        s = blur.astype(np.float32)[:, None, None]
-        scale = g.scale[:, None]
-        d = (g.rho[:, None] - radii) / scale  # outer edge, inner edge
-        if careful:
-            area, bend = g.bends()
-            d, scale = g.foot(d - bend[:, None] * d * d, radii)
-            bow = _bow(area, radii, scale)
-        else:
-            if self._bends is None:
-                area, bend = g.bends()
-                self._bends = bend[:, None], _bow(area, radii, scale)
-            bend, bow = self._bends
-            d -= bend * d * d
-        f, density = blurred_step(d / s + bow * s)
-        heights = state[:, _STEPS].astype(np.float32)[:, :, None]
-        density *= heights / s
-        shape = np.empty((len(state), self._static, f.shape[-1]), dtype=np.float32)
-        down = (density[:, 0] + density[:, 1]) / -g.scale
-        shape[:, _RATIO] = density[:, 1] / -g.scale
-        np.multiply(down[:, None], g.u, out=shape[:, _CENTRE])
-        np.multiply((down * g.a * g.rho)[:, None], g.u[:, :2], out=shape[:, _TILT])
-        density *= d
-        np.multiply(density[:, 0] + density[:, 1], -0.5 / (s[:, 0] * s[:, 0]), out=shape[:, _BLUR])
-        shape[:, _INSIDE] = 1.0
-        shape[:, _STEPS] = f
-        if self._along is not None:
-            share = np.repeat(self._along, len(pixels.grey)).astype(np.float32)
-            shape[:, _MOTION] = (down * -g.scale * share)[:, None] * g.across()
-        if parts > 1:
-            shape = shape.reshape(*shape.shape[:2], parts, -1).mean(axis=2)
-        base = (heights * shape[:, _STEPS]).sum(axis=1)
-        base += state[:, _INSIDE, None].astype(np.float32)
-        light = state[:, self._static : self._static + 2].astype(np.float32) @ self._xy
-        light += 1.0
-        J = np.empty((len(state), self.rows, len(pixels.grey)), dtype=np.float32)
-        np.multiply(shape, light[:, None], out=J[:, : self._static])
-        np.multiply(base[:, None], self._xy, out=J[:, self._static : -1])
-        np.subtract(pixels.grey, light * base, out=J[:, -1])
-        return J
-
-
-def _bow(area: F32, radii: F32, scale: F32) -> F32:
-    """Return the shift of blurred bent edges (starts, 2, n), in blurs per pixel of blur."""
-    return (0.5 * area * area)[:, None] / (radii * scale**3)
-
-
-@lru_cache
-def _priors(rows: int, white: float, moving: bool) -> tuple[F64, F64, F64]:
-    """Return what is known besides the pixels, as matrices (rows, rows) in units of 1/noise^2.
-
-    Paper is equally white inside and around (to 6 %): far away little is seen of the surroundings.
-    Motion is below 30 px. Tilts span about a radian. The second matrix is the part that draws the
-    state to zero. The third is a limit to steps, no prior: near frontal view the tilt is hardly
-    seen.
-    """
-    pull = np.zeros((rows, rows))
-    pull[_STEPS, _STEPS] = 1.0 / (0.06 * white) ** 2
-    damping = np.full(rows, 1e-4)  # so that no parameter is ever free
-    damping[_TILT] += 1.0
-    damping[_BLUR] += 1e-3
-    damping[-2:] += 1.0
-    if moving:
-        pull[_MOTION, _MOTION] = 1e-3 * np.eye(2)
-    limit = np.zeros(rows)
-    limit[_TILT] = 1.0 / 0.2**2
-    return pull + np.diag(damping), pull, np.diag(limit)
-
-
-def _solved(A: F64, b: F64) -> F64:
-    """Return the solution (n,) of A x = b; zero if A is singular. Four times as fast as numpy's."""
-    return np.asarray(cv2.solve(A, b[:, None])[1], dtype=np.float64)[:, 0]
-
-
-def _moved(t: F64, normal: F64, axes: F32, step: F64, radius: float) -> tuple[F64, F64]:
-    """Return poses after steps (starts, 5 or more) on the planes' axes, wild ones shortened."""
-    forward = (step[:, None, :3] @ axes)[:, 0]
-    turn = (step[:, None, 3:5] @ axes[:, :2])[:, 0]
-    for k, ((x, y, z), (dx, dy, dz)) in enumerate(zip(t.tolist(), forward.tolist(), strict=True)):
-        aside = math.hypot(dx - x * dz / z, dy - y * dz / z)
-        longest = max(abs(dz) / (0.25 * z), aside / (0.3 * radius))
-        if longest > 1.0:
-            forward[k] /= longest
-            turn[k] /= longest
-    t, normal = t + forward, normal + turn
-    t[:, 2] = np.maximum(t[:, 2], 0.02)
-    return t, normal / np.sqrt((normal * normal).sum(axis=1))[:, None]

@@ -8,15 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
+from landerd.pad import Ring
 from landerd.vision.pose import circle
 from landerd.vision.ring_pose import F64, Pose, tangents
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]  # of everything per pixel: half the time, and 1e-5 px is enough
 
-_FINE_PX = 36.0  # below this size a ring's edges bend within a pixel
+# Across: below, a ring's edges bend within the blur, and that biased oblique far rings.
+_SMALL_PX = 36.0
 MARGIN = 0.24  # white around a ring, in radii: the thesis's plate has 0.12 m round its 1 m
-_UNKNOWN = 30.0  # contrast of what lies beyond the margin, in sigmas of the noise
+_SURROUNDINGS_SIGMAS = 30.0  # contrast of what lies beyond the margin, in sigmas of the noise
+_MIN_WEIGHT = 0.02  # of a pixel that is worth its time
+_MIN_COUNT = 30  # pixels: a fit has 12 to 14 parameters
 
 
 @dataclass(frozen=True)
@@ -25,8 +29,8 @@ class Pixels:
 
     rays: F32  # (3, n)
     grey: F32
-    trust: F32
-    fine: bool  # small ring: look at each pixel in four places
+    weight: F32
+    supersample: bool  # small ring: its pixels are worth subpixels
     focal: float  # pixels per ray unit, geometric mean
 
 
@@ -43,65 +47,87 @@ def pixels_near(
     image: U8,
     camera: CameraModel,
     pose: Pose,
-    radius: float,
-    ratio: float,
+    ring: Ring,
     band_px: float,
-    most: int,
-    fine: bool,
+    max_count: int,
+    *,
+    supersample: bool,
 ) -> Pixels | None:
     """Return the pixels within a band of both edges of a ring; None if too few are in the image.
 
-    At most about `most` pixels are taken. With `fine`, small rings will be fitted with all care.
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        pose: of the ring.
+        ring: its true size and ratio.
+        band_px: how far from an edge a pixel may be.
+        max_count: about so many pixels at most.
+        supersample: small rings will be fitted with subpixels.
     """
-    h, w = image.shape
-    edges = edge_pixels(camera, pose, (radius, radius * ratio))
-    low, high = edges[0].min(axis=0), edges[0].max(axis=0)
-    size = float((high - low).max())
-    if not size <= 4.0 * max(h, w):
+    edges = edge_pixels(camera, pose, _radii(ring))
+    size = float((edges[0].max(axis=0) - edges[0].min(axis=0)).max())
+    if not size <= 4.0 * max(image.shape):
         return None
-    if size < _FINE_PX:
-        x0, y0 = np.maximum(np.floor(low - band_px), 0).astype(int)
-        x1, y1 = np.minimum(np.ceil(high + band_px), (w - 1, h - 1)).astype(int)
-        gx, gy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
-        p = np.column_stack([gx.ravel(), gy.ravel()])
+    if size < _SMALL_PX:
+        p = _around(edges[0], band_px, image.shape)
     else:
-        p = _across(edges, band_px, most)
-        p = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
-    if len(p) < 30:
+        p = _across(edges, band_px, max_count, image.shape)
+    if len(p) < _MIN_COUNT:
         return None
-    rays = camera.rays(p.astype(np.float64))
-    focal = math.sqrt(camera.fx * camera.fy)
-    grey = image[p[:, 1], p[:, 0]].astype(np.float32)
     v = np.ones((3, len(p)), dtype=np.float32)
-    v[:2] = rays.T
-    g = PlaneView(v, focal, *plane_axes(pose[0][None], pose[1][None]))
-    d_o, d_i = (g.rho[0] - radius) / g.scale[0], (g.rho[0] - radius * ratio) / g.scale[0]
-    # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
-    beyond, _ = blurred_step((d_o - MARGIN * radius / g.scale[0]) / max(0.7, band_px / 3.0))
-    trust = 1.0 / (1.0 + (_UNKNOWN * beyond) ** 2)
-    near = np.flatnonzero(
-        (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px)) & (trust > 0.02)
-    )
-    near = near[:: len(near) // most + 1]
-    if len(near) < 30:
+    v[:2] = camera.rays(p.astype(np.float64)).T
+    focal = math.sqrt(camera.fx * camera.fy)
+    near, weight = _weighted(v, focal, pose, ring, band_px)
+    near = near[:: len(near) // max_count + 1]
+    if len(near) < _MIN_COUNT:
         return None
-    return Pixels(v[:, near], grey[near], trust[near], fine and size < _FINE_PX, focal)
+    grey = image[p[:, 1], p[:, 0]].astype(np.float32)
+    is_small = supersample and size < _SMALL_PX
+    return Pixels(v[:, near], grey[near], weight[near], is_small, focal)
 
 
-def _across(edges: F64, band_px: float, most: float) -> NDArray[np.intp]:
+def _weighted(
+    v: F32, focal: float, pose: Pose, ring: Ring, band_px: float
+) -> tuple[NDArray[np.intp], F32]:
+    """Return which rays (3, n) meet the plane near a ring's edges, and the weights (n,) of all."""
+    g = PlaneView(v, focal, *plane_axes(pose[0][None], pose[1][None]))
+    d_o, d_i = ((g.rho[0] - r) / g.scale[0] for r in _radii(ring))
+    # Light from beyond the plate's edge reaches this far in; what is there nobody knows.
+    beyond, _ = blurred_step((d_o - MARGIN * ring.radius_m / g.scale[0]) / max(0.7, band_px / 3.0))
+    weight: F32 = 1.0 / (1.0 + (_SURROUNDINGS_SIGMAS * beyond) ** 2)
+    is_near = (d_o < band_px) & ((d_o > -band_px) | (np.abs(d_i) < band_px))
+    return np.flatnonzero(is_near & (weight > _MIN_WEIGHT)), weight
+
+
+def _radii(ring: Ring) -> tuple[float, float]:
+    return ring.radius_m, ring.radius_m * ring.inner_ratio
+
+
+def _around(edge: F64, band_px: float, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Return all whole pixels (n, 2) of the box round an outline (count, 2)."""
+    h, w = shape
+    low, high = edge.min(axis=0), edge.max(axis=0)
+    x0, y0 = np.maximum(np.floor(low - band_px), 0).astype(int)
+    x1, y1 = np.minimum(np.ceil(high + band_px), (w - 1, h - 1)).astype(int)
+    gx, gy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
+    return np.column_stack([gx.ravel(), gy.ravel()])
+
+
+def _across(edges: F64, band_px: float, max_count: int, shape: tuple[int, ...]) -> NDArray[np.intp]:
     """Return whole pixels (n, 2) on short lines across closed outlines (outlines, count, 2)."""
     step = max(1.0, band_px / 4.0)
     offsets = np.arange(-band_px, band_px + 0.5 * step, step)
     corners = edges.shape[1]
-    count = min(corners, int(most / (len(edges) * len(offsets))))
+    count = min(corners, int(max_count / (len(edges) * len(offsets))))
     at = np.arange(count) * corners // count
-    p = edges[:, at]
     along = edges[:, (at + 1) % corners] - edges[:, at - 1]
     normal = along[..., ::-1] * (-1.0, 1.0)
     normal *= (1.0 / (np.sqrt((normal * normal).sum(axis=-1)) + 1e-12))[..., None]
-    lines = p[..., None, :] + offsets[:, None] * normal[..., None, :]
-    pixels: NDArray[np.intp] = np.rint(lines).reshape(-1, 2).astype(np.intp)
-    return pixels
+    lines = edges[:, at][..., None, :] + offsets[:, None] * normal[..., None, :]
+    p = np.rint(lines).reshape(-1, 2).astype(np.intp)
+    h, w = shape
+    inside: NDArray[np.intp] = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
+    return inside
 
 
 def plane_axes(t: F64, normal: F64) -> tuple[F32, F32]:
@@ -145,7 +171,7 @@ class PlaneView:
         unit: F32 = self.gradient / self.length[:, None]
         return unit
 
-    def bends(self) -> tuple[F32, F32]:
+    def curvature(self) -> tuple[F32, F32]:
         """Return the plane's area in a pixel (m^2) and rho'' / (2 rho') across a level line (1/px).
 
         With M the metric of the plane in pixels, rho^2 = p^T M p: the root of det M is the area,

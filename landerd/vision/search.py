@@ -1,7 +1,6 @@
-"""Where in an image a pad's markers are looked for."""
+"""Searches images for a pad's rings and squares, as `search_policy` decides."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,47 +8,33 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square
-from landerd.vision.pose import Pose, circle, rotation_from
+from landerd.vision import search_policy as policy
+from landerd.vision.expected import Expected
+from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_from
+from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image, SquareFinder
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
 
-_MOST_ALIKE = 3  # rings looked at for one ring of the pad
-_SEARCH_SIDE_PX = 28.0  # squares whose size in the image is known are searched at about this
-_SMALLEST_SIDE_PX = 14.0  # and at least this size
-_LARGEST_SCALE = 4.0
-_THOROUGH_EVERY = 5  # frames in which nothing is found: the search is thorough in every fifth
-_SQUARES_WAIT = 4  # frames after one in which small squares were looked for beside a ring
-_LARGE_SIDE_PX = 40.0  # a square this large tells the pose as well as any ring does
+_RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer
+# Squares whose size in the image is known are searched at about this one, chosen for speed (it was
+# 40), and at least at that.
+_SEARCH_SIDE_PX, _MIN_SIDE_PX = 28.0, 14.0
+_MAX_SCALE = 4.0  # of the image so enlarged
+_MIN_SLANT = 0.35  # cosine of the viewing angle below which the image is not enlarged further
+_SQUARE_MARGIN_PX = 4.0  # round the circle about a ring in which squares must lie
+_WINDOW_MARGIN, _WINDOW_SIGMAS = 0.2, 3.0  # round what is expected: of its size, and of its sigma
 
 FoundRing = tuple[Ring, MarkerSighting]
 
 
-@dataclass(frozen=True)
-class Expected:
-    """Where the pad should be, camera frame."""
-
-    position: F64  # landing point, m
-    normal: F64
-    north: F64 | None
-    sigma_m: float
-    margin_px: float  # of image motion that sigma_m does not tell
-
-    def points(self, place: tuple[float, float], outline: F64) -> F64 | None:
-        """Return a marker's outline (n, 2) about its centre as points (n, 3); None: no heading."""
-        centred = place == (0.0, 0.0)
-        if self.north is None and not centred:
-            return None
-        north = self.north if self.north is not None else _any_across(self.normal)
-        R = rotation_from(self.normal, north)
-        points: F64 = self.position + (outline + np.array(place)) @ R[:, :2].T
-        return points
-
-
 class Search:
-    """Looks for the markers of one pad in the images of one camera."""
+    """Looks for the rings and squares of one pad in the images of one camera.
+
+    Remembers what `search_policy` wants remembered from frame to frame.
+    """
 
     def __init__(
         self,
@@ -69,108 +54,91 @@ class Search:
         self._min_ring_px = min_ring_px
         self._finder = SquareFinder(layout)
         self._prints = prints
-        self._squares_wait = 0  # frames in which a ring is enough
-        self._lost_frames = 0  # in which nothing was found where it was expected
+        self._state = policy.SearchState()
 
     def find(
-        self, image: Image, expected: Expected | None, down: Vec3 | None, *, sparing: bool
+        self, image: Image, expected: Expected | None, down: Vec3 | None, *, holds_heading: bool
     ) -> tuple[list[FoundRing], list[FoundSquare]]:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
 
-        First where the pad is expected; what is not found there, everywhere. But one square tells
-        where the rings are, and a large one all that they could; and squares are beside the rings
-        of their pad or, if none is seen, anywhere. While nothing is found the search is thorough in
-        every fifth frame only, the first one included: of the whole image although the pad is
-        expected in a part of it, with a second threshold for rings, and for squares too.
-
         Args:
             image: grey image (height, width).
-            expected: where the pad should be.
+            expected: where the pad should be; None: anywhere.
             down: unit vector of gravity, camera frame.
-            sparing: look for small squares beside a ring in every fifth frame only: they tell the
-                heading, which changes slowly.
+            holds_heading: whether the estimate knows the heading well enough for some frames
+                without a square.
         """
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
-        waiting = False
+        ring_only = False
         if expected is not None:
-            if sparing and self._squares_wait > 0:
-                rings = self._rings_expected(image, expected, down, whole_only=False)
-            waiting = bool(rings)
-            if not waiting:
+            if policy.is_ring_enough(self._state, holds_heading=holds_heading):
+                rings = self._rings_expected(image, expected, down, ExpectedRings.ALL)
+                ring_only = bool(rings)
+            if not ring_only:
                 squares = self._squares_expected(image, expected)
-                if not any(_side_px(s.corners) > _LARGE_SIDE_PX for s in squares):
-                    rings = self._rings_expected(image, expected, down, whole_only=bool(squares))
-        self._squares_wait = _SQUARES_WAIT if rings and not waiting else self._squares_wait - 1
-        if waiting:
-            return rings, squares
-        thorough = self._lost_frames % _THOROUGH_EVERY == 0
-        if not rings and not squares:
-            self._lost_frames += 1
-            if expected is None or thorough:
-                rings = self._rings_anywhere(image, down, thorough=thorough)
-        if not squares and self._layout.squares:
-            squares = self._squares_unexpected(image, rings, whole_image=thorough)
+                which = policy.rings_beside([_side_px(s.corners) for s in squares])
+                rings = self._rings_expected(image, expected, down, which)
+        seen = Seen(bool(rings), bool(squares), ring_only)
+        elsewhere = policy.elsewhere(self._state, seen, is_expected=expected is not None)
+        self._state = policy.after(self._state, seen)
+        if elsewhere.rings is not RingSearch.NONE:
+            rings = self._rings_anywhere(image, down, elsewhere.rings)
+        if elsewhere.squares is not SquareSearch.NONE and self._layout.squares:
+            squares = self._squares_elsewhere(image, rings, elsewhere.squares)
         return rings, squares
 
-    def _rings_anywhere(
-        self, image: Image, down: Vec3 | None, *, thorough: bool
-    ) -> list[FoundRing]:
-        rings: list[FoundRing] = []
-        for ring in self._layout.rings:
-            found = find_rings(image, ring, self._camera, down=down, thorough=thorough)
-            rings += [(ring, s) for s in self._likely(found)]
-        return rings
-
     def _rings_expected(
-        self, image: Image, expected: Expected, down: Vec3 | None, *, whole_only: bool
+        self, image: Image, expected: Expected, down: Vec3 | None, which: ExpectedRings
     ) -> list[FoundRing]:
-        """Look for rings where they should be; whole_only: not for those that the image cuts.
+        """Look for rings where they should be.
 
         Just over the pad the ring fills the image and only the square tells the pose: looking for
         the ring there would cost ten times what finding the square does.
         """
         rings: list[FoundRing] = []
-        for ring in self._layout.rings:
-            points = expected.points(ring.position_m, circle(0.5 * ring.outer_diameter_m))
-            if points is None or (whole_only and not self._is_whole(points)):
+        for ring in self._layout.rings if which is not ExpectedRings.NONE else ():
+            points = expected.points(ring.position_m, circle(ring.radius_m))
+            if points is None or (which is ExpectedRings.WHOLE and not self._is_whole(points)):
                 continue
-            tracked = track_ring(
-                image, ring, self._camera, points.mean(axis=0), expected.normal, down=down
-            )
-            if tracked is not None:
-                rings += [(ring, s) for s in self._likely([tracked])]
-                continue
-            window = self._window(points, expected)
-            if window is None:
-                continue
-            size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
-            found = find_rings(
-                image, ring, self._camera, window=window, down=down, expected_diameter_px=size
-            )
-            rings += [(ring, s) for s in self._likely(found)]
+            found = self._ring_expected(image, ring, points, expected, down)
+            rings += [(ring, s) for s in self._large_enough(found)]
         return rings
 
-    def _likely(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
+    def _ring_expected(
+        self, image: Image, ring: Ring, points: F64, expected: Expected, down: Vec3 | None
+    ) -> list[MarkerSighting]:
+        """Look for a ring where its outline (n, 3) should be: a fit there, else detection."""
+        centre = points.mean(axis=0)
+        tracked = track_ring(image, ring, self._camera, centre, expected.normal, down=down)
+        if tracked is not None:
+            return [tracked]
+        window = self._window(points, expected)
+        if window is None:
+            return []
+        size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
+        return find_rings(
+            image, ring, self._camera, window=window, down=down, expected_diameter_px=size
+        )
+
+    def _rings_anywhere(self, image: Image, down: Vec3 | None, how: RingSearch) -> list[FoundRing]:
+        thorough = how is RingSearch.THOROUGH
+        rings: list[FoundRing] = []
+        for ring in self._layout.rings:
+            found = find_rings(image, ring, self._camera, down=down, thorough=thorough)
+            rings += [(ring, s) for s in self._large_enough(found)]
+        return rings
+
+    def _large_enough(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
         large = [
             r for r in rings if np.ptp(np.array(r.outline_px), axis=0).max() >= self._min_ring_px
         ]
-        return large[:_MOST_ALIKE]
-
-    def _squares_unexpected(
-        self, image: Image, rings: list[FoundRing], *, whole_image: bool
-    ) -> list[FoundSquare]:
-        """Look for squares round the rings, without rings in the whole image if asked to."""
-        for ring, sighting in rings:
-            found = self._squares_near(image, ring, sighting)
-            if found:
-                return found
-        return self._finder.find(image) if whole_image and not rings else []
+        return large[:_RINGS_KEPT]
 
     def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
         """Look for squares where they should be: a fit that starts there, else the detector."""
         found = []
-        by_size: dict[float, list[F64]] = {}
+        missed: dict[float, list[F64]] = {}  # outlines by size
         for s in self._layout.squares:
             points = expected.points(s.position_m, _turned(square_points(s.size_m), s.heading_deg))
             if points is None:
@@ -179,33 +147,28 @@ class Search:
             if tracked is not None:
                 found.append(tracked)
             else:
-                by_size.setdefault(s.size_m, []).append(points)
-        if any(_side_px(s.corners) > _LARGE_SIDE_PX for s in found):
+                missed.setdefault(s.size_m, []).append(points)
+        if policy.is_square_enough([_side_px(f.corners) for f in found]):
             return found
         known = {f.square for f in found}
-        for size, outlines in by_size.items():
+        for size, outlines in missed.items():
             points = np.concatenate(outlines)
             window = self._window(points, expected)
-            if window is not None:
-                scale = self._search_scale(size, points.mean(axis=0), expected.normal)
-                found += [
-                    f
-                    for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
-                    if f.square.size_m == size and f.square not in known
-                ]
+            detected = self._detected(image, window, size, points.mean(axis=0), expected.normal)
+            found += [f for f in detected if f.square not in known]
         return found
 
     def _tracked(
         self, image: Image, square: Square, corners: F64, expected: Expected
     ) -> FoundSquare | None:
         """Return a square if it is where its corners (4, 3), camera frame, are expected."""
-        if expected.north is None or float(corners[:, 2].min()) < 0.05:
+        if expected.north is None or float(corners[:, 2].min()) < MIN_DEPTH_M:
             return None
         px = self._camera.pixels(corners)
         out_of_sight = (px.max(axis=0) < 0).any() or (
             px.min(axis=0) > (self._camera.width, self._camera.height)
         ).any()
-        if out_of_sight or _side_px(px) < _SMALLEST_SIDE_PX:
+        if out_of_sight or _side_px(px) < _MIN_SIDE_PX:
             return None
         north = corners[:2].sum(axis=0) - corners[2:].sum(axis=0)
         start = Pose(
@@ -217,12 +180,24 @@ class Search:
         at = fit.pose.t + square_points(square.size_m) @ fit.pose.R[:, :2].T
         return FoundSquare(square, self._camera.pixels(at), fit)
 
-    def _squares_near(
+    def _squares_elsewhere(
+        self, image: Image, rings: list[FoundRing], where: SquareSearch
+    ) -> list[FoundSquare]:
+        """Look for squares round the rings, of which the first with any is taken for the pad's."""
+        for ring, sighting in rings:
+            found = self._squares_round(image, ring, sighting)
+            if found:
+                return found
+        is_wanted = where is SquareSearch.ANYWHERE and not rings
+        return self._finder.find(image) if is_wanted else []
+
+    def _squares_round(
         self, image: Image, ring: Ring, sighting: MarkerSighting
     ) -> list[FoundSquare]:
         """Look for squares round a ring; nothing is known of the heading."""
         pose = sighting.solutions[0]
         position, normal = np.array(pose.position), np.array(pose.normal)
+        about = Expected(position, normal, None, 0.0, _SQUARE_MARGIN_PX)
         found = []
         for size in sorted({s.size_m for s in self._layout.squares}):
             reach = max(
@@ -230,27 +205,30 @@ class Search:
                 for s in self._layout.squares
                 if s.size_m == size
             )
-            about = Expected(position, normal, None, 0.0, 4.0)
             points = about.points((0.0, 0.0), circle(reach + 0.75 * size))
             assert points is not None
-            window = self._window(points, about)
-            if window is not None:
-                scale = self._search_scale(size, position, normal)
-                found += [
-                    f
-                    for f in self._finder.find(image, window, scale, _SMALLEST_SIDE_PX)
-                    if f.square.size_m == size
-                ]
+            found += self._detected(image, self._window(points, about), size, position, normal)
         return found
 
+    def _detected(
+        self, image: Image, window: Window | None, size: float, position: F64, normal: F64
+    ) -> list[FoundSquare]:
+        """Detect squares of one size (m) in a window, enlarged as their pose asks for."""
+        if window is None:
+            return []
+        scale = self._search_scale(size, position, normal)
+        found = self._finder.find(image, window, scale, _MIN_SIDE_PX)
+        return [f for f in found if f.square.size_m == size]
+
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:
+        """Return the enlargement under which a square of this size is wide enough to be read."""
         distance = float(np.linalg.norm(position))
-        slant = max(0.35, abs(float(position @ normal)) / distance)
-        return min(_LARGEST_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
+        slant = max(_MIN_SLANT, abs(float(position @ normal)) / distance)
+        return min(_MAX_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
 
     def _is_whole(self, points: F64) -> bool:
         """Tell whether points (n, 3) all lie in the image."""
-        if float(points[:, 2].min()) < 0.05:
+        if float(points[:, 2].min()) < MIN_DEPTH_M:
             return False
         px = self._camera.pixels(points)
         size = (self._camera.width - 1, self._camera.height - 1)
@@ -260,12 +238,14 @@ class Search:
         """Return the window that holds points (n, 3) and the margin; None: out of the image."""
         camera = self._camera
         nearest = float(points[:, 2].min())
-        if nearest < 0.05:
+        if nearest < MIN_DEPTH_M:
             return Window(0, 0, camera.width, camera.height)
         px = camera.pixels(points)
         low, high = px.min(axis=0), px.max(axis=0)
         margin = (
-            0.2 * (high - low) + expected.margin_px + 3.0 * expected.sigma_m * self._focal / nearest
+            _WINDOW_MARGIN * (high - low)
+            + expected.margin_px
+            + _WINDOW_SIGMAS * expected.sigma_m * self._focal / nearest
         )
         x0, y0 = np.maximum(np.floor(low - margin), 0.0)
         x1, y1 = np.minimum(np.ceil(high + margin) + 1, (camera.width, camera.height))
@@ -277,12 +257,6 @@ class Search:
 def _side_px(corners: F64) -> float:
     """Return the shortest side of a square with corners (4, 2) in the image."""
     return float(np.sqrt(((corners - np.roll(corners, 1, axis=0)) ** 2).sum(axis=1)).min())
-
-
-def _any_across(normal: F64) -> F64:
-    """Return some direction that is not along the normal."""
-    across: F64 = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    return across
 
 
 def _turned(points: F64, heading_deg: float) -> F64:

@@ -1,5 +1,6 @@
 """Square markers (AprilTag, ArUco) in an image, found by OpenCV's detector."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -8,15 +9,15 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64
 from landerd.pad import PadLayout, Square
-from landerd.vision.square_fit import Fit
+from landerd.vision.print_fit import Fit
 from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]
 
-_SMALLEST_SIDE_PX = 5.0
+_MIN_SIDE_PX = 5.0
 # Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
 # Where a pad is known to be the first mostly shows them; a whole image needs OpenCV's own three.
-_WINDOW_MEANS_PX = (7, 7, 1), (21, 21, 1)
+_WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
 _WHOLE_MEANS_PX = ((3, 23, 10),)
 
 
@@ -55,7 +56,7 @@ class SquareFinder:
         image: Image,
         window: Window | None = None,
         scale: float = 1.0,
-        smallest_px: float = _SMALLEST_SIDE_PX,
+        smallest_px: float = _MIN_SIDE_PX,
     ) -> list[FoundSquare]:
         """Return the pad's squares in an image.
 
@@ -67,32 +68,54 @@ class SquareFinder:
                 with the number of outlines that are longer.
         """
         x0, y0 = 0, 0
+        means_px: Sequence[tuple[int, int, int]] = _WHOLE_MEANS_PX
         if window is not None:
             x0, y0 = window.x0, window.y0
             image = image[window.y0 : window.y1, window.x0 : window.x1]
-        if min(image.shape) < _SMALLEST_SIDE_PX:
+            means_px = _WINDOW_MEANS_PX
+        if min(image.shape) < _MIN_SIDE_PX:
             return []
-        if scale != 1.0:
-            how = cv2.INTER_CUBIC if scale > 1.0 else cv2.INTER_AREA
-            image = np.asarray(
-                cv2.resize(image, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8
-            )
-        rate = 4.0 * smallest_px / max(image.shape)
+        image = _enlarged(image, scale)
+        perimeter_rate = 4.0 * smallest_px / max(image.shape)
+        parameters = [_parameters(perimeter_rate, means) for means in means_px]
         found: list[FoundSquare] = []
         for detector, squares, turn in self._detectors:
-            seen: set[int] = set()
-            for means_px in _WHOLE_MEANS_PX if window is None else _WINDOW_MEANS_PX:
-                detector.setDetectorParameters(_parameters(rate, means_px))
-                corners, ids, _ = detector.detectMarkers(image)
-                numbers = [] if ids is None else [int(i) for i in ids.reshape(-1)]
-                for quad, number in zip(corners, numbers, strict=True):
-                    if number not in seen:
-                        px = (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (x0, y0)
-                        found.append(FoundSquare(squares[number], np.roll(px, turn, axis=0)))
-                seen.update(numbers)
-                if len(seen) == len(squares):
-                    break
+            for number, corners in _detected(detector, parameters, image, len(squares)):
+                px = (corners + 0.5) / scale - 0.5 + (x0, y0)
+                found.append(FoundSquare(squares[number], np.roll(px, turn, axis=0)))
         return found
+
+
+def _enlarged(image: Image, scale: float) -> Image:
+    if scale == 1.0:
+        return image
+    how = cv2.INTER_CUBIC if scale > 1.0 else cv2.INTER_AREA
+    return np.asarray(
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8
+    )
+
+
+def _detected(
+    detector: cv2.aruco.ArucoDetector,
+    parameters: list[cv2.aruco.DetectorParameters],
+    image: Image,
+    count: int,
+) -> Iterator[tuple[int, F64]]:
+    """Yield number and corners (4, 2), px, of markers; ends when `count` numbers were seen.
+
+    A number that one set of parameters shows twice comes twice, that a later one shows again not.
+    """
+    seen: set[int] = set()
+    for with_these in parameters:
+        detector.setDetectorParameters(with_these)
+        quads, ids, _ = detector.detectMarkers(image)
+        numbers = [] if ids is None else [int(i) for i in ids.reshape(-1)]
+        for quad, number in zip(quads, numbers, strict=True):
+            if number not in seen:
+                yield number, quad.reshape(4, 2).astype(np.float64)
+        seen.update(numbers)
+        if len(seen) == count:
+            return
 
 
 def printed_cells(square: Square) -> NDArray[np.bool_]:

@@ -6,7 +6,7 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel
 from landerd.vision.pose import Pose
 
-_STEPS = 8
+_MAX_STEPS = 8
 
 
 def square_points(size: float) -> F64:
@@ -72,7 +72,7 @@ def corner_information(pose: Pose, size: float, sigma: float) -> F64:
 
 def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:
     """Refine a pose on corner rays (n, 2) of points (n, 2); None if it does not converge."""
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         residual, J = _residual(rays, points, pose)
         information = J.T @ J
         try:

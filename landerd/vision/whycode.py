@@ -1,6 +1,6 @@
 """WhyCodes: rings whose inner edge tells a number and a direction.
 
-A dark ring with a bright heart is looked for as a plain ring is. Under both poses of its outline
+A dark ring with a bright core is looked for as a plain ring is. Under both poses of its outline
 the code band is read in the ring's own plane, so neither perspective nor lens distortion bends it;
 what does not carry a code of the pad is none of its rings. Then the whole print, its turn now
 known, is fitted to the pixels from both poses: the teeth, too long on one side and too short on the
@@ -17,23 +17,32 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import PadLayout, WhyCode, rotated
-from landerd.vision.pose import CONTINUED, SAME_NORMAL, Pose, rotation_from
+from landerd.vision.expected import Expected
+from landerd.vision.pose import (
+    EQUAL_NORMALS_COS,
+    MIN_DEPTH_M,
+    SAME_SOLUTION_COS,
+    Pose,
+    rotation_from,
+)
+from landerd.vision.print_fit import MIN_EXPLAINED, Fit
 from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
-from landerd.vision.search import Expected
-from landerd.vision.square_fit import EXPLAINED, Fit
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
 
-_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
-_PER_BIT = 16  # samples of the band along a cell
-_RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
-_LEAST_CONTRAST = 12.0  # along the band, grey levels
-_LEAST_SWING = 0.4  # of the mean bit, in the contrast along the band
-_LEAST_BIT = 0.45  # of a bit's swing, in mean swings of all bits
-_LARGE_PX = 60.0  # a code this large tells all that smaller ones could
-_SMALLEST_PX = 9.0  # across; smaller rings have no teeth to be seen
+_PLAIN_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
+_SAMPLES_PER_BIT = 16  # samples of the band along a cell
+_BAND_RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
+_SINE = np.sin((np.arange(_SAMPLES_PER_BIT) + 0.5) * (2.0 * math.pi / _SAMPLES_PER_BIT))
+_HALVES = _SINE * (2.0 / float(np.abs(_SINE).sum()))  # weights: first half of a cell less second
+# Limits by trial on the images of `bench.vision_whycode`.
+_MIN_CONTRAST = 12.0  # along the band, grey levels
+_MIN_MEAN_DIFFERENCE = 0.4  # between a bit's halves, over the contrast along the band
+_MIN_DECISION_MARGIN = 0.45  # a code read under the mirrored pose gave 0.5 to 0.6, the true one 0.9
+_LARGE_CODE_PX = 60.0  # across: a code this large tells all that smaller ones could
+_MIN_CODE_PX = 9.0  # across; smaller rings have no teeth to be seen
 
 
 @dataclass(frozen=True)
@@ -49,8 +58,8 @@ class Reading:
     """What a code band says, read in the frame of some pose."""
 
     word: int
-    begins: float  # angle of the first bit's beginning, anticlockwise from the frame's east, rad
-    clearness: float  # swing of the least clear bit in swings of the mean bit
+    first_bit_angle: float  # where it begins, anticlockwise from the frame's east, rad
+    decision_margin: float  # of the least clear bit: the difference of its halves, over the mean
 
 
 class WhyCodeFinder:
@@ -84,12 +93,12 @@ class WhyCodeFinder:
             for code in self._prints:
                 start = _as_expected(code, expected)
                 size = self._size_px(code, start)
-                if size < _SMALLEST_PX:
+                if size < _MIN_CODE_PX:
                     continue
                 poses = self._poses(image, code, start, last_normal)
                 if poses:
                     found.append(FoundCode(code, poses))
-                    if size > _LARGE_PX:
+                    if size > _LARGE_CODE_PX:
                         break
         return found or self._anywhere(image, last_normal)
 
@@ -124,17 +133,17 @@ class WhyCodeFinder:
                     readings.append((reading, pose))
             if not readings:
                 continue
-            reading, pose = max(readings, key=lambda r: r[0].clearness)
+            reading, pose = max(readings, key=lambda r: r[0].decision_margin)
             for code in self._prints:
-                turn = _turn(reading, code)
+                turn = _top_angle(reading, code)
                 if (
                     code.bits == bits
                     and turn is not None
-                    and (best is None or reading.clearness > best[0])
+                    and (best is None or reading.decision_margin > best[0])
                 ):
-                    t = 0.5 * code.outer_diameter_m * pose.t
-                    start = Pose(_turned(pose.R, turn), t, pose.information, 0.0)
-                    best = reading.clearness, code, start
+                    t = code.radius_m * pose.t
+                    start = Pose(_rotated_about_normal(pose.R, turn), t, pose.information, 0.0)
+                    best = reading.decision_margin, code, start
         return best[1:] if best else None
 
     def _poses(
@@ -147,25 +156,25 @@ class WhyCodeFinder:
         """Return the poses of a code near a start, best first; empty if it is not there."""
         printed, camera = self._prints[code], self._camera
         fits = [f for f in [printed.fit(image, camera, start)] if f is not None]
-        if not fits or fits[0].explained < EXPLAINED:
+        if not fits or fits[0].explained < MIN_EXPLAINED:
             return ()
-        if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < CONTINUED:
-            other = _mirrored(fits[0].pose, 0.5 * code.outer_diameter_m)
+        if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < SAME_SOLUTION_COS:
+            other = _mirrored(fits[0].pose, code.radius_m)
             fit = None if other is None else printed.fit(image, camera, other)
-            if fit is not None and fit.pose.normal @ fits[0].pose.normal < SAME_NORMAL:
+            if fit is not None and fit.pose.normal @ fits[0].pose.normal < EQUAL_NORMALS_COS:
                 fits.append(fit)
         poses = _ranked(fits)
         return poses if self._carries(image, code, poses[0]) else ()
 
     def _carries(self, image: Image, code: WhyCode, pose: Pose) -> bool:
         """Tell whether the band under a pose reads as the code, not turned."""
-        reading = read(image, self._camera, pose, 0.5 * code.outer_diameter_m, code.bits)
-        turn = None if reading is None else _turn(reading, code)
+        reading = read(image, self._camera, pose, code.radius_m, code.bits)
+        turn = None if reading is None else _top_angle(reading, code)
         return turn is not None and abs(turn) < math.pi / (2 * code.bits)
 
     def _size_px(self, code: WhyCode, pose: Pose) -> float:
         """Return a code's diameter in the image."""
-        return self._focal * code.outer_diameter_m / max(float(pose.t[2]), 0.05)
+        return self._focal * code.outer_diameter_m / max(float(pose.t[2]), MIN_DEPTH_M)
 
 
 def _outlines(image: Image, halvings: int, threshold: float) -> list[F64]:
@@ -174,7 +183,7 @@ def _outlines(image: Image, halvings: int, threshold: float) -> list[F64]:
     if halvings > 0:
         whole = image[: size[1] << halvings, : size[0] << halvings]
         image = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    candidates = ring_candidates(image, _RATIO, threshold)
+    candidates = ring_candidates(image, _PLAIN_RATIO, threshold)
     return [(ellipse.points() + 0.5) * 2**halvings - 0.5 for ellipse in candidates]
 
 
@@ -191,46 +200,55 @@ def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int
         radius: of the ring's outer edge, m.
         bits: cells in the band.
     """
-    samples = bits * _PER_BIT
+    level = _band(image, camera, pose, radius, bits * _SAMPLES_PER_BIT)
+    contrast = 0.0 if level is None else float(np.ptp(level))
+    if level is None or contrast < _MIN_CONTRAST:
+        return None
+    turned = np.stack([np.roll(level, -s) for s in range(_SAMPLES_PER_BIT)])
+    cells = turned.reshape(_SAMPLES_PER_BIT, bits, _SAMPLES_PER_BIT)
+    differences = -(cells @ _HALVES)  # bright after dark: a 0
+    total = np.abs(differences).sum(axis=1)
+    best = int(np.argmax(total))
+    mean = float(total[best]) / bits
+    least = float(np.abs(differences[best]).min()) / max(mean, 1e-9)
+    if mean < _MIN_MEAN_DIFFERENCE * contrast or least < _MIN_DECISION_MARGIN:
+        return None
+    word = 0
+    for difference in differences[best]:
+        word = word * 2 + int(difference < 0.0)
+    return Reading(word, best * 2.0 * math.pi / len(level), least)
+
+
+def _band(
+    image: Image, camera: CameraModel, pose: Pose, radius: float, samples: int
+) -> NDArray[np.floating] | None:
+    """Return the grey level along a code band (samples,); None if not all of it is in the image.
+
+    From the east of the pose's frame, anticlockwise.
+    """
     a = (np.arange(samples) + 0.5) * (2.0 * math.pi / samples)
-    way = np.column_stack([np.sin(a), np.cos(a)]) @ pose.R[:, :2].T
-    points = pose.t + (radius * np.array(_RADII))[:, None, None] * way
+    directions = np.column_stack([np.sin(a), np.cos(a)]) @ pose.R[:, :2].T
+    points = pose.t + (radius * np.array(_BAND_RADII))[:, None, None] * directions
     if points[..., 2].min() < 0.02 * radius:
         return None
     px = camera.pixels(points.reshape(-1, 3)).astype(np.float32)
     if not (px.min() >= 0.0 and (px <= (camera.width - 1, camera.height - 1)).all()):
         return None
     grey = cv2.remap(image, px[None, :, 0], px[None, :, 1], cv2.INTER_LINEAR)
-    level = grey.reshape(len(_RADII), samples).mean(axis=0)
-    contrast = float(np.ptp(level))
-    if contrast < _LEAST_CONTRAST:
-        return None
-    doublet = np.sin((np.arange(_PER_BIT) + 0.5) * (2.0 * math.pi / _PER_BIT))
-    doublet *= 2.0 / float(np.abs(doublet).sum())
-    turned = np.stack([np.roll(level, -s) for s in range(_PER_BIT)])
-    swings = -(turned.reshape(_PER_BIT, bits, _PER_BIT) @ doublet)  # bright after dark: a 0
-    total = np.abs(swings).sum(axis=1)
-    best = int(np.argmax(total))
-    mean = float(total[best]) / bits
-    least = float(np.abs(swings[best]).min()) / max(mean, 1e-9)
-    if mean < _LEAST_SWING * contrast or least < _LEAST_BIT:
-        return None
-    word = 0
-    for swing in swings[best]:
-        word = word * 2 + int(swing < 0.0)
-    return Reading(word, best * 2.0 * math.pi / samples, least)
+    level: NDArray[np.floating] = grey.reshape(len(_BAND_RADII), samples).mean(axis=0)
+    return level
 
 
-def _turn(reading: Reading, code: WhyCode) -> float | None:
+def _top_angle(reading: Reading, code: WhyCode) -> float | None:
     """Return the angle of the code's top, clockwise from the frame's north; None: another code."""
     for n in range(code.bits):
         if rotated(reading.word, code.bits, n) == code.id:
-            turn = -(reading.begins + n * 2.0 * math.pi / code.bits)
+            turn = -(reading.first_bit_angle + n * 2.0 * math.pi / code.bits)
             return math.remainder(turn, 2.0 * math.pi)
     return None
 
 
-def _turned(R: F64, turn: float) -> F64:
+def _rotated_about_normal(R: F64, turn: float) -> F64:
     """Return a frame turned clockwise about its z axis by an angle (rad)."""
     c, s = math.cos(turn), math.sin(turn)
     turned: F64 = R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -271,4 +289,4 @@ def _as_expected(code: WhyCode, expected: Expected) -> Pose:
     assert expected.north is not None
     R = rotation_from(expected.normal, expected.north)
     t = expected.position + R[:, :2] @ np.array(code.position_m)
-    return Pose(_turned(R, math.radians(code.heading_deg)), t, np.zeros((6, 6)), 0.0)
+    return Pose(_rotated_about_normal(R, math.radians(code.heading_deg)), t, np.zeros((6, 6)), 0.0)

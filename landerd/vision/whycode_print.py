@@ -7,38 +7,39 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64
 from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
-from landerd.vision.square_fit import SquarePrint
+from landerd.vision.print_fit import MarkerPrint
 
-_PER_RADIUS = 48  # samples of the print
-_FINER = 8  # points in a sample along each axis
-_MARGIN = 16  # samples of white round the print
-_REACH = 1.12  # outer radii within which print and image are compared,
-_HEART = 0.26  # and without which: another marker may stand in the white heart
+_SAMPLES_PER_RADIUS = 48  # samples of the print
+_OVERSAMPLING = 8  # points in a sample along each axis
+_MARGIN_SAMPLES = 16  # samples of white round the print
+_OUTER_REACH = 1.12  # outer radii within which print and image are compared,
+_INNER_REACH = 0.26  # and without which: another marker may stand in the white core
 
 
-class WhyCodePrint(SquarePrint):
+class WhyCodePrint(MarkerPrint):
     """The print of one WhyCode, ready to be compared with images."""
 
     def __init__(self, code: WhyCode) -> None:
         """Draw the print."""
-        self._radius = 0.5 * code.outer_diameter_m
-        self._prepare(
+        self._radius = code.radius_m
+        super().__init__(
             _drawn(code),
             code.outer_diameter_m,
-            _PER_RADIUS / self._radius,
-            _REACH * self._radius,
+            _SAMPLES_PER_RADIUS / self._radius,
+            _OUTER_REACH * self._radius,
         )
 
     def _is_used(self, north: F64, east: F64) -> NDArray[np.bool_]:
         rho = np.hypot(north, east) / self._radius
-        used: NDArray[np.bool_] = (rho < _REACH) & (rho > _HEART)
+        used: NDArray[np.bool_] = (rho < _OUTER_REACH) & (rho > _INNER_REACH)
         return used
 
 
 def _drawn(code: WhyCode) -> F64:
     """Return the print (n, n), its top up, 1 white and 0 black; edges are grey in proportion."""
-    half = _PER_RADIUS + _MARGIN
-    p = (np.arange(2 * half * _FINER) + 0.5) / (_FINER * _PER_RADIUS) - half / _PER_RADIUS
+    half = _SAMPLES_PER_RADIUS + _MARGIN_SAMPLES
+    points = np.arange(2 * half * _OVERSAMPLING) + 0.5
+    p = points / (_OVERSAMPLING * _SAMPLES_PER_RADIUS) - half / _SAMPLES_PER_RADIUS
     east, north = np.meshgrid(p, -p)
     rho = np.hypot(north, east)
     # Anticlockwise from the east, in half cells.
@@ -47,5 +48,7 @@ def _drawn(code: WhyCode) -> F64:
     ones = np.array([code.id >> i & 1 for i in reversed(range(code.bits))])
     tooth = slot % 2 == ones[slot // 2]
     black = (rho < 1.0) & (rho > WHYCODE_CORE) & ((rho > WHYCODE_BAND) | tooth)
-    white: F64 = 1.0 - black.reshape(2 * half, _FINER, 2 * half, _FINER).mean(axis=(1, 3))
+    white: F64 = 1.0 - black.reshape(2 * half, _OVERSAMPLING, 2 * half, _OVERSAMPLING).mean(
+        axis=(1, 3)
+    )
     return white

@@ -7,16 +7,18 @@ from typing import Any
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench
+from hw.sim.gimbals.byte_model import ByteModel
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimOptions
 from hw.sim.physics.world import World
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.renderer import Renderer
 from hw.sim.stand_in.autopilot import SimAutopilot
-from landerd import devices as registry
 from landerd.camera_model import load_camera
 from landerd.commands.calibrate_gimbal import calibrate_gimbal
-from landerd.config.files import Loaded, config_dir, load
+from landerd.config.files import Loaded, config_dir
+from landerd.devices import gimbal_model
+from landerd.drivers import read_configuration
 from landerd.pad import load_pad
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
@@ -32,10 +34,8 @@ STANDS = (  # as on a table, the pad before it; little is disturbed
 
 def set_up(*overrides: str) -> Loaded:
     """Return the configuration of the stationary scenario with overrides, KEY=VALUE."""
-    return load(
+    return read_configuration(
         config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
         overlays=[config_dir() / "scenarios" / "stationary.yaml"],
         overrides=[*STANDS, *overrides],
     )
@@ -62,16 +62,19 @@ def calibrated(
         world, [far], ekf=ekf_in(world, seed=0), rng=random.Random(1), flying=armed
     )
     autopilot = MavlinkAutopilot(near)
-    connect = registry.model("gimbal", config.gimbal.driver)
+    connect = gimbal_model(config.gimbal.driver)
     assert connect is not None
     mount = SimMount(world, sim.gimbal, random.Random(2))
     bench = Bench(mount, stand_in, autopilot, realtime=False)
     gimbal, model = connect(loaded.options[f"gimbal.{config.gimbal.driver}"], bench)
     if late_s:
+        assert isinstance(model, ByteModel)
         model.late_s = late_s
     # The camera really is the packaged one, whatever calibration the configuration has.
     lens = load_camera(config_dir() / "cameras" / "thesis.yaml")
-    camera = SimCamera(Renderer(layout, lens, sim.render, 1), world.snapshot, sim.camera)
+    camera = SimCamera(
+        Renderer(layout, lens, sim.render, 1, sim.camera), world.snapshot, sim.camera
+    )
     assert (lens.width, lens.height) == (camera_model.width, camera_model.height)
 
     async def main() -> dict[str, Any]:

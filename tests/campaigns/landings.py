@@ -24,6 +24,8 @@ def landing(scenario: str = "stationary", seed: int = 1, **changes: Any) -> dict
         "refused_percent": 0.5,
         "aborts": 0,
         "rules_broken": [],
+        "world": {},
+        "infeasible": None,
         **changes,
     }
 

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from landerd import devices as registry
 from landerd.campaigns import plan
 from landerd.campaigns.plan import load_campaign
-from landerd.config.files import ConfigError, config_dir, config_files, load
+from landerd.config.files import ConfigError, config_dir, config_files
 from landerd.config.models import Config
+from landerd.drivers import read_configuration
 
 
 @pytest.mark.parametrize("name", list(config_files("campaigns")))
@@ -19,11 +19,7 @@ def test_every_campaign_can_be_flown(name: str) -> None:
 def test_scenarios_leave_landerds_own_configuration_as_it_is() -> None:
     configs: list[dict[str, object]] = []
     for path in [*config_files("scenarios").values(), None]:
-        loaded = load(
-            config_dir() / "default.yaml",
-            options_models=registry.options_models(),
-            overlays=[path] if path else [],
-        )
+        loaded = read_configuration(config_dir() / "default.yaml", overlays=[path] if path else [])
         configs.append(loaded.config.model_dump(include=set(Config.model_fields)))
     assert all(config == configs[-1] for config in configs)
 

@@ -14,11 +14,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import MemoryLink, memory_pair
-from landerd import devices as registry
 from landerd.cli import main
 from landerd.commands import check as check_command
 from landerd.commands.check import check
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost, Feedback, GimbalTraits
 from landerd.preflight.finding import Finding
@@ -115,11 +115,7 @@ class SetUp:
         self.speaks = True
 
     def check(self) -> list[Finding]:
-        loaded = load(
-            config_dir() / "default.yaml",
-            options_models=registry.options_models(),
-            overrides=self.overrides,
-        )
+        loaded = read_configuration(config_dir() / "default.yaml", overrides=self.overrides)
         driver = MavlinkAutopilot(self.link, system_id=self.system)
 
         async def run() -> list[Finding]:

@@ -12,10 +12,10 @@ from hw.replay.pictures import DrawnPictures
 from hw.replay.telemetry import read_telemetry
 from hw.replay.vehicle import RecordedVehicle
 from hw.sim.options import SimOptions
-from landerd import devices as registry
 from landerd.camera_model import load_camera
 from landerd.cli import main
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 from landerd.flightlog.reader import read_log
 from landerd.pad import load_pad
 from tests.recordings import ORIGIN, write_bin, write_tlog
@@ -31,11 +31,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
     tlog = write_tlog(folder / "a.tlog")
     telemetry = read_telemetry(tlog)
-    loaded = load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-    )
+    loaded = read_configuration(config_dir() / "default.yaml")
     options = loaded.options["sim"]
     assert isinstance(options, SimOptions)
     vehicle = RecordedVehicle(telemetry, FIXED, pretended=False, start=telemetry.start)

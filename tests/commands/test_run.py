@@ -22,9 +22,9 @@ ROOT = Path(__file__).parents[2]
 # Only the simulator has devices of the name "sim": here they are some that say nothing.
 RUN = """
 import sys
-from landerd import devices as registry
+from landerd.drivers import DRIVERS, Driver
 for section in ("camera", "gimbal"):
-    registry.DRIVERS[section]["sim"] = registry.Driver("tests.hw.idle:Idle")
+    DRIVERS[section]["sim"] = Driver("tests.hw.idle:Idle", "tests.hw.idle:IdleOptions")
 from landerd.cli import main
 sys.exit(main(["run", *sys.argv[1:]]))
 """

@@ -6,32 +6,30 @@ from typing import Annotated, Literal
 
 import pytest
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
-from landerd import devices as registry
 from landerd.camera_model import load_camera
 from landerd.config.files import ConfigError, Loaded, config_dir, load
 from landerd.config.models import Config
+from landerd.drivers import read_configuration
 from landerd.pad import load_pad
+from landerd.section import Section
 
 
-class Pad(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class Pad(Section):
     speed_mps: Annotated[float, Field(ge=0)] = 0.0
 
 
-class World(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class World(Section):
     pad: Pad = Pad()
     vehicle: Literal["standard", "fast"] = "standard"
 
 
-class Servo(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class Servo(Section):
     device: Path
 
 
-OPTIONS: dict[str, type[BaseModel]] = {"sim": World, "gimbal.servo": Servo}
+OPTIONS: dict[str, type[Section]] = {"sim": World, "gimbal.servo": Servo}
 DRIVERS = {"gimbal": ["sim", "servo"]}
 
 
@@ -250,12 +248,7 @@ def test_a_chosen_driver_must_have_the_options_it_needs(folder: Path) -> None:
 
 
 def read_with_drivers(path: Path, *overlays: Path) -> Loaded:
-    return load(
-        path,
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overlays=overlays,
-    )
+    return read_configuration(path, overlays=overlays)
 
 
 def test_the_default_file_states_every_default_as_it_is(folder: Path) -> None:

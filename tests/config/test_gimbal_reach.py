@@ -2,17 +2,12 @@
 
 import pytest
 
-from landerd import devices as registry
-from landerd.config.files import ConfigError, Loaded, config_dir, load
+from landerd.config.files import ConfigError, Loaded, config_dir
+from landerd.drivers import read_configuration
 
 
 def loaded(*overrides: str) -> Loaded:
-    return load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overrides=overrides,
-    )
+    return read_configuration(config_dir() / "default.yaml", overrides=overrides)
 
 
 def test_angles_that_a_gimbal_does_not_reach_are_cut_and_told() -> None:

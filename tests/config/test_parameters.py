@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from landerd import devices as registry
 from landerd.config import parameters as module
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
 from landerd.config.models import Config
 from landerd.config.parameters import (
     ParameterSet,
@@ -16,6 +15,7 @@ from landerd.config.parameters import (
     value_of,
     with_value,
 )
+from landerd.drivers import read_configuration
 from landerd.flightlog.reader import read_log
 from landerd.flightlog.replay import replay
 from landerd.messages import ParameterChange, Phase
@@ -100,11 +100,7 @@ def test_what_is_saved_is_laid_over_the_configuration_next_time(tmp_path: Path) 
     assert "1.25" not in overlay.read_text()  # only on request
     tuned.change("RC_GATE_CH", 9.0, disarmed=True)
     tuned.save()
-    config = load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        overlays=[overlay],
-    ).config
+    config = read_configuration(config_dir() / "default.yaml", overlays=[overlay]).config
     assert (config.guidance.pid.up.kp, config.guidance.pid.up.kd) == (1.25, 0.7)
     assert (config.rc.gate_channel, config.vehicle.gear_height_m) == (9, 0.3)
     assert list(tmp_path.iterdir()) == [overlay]

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from landerd import devices as registry
-from landerd.commands.run import fitting_camera, make_devices
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.devices import fitting_camera, make_devices
+from landerd.drivers import read_configuration
 from landerd.pad import load_pad
 
 FILES = sorted((config_dir() / "vehicles").glob("*.yaml"))
@@ -14,7 +14,7 @@ FILES = sorted((config_dir() / "vehicles").glob("*.yaml"))
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_an_example_is_sound_and_its_devices_can_be_made(path: Path, tmp_path: Path) -> None:
-    loaded = load(path, options_models=registry.options_models(), drivers=registry.names())
+    loaded = read_configuration(path)
     camera = fitting_camera(loaded)
     driver = loaded.config.camera.driver
     options = loaded.options[f"camera.{driver}"]

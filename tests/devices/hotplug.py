@@ -14,7 +14,7 @@ from hw.sim.gimbals.simplebgc import SimpleBgcModel
 from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.gimbal import GimbalPlant
 from landerd.camera_model import load_camera
-from landerd.commands.run import make_devices
+from landerd.devices import make_devices
 from landerd.lander import Lander
 from landerd.messages import Attitude, Command, Frame, GimbalState, Input, Prior, Sightings
 from landerd.pad import load_pad

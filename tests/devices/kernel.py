@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from landerd import devices as registry
-from landerd.config.files import Loaded, load
+from landerd.config.files import Loaded
+from landerd.drivers import read_configuration
 from tests.devices.bench import sh, wait_for
 
 CAMERA = "/dev/video0"
@@ -11,11 +11,7 @@ AUTOPILOT, GIMBAL = "/dev/ttyACM0", "/dev/ttyACM1"
 
 
 def configuration() -> Loaded:
-    return load(
-        Path("/etc/landerd/landerd.yaml"),
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-    )
+    return read_configuration(Path("/etc/landerd/landerd.yaml"))
 
 
 def load_module(command: str) -> None:

@@ -16,11 +16,11 @@ import numpy as np
 
 from hw.autopilots.mavlink_codec import MavlinkCodec
 from hw.links import open_link
-from landerd import devices as registry
-from landerd.config.files import load
+from landerd.drivers import read_configuration
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
 from landerd.runtime.daemon import Daemon
+from landerd.section import Section
 from landerd.simulation.flight import Simulation
 
 CONFIG = Path("/etc/landerd/landerd.yaml")
@@ -88,12 +88,16 @@ class Handover:
                 await writer.drain()
 
 
+class SocketCameraOptions(Section):
+    """It has none."""
+
+
 class SocketCamera:
     """The other end of the pictures; a Camera."""
 
     path = Path("/run/landerd-pictures")
 
-    def __init__(self) -> None:
+    def __init__(self, *, options: SocketCameraOptions) -> None:
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
 
     async def open(self) -> None:
@@ -131,15 +135,10 @@ async def flying(
 
     Its gate is low; the pilot is `simulation.autopilot.pilot`, the judge `simulation.rules`.
     """
-    loaded = load(
-        config,
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overrides=overrides,
-    )
+    loaded = read_configuration(config, overrides=overrides)
     simulation = Simulation(loaded, seed, realtime=True)
     simulation.daemon = cast(Daemon, Handover(simulation, url, SocketCamera.path))
-    simulation._outside.remove(simulation._open_gate)
+    simulation._beside.remove(simulation.stand_in.open_gate)
     run = asyncio.create_task(simulation.run(longest_s=600.0))
     try:
         yield simulation

@@ -3,10 +3,11 @@
 import sys
 from typing import cast
 
-from landerd import devices as registry
 from landerd.cli import main
+from landerd.drivers import DRIVERS, Driver
 
 if __name__ == "__main__":
-    cameras = cast(dict[str, registry.Driver], registry.DRIVERS["camera"])
-    cameras["sim"] = registry.Driver("tests.devices.outside:SocketCamera")
+    cameras = cast(dict[str, Driver], DRIVERS["camera"])
+    module = "tests.devices.outside"
+    cameras["sim"] = Driver(f"{module}:SocketCamera", f"{module}:SocketCameraOptions")
     sys.exit(main())

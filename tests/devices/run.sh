@@ -61,7 +61,7 @@ UNITS=/etc/systemd/system
 for unit in landerd checks; do ln -s $UNITS/$unit.service "$WORK/wants"; done
 container --volatile=overlay --bind="$WORK/etc:/etc/landerd" \
     --bind-ro="$HERE/program.sh:/opt/landerd/venv/bin/landerd" \
-    --bind-ro="$REPO/systemd/landerd.runtime.service:$UNITS/landerd.runtime.service" \
+    --bind-ro="$REPO/systemd/landerd.service:$UNITS/landerd.service" \
     --bind-ro="$HERE/checks.service:$UNITS/checks.service" \
     --bind-ro="$WORK/wants:$UNITS/multi-user.target.wants" \
     --boot systemd.show_status=0 >> "$OUT/container.log" 2>&1 || true

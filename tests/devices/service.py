@@ -1,6 +1,6 @@
 """Run as root in a container with a real systemd: the service, and a vehicle outside of it.
 
-The container is booted with landerd.runtime.service enabled and its camera not there.
+The container is booted with landerd.service enabled and its camera not there.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ from landerd.simulation.flight import Simulation
 from tests.devices.bench import run_checks, sh, show, wait_for
 from tests.devices.outside import CONFIG, SocketCamera, flying
 
-UNIT = "/etc/systemd/system/landerd.runtime.service"
+UNIT = "/etc/systemd/system/landerd.service"
 LOW, HIGH = 1100, 1900
 # The judge shares its process with the simulated world, which sees set-points late while it draws.
 TIMED = ("3: horizontal", "3: vertical", "3: set-points less often")
@@ -210,7 +210,7 @@ def check_hung_in_flight_it_is_restarted_and_silent_until_the_switch_was_low() -
 def check_a_wrong_configuration_is_told_and_not_tried_again() -> None:
     path = CONFIG.with_name("wrong.yaml")
     path.write_text("include: [default.yaml]\nrc: {gate_channel: 99}\n")
-    dropin = "/etc/systemd/system/landerd.runtime.service.d"
+    dropin = "/etc/systemd/system/landerd.service.d"
     sh(f"mkdir -p {dropin}")
     program = "/opt/landerd/venv/bin/landerd"
     sh(f"printf '[Service]\\nExecStart=\\nExecStart={program} run -c {path}\\n' > {dropin}/x.conf")

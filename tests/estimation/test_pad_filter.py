@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import pytest
 
 from landerd.config.models import EstimationSection
+from landerd.estimation.observation import PadObservation
 from landerd.estimation.pad_filter import PadEstimate, PadFilter
-from landerd.estimation.placement import PlacedPad
 from landerd.geometry import (
     IDENTITY,
     Mat3,
@@ -29,7 +29,7 @@ from landerd.geometry import (
 RATE = 30.0
 PAD: Vec3 = (12.0, -7.0, 0.4)
 OPTIONS = EstimationSection(clock_sigma_s=0.0)
-NO_COMMON = matscale(IDENTITY, 0.0)
+NO_BIAS = matscale(IDENTITY, 0.0)
 # Seen obliquely: 4 cm across, 20 cm along the line of sight.
 R_SIGHT = rot_zyx(0.7, -0.9, 0.0)
 SIGMAS: Vec3 = (0.20, 0.04, 0.04)
@@ -49,9 +49,9 @@ def sighting(
     sigma_tilt: float = 0.05,
     cost: float = 0.0,
     covariance: Mat3 = COVARIANCE,
-    common: Mat3 = NO_COMMON,
+    bias_jacobian: Mat3 = NO_BIAS,
     range_m: float = 0.0,
-) -> PlacedPad:
+) -> PadObservation:
     if noise is not None:
         error = (
             noise.gauss(0.0, SIGMAS[0]),
@@ -63,8 +63,17 @@ def sighting(
             heading = wrap(heading + noise.gauss(0.0, 0.03))
     sigma_heading = math.inf if heading is None else 0.03
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
-    return PlacedPad(
-        t, position, range_m, covariance, common, heading, sigma_heading, normal, sigma_tilt, cost
+    return PadObservation(
+        t,
+        position,
+        range_m,
+        covariance,
+        bias_jacobian,
+        heading,
+        sigma_heading,
+        normal,
+        sigma_tilt,
+        cost,
     )
 
 
@@ -73,7 +82,7 @@ def times(count: int, start: float = 0.0) -> Iterable[float]:
 
 
 def estimate(pad_filter: PadFilter, now: float) -> PadEstimate:
-    found = pad_filter.estimate(now, now)
+    found = pad_filter.estimate(now)
     assert found is not None
     return found
 
@@ -108,7 +117,7 @@ def test_innovations_are_as_large_as_the_filter_says() -> None:
     total, count = 0.0, 0
     for t in times(4100):
         seen = sighting(t, position, noise=noise)
-        expected = pad_filter.estimate(t, t)
+        expected = pad_filter.estimate(t)
         if expected is not None and t > 3.0:
             innovation = sub(seen.position, expected.position)
             s = matadd(expected.covariance, COVARIANCE)
@@ -123,10 +132,10 @@ def test_innovations_are_as_large_as_the_filter_says() -> None:
         velocity = add(velocity, change)
     assert count > 4000
     assert total / count == pytest.approx(3.0, abs=0.16)
-    assert pad_filter.rejected < 0.005 * count  # the 4 sigma gate: 0.1 % of honest ones
+    assert pad_filter.rejected < 0.005 * count  # beyond 4 sigma: 0.1 % of honest ones
 
 
-def mean_nis(pad_filter: PadFilter, sightings: Iterable[PlacedPad]) -> float:
+def mean_nis(pad_filter: PadFilter, sightings: Iterable[PadObservation]) -> float:
     """Mean of the normalised innovations from 2 s after the first sighting on."""
     found = []
     for seen in sightings:
@@ -140,7 +149,7 @@ def mean_nis(pad_filter: PadFilter, sightings: Iterable[PlacedPad]) -> float:
 def test_noise_of_another_size_than_stated_is_noticed(factor: float) -> None:
     noise = random.Random(7)
 
-    def sightings() -> Iterable[PlacedPad]:
+    def sightings() -> Iterable[PadObservation]:
         for t in times(900):
             off = sub(sighting(t, PAD, noise=noise).position, PAD)
             yield sighting(t, add(PAD, scale(off, factor)))
@@ -155,7 +164,7 @@ def test_a_heaving_deck_is_tracked_and_its_innovations_stay_white() -> None:
     close = matscale(IDENTITY, 0.01**2)
     worst = 0.0
 
-    def sightings() -> Iterable[PlacedPad]:
+    def sightings() -> Iterable[PadObservation]:
         nonlocal worst
         for t in times(900):
             heave = size * math.sin(omega * t)
@@ -208,8 +217,8 @@ def test_a_lens_that_points_off_moves_a_pad_no_longer_when_the_vehicle_has_stopp
         arm = max(1.0, 15.0 - 3.0 * t)
         sideways = ((0.0, 0.0, 0.0), (0.0, arm, 0.0), (0.0, 0.0, 0.0))
         seen_at = add(PAD, (0.0, error * arm, 0.0))
-        pad_filter.update([sighting(t, seen_at, covariance=close, common=sideways)])
-        found = pad_filter.estimate(t, t)
+        pad_filter.update([sighting(t, seen_at, covariance=close, bias_jacobian=sideways)])
+        found = pad_filter.estimate(t)
         if found is not None and t > 2.0:
             assert abs(found.velocity[1]) < 1.2 * error * 3.0
     assert found is not None
@@ -369,7 +378,7 @@ def test_one_false_alarm_is_never_a_pad() -> None:
     pad_filter = PadFilter(OPTIONS)
     assert not pad_filter.update([sighting(0.0, PAD)])
     for now in (0.0, 0.1, 1.0, 10.0):
-        assert pad_filter.estimate(now, 0.0) is None
+        assert pad_filter.estimate(now) is None
 
 
 def test_false_alarms_in_different_places_are_no_pad() -> None:
@@ -378,7 +387,7 @@ def test_false_alarms_in_different_places_are_no_pad() -> None:
     for t in times(200):
         place = (noise.uniform(-30.0, 30.0), noise.uniform(-30.0, 30.0), 0.0)
         assert not pad_filter.update([sighting(t, place)])
-        assert pad_filter.estimate(t, t) is None
+        assert pad_filter.estimate(t) is None
 
 
 @pytest.mark.parametrize("gap", [0.4, 0.7, 1.0, 1.5, 1.95])
@@ -387,7 +396,7 @@ def test_a_false_alarm_before_the_pad_does_not_make_it_a_fast_one(gap: float) ->
     pad_filter.update([sighting(0.0, add(PAD, (6.0, 0.0, 0.0)))])
     for t in times(30, gap):
         pad_filter.update([sighting(t, PAD)])
-        found = pad_filter.estimate(t, t)
+        found = pad_filter.estimate(t)
         assert found is None or norm(found.velocity) < 0.5
     assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.01
 
@@ -396,7 +405,7 @@ def test_what_stands_on_a_wall_is_no_pad() -> None:
     pad_filter = PadFilter(OPTIONS)
     for t in times(60):
         assert not pad_filter.update([sighting(t, PAD, tilt=math.radians(60.0))])
-    assert pad_filter.estimate(t, t) is None
+    assert pad_filter.estimate(t) is None
 
 
 def test_three_consistent_sightings_are_a_pad() -> None:
@@ -410,7 +419,7 @@ def test_after_two_seconds_out_of_sight_it_begins_anew() -> None:
     elsewhere = add(PAD, (0.2, 0.0, 0.0))
     t = 89 / RATE + 2.1
     assert not pad_filter.update([sighting(t, elsewhere)])
-    assert pad_filter.estimate(t, t) is None
+    assert pad_filter.estimate(t) is None
 
 
 def test_what_is_not_seen_grows_uncertain() -> None:
@@ -432,7 +441,7 @@ def test_an_empty_frame_changes_nothing() -> None:
 def test_forgotten_is_forgotten() -> None:
     pad_filter = settled()
     pad_filter.reset()
-    assert pad_filter.estimate(3.0, 3.0) is None
+    assert pad_filter.estimate(3.0) is None
     # A frame of coordinates of its own, and times that begin again.
     for t in times(3):
         pad_filter.update([sighting(t, (0.0, 0.0, 0.0))])

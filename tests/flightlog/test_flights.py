@@ -3,9 +3,9 @@
 import asyncio
 from pathlib import Path
 
-from landerd import devices as registry
 from landerd.commands.replay import config_of
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 from landerd.flightlog.reader import read_log
 from landerd.messages import Heartbeat, ParameterChange
 from landerd.runtime.clock import run_virtual
@@ -15,11 +15,8 @@ from landerd.simulation.flight import Simulation
 def test_each_arming_begins_a_core_and_a_log_with_the_parameters_changed_before(
     tmp_path: Path,
 ) -> None:
-    loaded = load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overrides=["log.images=none", "log.keep_free_mb=0"],
+    loaded = read_configuration(
+        config_dir() / "default.yaml", overrides=["log.images=none", "log.keep_free_mb=0"]
     )
     simulation = Simulation(loaded, 1, log=tmp_path / "a.mcap")
     daemon, recorder = simulation.daemon, simulation.recorder

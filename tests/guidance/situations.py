@@ -3,7 +3,7 @@
 import math
 
 from landerd.geometry import Vec3
-from landerd.guidance.relative import Relative
+from landerd.guidance.relative_state import RelativeState
 
 
 def situation(
@@ -16,9 +16,9 @@ def situation(
     sigma_m: float = 0.0,
     yaw_rate: float = 0.0,
     pad_velocity: Vec3 = (0.0, 0.0, 0.0),
-) -> Relative:
+) -> RelativeState:
     """The pad `distance` to the north and `height` below the feet."""
-    return Relative(
+    return RelativeState(
         error=error if error is not None else (distance, 0.0, height),
         error_rate=rate,
         pad_velocity=pad_velocity,

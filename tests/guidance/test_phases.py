@@ -117,14 +117,14 @@ def test_low_down_a_heading_out_of_sight_is_climbed_for() -> None:
     assert p.step(situation(0.1, 3.0, heading_deg=0.0))[0] is Phase.DESCENT
     phase, why = p.step(situation(0.1, 0.6, heading_deg=None))
     assert phase is not Phase.LANDED
-    assert p.climbs_again
+    assert p.goes_around
     assert "climbing" in why
     p.step(situation(0.1, 2.0, heading_deg=None))
-    assert p.climbs_again
+    assert p.goes_around
     p.step(situation(0.1, 2.0, heading_deg=0.0))
-    assert not p.climbs_again
+    assert not p.goes_around
     p.step(situation(0.1, 3.0, heading_deg=None))
-    assert not p.climbs_again
+    assert not p.goes_around
 
 
 @pytest.mark.parametrize("heading_deg", [None, 90.0])
@@ -176,11 +176,11 @@ def test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again(rate:
     p.step(situation(0.02, 1.0))
     assert p.step(situation(0.02, 0.11, rate=rate))[0] is Phase.DESCENT
     p.step(situation(0.02, 0.05, rate=rate))
-    assert p.climbs_again
+    assert p.goes_around
     assert p.floor_m == OPTIONS.retry_height_m
     assert p.step(situation(0.02, 0.11))[0] is not Phase.LANDED
     p.step(situation(0.02, OPTIONS.retry_height_m + 0.1))
-    assert not p.climbs_again
+    assert not p.goes_around
     assert p.step(situation(0.02, 0.11))[0] is Phase.LANDED
 
 

@@ -2,7 +2,8 @@ import math
 
 import pytest
 
-from landerd.guidance.touchdown import Step, Touchdown
+from landerd.guidance.states import Event
+from landerd.guidance.touchdown import Touchdown
 from landerd.messages import Landed
 
 DT = 0.025
@@ -11,6 +12,10 @@ GENTLE = 0.3  # m/s
 
 def make_touchdown() -> Touchdown:
     return Touchdown(timeout_s=5.0, descent_mps=GENTLE, reach_m=0.22)
+
+
+def has_touched(touchdown: Touchdown) -> bool:
+    return touchdown.unconfirmed(math.inf, Landed.IN_AIR)  # only a contact waits for ON_GROUND
 
 
 class Descent:
@@ -25,44 +30,44 @@ class Descent:
         self,
         seconds: float,
         *,
-        sinking: float = 0.3,
+        sink_rate: float = 0.3,
         ordered: float = 0.3,
         sighting_age: float = 0.05,
         landed: Landed = Landed.IN_AIR,
-    ) -> Step:
-        """Return the first step that is not DESCEND, or DESCEND when there is none."""
+    ) -> Event | None:
+        """Return the event that ends the descent, None when there is none."""
         for _ in range(round(seconds / DT)):
             self.t += DT
-            step = self.touchdown.step(self.t, sinking, ordered, sighting_age, landed)
-            if step is not Step.DESCEND:
-                return step
-        return Step.DESCEND
+            event = self.touchdown.step(self.t, sink_rate, ordered, sighting_age, landed)
+            if event is not None:
+                return event
+        return None
 
-    def in_contact(self) -> "Descent":
+    def to_contact(self) -> "Descent":
         self.go_on(0.5)
-        assert self.go_on(0.5, sinking=0.0) is Step.CONTACT
+        assert self.go_on(0.5, sink_rate=0.0) is Event.CONTACT
         return self
 
 
 def test_sinking_as_ordered_is_no_contact() -> None:
-    assert Descent().go_on(3.0) is Step.DESCEND
+    assert Descent().go_on(3.0) is None
 
 
 def test_much_slower_than_ordered_for_a_fifth_of_a_second_is_contact() -> None:
     descent = Descent()
     descent.go_on(0.6)
     start = descent.t
-    assert descent.go_on(1.0, sinking=0.05) is Step.CONTACT
+    assert descent.go_on(1.0, sink_rate=0.05) is Event.CONTACT
     assert 0.2 <= descent.t - start <= 0.2 + 2 * DT
-    assert descent.touchdown.in_contact
+    assert has_touched(descent.touchdown)
 
 
 def test_a_short_slow_moment_is_no_contact() -> None:
     descent = Descent()
     descent.go_on(0.6)
     for _ in range(10):
-        assert descent.go_on(0.15, sinking=0.0) is Step.DESCEND
-        assert descent.go_on(0.1, sinking=0.3) is Step.DESCEND
+        assert descent.go_on(0.15, sink_rate=0.0) is None
+        assert descent.go_on(0.1, sink_rate=0.3) is None
 
 
 def test_a_vehicle_that_committed_from_a_hover_is_not_thought_to_stand_on_the_pad() -> None:
@@ -70,32 +75,32 @@ def test_a_vehicle_that_committed_from_a_hover_is_not_thought_to_stand_on_the_pa
     answer = (0.0, 0.011, 0.148, 0.388, 0.597, 0.759, 0.881, 0.95, 1.028, 1.05, 1.087)
     descent = Descent()
     for share in answer:
-        assert descent.go_on(0.1, sinking=0.3 * share, ordered=0.3) is Step.DESCEND
+        assert descent.go_on(0.1, sink_rate=0.3 * share, ordered=0.3) is None
 
 
 def test_on_ground_from_the_autopilot_is_contact_at_once() -> None:
-    assert Descent().go_on(DT, landed=Landed.ON_GROUND) is Step.CONTACT
+    assert Descent().go_on(DT, landed=Landed.ON_GROUND) is Event.CONTACT
 
 
 def test_blind_after_commit_it_goes_on_for_less_than_a_second_and_then_aborts() -> None:
     descent = Descent()
-    assert descent.go_on(DT, sighting_age=0.8) is Step.DESCEND
-    assert descent.go_on(DT, sighting_age=1.0) is Step.ABORT
-    assert not descent.touchdown.in_contact
+    assert descent.go_on(DT, sighting_age=0.8) is None
+    assert descent.go_on(DT, sighting_age=1.0) is Event.SIGHT_LOST
+    assert not has_touched(descent.touchdown)
 
 
 def test_blind_on_the_pad_is_contact_all_the_same() -> None:
     descent = Descent()
     descent.go_on(0.5)
     for age in (0.6, 0.7, 0.8, 0.9, 1.0, 1.1):
-        step = descent.go_on(2 * DT, sinking=0.0, sighting_age=age - 0.1)
-        if step is not Step.DESCEND:
+        event = descent.go_on(2 * DT, sink_rate=0.0, sighting_age=age - 0.1)
+        if event is not None:
             break
-    assert step is Step.CONTACT
+    assert event is Event.CONTACT
 
 
 def test_disarm_is_asked_for_only_on_the_ground_and_until_it_is_done() -> None:
-    touchdown = Descent().in_contact().touchdown
+    touchdown = Descent().to_contact().touchdown
     for landed in (Landed.UNDEFINED, Landed.IN_AIR, Landed.TAKEOFF, Landed.LANDING):
         assert not touchdown.disarm_due(60.0, landed)
     asked = [
@@ -105,7 +110,7 @@ def test_disarm_is_asked_for_only_on_the_ground_and_until_it_is_done() -> None:
 
 
 def test_five_seconds_without_on_ground_is_unconfirmed() -> None:
-    descent = Descent().in_contact()
+    descent = Descent().to_contact()
     touchdown, contact = descent.touchdown, descent.t
     assert not touchdown.unconfirmed(contact + 4.9, Landed.IN_AIR)
     assert touchdown.unconfirmed(contact + 5.1, Landed.IN_AIR)
@@ -125,9 +130,9 @@ class Standing:
         self,
         seconds: float,
         *,
-        sinking: float = 0.0,
+        sink_rate: float = 0.0,
         slip: float = 0.0,
-        tipping: float = 0.0,
+        roll_pitch_rate: float = 0.0,
         pad_speed: float = 0.0,
         landed: Landed = Landed.IN_AIR,
     ) -> list[bool]:
@@ -135,7 +140,11 @@ class Standing:
         due = []
         for _ in range(round(seconds / DT)):
             self.t += DT
-            due.append(self.touchdown.level_due(self.t, sinking, slip, tipping, pad_speed, landed))
+            due.append(
+                self.touchdown.level_due(
+                    self.t, sink_rate, slip, roll_pitch_rate, pad_speed, landed
+                )
+            )
         return due
 
 
@@ -143,20 +152,21 @@ def test_it_stands_level_soon_after_contact_and_stays_so() -> None:
     standing = Standing()
     assert not any(standing.level(0.5))
     assert all(standing.level(1.0)[10:])
-    assert all(standing.level(1.0, slip=1.0, tipping=1.0))
+    assert all(standing.level(1.0, slip=1.0, roll_pitch_rate=1.0))
     assert all(standing.level(1.0, landed=Landed.ON_GROUND))
 
 
 @pytest.mark.parametrize(
-    ("slip", "tipping"), [(0.3, 0.0), (0.0, 0.8), (math.inf, math.inf), (math.nan, math.nan)]
+    ("slip", "roll_pitch_rate"),
+    [(0.3, 0.0), (0.0, 0.8), (math.inf, math.inf), (math.nan, math.nan)],
 )
 def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
-    slip: float, tipping: float
+    slip: float, roll_pitch_rate: float
 ) -> None:
     # With thrust left and one edge down, levelling would let the wind carry it away.
     standing = Standing()
-    assert not any(standing.level(2.4, slip=slip, tipping=tipping))
-    assert all(standing.level(1.0, slip=slip, tipping=tipping)[8:])
+    assert not any(standing.level(2.4, slip=slip, roll_pitch_rate=roll_pitch_rate))
+    assert all(standing.level(1.0, slip=slip, roll_pitch_rate=roll_pitch_rate)[8:])
 
 
 def test_how_badly_a_fast_pads_speed_is_known_does_not_count_as_slip() -> None:
@@ -179,22 +189,22 @@ def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time(
     assert not any(Standing().level(4.0, landed=Landed.ON_GROUND))
 
 
-@pytest.mark.parametrize("sinking", [0.3, 0.15, math.inf, math.nan])
-def test_what_sinks_or_may_sink_is_never_left_without_thrust(sinking: float) -> None:
+@pytest.mark.parametrize("sink_rate", [0.3, 0.15, math.inf, math.nan])
+def test_what_sinks_or_may_sink_is_never_left_without_thrust(sink_rate: float) -> None:
     # The contact was none: a gust held it up, and now it comes down as ordered.
-    assert not any(Standing().level(5.0, sinking=sinking))
+    assert not any(Standing().level(5.0, sink_rate=sink_rate))
 
 
 def test_thrust_comes_back_as_soon_as_it_sinks_without() -> None:
     standing = Standing()
     assert standing.level(3.5)[-1]
-    assert not any(standing.level(0.2, sinking=0.2))
+    assert not any(standing.level(0.2, sink_rate=0.2))
 
 
 def test_the_more_it_leans_the_quicker_all_feet_are_to_be_down() -> None:
     touchdown = make_touchdown()
     touchdown.begin(0.0)
-    speeds = [touchdown.descent(math.radians(lean)) for lean in (0.0, 5.0, 10.0, 25.0, 80.0)]
+    speeds = [touchdown.descent(math.radians(tilt)) for tilt in (0.0, 5.0, 10.0, 25.0, 80.0)]
     assert speeds[:2] == [GENTLE, GENTLE]
     assert GENTLE < speeds[2] < speeds[3] <= speeds[4] <= 0.6
     # The pad has levelled it by now; it still slides.
@@ -208,7 +218,7 @@ def test_without_contact_nothing_is_unconfirmed_however_long_it_takes() -> None:
 
 
 def test_the_next_landing_begins_in_the_air() -> None:
-    descent = Descent().in_contact()
+    descent = Descent().to_contact()
     descent.touchdown.begin(descent.t)
-    assert not descent.touchdown.in_contact
-    assert descent.go_on(1.0) is Step.DESCEND
+    assert not has_touched(descent.touchdown)
+    assert descent.go_on(1.0) is None

@@ -3,8 +3,8 @@ import math
 import pytest
 
 from landerd.config.models import Config, VehicleSection
+from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.pad_filter import PadEstimate
-from landerd.estimation.placement import Placement
 from landerd.geometry import IDENTITY, Vec3
 from landerd.guidance.view import View
 from landerd.messages import Attitude, LocalPosition
@@ -22,9 +22,9 @@ WIDE_PAD = PadLayout(
 def looked(layout: PadLayout, below: float, heading: float | None, *, pitch: float = 0.0) -> Vec3:
     """Direction to look in from straight above a pad."""
     config = Config(vehicle=VehicleSection(camera_offset_m=(0.0, 0.0, 0.0)))
-    placement = Placement(config)
-    placement.add(LocalPosition(1.0, (0.0, 0.0, -below), (0.0, 0.0, 0.0)))
-    placement.add(Attitude(1.0, 0.0, pitch, 0.0, (0.0, 0.0, 0.0)))
+    poses = PoseHistory(config)
+    poses.add(LocalPosition(1.0, (0.0, 0.0, -below), (0.0, 0.0, 0.0)))
+    poses.add(Attitude(1.0, 0.0, pitch, 0.0, (0.0, 0.0, 0.0)))
     pad = PadEstimate(
         t=1.0,
         position=(0.0, 0.0, 0.0),
@@ -35,9 +35,8 @@ def looked(layout: PadLayout, below: float, heading: float | None, *, pitch: flo
         sigma_heading=0.01,
         turn_rate=0.0,
         normal=(0.0, 0.0, 1.0),
-        sighting_t=1.0,
     )
-    direction = View(layout).direction(placement, pad, 0.0)
+    direction = View(layout).direction(poses, pad, 0.0)
     assert direction is not None
     return direction
 

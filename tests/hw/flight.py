@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import MemoryLink, memory_pair
+from hw.sim.options import AutopilotOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.ekf import Estimate
@@ -83,7 +84,7 @@ def plain_autopilot(
         ekf=airframe,
         rng=random.Random(1),
         flying=flying,
-        boot_age_s=boot_age_s,
+        options=AutopilotOptions(boot_age_s=boot_age_s),
     )
 
 

@@ -4,12 +4,19 @@ import asyncio
 
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
 from landerd.ports import Feedback, GimbalTraits
+from landerd.section import Section
+
+
+class IdleOptions(Section):
+    """It has none."""
 
 
 class Idle:
     """Both at once."""
 
     traits = GimbalTraits(Reference.BODY, Feedback.MEASURED, 50.0, (-1.5, 1.5), (-1.5, 1.5))
+
+    def __init__(self, *, options: IdleOptions | None = None) -> None: ...
 
     async def open(self) -> None: ...
     async def close(self) -> None: ...

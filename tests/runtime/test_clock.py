@@ -1,10 +1,19 @@
 import asyncio
+import itertools
 import time
 from collections.abc import Callable
+from contextvars import copy_context
 
 import pytest
 
-from landerd.runtime.clock import Deadlock, SlavedLoop, run_slaved, run_virtual
+from landerd.runtime.clock import (
+    STALLS,
+    Deadlock,
+    SlavedLoop,
+    VirtualLoop,
+    run_slaved,
+    run_virtual,
+)
 
 
 def test_an_hour_passes_at_once_and_ends_at_the_right_time() -> None:
@@ -106,3 +115,33 @@ def test_a_slaved_loop_goes_on_alone_when_the_other_clock_is_gone() -> None:
         await asyncio.sleep(0.5)  # ends, though the other clock says nothing any more
 
     run_slaved(asyncio.wait_for(main(), 10.0))
+
+
+def test_a_stalled_computer_stands_still_while_the_world_goes_on() -> None:
+    async def main() -> tuple[list[float], list[float]]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualLoop)
+        inside: list[float] = []
+        outside: list[float] = []
+
+        async def every_10_ms(times: list[float]) -> None:
+            for _ in range(30):
+                await asyncio.sleep(0.01)
+                times.append(loop.time())
+
+        on_it = copy_context()
+        on_it.run(STALLS.set, True)
+        stalling = asyncio.create_task(every_10_ms(inside), context=on_it)
+        going_on = asyncio.create_task(every_10_ms(outside))
+        await asyncio.sleep(0.055)
+        loop.stall(0.1)
+        await asyncio.gather(stalling, going_on)
+        return inside, outside
+
+    inside, outside = run_virtual(main())
+    assert max(b - a for a, b in itertools.pairwise(outside)) == pytest.approx(0.01)
+    gaps = [b - a for a, b in itertools.pairwise(inside)]
+    # Woken in the stall, it goes on at its end, 155 ms after the start.
+    assert [t for t in inside if 0.055 < t < 0.15] == []
+    assert max(gaps) == pytest.approx(0.105)
+    assert sum(gap > 0.011 for gap in gaps) == 1

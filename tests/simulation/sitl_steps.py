@@ -9,8 +9,8 @@ import sys
 from bench.step_response import MEASURED, TIMES_S, answer
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.sim.sitl import SitlWorld, State
-from landerd import devices as registry
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 from landerd.messages import Setpoint
 from landerd.runtime.clock import run_slaved
 from landerd.simulation.sitl import Script, SitlFlight
@@ -25,11 +25,7 @@ class StepFlight(SitlFlight):
     """Flies one step after the other; `values` has velocity over the step at each of TIMES_S."""
 
     def __init__(self, url: str) -> None:
-        loaded = load(
-            config_dir() / "default.yaml",
-            options_models=registry.options_models(),
-            drivers=registry.names(),
-        )
+        loaded = read_configuration(config_dir() / "default.yaml")
         super().__init__(loaded, 1, url, take_off_m=_HEIGHT_M)
         self.values: dict[str, list[float]] = {}
 

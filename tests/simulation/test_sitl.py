@@ -9,8 +9,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec
-from landerd import devices as registry
-from landerd.config.files import Loaded, config_dir, load
+from landerd.config.files import Loaded, config_dir
+from landerd.drivers import read_configuration
 from landerd.messages import Phase
 from landerd.runtime.clock import run_slaved
 from landerd.simulation.flight import Simulation
@@ -25,11 +25,8 @@ pytestmark = pytest.mark.skipif(
 
 
 def _loaded(scenario: str) -> Loaded:
-    return load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overlays=[config_dir() / "scenarios" / f"{scenario}.yaml"],
+    return read_configuration(
+        config_dir() / "default.yaml", overlays=[config_dir() / "scenarios" / f"{scenario}.yaml"]
     )
 
 
@@ -47,7 +44,7 @@ def _broken(simulation: Simulation) -> list[str]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_it_lands_on_a_still_pad(seed: int) -> None:
     simulation = _fly("stationary", seed)
-    result = result_of(simulation, "stationary", seed)
+    result = result_of(simulation.flown(), "stationary", seed)
     assert result["landed"]
     assert result["touchdown_error_m"] <= 0.20
     assert _broken(simulation) == []
@@ -56,7 +53,7 @@ def test_it_lands_on_a_still_pad(seed: int) -> None:
 
 def test_it_touches_a_pad_that_drives_at_1_mps() -> None:
     simulation = _fly("moving", 1)
-    result = result_of(simulation, "moving", 1)
+    result = result_of(simulation.flown(), "moving", 1)
     assert result["landed"]
     assert result["touchdown_error_m"] <= 0.20
     assert result["touchdown_horizontal_mps"] <= 0.3

@@ -19,9 +19,9 @@ from hw.sim.options import SimOptions
 from hw.sim.physics.world import World
 from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.copter import CopterParameters
-from landerd import devices as registry
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
 from landerd.config.models import VehicleSection
+from landerd.drivers import read_configuration
 from landerd.messages import Phase
 from landerd.pad import Plate
 from landerd.ports import ByteLink
@@ -103,10 +103,8 @@ def url() -> Iterator[str]:
 
 
 def test_it_takes_off_comes_to_the_start_and_begins_to_land(url: str) -> None:
-    loaded = load(
+    loaded = read_configuration(
         config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
         overrides=[
             "sim.start.position_m=[-4.0, 0.0]",
             "sim.start.spread_m=0.0",

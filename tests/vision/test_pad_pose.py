@@ -12,7 +12,7 @@ from landerd.geometry import Vec3
 from landerd.messages import Frame, PoseSolution, Sightings
 from landerd.pad import PadLayout, Square, load_pad
 from landerd.vision import Vision
-from landerd.vision.pad_pose import Measured, measured_ring, pad_poses
+from landerd.vision.pad_pose import Measurement, pad_poses, ring_measurement
 from landerd.vision.pose import Pose, rotation_from, vec3
 from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render
 
@@ -21,7 +21,7 @@ PADS = Path(__file__).parents[2] / "config" / "pads"
 TILTED = look(CAMERA, 4.0, 0.5, pixel=(150.0, 120.0), heading=0.8)
 
 
-def ring(view: View, place: tuple[float, float], sigma_m: float = 0.01) -> Measured:
+def ring(view: View, place: tuple[float, float], sigma_m: float = 0.01) -> Measurement:
     centre = np.array(view.position) + view.R_camera_pad[:, :2] @ np.array(place)
     variance = sigma_m**2
     true = PoseSolution(
@@ -33,7 +33,7 @@ def ring(view: View, place: tuple[float, float], sigma_m: float = 0.01) -> Measu
         sigma_tilt=0.01,
         cost=0.0,
     )
-    return measured_ring(place, (true,))
+    return ring_measurement(place, (true,))
 
 
 def tag(view: View, place: tuple[float, float], sigma_m: float, normal: F64 | None = None) -> Pose:
@@ -71,7 +71,7 @@ def test_a_second_marker_settles_the_planar_ambiguity() -> None:
     wrong = tag(TILTED, (0.75, 0.0), 0.01, mirrored)
     right = tag(TILTED, (0.75, 0.0), 0.01)
     right = Pose(right.R, right.t, right.information, 2.0)
-    square = Measured(np.array([0.75, 0.0, 0.0]), 0.0, (wrong, right))
+    square = Measurement(np.array([0.75, 0.0, 0.0]), 0.0, (wrong, right))
     assert math.dist(pad_poses([square], None, None)[0].normal, TILTED.normal) > 0.5
     pad = pad_poses([square, ring(TILTED, (0.0, 0.0))], None, None)[0]
     assert math.dist(pad.normal, TILTED.normal) < 1e-3
@@ -81,7 +81,7 @@ def test_gravity_puts_the_level_solution_first() -> None:
     sight = np.array(TILTED.position) / np.linalg.norm(TILTED.position)
     mirrored = 2.0 * sight * float(sight @ TILTED.normal) - TILTED.normal
     alike = (tag(TILTED, (0.0, 0.0), 0.01, mirrored), tag(TILTED, (0.0, 0.0), 0.01))
-    square = Measured(np.zeros(3), 0.0, alike)
+    square = Measurement(np.zeros(3), 0.0, alike)
     for level in (TILTED.normal, mirrored):
         first, second = pad_poses([square], None, vec3(level))
         assert math.dist(first.normal, level) < 1e-6

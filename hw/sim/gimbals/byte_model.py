@@ -9,8 +9,8 @@ from hw.sim.gimbals.mount import SimMount
 from landerd.ports import ByteLink, DeviceLost
 
 _TURNAROUND_S = 0.002  # from a request to the first byte of its answer
-_BYTE_S = 10.0 / 115200.0
-_BOOT_S = 3.0
+_BYTE_S = 10.0 / 115200.0  # on the line, at 115200 baud
+_BOOT_S = 3.0  # deaf and dumb after a restart
 _REOPEN_S = 0.1
 
 

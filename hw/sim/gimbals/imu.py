@@ -25,9 +25,9 @@ from hw.sim.gimbals.mount import SimMount
 from landerd.geometry import Mat3, Vec3, add, matmul, rotate, scale, sub, transpose
 
 _G: Vec3 = (0.0, 0.0, 9.80665)
-_BIAS = math.radians(1.5)  # of the gyroscope about each axis, rad/s
-_RATE_NOISE = math.radians(0.1)
-_FORCE_NOISE = 0.05  # m/s^2
+_GYRO_BIAS = math.radians(1.5)  # of the gyroscope about each axis, rad/s
+_GYRO_NOISE = math.radians(0.1)  # standard deviation, rad/s
+_ACCELEROMETER_NOISE = 0.05  # standard deviation, m/s^2
 _SLEEP = 0x40
 _MPU_LATE_S, _BNO_LATE_S = 0.005, 0.01
 
@@ -84,13 +84,13 @@ class ImuModel:
         if before is not None and t > before[0]:
             per_s = 1.0 / (t - before[0])
             acceleration = scale(sub(velocity, before[2]), per_s)
-            turned = matmul(transpose(before[1]), R)
-            axis = (turned[2][1], turned[0][2], turned[1][0])
-            other = (turned[1][2], turned[2][0], turned[0][1])
+            R_before_now = matmul(transpose(before[1]), R)
+            axis = (R_before_now[2][1], R_before_now[0][2], R_before_now[1][0])
+            other = (R_before_now[1][2], R_before_now[2][0], R_before_now[0][1])
             rates = scale(sub(axis, other), 0.5 * per_s)
         force = rotate(transpose(R), sub(acceleration, _G))
-        return add(force, self._noise(_FORCE_NOISE)), add(
-            add(rates, (_BIAS, -_BIAS, _BIAS)), self._noise(_RATE_NOISE)
+        return add(force, self._noise(_ACCELEROMETER_NOISE)), add(
+            add(rates, (_GYRO_BIAS, -_GYRO_BIAS, _GYRO_BIAS)), self._noise(_GYRO_NOISE)
         )
 
     def _up(self) -> Vec3:

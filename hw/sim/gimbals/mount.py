@@ -10,6 +10,22 @@ from landerd.geometry import Mat3, Vec3, angles_zxy, matmul, transpose
 from landerd.messages import Reference
 
 
+class Play:
+    """Backlash: one side of a gear follows the other only at the end of the play between them."""
+
+    def __init__(self, width: float, angle: float) -> None:
+        """Width: of the play, rad; angle: of both sides at the start, rad."""
+        self._half = 0.5 * width
+        self._angle = angle
+
+    def follow(self, angle: float) -> float:
+        """Return the following side's angle when the leading one is at this angle, rad."""
+        if not self._half:
+            return angle
+        self._angle = min(max(self._angle, angle - self._half), angle + self._half)
+        return self._angle
+
+
 class SimMount:
     """Takes orders for the axes, and measures their angles with errors.
 
@@ -24,6 +40,9 @@ class SimMount:
         self._world = world
         self._rng = rng
         self._noise = math.radians(options.noise_deg)
+        self._scale = 1.0 + options.scale_error
+        self._yaw_play = Play(math.radians(options.backlash_deg), self.plant.yaw.angle)
+        self._pitch_play = Play(math.radians(options.backlash_deg), self.plant.pitch.angle)
         yaw_bias = pitch_bias = math.radians(options.bias_deg)
         if options.pitch_bias_deg is not None:
             pitch_bias = math.radians(options.pitch_bias_deg)
@@ -92,7 +111,10 @@ class SimMount:
         """Return yaw and pitch now, rad; without a sensor the pitch that was ordered."""
         self.advance()
         plant = self.plant
-        yaw, pitch = self._counted(plant.yaw.angle, plant.pitch.angle)
+        yaw, pitch = self._counted(
+            self._yaw_play.follow(plant.yaw.angle), self._pitch_play.follow(plant.pitch.angle)
+        )
+        yaw, pitch = self._scale * yaw, self._scale * pitch
         pitch = pitch if pitch_measured else self.ordered[1]
         return (
             yaw + self.yaw_bias + self._rng.gauss(0.0, self._noise),

@@ -17,7 +17,7 @@ class Contact:
 
     t: float
     error_m: float  # landing point to centre of the feet, horizontal
-    vertical_mps: float  # sinking
+    vertical_mps: float  # positive down
     horizontal_mps: float
     yaw_error: float  # rad
     on_plate: bool  # all four feet over the pad's plate

@@ -15,8 +15,8 @@ GRAVITY = 9.80665
 # Squared radii of gyration: 3 kg with 0.04 kg m^2 about roll and pitch, 0.07 about yaw.
 GYRATION_SQUARED = (0.04 / 3.0, 0.04 / 3.0, 0.07 / 3.0)
 
-_SINK_M = 0.003  # of the feet under the whole weight
-_STIFFNESS = GRAVITY / 4.0 / _SINK_M  # of one foot, (m/s^2)/m
+_DEFLECTION_M = 0.003  # of the feet under the whole weight
+_STIFFNESS = GRAVITY / 4.0 / _DEFLECTION_M  # of one foot, (m/s^2)/m
 _DAMPING = 12.0  # of one foot, (m/s^2)/(m/s): rebounds with about a quarter of the speed
 _FRICTION = 1.0  # rubber on the plate; the thesis's pad (2.3.5) does not let feet slip
 _PLATE_DEPTH_M = 0.3  # a foot further below the plate's top than this is under the pad
@@ -33,6 +33,20 @@ class Reaction:
     velocity_change: Vec3  # local, m/s
     rate_change: Vec3  # of the angular velocity, local, rad/s
     surface_velocity: Vec3  # of what the feet touch, local, m/s
+
+
+@dataclass(slots=True)
+class _Press:
+    """What the springs of the touching feet do together."""
+
+    feet: tuple[bool, bool, bool, bool]
+    on_pad: bool
+    load: float  # m/s^2
+    force: Vec3  # local, m/s^2
+    torque: Vec3  # about the body's origin, local, m^2/s^2
+    centre: Vec3  # of the touching feet, from the body's origin, local, m
+    normal: Vec3  # of what they touch, into it
+    surface_velocity: Vec3  # of the same, local, m/s
 
 
 class LandingGear:
@@ -58,8 +72,25 @@ class LandingGear:
             rates: angular velocity, local, rad/s
             pad: pose and motion of the pad
         """
+        press = self._press(position, velocity, R_local_body, rates, pad)
+        if press is None:
+            return None
+        dv, dw = scale(press.force, STEP_S), _angular(scale(press.torque, STEP_S))
+        grip = _FRICTION * press.load * STEP_S
+        rub = _friction(press, grip, add(velocity, dv), add(rates, dw))
+        if rub is not None:
+            dv, dw = add(dv, rub), add(dw, _angular(cross(press.centre, rub)))
+        if press.feet.count(True) > 1:
+            spin = rates[2] + dw[2] - (pad.turn_rate if press.on_pad else 0.0)
+            most = grip * self._grip_radius / GYRATION_SQUARED[2]
+            dw = (dw[0], dw[1], dw[2] - max(-most, min(most, spin)))
+        return Reaction(press.feet, press.on_pad, dv, dw, press.surface_velocity)
+
+    def _press(
+        self, position: Vec3, velocity: Vec3, R_local_body: Mat3, rates: Vec3, pad: PadState
+    ) -> _Press | None:
+        """Return what the springs do, or None if no foot touches. Arguments as of `react`."""
         touching = [False, False, False, False]
-        arms: list[Vec3] = []
         on_pad = True
         force = torque = centre = normal = surface = (0.0, 0.0, 0.0)
         load = 0.0
@@ -71,7 +102,6 @@ class LandingGear:
                 continue
             touching[i] = True
             on_pad = on_pad and is_pad
-            arms.append(arm)
             speed = dot(foot_normal, sub(add(velocity, cross(rates, arm)), foot_surface))
             push = max(0.0, _STIFFNESS * depth + _DAMPING * speed)
             foot_force = scale(foot_normal, -push)
@@ -81,31 +111,19 @@ class LandingGear:
             centre = add(centre, arm)
             normal = add(normal, foot_normal)
             surface = add(surface, foot_surface)
-        if not arms:
+        if not any(touching):
             return None
-        share = 1.0 / len(arms)
-        centre, surface = scale(centre, share), scale(surface, share)
-        normal = scale(normal, 1.0 / norm(normal))
-        dv = scale(force, STEP_S)
-        dw = _angular(scale(torque, STEP_S))
-
-        # Friction at the centre of the touching feet stops the slip, as far as the load lets it.
-        slip = sub(add(add(velocity, dv), cross(add(rates, dw), centre)), surface)
-        slip = sub(slip, scale(normal, dot(normal, slip)))
-        slip_speed = norm(slip)
-        grip = _FRICTION * load * STEP_S
-        if slip_speed > 0.0:
-            arm_height = dot(normal, centre)
-            stop = slip_speed / (1.0 + arm_height * arm_height / GYRATION_SQUARED[0])
-            impulse = scale(slip, -min(stop, grip) / slip_speed)
-            dv = add(dv, impulse)
-            dw = add(dw, _angular(cross(centre, impulse)))
-        if len(arms) > 1:
-            spin = rates[2] + dw[2] - (pad.turn_rate if on_pad else 0.0)
-            most = grip * self._grip_radius / GYRATION_SQUARED[2]
-            dw = (dw[0], dw[1], dw[2] - max(-most, min(most, spin)))
-        feet = (touching[0], touching[1], touching[2], touching[3])
-        return Reaction(feet, on_pad, dv, dw, surface)
+        share = 1.0 / touching.count(True)
+        return _Press(
+            (touching[0], touching[1], touching[2], touching[3]),
+            on_pad,
+            load,
+            force,
+            torque,
+            scale(centre, share),
+            scale(normal, 1.0 / norm(normal)),
+            scale(surface, share),
+        )
 
     def _surface(self, point: Vec3, pad: PadState) -> tuple[float, Vec3, Vec3, bool]:
         """Return depth below the surface (m), its normal (into it), velocity, and if it is pad."""
@@ -116,6 +134,25 @@ class LandingGear:
             R = pad.R_local_pad
             return z, (R[0][2], R[1][2], R[2][2]), pad.velocity_at(point), True
         return point[2], _DOWN, (0.0, 0.0, 0.0), False
+
+
+def _friction(press: _Press, grip: float, velocity: Vec3, rates: Vec3) -> Vec3 | None:
+    """Return the impulse (m/s) at the feet's centre that stops their slip; None: there is none.
+
+    Args:
+        press: how they are pressed on.
+        grip: the largest impulse that the load allows, m/s.
+        velocity: of the body's origin after the springs, local, m/s.
+        rates: likewise, rad/s.
+    """
+    slip = sub(add(velocity, cross(rates, press.centre)), press.surface_velocity)
+    slip = sub(slip, scale(press.normal, dot(press.normal, slip)))
+    slip_speed = norm(slip)
+    if slip_speed > 0.0:
+        arm_height = dot(press.normal, press.centre)
+        stop = slip_speed / (1.0 + arm_height * arm_height / GYRATION_SQUARED[0])
+        return scale(slip, -min(stop, grip) / slip_speed)
+    return None
 
 
 def _angular(impulse: Vec3) -> Vec3:

@@ -22,7 +22,7 @@ class Axis:
     _INERTIA = 0.003  # with the damping below: no ringing
     _SPRING = 0.0125  # the thesis gives none; sags 4.5 degrees at 90 until the integral acts
     _INTEGRAL_LIMIT = 0.05  # torque
-    _PULL = 0.1  # of the spring on an axis that is given speeds, rad/s per rad
+    _SPRING_RATE = 0.1  # of the spring on an axis that is given speeds, rad/s per rad
 
     def __init__(
         self, angle: float, limits: tuple[float, float], lag_s: float, rate_limit: float
@@ -59,7 +59,7 @@ class Axis:
         if self._speed is None:
             self._step_angle()
         else:
-            order = self._speed - self._PULL * self.angle
+            order = self._speed - self._SPRING_RATE * self.angle
             self._move(self.rate + (order - self.rate) * STEP_S / (0.5 * self._lag_s))
 
     def _step_angle(self) -> None:

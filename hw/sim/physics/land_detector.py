@@ -1,4 +1,4 @@
-"""ArduCopter's land detector and what it hears of (4.5.7, ArduCopter/land_detector.cpp)."""
+"""ArduCopter's land detector and its throttle mix (4.5.7, ArduCopter/land_detector.cpp)."""
 
 import math
 
@@ -10,7 +10,7 @@ class LandDetector:
     """Says ON_GROUND once the thrust has been gone for a second under an order to descend.
 
     Unless it is landing in a mode of its own (LAND), ArduCopter keeps thrust in hand for steering
-    while much lean is requested, and believes in no landing meanwhile: in wind, or on a fast pad,
+    while a large tilt is requested, and detects no landing meanwhile: in wind, or on a fast pad,
     that is as long as the request lasts.
     """
 
@@ -34,7 +34,7 @@ class LandDetector:
         self._filtered: Vec3 = (0.0, 0.0, 0.0)
 
     def step(
-        self, thrust: float, *, descending: bool, landing: bool, lean: float, velocity: Vec3
+        self, thrust: float, *, descending: bool, landing: bool, tilt: float, velocity: Vec3
     ) -> None:
         """Go on by STEP_S while a foot touches.
 
@@ -42,7 +42,7 @@ class LandDetector:
             thrust: in units of the hover thrust
             descending: descent is ordered, or the motors are off
             landing: in LAND
-            lean: requested angle from level, rad
+            tilt: requested angle from level, rad
             velocity: local, m/s
         """
         if self._velocity is not None:
@@ -54,7 +54,7 @@ class LandDetector:
             self._filtered = (x, y, z)
         self._velocity = velocity
         acceleration = norm(self._filtered)
-        steers = lean > self._LARGE_ANGLE and not landing
+        steers = tilt > self._LARGE_ANGLE and not landing
         if steers or acceleration > self._MOVING_MPS2 or not descending:
             self._mix = min(self._mix + self._MIX_UP * STEP_S, self._MIX_MAX)
         else:

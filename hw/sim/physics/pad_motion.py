@@ -49,6 +49,8 @@ class PadMotion:
         self._heading = math.radians(options.heading_deg)
         self._course = math.radians(options.course_deg)
         self._speed = options.speed_mps
+        self._brake = options.brake_mps2
+        self._brake_t = options.brake_after_s
         self._turn_rate = math.radians(options.turn_rate_deg_s)
         self._heave, self._heave_omega = options.heave_m, 2.0 * math.pi * options.heave_hz
         self._sway, self._sway_omega = options.sway_m, 2.0 * math.pi * options.sway_hz
@@ -72,16 +74,18 @@ class PadMotion:
 
     def at(self, t: float) -> PadState:
         """Return pose and motion t seconds after the start."""
-        course = self._course + self._turn_rate * t
-        heading = self._heading + self._turn_rate * t
-        v = self._speed
+        rolled_t, v = self._rolled(t)
+        turned = self._turn_rate * rolled_t
+        course, heading = self._course + turned, self._heading + turned
+        turn_rate = self._turn_rate * v / self._speed if self._speed else self._turn_rate
         vn, ve = v * math.cos(course), v * math.sin(course)
         if self._turn_rate:
-            radius = v / self._turn_rate
+            radius = self._speed / self._turn_rate
             n = self._north + radius * (math.sin(course) - math.sin(self._course))
             e = self._east - radius * (math.cos(course) - math.cos(self._course))
         else:
-            n, e = self._north + vn * t, self._east + ve * t
+            n = self._north + self._speed * math.cos(course) * rolled_t
+            e = self._east + self._speed * math.sin(course) * rolled_t
         d, vd = -self.mean_height, 0.0
         if self._heave:
             phase = self._heave_omega * t + self._heave_phase
@@ -90,7 +94,7 @@ class PadMotion:
         if self._sway:  # to the pad's east
             phase = self._sway_omega * t + self._sway_phase
             aside = self._sway * math.sin(phase)
-            along = -self._turn_rate * aside
+            along = -turn_rate * aside
             rate = self._sway * self._sway_omega * math.cos(phase)
             c, s = math.cos(heading), math.sin(heading)
             n, e = n - s * aside, e + c * aside
@@ -99,6 +103,18 @@ class PadMotion:
             (n, e, d),
             matmul(rot_z(heading), self._R_tilt),
             (vn, ve, vd),
-            self._turn_rate,
+            turn_rate,
             heading + self._north_off,
         )
+
+    def _rolled(self, t: float) -> tuple[float, float]:
+        """Return the time it takes at full speed to where it is at time t, s, and its speed, m/s.
+
+        It brakes to a stand along its way.
+        """
+        braking = t - self._brake_t
+        if not (self._brake and self._speed) or braking <= 0.0:
+            return t, self._speed
+        braking = min(braking, self._speed / self._brake)
+        v = self._speed - self._brake * braking
+        return self._brake_t + 0.5 * (self._speed + v) * braking / self._speed, v

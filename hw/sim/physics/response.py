@@ -7,7 +7,24 @@ ours: ArduPilot's own shaper, which limits jerk and acceleration, then the lag o
 import math
 from collections import deque
 
+from hw.sim.options import ResponseOptions
+
 STEP_S = 0.0025  # ArduCopter's main loop runs at 400 Hz
+MEASURED = ResponseOptions()
+
+
+class Delay:
+    """Orders on their way: those of a while ago come out."""
+
+    def __init__(self, delay_s: float, order: tuple[float, ...]) -> None:
+        self._orders = deque([order] * round(delay_s / STEP_S))
+
+    def pass_on(self, order: tuple[float, ...]) -> tuple[float, ...]:
+        """Take the order of this step and return the one that is due."""
+        if not self._orders:
+            return order
+        self._orders.append(order)
+        return self._orders.popleft()
 
 
 def _sqrt_controller(error: float, gain: float, limit: float) -> float:
@@ -21,37 +38,42 @@ def _sqrt_controller(error: float, gain: float, limit: float) -> float:
 
 
 class HorizontalResponse:
-    """North and east: shaper of 2.5 m/s^2 and 5 m/s^3, then a second-order lag."""
+    """North and east: ArduPilot's shaper (2.5 m/s^2 and 5 m/s^3), then a second-order lag."""
 
-    _ACCELERATION = 2.5  # WPNAV_ACCEL, m/s^2
-    _JERK = 5.0  # PSC_JERK_XY, m/s^3
     _OMEGA = 9.0  # rad/s
     _ZETA = 0.34
 
-    def __init__(self) -> None:
+    def __init__(self, options: ResponseOptions = MEASURED) -> None:
+        """Start at rest."""
+        self._acceleration = options.acceleration_mps2
+        self._jerk_limit = options.jerk_mps3
+        self._omega = options.bandwidth * self._OMEGA
+        self._delay_s = options.delay_s
         self.settle(0.0, 0.0)
 
     def settle(self, vn: float, ve: float) -> None:
         """Start from steady flight at this velocity, m/s."""
         self.vn, self.ve = vn, ve
+        self._delay = Delay(self._delay_s, (vn, ve))
         self.an = self.ae = 0.0
         self._shaped_vn, self._shaped_ve = vn, ve
         self._shaped_an = self._shaped_ae = 0.0
 
     def step(self, order_n: float, order_e: float) -> None:
         """Go on by STEP_S; vn, ve (m/s) and an, ae (m/s^2) are the vehicle's then."""
+        order_n, order_e = self._delay.pass_on((order_n, order_e))
         error_n = order_n - self._shaped_vn
         error_e = order_e - self._shaped_ve
         error = math.hypot(error_n, error_e)
         target_n = target_e = 0.0
         if error > 0.0:
-            size = _sqrt_controller(error, self._JERK / self._ACCELERATION, self._JERK)
-            k = min(size, self._ACCELERATION) / error
+            size = _sqrt_controller(error, self._jerk_limit / self._acceleration, self._jerk_limit)
+            k = min(size, self._acceleration) / error
             target_n, target_e = k * error_n, k * error_e
         change_n = target_n - self._shaped_an
         change_e = target_e - self._shaped_ae
         change = math.hypot(change_n, change_e)
-        most = self._JERK * STEP_S
+        most = self._jerk_limit * STEP_S
         if change > most:
             k = most / change
             change_n *= k
@@ -61,8 +83,8 @@ class HorizontalResponse:
         self._shaped_vn += self._shaped_an * STEP_S
         self._shaped_ve += self._shaped_ae * STEP_S
 
-        stiffness = self._OMEGA * self._OMEGA
-        damping = 2.0 * self._ZETA * self._OMEGA
+        stiffness = self._omega * self._omega
+        damping = 2.0 * self._ZETA * self._omega
         self.an += (stiffness * (self._shaped_vn - self.vn) - damping * self.an) * STEP_S
         self.ae += (stiffness * (self._shaped_ve - self.ve) - damping * self.ae) * STEP_S
         self.vn += self.an * STEP_S
@@ -70,19 +92,23 @@ class HorizontalResponse:
 
 
 class VerticalResponse:
-    """Down: shaper of 1 m/s^2 and 5 m/s^3, a fast lag, and a slow mode that overshoots."""
+    """Down: the shaper (1 m/s^2 and 5 m/s^3), a fast lag, and a slow mode that overshoots."""
 
-    _ACCELERATION = 1.0  # WPNAV_ACCEL_Z, m/s^2
-    _JERK = 5.0  # PSC_JERK_Z, m/s^3
     _OMEGA, _ZETA = 40.0, 2.09
     _SLOW_OMEGA, _SLOW_ZETA, _SLOW_GAIN_S = 2.13, 0.49, 0.115
 
-    def __init__(self) -> None:
+    def __init__(self, options: ResponseOptions = MEASURED) -> None:
+        """Start at rest."""
+        self._acceleration = options.vertical_acceleration_mps2
+        self._jerk_limit = options.jerk_mps3
+        self._omega = options.bandwidth * self._OMEGA
+        self._delay_s = options.delay_s
         self.settle(0.0)
 
     def settle(self, v: float) -> None:
         """Start from steady flight at this velocity, m/s, positive down."""
         self.v = v
+        self._delay = Delay(self._delay_s, (v,))
         self.a = 0.0
         self._shaped_v, self._shaped_a = v, 0.0
         self._fast_v, self._fast_a = v, 0.0
@@ -90,14 +116,16 @@ class VerticalResponse:
 
     def step(self, order: float) -> None:
         """Go on by STEP_S; v (m/s) and a (m/s^2) are the vehicle's then."""
-        target = _sqrt_controller(order - self._shaped_v, self._JERK / self._ACCELERATION, 5.0)
-        target = max(-self._ACCELERATION, min(self._ACCELERATION, target))
-        most = self._JERK * STEP_S
+        (order,) = self._delay.pass_on((order,))
+        error = order - self._shaped_v
+        target = _sqrt_controller(error, self._jerk_limit / self._acceleration, self._jerk_limit)
+        target = max(-self._acceleration, min(self._acceleration, target))
+        most = self._jerk_limit * STEP_S
         self._shaped_a += max(-most, min(most, target - self._shaped_a))
         self._shaped_v += self._shaped_a * STEP_S
 
         # [1 / fast] * (1 + gain s / slow)
-        fast = self._OMEGA
+        fast = self._omega
         self._fast_a += (
             STEP_S
             * fast
@@ -198,7 +226,7 @@ class WindResponse:
 
         Args:
             drift: the vehicle's velocity minus the undisturbed one, m/s
-            hold: the integrals stand still, as ArduCopter's do at the limit of lean
+            hold: the integrals stand still, as ArduCopter's do at the limit of tilt
         """
         error = -self._POSITION_P * self._position - drift
         if not hold:

@@ -1,7 +1,7 @@
 """The simulated multicopter: answers velocity and yaw-rate orders as a measured ArduCopter does.
 
 In calm air it follows hw.sim.physics.response exactly. What disturbs it (wind, turbulence, feet on
-the pad) is answered by no more lean than ANGLE_MAX allows: beyond that it drifts.
+the pad) is answered by no more tilt than ANGLE_MAX allows: beyond that it drifts.
 """
 
 import math
@@ -9,10 +9,13 @@ from dataclasses import dataclass
 from random import Random
 from typing import Literal
 
+from hw.sim.options import AirframeOptions, ResponseOptions
 from hw.sim.physics.contact import GRAVITY, LandingGear
+from hw.sim.physics.ground_effect import GroundEffect
 from hw.sim.physics.land_detector import LandDetector
 from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.response import (
+    MEASURED,
     STEP_S,
     DampedYawResponse,
     HorizontalResponse,
@@ -24,9 +27,10 @@ from hw.sim.physics.response import (
 from hw.sim.physics.wander import Wander
 from landerd.geometry import Vec3, add, clamp, rot_zyx, sub, wrap
 
-# Deceleration by the air is DRAG_1 v + DRAG_2 v^2: leans of 11.5 degrees at 5 m/s of airspeed and
+# Deceleration by the air is DRAG_1 v + DRAG_2 v^2: tilts of 11.5 degrees at 5 m/s of airspeed and
 # 28.9 at 10 m/s as measured, and in between (8.5 at 4 m/s, 14.8 at 6 m/s).
 DRAG_1, DRAG_2 = 0.257, 0.0284
+REFERENCE_KG = 3.0  # of the measured model
 
 _LEVEL = (0.0, 0.0)
 _NO_FEET = (False, False, False, False)
@@ -38,16 +42,35 @@ class VehicleModel:
 
     angle_max: float  # rad
     drag: float  # times the reference's
+    ground_effect: float = 0.0  # share of thrust that the ground adds to a standing vehicle
+    response: ResponseOptions = MEASURED
 
 
 MODELS: dict[Literal["reference", "fast"], VehicleModel] = {
     "reference": VehicleModel(math.radians(30.0), 1.0),
-    # Leans 30 degrees at 20 m/s, an ordinary 7-inch or hexacopter set-up.
+    # Tilts 30 degrees at 20 m/s, an ordinary 7-inch or hexacopter set-up.
     "fast": VehicleModel(
         math.radians(45.0),
         GRAVITY * math.tan(math.radians(30.0)) / (20.0 * DRAG_1 + 400.0 * DRAG_2),
     ),
 }
+
+
+def vehicle_model(
+    name: Literal["reference", "fast"], airframe: AirframeOptions, response: ResponseOptions
+) -> VehicleModel:
+    """Return a model as the options change it.
+
+    Air holds a light vehicle back more: area over mass goes with mass^(-1/3) for one shape.
+    """
+    model = MODELS[name]
+    lean = airframe.angle_max_deg
+    return VehicleModel(
+        model.angle_max if lean is None else math.radians(lean),
+        model.drag * (REFERENCE_KG / airframe.mass_kg) ** (1.0 / 3.0),
+        airframe.ground_effect,
+        response,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +89,8 @@ class Vehicle:
     _VERTICAL_I = 29.7  # takes the thrust away 0.95 s after contact at 0.3 m/s of descent, 1/s^2
     _ATTITUDE_OMEGA, _ATTITUDE_ZETA = 12.0, 0.7
     _YAW_P = 5.0  # 1/s
-    _LEVEL_S = 0.15  # ATC_INPUT_TC
-    _TIPPED = math.radians(70.0)  # then it lies on its side
+    _LEVELLING_S = 0.15  # ATC_INPUT_TC
+    _ON_ITS_SIDE = math.radians(70.0)  # of roll or pitch: it has fallen over
 
     def __init__(
         self,
@@ -77,12 +100,13 @@ class Vehicle:
         rng: Random,
     ) -> None:
         self._drag_factor = model.drag
-        self._most = GRAVITY * math.tan(model.angle_max)
+        self._acceleration_max = GRAVITY * math.tan(model.angle_max)
         self._gear = gear
         self._wander = Wander(rng)
-        self._horizontal = HorizontalResponse()
-        self._vertical = VerticalResponse()
-        self._turn: YawResponse = (
+        self._horizontal = HorizontalResponse(model.response)
+        self._vertical = VerticalResponse(model.response)
+        self._ground_effect = GroundEffect(model.ground_effect) if model.ground_effect else None
+        self._yaw_response: YawResponse = (
             MeasuredYawResponse() if yaw_response == "measured" else DampedYawResponse()
         )
         self._wind_n = self._wind_e = WindResponse(0.0)
@@ -103,14 +127,14 @@ class Vehicle:
         self._velocity_order: Vec3 = (0.0, 0.0, 0.0)
         self._yaw_rate_order = 0.0
         self._level = self._landing = False
-        self._limited = False  # lean is at its limit
-        self._sunk = 0.0  # integral that takes the thrust away on the ground, m/s^2
+        self._tilt_limited = False  # the tilt is at ANGLE_MAX
+        self._integral = 0.0  # vertical: takes the thrust away on the ground, m/s^2
         self._airborne = True  # has been well clear of any surface since the last touchdown
-        # Attitude is the ordered lean plus what feet and free fall made of it.
-        self._lean = (0.0, 0.0)  # roll, pitch
-        self._off = (0.0, 0.0)
-        self._off_rate = (0.0, 0.0)
-        self._yaw_off_rate = 0.0
+        # Roll and pitch are the ordered tilt plus the error that feet and free fall make.
+        self._tilt = (0.0, 0.0)  # ordered roll, pitch, rad
+        self._error = (0.0, 0.0)  # roll, pitch, rad
+        self._error_rate = (0.0, 0.0)  # rad/s
+        self._yaw_error_rate = 0.0  # rad/s
 
     def start(
         self,
@@ -128,14 +152,14 @@ class Vehicle:
         calm_n, calm_e = self._drag(vn, ve)
         self._wind_n = WindResponse(windy_n - calm_n)
         self._wind_e = WindResponse(windy_e - calm_e)
-        self._lean = self.roll, self.pitch = self._lean_for(windy_n, windy_e)
+        self._tilt = self.roll, self.pitch = self._tilt_for(windy_n, windy_e)
 
     def order(
         self, velocity: Vec3, yaw_rate: float, *, level: bool = False, landing: bool = False
     ) -> None:
         """Fly this velocity (local NED, m/s) and yaw rate (rad/s) from now on.
 
-        Level: lean nowhere, whatever the horizontal velocity. Landing: in LAND.
+        Level: a level attitude, whatever the horizontal velocity. Landing: in LAND.
 
         After a detected landing it idles until a climb is ordered.
         """
@@ -151,21 +175,21 @@ class Vehicle:
         if self.motors:
             self.motors = False
             self.thrust = 0.0
-            self._lean, self._off = (0.0, 0.0), (self.roll, self.pitch)
-            self._yaw_off_rate += self._turn.rate
-            self._turn.settle(0.0)
+            self._tilt, self._error = (0.0, 0.0), (self.roll, self.pitch)
+            self._yaw_error_rate += self._yaw_response.rate
+            self._yaw_response.settle(0.0)
 
     def motors_on(self) -> None:
         """Start the motors; on the ground they idle."""
         if not self.motors:
             self.motors = True
             self._fly_from_here()
-            self._sunk = GRAVITY if any(self.feet) else 0.0
+            self._integral = GRAVITY if any(self.feet) else 0.0
 
     def _fly_from_here(self) -> None:
         self._horizontal.settle(self.velocity[0], self.velocity[1])
         self._vertical.settle(self.velocity[2])
-        self._turn.settle(0.0)
+        self._yaw_response.settle(0.0)
         self._wind_n, self._wind_e = WindResponse(0.0), WindResponse(0.0)
 
     @property
@@ -183,15 +207,17 @@ class Vehicle:
         """
         vn, ve, vd = self.velocity
         feet_down = self.feet.count(True)
-        disturbed = feet_down > 0 or self._off != _LEVEL or self._yaw_off_rate != 0.0
-        lean = self._lean
+        disturbed = feet_down > 0 or self._error != _LEVEL or self._yaw_error_rate != 0.0
+        tilt = self._tilt
         push_n = push_e = 0.0
         ad = GRAVITY
         if self.motors:
             self._wander.step()
             ad = self._fly_vertical(vd, feet_down)
+            if self._ground_effect is not None and pad is not None:
+                ad -= self._ground_effect.step(self.position, pad)
             push_n, push_e = self._fly_horizontal(vn, ve)
-            self._turn.step(self._yaw_rate_order)
+            self._yaw_response.step(self._yaw_rate_order)
             if disturbed:
                 push_n, push_e = self._push_of_attitude()
         if disturbed:
@@ -201,9 +227,9 @@ class Vehicle:
         an, ae = push_n - drag_n, push_e - drag_e
         self.acceleration = (an, ae, ad)
         self.velocity = (vn + an * STEP_S, ve + ae * STEP_S, vd + ad * STEP_S)
-        lean_rates = ((self._lean[0] - lean[0]) / STEP_S, (self._lean[1] - lean[1]) / STEP_S)
+        tilt_rates = ((self._tilt[0] - tilt[0]) / STEP_S, (self._tilt[1] - tilt[1]) / STEP_S)
         if pad is not None:
-            self._touch(t, lean_rates, pad)
+            self._touch(t, tilt_rates, pad)
         else:
             self.feet, self.on_pad, self._airborne = _NO_FEET, False, True
             self._detector.flying()
@@ -211,7 +237,7 @@ class Vehicle:
         n, e, d = self.position
         vn, ve, vd = self.velocity
         self.position = (n + vn * STEP_S, e + ve * STEP_S, d + vd * STEP_S)
-        self._turn_body(lean_rates)
+        self._turn_body(tilt_rates)
 
     def _fly_vertical(self, vd: float, feet_down: int) -> float:
         """Return the acceleration down (m/s^2) that the motors allow; sets the thrust."""
@@ -220,17 +246,20 @@ class Vehicle:
             return GRAVITY
         error = self._vertical.v + self._wander.velocity[2] - vd
         self._vertical.step(self._velocity_order[2])
-        if feet_down or self._sunk:
-            self._sunk = clamp(self._sunk + self._VERTICAL_I * error * STEP_S, 0.0, GRAVITY)
+        if feet_down or self._integral:
+            self._integral = clamp(self._integral + self._VERTICAL_I * error * STEP_S, 0.0, GRAVITY)
         ad = min(
             GRAVITY,
-            self._vertical.a + self._wander.acceleration[2] + self._VERTICAL_P * error + self._sunk,
+            self._vertical.a
+            + self._wander.acceleration[2]
+            + self._VERTICAL_P * error
+            + self._integral,
         )
         self.thrust = 1.0 - ad / GRAVITY
         return ad
 
     def _fly_horizontal(self, vn: float, ve: float) -> tuple[float, float]:
-        """Return the push of the leaning thrust, north and east, m/s^2; sets the lean."""
+        """Return the push of the tilted thrust, north and east, m/s^2; sets the tilt."""
         response = self._horizontal
         if self._level:
             # What steers by velocity starts afresh when it is asked for one again.
@@ -238,29 +267,29 @@ class Vehicle:
             return self._push_of_attitude()
         wander_n, wander_e, _ = self._wander.velocity
         # On the ground too: an order that the ground does not follow winds the integrals up.
-        self._wind_n.step(vn - response.vn - wander_n, self._limited)
-        self._wind_e.step(ve - response.ve - wander_e, self._limited)
+        self._wind_n.step(vn - response.vn - wander_n, self._tilt_limited)
+        self._wind_e.step(ve - response.ve - wander_e, self._tilt_limited)
         drag_n, drag_e = self._drag(response.vn, response.ve)
         response.step(self._velocity_order[0], self._velocity_order[1])
         wander_n, wander_e, _ = self._wander.acceleration
         push_n = response.an + wander_n + drag_n + self._wind_n.a
         push_e = response.ae + wander_e + drag_e + self._wind_e.a
         push = math.hypot(push_n, push_e)
-        self._limited = push > self._most
-        if self._limited:
-            push_n *= self._most / push
-            push_e *= self._most / push
-        self._lean = self._lean_for(push_n, push_e)
+        self._tilt_limited = push > self._acceleration_max
+        if self._tilt_limited:
+            push_n *= self._acceleration_max / push
+            push_e *= self._acceleration_max / push
+        self._tilt = self._tilt_for(push_n, push_e)
         return push_n, push_e
 
     def _level_out(self, vn: float, ve: float) -> None:
         self._horizontal.settle(vn, ve)
         self._wind_n, self._wind_e = WindResponse(0.0), WindResponse(0.0)
-        roll, pitch = self._lean
-        keep = 1.0 - STEP_S / self._LEVEL_S
-        self._lean = (keep * roll, keep * pitch)
+        roll, pitch = self._tilt
+        decay = 1.0 - STEP_S / self._LEVELLING_S
+        self._tilt = (decay * roll, decay * pitch)
 
-    def _lean_for(self, push_n: float, push_e: float) -> tuple[float, float]:
+    def _tilt_for(self, push_n: float, push_e: float) -> tuple[float, float]:
         """Return roll and pitch that give this push, m/s^2, while the thrust carries the weight."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         forward = (c * push_n + s * push_e) / GRAVITY
@@ -268,7 +297,7 @@ class Vehicle:
         return math.atan(right / math.sqrt(1.0 + forward * forward)), -math.atan(forward)
 
     def _push_of_attitude(self) -> tuple[float, float]:
-        """Return the push of the thrust, north and east, m/s^2, as the body leans now."""
+        """Return the push of the thrust, north and east, m/s^2, in the attitude of now."""
         up = GRAVITY * max(0.0, self.thrust)
         forward = -up * math.tan(self.pitch)
         right = up * math.tan(self.roll) / math.cos(self.pitch)
@@ -281,31 +310,32 @@ class Vehicle:
         return k * vn, k * ve
 
     def _restore(self, feet_down: int) -> None:
-        """Let the motors bring the body back to the ordered lean; every foot takes a quarter."""
+        """Let the motors bring the body back to the ordered tilt; every foot takes a quarter."""
         authority = 1.0 - 0.25 * feet_down if self.motors else 0.0
         stiffness = authority * self._ATTITUDE_OMEGA**2
         damping = authority * 2.0 * self._ATTITUDE_ZETA * self._ATTITUDE_OMEGA
-        (roll, pitch), (roll_rate, pitch_rate) = self._off, self._off_rate
+        (roll, pitch), (roll_rate, pitch_rate) = self._error, self._error_rate
         roll_rate -= (stiffness * roll + damping * roll_rate) * STEP_S
         pitch_rate -= (stiffness * pitch + damping * pitch_rate) * STEP_S
-        self._off_rate = (roll_rate, pitch_rate)
-        self._off = (roll + roll_rate * STEP_S, pitch + pitch_rate * STEP_S)
-        self._yaw_off_rate -= self._YAW_P * authority * self._yaw_off_rate * STEP_S
+        self._error_rate = (roll_rate, pitch_rate)
+        self._error = (roll + roll_rate * STEP_S, pitch + pitch_rate * STEP_S)
+        self._yaw_error_rate -= self._YAW_P * authority * self._yaw_error_rate * STEP_S
         if (
             not feet_down
-            and max(map(abs, (*self._off, *self._off_rate, self._yaw_off_rate))) < 1e-4
+            and max(map(abs, (*self._error, *self._error_rate, self._yaw_error_rate))) < 1e-4
         ):
-            self._off = self._off_rate = _LEVEL
-            self._yaw_off_rate = 0.0
+            self._error = self._error_rate = _LEVEL
+            self._yaw_error_rate = 0.0
 
-    def _touch(self, t: float, lean_rates: tuple[float, float], pad: PadState) -> None:
+    def _touch(self, t: float, tilt_rates: tuple[float, float], pad: PadState) -> None:
         """Let the feet act on velocity and attitude."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
-        roll_rate, pitch_rate = lean_rates[0] + self._off_rate[0], lean_rates[1] + self._off_rate[1]
+        roll_rate = tilt_rates[0] + self._error_rate[0]
+        pitch_rate = tilt_rates[1] + self._error_rate[1]
         rates = (
             c * roll_rate - s * pitch_rate,
             s * roll_rate + c * pitch_rate,
-            self._turn.rate + self._yaw_off_rate,
+            self._yaw_response.rate + self._yaw_error_rate,
         )
         R_local_body = rot_zyx(self.yaw, self.pitch, self.roll)
         contact = self._gear.react(self.position, self.velocity, R_local_body, rates, pad)
@@ -319,27 +349,31 @@ class Vehicle:
             self.touchdown = Touchdown(t, contact.on_pad, relative)
         self.velocity = add(self.velocity, contact.velocity_change)
         x, y, z = contact.rate_change
-        self._off_rate = (self._off_rate[0] + c * x + s * y, self._off_rate[1] - s * x + c * y)
-        self._yaw_off_rate += z
+        self._error_rate = (
+            self._error_rate[0] + c * x + s * y,
+            self._error_rate[1] - s * x + c * y,
+        )
+        self._yaw_error_rate += z
         self._detector.step(
             self.thrust if self.motors else 0.0,
             descending=self._velocity_order[2] > 0.0 or not self.motors,
             landing=self._landing,
-            lean=math.hypot(*self._lean) if self.motors else 0.0,
+            tilt=math.hypot(*self._tilt) if self.motors else 0.0,
             velocity=self.velocity,
         )
 
-    def _turn_body(self, lean_rates: tuple[float, float]) -> None:
+    def _turn_body(self, tilt_rates: tuple[float, float]) -> None:
         """Take the attitude on by one step."""
-        self.roll = self._lean[0] + self._off[0]
-        self.pitch = self._lean[1] + self._off[1]
-        yaw_rate = self._turn.rate + self._yaw_off_rate
+        self.roll = self._tilt[0] + self._error[0]
+        self.pitch = self._tilt[1] + self._error[1]
+        yaw_rate = self._yaw_response.rate + self._yaw_error_rate
         self.yaw = wrap(self.yaw + yaw_rate * STEP_S)
-        if max(abs(self.roll), abs(self.pitch)) > self._TIPPED:
-            self._off_rate = _LEVEL
+        if max(abs(self.roll), abs(self.pitch)) > self._ON_ITS_SIDE:
+            self._error_rate = _LEVEL
         sr, cr = math.sin(self.roll), math.cos(self.roll)
         sp, cp = math.sin(self.pitch), math.cos(self.pitch)
-        roll_rate, pitch_rate = lean_rates[0] + self._off_rate[0], lean_rates[1] + self._off_rate[1]
+        roll_rate = tilt_rates[0] + self._error_rate[0]
+        pitch_rate = tilt_rates[1] + self._error_rate[1]
         self.load = self.thrust / (cr * cp)
         self.rates = (
             roll_rate - yaw_rate * sp,

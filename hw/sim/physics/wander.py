@@ -31,10 +31,10 @@ class Wander:
         self._drive: Vec3 = (0.0, 0.0, 0.0)
         self._jerk: Vec3 = (0.0, 0.0, 0.0)
         self._steps_left = 0
-        self._keep = math.exp(-_UPDATE_S / self._DRIVE_S)
-        fresh = math.sqrt(1.0 - self._keep * self._keep)
+        self._decay = math.exp(-_UPDATE_S / self._DRIVE_S)
+        noise = math.sqrt(1.0 - self._decay * self._decay)
         n, e, d = self._VELOCITY
-        self._fresh = (n * self._DRIVE * fresh, e * self._DRIVE * fresh, d * self._DRIVE * fresh)
+        self._noise = (n * self._DRIVE * noise, e * self._DRIVE * noise, d * self._DRIVE * noise)
 
     def step(self) -> None:
         """Go on by STEP_S."""
@@ -58,6 +58,6 @@ class Wander:
 
     def _axis(self, i: int) -> Vec3:
         position = self._position[i] + self.velocity[i] * _UPDATE_S
-        drive = self._keep * self._drive[i] + self._fresh[i] * self._rng.gauss(0.0, 1.0)
+        drive = self._decay * self._drive[i] + self._noise[i] * self._rng.gauss(0.0, 1.0)
         pull = self._OMEGA * (self._OMEGA * position + 2.0 * self._ZETA * self.velocity[i])
         return position, drive, (drive - pull - self.acceleration[i]) / _UPDATE_S

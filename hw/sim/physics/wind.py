@@ -12,13 +12,13 @@ class _Noise:
     """Gaussian noise with a correlation time (Ornstein-Uhlenbeck), standard deviation 1."""
 
     def __init__(self, correlation_s: float, rng: Random) -> None:
-        self._keep = math.exp(-UPDATE_S / correlation_s)
-        self._add = math.sqrt(1.0 - self._keep * self._keep)
+        self._decay = math.exp(-UPDATE_S / correlation_s)
+        self._noise = math.sqrt(1.0 - self._decay * self._decay)
         self._rng = rng
         self._value = rng.gauss(0.0, 1.0)
 
     def next(self) -> float:
-        self._value = self._keep * self._value + self._add * self._rng.gauss(0.0, 1.0)
+        self._value = self._decay * self._value + self._noise * self._rng.gauss(0.0, 1.0)
         return self._value
 
 
@@ -37,9 +37,11 @@ class SteadyWind:
         self._rng = rng
         self._begin = self._end = 0.0
         self._heading = self._sign = 0.0
+        sigma = options.turbulence_mps
+        self._turbulence = DrydenTurbulence(sigma, self._mean, rng) if sigma else None
 
     def at(self, t: float) -> tuple[float, float]:
-        """Return the air's velocity north and east, m/s; t never goes back."""
+        """Return the air's velocity north and east, m/s; called every UPDATE_S."""
         n = self._mean * math.cos(self._towards)
         e = self._mean * math.sin(self._towards)
         if self._gust:
@@ -53,6 +55,10 @@ class SteadyWind:
                 size = self._sign * self._gust * 0.5 * (1.0 - math.cos(phase))
                 n += size * math.cos(self._heading)
                 e += size * math.sin(self._heading)
+        if self._turbulence is not None:
+            along, across = self._turbulence.next()
+            n += along * math.cos(self._towards) - across * math.sin(self._towards)
+            e += along * math.sin(self._towards) + across * math.cos(self._towards)
         return n, e
 
 
@@ -76,6 +82,36 @@ class ThesisWind:
         heading = -0.25 * math.pi + math.sin(2.0 * math.pi * t / 10.0)
         heading += 1.0 + 0.5 * self._direction_noise.next()
         return speed * math.cos(heading), speed * math.sin(heading)
+
+
+class DrydenTurbulence:
+    """Turbulence of Dryden's spectra at low altitude (MIL-F-8785C), level components.
+
+    Along the wind a first-order, across it a second-order filter of white noise. The scale length
+    at a height h in feet is h / (0.177 + 0.000823 h)^1.2; the air passes at the mean wind's speed,
+    at least 3 m/s for a vehicle that moves about in it.
+    """
+
+    HEIGHT_M = 8.0  # typical of an approach
+    LEAST_AIRSPEED_MPS = 3.0
+
+    def __init__(self, sigma_mps: float, mean_mps: float, rng: Random) -> None:
+        feet = self.HEIGHT_M / 0.3048
+        length_m = 0.3048 * feet / (0.177 + 0.000823 * feet) ** 1.2
+        self.time_s = length_m / max(mean_mps, self.LEAST_AIRSPEED_MPS)
+        self._sigma = sigma_mps
+        self._along = _Noise(self.time_s, rng)
+        self._across = _Noise(self.time_s, rng)
+        self._smoothed = 0.0
+
+    def next(self) -> tuple[float, float]:
+        """Return the components along and across the wind, m/s; called every UPDATE_S."""
+        # (1 + sqrt(3) T s) / (1 + T s)^2 = sqrt(3) / (1 + T s) + (1 - sqrt(3)) / (1 + T s)^2; with
+        # the first term's noise of variance 1 the whole has 2.
+        noise = self._across.next()
+        self._smoothed += (noise - self._smoothed) * UPDATE_S / self.time_s
+        across = math.sqrt(3.0) * noise + (1.0 - math.sqrt(3.0)) * self._smoothed
+        return self._sigma * self._along.next(), self._sigma * across / math.sqrt(2.0)
 
 
 Wind = SteadyWind | ThesisWind

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from random import Random
 from typing import Protocol
 
-from hw.sim.options import SimOptions
+from hw.sim.options import BuildOptions, SimOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.physics.contact import LandingGear
 from hw.sim.physics.gimbal import GimbalPlant
 from hw.sim.physics.pad_motion import PadMotion, PadState
 from hw.sim.physics.response import STEP_S
-from hw.sim.physics.vehicle import MODELS, Vehicle
+from hw.sim.physics.vehicle import Vehicle, vehicle_model
 from hw.sim.physics.wind import UPDATE_S, make_wind
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.geometry import (
@@ -31,9 +31,9 @@ from landerd.geometry import (
 from landerd.messages import Reference
 from landerd.pad import Plate
 
-HISTORY_S = 0.6
+HISTORY_S = 0.6  # of true states kept: the longest camera latency, 0.5 s, and its exposure
 _WIND_STEPS = round(UPDATE_S / STEP_S)
-_REACH_M = 0.4  # below the gear's height a foot may hang this much lower when the body leans
+_FOOT_DROP_M = 0.4  # that a foot may hang below the gear's height when the body tilts
 
 
 class Airframe(Protocol):
@@ -50,6 +50,24 @@ class Airframe(Protocol):
     @property
     def footprint_m(self) -> tuple[float, float]:
         """Between the feet along body x and y, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltAirframe:
+    """The vehicle as it was built."""
+
+    camera_offset_m: Vec3
+    gear_height_m: float
+    footprint_m: tuple[float, float]
+
+
+def as_built(believed: Airframe, options: BuildOptions) -> Airframe:
+    """Return the true geometry of a vehicle that the configuration has like this."""
+    return BuiltAirframe(
+        add(believed.camera_offset_m, options.camera_offset_error_m),
+        believed.gear_height_m + options.gear_height_error_m,
+        believed.footprint_m,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +106,9 @@ class World:
         """
         self.options = options
         self.on_step: list[Callable[[World], None]] = []
-        self.battery = Battery()
+        self.battery = Battery(options.airframe.mass_kg)
         self.gimbal = GimbalPlant(options.gimbal)
-        self._airframe = airframe
+        self.airframe = airframe
         self._t0 = t0
         self._steps = 0
         self._motion = PadMotion(options.pad, plate, stream(seed, "pad"))
@@ -98,10 +116,13 @@ class World:
         self._wind_now = self._wind.at(0.0)
         gear = LandingGear(airframe.footprint_m, airframe.gear_height_m, plate)
         self.vehicle = Vehicle(
-            MODELS[options.vehicle], options.yaw_response, gear, stream(seed, "vehicle")
+            vehicle_model(options.vehicle, options.airframe, options.response),
+            options.yaw_response,
+            gear,
+            stream(seed, "vehicle"),
         )
         # Feet of a vehicle whose origin is higher than this cannot touch anything.
-        self._contact_height = self._motion.highest + airframe.gear_height_m + _REACH_M
+        self._contact_height = self._motion.highest + airframe.gear_height_m + _FOOT_DROP_M
         self._start(stream(seed, "start"), seed)
         self._history: deque[Sample] = deque(maxlen=round(HISTORY_S / STEP_S) + 1)
         self._record()
@@ -120,9 +141,11 @@ class World:
         n = pad.position[0] + x + rng.uniform(-spread, spread)
         e = pad.position[1] + y + rng.uniform(-spread, spread)
         d = -self._motion.mean_height - start.altitude_m
-        turned = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
+        heading_deg = start.heading_deg + rng.uniform(-1.0, 1.0) * start.heading_spread_deg
         velocity = (vn, ve) if self.follows else (0.0, 0.0)
-        self.vehicle.start((n, e, d), velocity, wrap(math.radians(turned) + side), self._wind_now)
+        self.vehicle.start(
+            (n, e, d), velocity, wrap(math.radians(heading_deg) + side), self._wind_now
+        )
 
     @property
     def follows(self) -> bool:
@@ -186,7 +209,7 @@ class World:
         """The vehicle's reference point: the centre of the feet, local, m."""
         v = self.vehicle
         R = rot_zyx(v.yaw, v.pitch, v.roll)
-        return add(v.position, rotate(R, (0.0, 0.0, self._airframe.gear_height_m)))
+        return add(v.position, rotate(R, (0.0, 0.0, self.airframe.gear_height_m)))
 
     @property
     def height(self) -> float:
@@ -230,12 +253,12 @@ class World:
             return b
         a = self._history[newer - 1]
         return Sample(
-            _between(b.position, a.position, share),
-            _between(b.velocity, a.velocity, share),
+            interpolated(b.position, a.position, share),
+            interpolated(b.velocity, a.velocity, share),
             b.roll + share * (a.roll - b.roll),
             b.pitch + share * (a.pitch - b.pitch),
             b.yaw + share * wrap(a.yaw - b.yaw),
-            _between(b.rates, a.rates, share),
+            interpolated(b.rates, a.rates, share),
             b.gimbal_yaw + share * (a.gimbal_yaw - b.gimbal_yaw),
             b.gimbal_pitch + share * (a.gimbal_pitch - b.gimbal_pitch),
         )
@@ -247,7 +270,7 @@ class World:
             ValueError: t is older than that.
         """
         s = self.state_at(t)
-        air = self._airframe
+        air = self.airframe
         R_local_body = rot_zyx(s.yaw, s.pitch, s.roll)
         R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
         is_stabilised = self.gimbal.reference is Reference.HORIZON
@@ -265,8 +288,8 @@ class World:
         )
 
 
-def _between(a: Vec3, b: Vec3, share: float) -> Vec3:
-    """Return a + share (b - a)."""
+def interpolated(a: Vec3, b: Vec3, share: float) -> Vec3:
+    """Return the point a + share (b - a)."""
     return (
         a[0] + share * (b[0] - a[0]),
         a[1] + share * (b[1] - a[1]),

@@ -1,17 +1,25 @@
 """The simulated camera: exposes, renders, and delivers late, on the event loop's clock."""
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
-from hw.sim.options import SimCameraOptions
+from hw.sim.camera_options import SimCameraOptions
+from hw.sim.physics.world import stream
+from hw.sim.picture.exposure import AutoExposure, Exposure
 from hw.sim.picture.renderer import Renderer
+from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
 from hw.sim.snapshot import CameraPose, Snapshot
 from landerd.geometry import add, sub
 from landerd.messages import Frame
 from landerd.ports import DeviceLost
+
+OLDEST_S = 0.45  # a picture at its arrival, by jitter: the world remembers a little more
+JITTER_MOST = 0.45  # of the period: pictures keep their order
 
 
 @dataclass
@@ -20,6 +28,7 @@ class CameraFaults:
 
     drop: float = 0.0  # probability that a frame is lost
     frozen: bool = False  # the last picture is delivered again, with its old time
+    frozen_fresh: bool = False  # the last picture is delivered again, as if it were new
     wrong_size: bool = False
     wrong_type: bool = False  # pictures of 16 bits
     not_a_number: bool = False  # pictures of NaN
@@ -37,56 +46,85 @@ class SimCamera:
         truth: Callable[[float], Snapshot],
         options: SimCameraOptions,
         delivered: Callable[[Frame, Snapshot], None] | None = None,
+        seed: int = 0,
     ) -> None:
         """Make a camera.
 
         Args:
             renderer: draws its pictures.
             truth: the world at a time not long past, s on the loop's clock.
-            options: rate, exposure, latency.
+            options: rate, exposure, latency, and their jitter.
             delivered: told of every sound frame with the truth at its exposure.
+            seed: of all that jitters.
         """
         self.faults = CameraFaults()
         self._renderer = renderer
         self._truth = truth
         self._options = options
         self._delivered = delivered
+        self._timing = _Timing(options, seed)
+        self._fixed = Exposure(options.exposure_s)
+        self._auto = AutoExposure(options) if options.exposure == "auto" else None
+        self._vibration: Vibration | None = None
+        if options.vibration.deg > 0.0:
+            self._vibration = Vibration(options.vibration, stream(seed, "camera vibration"))
         self._seq = 0
-        self._exposed_t = 0.0  # middle of the exposure of the newest frame
+        self._due_t = 0.0  # middle of the exposure of the newest frame, but for jitter
         self._last: Frame | None = None
 
     async def open(self) -> None:
         """Start the stream. Raises DeviceLost."""
         if self.faults.disconnected:
             raise DeviceLost("simulated camera is unplugged")
-        self._exposed_t = asyncio.get_running_loop().time()
+        self._due_t = asyncio.get_running_loop().time()
 
     async def newest(self) -> Frame:
         """Wait for the next frame; those that nobody waited for are skipped. Raises DeviceLost."""
         loop = asyncio.get_running_loop()
         period, latency = 1.0 / self._options.fps, self._options.latency_s
         while True:
-            late = loop.time() - latency - self._exposed_t
+            late = loop.time() - latency - self._due_t
             steps = max(1, int(late / period))
-            self._exposed_t += steps * period
+            self._due_t += steps * period
             self._seq += steps
-            await asyncio.sleep(max(0.0, self._exposed_t + latency - loop.time()))
-            if loop.time() - latency - self._exposed_t > period:
+            exposed_t = self._due_t + self._timing.rate_jitter()
+            late_s = self._timing.latency(exposed_t, self._read_s)
+            await asyncio.sleep(max(0.0, exposed_t + late_s - loop.time()))
+            if loop.time() - late_s - exposed_t > period:
                 continue  # the loop was late: there is a newer one by now
             faults = self.faults
             if faults.disconnected:
                 raise DeviceLost("simulated camera is unplugged")
             if faults.drop > 0.0 and faults.random.random() < faults.drop:
                 continue
+            if self._timing.drops():
+                continue
             if faults.frozen and self._last is not None:
                 return self._last
-            return self._expose(self._exposed_t)
+            if faults.frozen_fresh and self._last is not None:
+                return Frame(self._stamp(exposed_t), self._seq, self._last.image)
+            return self._expose(exposed_t)
 
     async def close(self) -> None:
         """Stop the stream; safe to call twice."""
 
+    @property
+    def _read_s(self) -> float:
+        """From the middle of the exposure to the last row's end."""
+        return 0.5 * (self._exposure.time_s + self._options.readout_s)
+
+    @property
+    def _exposure(self) -> Exposure:
+        return self._fixed if self._auto is None else self._auto.exposure
+
+    def _stamp(self, t: float) -> float:
+        """Return what the camera's clock says at t."""
+        offset_s = self._options.clock_offset_s + self._timing.clock_jitter()
+        return t + offset_s + self.faults.time_ahead_s
+
     def _expose(self, t: float) -> Frame:
-        half = 0.5 * self._options.exposure_s
+        exposure = self._exposure
+        half = 0.5 * exposure.time_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
         image = self._renderer.render(
             self._seq,
@@ -94,9 +132,13 @@ class SimCamera:
             _beside_pad(end, middle),
             middle.pad,
             middle.vehicle,
+            exposure,
+            self._readout(middle, exposure),
         )
+        if self._auto is not None:
+            self._auto.see(cv2.mean(image)[0] / 255.0, t)
         faults = self.faults
-        stamp = t + self._options.clock_offset_s + faults.time_ahead_s
+        stamp = self._stamp(t)
         if faults.wrong_size:
             return Frame(stamp, self._seq, image[::2, ::2])
         if faults.wrong_type:
@@ -107,6 +149,59 @@ class SimCamera:
         if self._delivered is not None and faults.time_ahead_s == 0.0:
             self._delivered(self._last, middle)
         return self._last
+
+    def _readout(self, middle: Snapshot, exposure: Exposure) -> Readout | None:
+        """Look up what the rows see from the first to the last; None: all see the same."""
+        seconds = self._options.readout_s
+        if seconds == 0.0:
+            if self._vibration is None:
+                return None
+            snapshots = [middle]
+        else:
+            steps = math.ceil(seconds / POSE_PERIOD_S)
+            shares = (k / steps - 0.5 for k in range(steps + 1))
+            snapshots = [self._truth(middle.t + seconds * share) for share in shares]
+        return Readout(middle.t, seconds, exposure.time_s, tuple(snapshots), self._vibration)
+
+
+class _Timing:
+    """What is irregular about a camera's pictures; each kind has its own random numbers."""
+
+    def __init__(self, options: SimCameraOptions, seed: int) -> None:
+        self._options = options
+        self._rate, self._latency, self._clock, self._drop = (
+            stream(seed, f"camera {name}") for name in ("rate", "latency", "clock", "drop")
+        )
+        self._arrived_t = -math.inf  # the picture before
+
+    def rate_jitter(self) -> float:
+        """Return how far from its due time the next picture is exposed, s."""
+        o = self._options
+        if o.fps_jitter == 0.0:
+            return 0.0
+        share = self._rate.gauss(0.0, o.fps_jitter)
+        return min(max(share, -JITTER_MOST), JITTER_MOST) / o.fps
+
+    def latency(self, exposed_t: float, least_s: float) -> float:
+        """Return how long after its exposure a picture arrives, s; none overtakes another."""
+        o = self._options
+        latency_s = o.latency_s
+        if o.latency_jitter_s > 0.0:
+            latency_s += self._latency.gauss(0.0, o.latency_jitter_s)
+            latency_s = min(latency_s, max(o.latency_s, OLDEST_S))
+        latency_s = max(latency_s, least_s, self._arrived_t - exposed_t)
+        self._arrived_t = exposed_t + latency_s
+        return latency_s
+
+    def clock_jitter(self) -> float:
+        """Return the error of one time stamp beside the offset, s."""
+        jitter_s = self._options.clock_jitter_s
+        return self._clock.gauss(0.0, jitter_s) if jitter_s > 0.0 else 0.0
+
+    def drops(self) -> bool:
+        """Tell whether the next picture is lost."""
+        drop = self._options.drop
+        return drop > 0.0 and self._drop.random() < drop
 
 
 def _beside_pad(then: Snapshot, now: Snapshot) -> CameraPose:

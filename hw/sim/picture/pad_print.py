@@ -75,30 +75,29 @@ class Fold:
         """A point (3,) of the line, pad frame."""
         return np.array([*(self.least * self.way), 0.0])
 
-    def bend(self, texels: F32, rays: F32, H: F64, texture: TextureLevel) -> F32:
-        """Return where rays (rows, columns, 2) meet the texture of the folded pad.
+    def reaches(self, H: F64, corners: F32) -> bool:
+        """Tell whether a block of rays may see the far part, by its corners (2, 2, 2).
+
+        H is the `plane_homography` to the far part.
+        """
+        north, east, descent = H[:, :2] @ corners.reshape(-1, 2).T + H[:, 2:]
+        if descent.min() <= 0.0:
+            return True
+        beyond = (self.way[0] * north + self.way[1] * east) / descent - self.least
+        return bool(beyond.max() > -EDGE_M)
+
+    def bend(self, near: F32, far: F32, texture: TextureLevel) -> None:
+        """Put texels (rows, columns, 2) of the far part in place of the near part's beyond it.
 
         Args:
-            texels: where they would meet the flat one; may be changed.
-            rays: of the picture.
-            H: `plane_homography` to the far part.
+            near: where pixels meet the texture on the near part's plane; changed.
+            far: where they do on the far part's.
             texture: of the flat pad.
         """
-        corners = rays[:: rays.shape[0] - 1, :: rays.shape[1] - 1].reshape(-1, 2)
-        north, east, descent = H[:, :2] @ corners.T + H[:, 2:]
-        beyond = (self.way[0] * north + self.way[1] * east) / descent - self.least
-        if descent.min() > 0.0 and beyond.max() < -EDGE_M:
-            return texels
-        far = cast(F32, cv2.perspectiveTransform(rays, texture.from_pad() @ H))
-        if descent.min() < 0.02:
-            # Rays that miss the plane would meet its mirror image behind the camera.
-            plane = H[2].astype(np.float32)
-            far[rays @ plane[:2] + plane[2] <= 0.0] = -1e6
         k = texture.texel_m
         start = self.way @ texture.origin_m - self.least
         lies = cv2.transform(far, np.array([[k * self.way[1], -k * self.way[0], start]]))
-        cv2.copyTo(far, (lies > 0.0).view(np.uint8), texels)
-        return texels
+        cv2.copyTo(far, (lies > 0.0).view(np.uint8), near)
 
 
 def printed(layout: PadLayout, options: PadOptions, seed: int) -> PadLayout:

@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.geometry import Vec3
-from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, Marker, PadLayout, Square, WhyCode
+from landerd.pad import (
+    WHYCODE_BAND,
+    WHYCODE_CORE,
+    PadLayout,
+    Plate,
+    Ring,
+    Square,
+    WhyCode,
+)
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -22,7 +30,7 @@ F32 = NDArray[np.float32]
 WHITE = 200  # grey level of the plate under full light
 BLACK = 24  # of the print: 12 % of white, as measured prints are (8 to 22 %)
 FINEST_PER_M = 1024  # texels; a pixel of the thesis camera at 0.4 m
-LARGEST = 4096  # texels along one side
+LARGEST_TEXELS = 4096  # texels along one side
 LEVELS = 7
 _HALVES = ((1.0, 0.0), (0.0, 1.0))  # of a WhyCode's cell for a 0 and a 1: black or not
 
@@ -73,9 +81,7 @@ def marker_bitmap(marker: Square) -> U8:
 
 
 def pad_texture(
-    layout: PadLayout,
-    ink: float = BLACK,
-    weather: Callable[[F32], F32] | None = None,
+    layout: PadLayout, ink: float = BLACK, weather: Callable[[F32], F32] | None = None
 ) -> tuple[TextureLevel, ...]:
     """Draw the pad, finest level first.
 
@@ -87,20 +93,47 @@ def pad_texture(
     Raises:
         ValueError: a marker does not exist (see marker_bitmap).
     """
-    plate = layout.plate
+    grid = _grid(layout.plate)
+    alpha = _plate_alpha(layout.plate, grid)
+    grey = cast(F32, ink + (WHITE - ink) * _white(layout, grid))
+    if weather is not None:
+        grey[grid.plate] = weather(grey[grid.plate])
+    grey = grey * alpha
+    return _levels(grey, alpha, grid)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The texels of the finest level, pad frame."""
+
+    per_m: float
+    north: float  # of the centres of the first row, m
+    east: float  # of the centres of the first column, m
+    norths: F32  # (rows, 1), of all centres, m
+    easts: F32  # (1, columns)
+    plate: tuple[slice, slice]  # rows and columns that the plate fills
+
+
+def _grid(plate: Plate) -> _Grid:
     height, width = plate.north_m + plate.south_m, plate.east_m + plate.west_m
     per_m = float(FINEST_PER_M)
-    while per_m * max(height, width) > LARGEST:
+    while per_m * max(height, width) > LARGEST_TEXELS:
         per_m /= 2
     # A whole number of texels on every level, and at least one empty coarsest texel all round.
     block = 2 ** (LEVELS - 1)
     rows, columns = (block * (math.ceil(per_m * d / block) + 2) for d in (height, width))
-    north = plate.north_m + (block - 0.5) / per_m  # of the centres of the first row
+    north = plate.north_m + (block - 0.5) / per_m
     east = -plate.west_m - (block - 0.5) / per_m
     norths = (north - np.arange(rows) / per_m).astype(np.float32)[:, None]
     easts = (east + np.arange(columns) / per_m).astype(np.float32)[None, :]
+    top, left = (slice(block, block + round(per_m * d)) for d in (height, width))
+    return _Grid(per_m, north, east, norths, easts, (top, left))
 
-    white = np.ones((rows, columns), np.float32)
+
+def _white(layout: PadLayout, grid: _Grid) -> F32:
+    """White share of each texel (rows, columns) of a plate without end."""
+    norths, easts, per_m = grid.norths, grid.easts, grid.per_m
+    white = np.ones((norths.size, easts.size), np.float32)
     for marker in layout.markers:
         n, e = marker.position_m
         size = (
@@ -109,25 +142,35 @@ def pad_texture(
         reach = size / 2 + 2 / per_m
         window = np.ix_(np.abs(norths[:, 0] - n) < reach, np.abs(easts[0] - e) < reach)
         dn, de = norths[window[0][:, 0]] - np.float32(n), easts[:, window[1][0]] - np.float32(e)
-        white[window] *= 1.0 - _black(marker, dn, de, per_m)
+        if isinstance(marker, Ring):
+            black = _ring(marker, dn, de, per_m)
+        elif isinstance(marker, WhyCode):
+            black = _whycode(marker, dn, de, per_m)
+        else:
+            black = _square(marker, dn, de, per_m)
+        white[window] *= 1.0 - black
+    return white
+
+
+def _plate_alpha(plate: Plate, grid: _Grid) -> F32:
+    """Share of each texel (rows, columns) that lies on the plate."""
+    norths, easts, per_m = grid.norths, grid.easts, grid.per_m
     on_north = _covered(plate.north_m - norths, per_m) * _covered(plate.south_m + norths, per_m)
     on_east = _covered(plate.east_m - easts, per_m) * _covered(plate.west_m + easts, per_m)
-    alpha = on_north * on_east
-    grey = cast(F32, ink + (WHITE - ink) * white)
-    if weather is not None:
-        on_plate = tuple(slice(block, block + round(per_m * d)) for d in (height, width))
-        grey[on_plate] = weather(grey[on_plate])
-    grey = grey * alpha
+    return on_north * on_east
 
+
+def _levels(grey: F32, alpha: F32, grid: _Grid) -> tuple[TextureLevel, ...]:
+    """Return the finest level and coarser ones, each averaged from the one before."""
     levels = []
     for level in range(LEVELS):
-        texel = 2**level / per_m
+        texel = 2**level / grid.per_m
         # Centres of larger texels lie further in from the same outer border.
-        shift = (texel - 1 / per_m) / 2
+        shift = (texel - 1 / grid.per_m) / 2
         levels.append(
             TextureLevel(
                 texel,
-                (north - shift, east + shift),
+                (grid.north - shift, grid.east + shift),
                 np.rint(grey).astype(np.uint8),
                 np.rint(255 * alpha).astype(np.uint8),
             )
@@ -139,20 +182,16 @@ def pad_texture(
 
 
 def _covered(inside_m: F32, per_m: float) -> F32:
-    """Return the share of a texel inside of an edge that lies inside_m beyond its centre."""
+    """Share of a texel on the inner side of an edge that lies inside_m beyond its centre."""
     return cast(F32, np.clip(0.5 + inside_m * np.float32(per_m), 0.0, 1.0))
 
 
-def _black(marker: Marker, dn: F32, de: F32, per_m: float) -> F32:
-    """Black share of texels at dn (rows, 1), de (1, columns) from a marker's centre, m."""
-    if isinstance(marker, WhyCode):
-        return _whycode(marker, dn, de, per_m)
-    if isinstance(marker, Square):
-        return _square(marker, dn, de, per_m)
+def _ring(ring: Ring, dn: F32, de: F32, per_m: float) -> F32:
+    """Black share of texels at dn (rows, 1), de (1, columns) from the ring's centre, m."""
     radius = cast(F32, np.sqrt(dn * dn + de * de))
-    outer = _covered(marker.outer_diameter_m / 2 - radius, per_m)
-    inner = _covered(marker.inner_ratio * marker.outer_diameter_m / 2 - radius, per_m)
-    return cast(F32, outer - inner)
+    outer = _covered(ring.outer_diameter_m / 2 - radius, per_m)
+    inner = _covered(ring.inner_ratio * ring.outer_diameter_m / 2 - radius, per_m)
+    return outer - inner
 
 
 def _whycode(code: WhyCode, dn: F32, de: F32, per_m: float) -> F32:

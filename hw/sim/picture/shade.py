@@ -73,10 +73,18 @@ class LeafShade:
         light = cast(U8, cv2.resize(light, texture.shape[::-1], interpolation=cv2.INTER_LINEAR))
         return cast(U8, cv2.multiply(texture, light, scale=1 / 255))
 
+    def step(self, pose: CameraPose, pad: PadPose, focal: float) -> int:
+        """Return the pixels between samples on the pad: a few to a fleck will do.
+
+        focal is the focal length in pixels.
+        """
+        apart_m = max(math.dist(pose.position, pad.position), 0.1) / focal
+        return min(max(int(self._leaf_m / (FLECK * apart_m)), 1), COARSEST)
+
     def on_pad(
-        self, pose: CameraPose, pad: PadPose, sunlight: F64, rays: F32, focal: float
+        self, pose: CameraPose, pad: PadPose, sunlight: F64, rays: F32, pitch: float
     ) -> U8 | None:
-        """Return the light, 255 all, on a pad where rays (rows, columns, 2) of pixels meet it.
+        """Return the light, 255 all, on a pad where rays (rows, columns, 2) meet it.
 
         The pad is taken for level. None: the camera is not above it.
 
@@ -84,32 +92,26 @@ class LeafShade:
             pose: of the camera.
             pad: where the pad lies.
             sunlight: direction it travels, local NED (3,).
-            rays: of neighbouring pixels.
-            focal: focal length in pixels.
+            rays: that are followed.
+            pitch: distance of neighbouring rays.
         """
         H = plane_homography(pose, self.plane(pad, sunlight))
         if H is None:
             return None
-        apart_m = max(math.dist(pose.position, pad.position), 0.1) / focal
-        # A few samples to a fleck will do.
-        step = min(max(int(self._leaf_m / (FLECK * apart_m)), 1), COARSEST)
-        few = rays[::step, ::step]
-        x, y = few[few.shape[0] // 2, few.shape[1] // 2].tolist()
+        x, y = rays[rays.shape[0] // 2, rays.shape[1] // 2].tolist()
         centre = H @ np.array([x, y, 1.0])
         centre[2] = max(centre[2], 0.02)
-        apart_m = footprint(float(np.linalg.det(H)), centre[2], step / focal)
+        apart_m = footprint(float(np.linalg.det(H)), centre[2], pitch)
         level = level_of_detail(apart_m, self._tile.texel_m, LEVELS)
         to_texels = self._tile.to_texels(level, centre[:2] / centre[2])
-        where = cv2.perspectiveTransform(few, to_texels @ H)
         light = cv2.remap(
             self._tile.levels[level],
-            where,
+            cv2.perspectiveTransform(rays, to_texels @ H),
             NO_SECOND_MAP,
             cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_WRAP,
         )
-        whole = cv2.resize(light, None, fx=step, fy=step, interpolation=cv2.INTER_LINEAR)
-        return cast(U8, whole[: rays.shape[0], : rays.shape[1]])
+        return cast(U8, light)
 
     def plane(self, pad: PadPose, sunlight: F64) -> PadPose:
         """Return the level plane through the pad, its origin under the same leaves as local's."""

@@ -4,6 +4,7 @@ import functools
 import math
 from typing import cast
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +16,7 @@ from landerd.pad import PadLayout, Ring, Square, WhyCode
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-NEAR_M = 0.01
+NEAR_PLANE_M = 0.01  # from the lens; what is nearer is not drawn
 CIRCLE_POINTS = 32
 
 # For cv2.remap whose first map holds both coordinates. OpenCV's types forbid None here, and an
@@ -43,7 +44,7 @@ class Frustum:
         (x0, y0), (x1, y1) = rays.min(axis=0) - margin, rays.max(axis=0) + margin
         planes = np.array(
             [
-                [0.0, 0.0, 1.0, -NEAR_M],
+                [0.0, 0.0, 1.0, -NEAR_PLANE_M],
                 [1.0, 0.0, -x0, 0.0],
                 [-1.0, 0.0, x1, 0.0],
                 [0.0, 1.0, -y0, 0.0],
@@ -154,6 +155,13 @@ def rays_at(camera: CameraModel, x: F64, y: F64) -> F32:
     """Return the rays (rows, columns, 2) of the pixels at columns x and rows y."""
     pixels = np.stack(np.meshgrid(x, y), axis=-1)
     return camera.rays(pixels.reshape(-1, 2)).reshape(*pixels.shape).astype(np.float32)
+
+
+def blur(image: NDArray[np.uint8], sigma: float) -> None:
+    """Blur an image in place; sigma in pixels."""
+    if sigma >= 0.1:
+        size = 2 * math.ceil(2.5 * sigma) + 1
+        cv2.GaussianBlur(image, (size, size), sigma, dst=image, borderType=cv2.BORDER_REPLICATE)
 
 
 def middle(start: CameraPose, end: CameraPose) -> CameraPose:

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.sim.options import AutopilotOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.stand_in.copter import (
     ARDUPILOT_DEFAULTS,
@@ -24,7 +25,7 @@ from hw.sim.stand_in.copter import (
 )
 from hw.sim.stand_in.ekf import Estimate
 from hw.sim.stand_in.pilot import PilotRadio
-from landerd.geometry import Vec3, add, clamp, is_finite, rot_z, rotate
+from hw.sim.stand_in.targets import take_attitude_target, take_position_target
 from landerd.messages import Landed
 from landerd.ports import ByteLink, DeviceLost
 
@@ -35,16 +36,9 @@ _REOPEN_S = 0.1
 _ACK_DELAY_S = (0.001, 0.006)
 _LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received message
 _TIMESYNC_PERIOD_S = 10.0
-_FARTHEST_M = 1e6
-_FASTEST_MPS = 1e3
-_LEVEL = 1e-3  # of a quaternion's x and y
-
-# type_mask of SET_POSITION_TARGET_LOCAL_NED: one bit of a group ignores the group
-_IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_ACCELERATION = 0x007, 0x038, 0x1C0
-_IGNORE_YAW_RATE = 0x800
-
-_NED_FRAMES = (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED)
-_BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
+_STATES = (mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+DEFAULTS = AutopilotOptions()
+_FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air too
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
@@ -119,20 +113,20 @@ class SimAutopilot:
         rng: random.Random,
         parameters: CopterParameters = ARDUPILOT_DEFAULTS,
         flying: bool = False,
-        boot_age_s: float = 60.0,
+        options: AutopilotOptions = DEFAULTS,
         system_id: int = 1,
     ) -> None:
-        """Flying: starts armed, in LOITER. boot_age_s: its boot time when `run` starts."""
+        """Make it; flying: starts armed, in LOITER."""
         self.mute: set[int] = set()
         self.parameters: dict[str, float] = {}
         self._mount: Mount | None = None
-        self.pilot = PilotRadio()
+        self.pilot = PilotRadio(options.rc_channels)
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
         self._world = world
         self._ekf = ekf
         self._rng = rng
         self._system = system_id
-        self._boot_age_s = boot_age_s
+        self._options = options
         self._channels = [_Channel(link, system_id) for link in links]
         self._streams: dict[int, Callable[[float], Message]] = {
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
@@ -140,6 +134,15 @@ class SimAutopilot:
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
+        }
+        self._takers: dict[int, Callable[[_Channel, Message, float], None]] = {
+            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_position_target,
+            mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_target,
+            mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
+            mavlink.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
+            mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter_request,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._on_rc_override,
         }
 
     def attach(self, mount: Mount) -> None:
@@ -151,7 +154,7 @@ class SimAutopilot:
     async def run(self) -> None:
         """Fly and serve the links, for ever."""
         t = asyncio.get_running_loop().time()
-        self._booted_at = t - self._boot_age_s
+        self._booted_at = t - self._options.boot_age_s
         self._estimate = self._ekf.estimate(t)
         async with asyncio.TaskGroup() as tasks:
             for channel in self._channels:
@@ -225,7 +228,7 @@ class SimAutopilot:
         return int((t - self._booted_at) * 1e9)
 
     def _boot_ms(self, t: float) -> int:
-        return self._boot_ns(t) // 1_000_000
+        return self._boot_ns(t) // 1_000_000 % 2**32  # as time_boot_ms has it
 
     def _heartbeat(self) -> Message:
         copter = self.copter
@@ -263,9 +266,8 @@ class SimAutopilot:
         )
 
     def _rc_channels(self, t: float) -> Message:
-        channels = self.pilot.channels(t)
         return mavlink.MAVLink_rc_channels_message(
-            self._boot_ms(t), len(channels), *channels, *(0,) * (18 - len(channels)), 255
+            self._boot_ms(t), self._options.rc_channels, *self.pilot.channels(t), 255
         )
 
     def _of_mount(self, make: Callable[[float, int], Message], t: float) -> Message:
@@ -296,45 +298,50 @@ class SimAutopilot:
                     other.link.write(bytes(message.get_msgbuf()))
         if system not in (0, self._system) or component not in (0, _COMPONENT):
             return
-        t = asyncio.get_running_loop().time()
-        message_id = message.get_msgId()
-        if message_id == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
-            self._on_position_target(message, t)
-            self._step(t)
-        elif message_id == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
-            self._on_attitude_target(message, t)
-            self._step(t)
-        elif message_id == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
-            self._acknowledge(
-                channel, message, message.command, self._on_command(channel, message, t)
-            )
-        elif message_id == mavlink.MAVLINK_MSG_ID_SET_MODE:
-            self._acknowledge(channel, message, message_id, self._set_mode(message.custom_mode))
-        elif message_id == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
-            self._answer_parameter(channel, message.param_id)
-        elif message_id == mavlink.MAVLINK_MSG_ID_TIMESYNC and message.tc1 == 0:
-            self._later(_LOOP_DELAY_S, lambda: self._answer_timesync(channel, message.ts1))
-        elif (
-            message_id == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
-            and message.get_srcSystem() == _GROUND_STATION
-        ):
-            raw = tuple(getattr(message, f"chan{i}_raw") for i in range(1, 17))
-            self.pilot.override(raw, t)
-        elif self._mount is not None:
-            self._mount.message(message, t)
+        take = self._takers.get(message.get_msgId(), self._on_other)
+        take(channel, message, asyncio.get_running_loop().time())
 
-    def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
-        now = asyncio.get_running_loop().time()
-        channel.send(mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
+    def _on_position_target(self, channel: _Channel, m: Message, t: float) -> None:
+        take_position_target(self.copter, m, self._estimate, t)
+        self._step(t)
 
-    def _answer_parameter(self, channel: _Channel, name: str) -> None:
-        value = self.parameters.get(name)
+    def _on_attitude_target(self, channel: _Channel, m: Message, t: float) -> None:
+        take_attitude_target(self.copter, m, t)
+        self._step(t)
+
+    def _on_command_long(self, channel: _Channel, m: Message, t: float) -> None:
+        self._acknowledge(channel, m, m.command, self._on_command(channel, m, t))
+
+    def _on_set_mode(self, channel: _Channel, m: Message, t: float) -> None:
+        self._acknowledge(channel, m, m.get_msgId(), self._set_mode(m.custom_mode))
+
+    def _on_parameter_request(self, channel: _Channel, m: Message, t: float) -> None:
+        value = self.parameters.get(m.param_id)
         if value is not None:
             real = mavlink.MAV_PARAM_TYPE_REAL32
             count = len(self.parameters)
             channel.send(
-                mavlink.MAVLink_param_value_message(name.encode(), value, real, count, 0xFFFF)
+                mavlink.MAVLink_param_value_message(m.param_id.encode(), value, real, count, 0xFFFF)
             )
+
+    def _on_timesync(self, channel: _Channel, m: Message, t: float) -> None:
+        if m.tc1 == 0:
+            least, most = _LOOP_DELAY_S
+            late = self._options.timesync_delay_s
+            self._later((least + late, most + late), lambda: self._answer_timesync(channel, m.ts1))
+
+    def _on_rc_override(self, channel: _Channel, m: Message, t: float) -> None:
+        if m.get_srcSystem() == _GROUND_STATION:
+            raw = tuple(getattr(m, f"chan{i}_raw") for i in range(1, 17))
+            self.pilot.override(raw, t)
+
+    def _on_other(self, channel: _Channel, m: Message, t: float) -> None:
+        if self._mount is not None:
+            self._mount.message(m, t)
+
+    def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
+        now = asyncio.get_running_loop().time()
+        channel.send(mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
 
     def _acknowledge(self, channel: _Channel, asked: Message, command: int, result: int) -> None:
         ack = mavlink.MAVLink_command_ack_message(
@@ -343,26 +350,27 @@ class SimAutopilot:
         self._later(_ACK_DELAY_S, lambda: channel.send(ack))
 
     def _on_command(self, channel: _Channel, m: Message, t: float) -> int:
+        """Obey a command and return its MAV_RESULT."""
         if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             return self._set_interval(channel, _whole(m.param1), m.param2, t)
         if m.command == mavlink.MAV_CMD_DO_SET_MODE:
             return self._set_mode(_whole(m.param2))
         if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            if m.param1 == 1.0:
-                return _ACCEPTED if self.copter.arm() else _FAILED
-            if m.param1 == 0.0:
-                forced = m.param2 == 21196.0
-                return _ACCEPTED if self.copter.disarm(forced=forced) else _FAILED
-            return _UNSUPPORTED
+            return self._arm_or_disarm(m)
         if m.command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
-            if _whole(m.param1) != mavlink.SPEED_TYPE_GROUNDSPEED:
-                return _FAILED
-            return _ACCEPTED if self.copter.set_speed(m.param2) else _FAILED
+            is_ground_speed = _whole(m.param1) == mavlink.SPEED_TYPE_GROUNDSPEED
+            return _result(is_ground_speed and self.copter.set_speed(m.param2))
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            done = self.copter.take_off(m.param7, self._estimate, t)
-            return _ACCEPTED if done else _FAILED
+            return _result(self.copter.take_off(m.param7, self._estimate, t))
         result = self._mount.command(m, t) if self._mount is not None else None
         return _UNSUPPORTED if result is None else result
+
+    def _arm_or_disarm(self, m: Message) -> int:
+        if m.param1 == 1.0:
+            return _result(self.copter.arm())
+        if m.param1 == 0.0:
+            return _result(self.copter.disarm(forced=m.param2 == _FORCE_DISARM))
+        return _UNSUPPORTED
 
     def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:
         if message_id not in self._streams:
@@ -370,60 +378,19 @@ class SimAutopilot:
             return _DENIED
         if us > 0.0:
             interval = max(1e-6 * us, _TICK_S)
+            if self._options.telemetry_hz is not None and message_id in _STATES:
+                interval = max(interval, 1.0 / self._options.telemetry_hz)
             channel.streams[message_id] = (interval, t + interval)
         else:  # the default is off, too
             channel.streams.pop(message_id, None)
         return _ACCEPTED
 
     def _set_mode(self, mode: int) -> int:
-        return _ACCEPTED if self.copter.set_mode(mode) else _FAILED
-
-    def _on_attitude_target(self, m: Message, t: float) -> None:
-        """Only level ones are modelled, with the thrust for a climb rate (GUID_OPTIONS 0)."""
-        ignored = m.type_mask & (
-            mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
-            | mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
-        )
-        finite = is_finite((m.q[1], m.q[2], m.thrust))
-        if ignored or not finite or math.hypot(m.q[1], m.q[2]) > _LEVEL:
-            return
-        self.copter.fly_level(2.0 * clamp(m.thrust, 0.0, 1.0) - 1.0, t)
-
-    def _on_position_target(self, m: Message, t: float) -> None:
-        if m.coordinate_frame == mavlink.MAV_FRAME_BODY_FRD:
-            return
-        position, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
-        has_position = not m.type_mask & _IGNORE_POSITION
-        has_velocity = not m.type_mask & _IGNORE_VELOCITY
-        yaw_rate = None if m.type_mask & _IGNORE_YAW_RATE else m.yaw_rate
-        sound = (
-            m.coordinate_frame in _NED_FRAMES + _BODY_FRAMES
-            and (has_position or has_velocity)
-            and not (has_position and not _sane(position, _FARTHEST_M))
-            and not (has_velocity and not _sane(velocity, _FASTEST_MPS))
-            and (yaw_rate is None or math.isfinite(yaw_rate))
-            and not (
-                m.type_mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET
-                and not m.type_mask & _IGNORE_ACCELERATION
-            )
-        )
-        if not sound:
-            self.copter.stop()
-            return
-        estimate = self._estimate
-        if m.coordinate_frame in _BODY_FRAMES:
-            R_local_level = rot_z(estimate.yaw)
-            position, velocity = rotate(R_local_level, position), rotate(R_local_level, velocity)
-        if has_position:
-            if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
-                position = add(position, estimate.position)
-            self.copter.fly_to(position, yaw_rate)
-        else:
-            self.copter.fly_velocity(velocity, yaw_rate, t)
+        return _result(self.copter.set_mode(mode))
 
 
-def _sane(v: Vec3, limit: float) -> bool:
-    return is_finite(v) and max(abs(v[0]), abs(v[1]), abs(v[2])) <= limit
+def _result(accepted: bool) -> int:
+    return _ACCEPTED if accepted else _FAILED
 
 
 def _whole(value: float) -> int:

@@ -21,7 +21,7 @@ _ARMABLE = (Mode.STABILIZE, Mode.GUIDED, Mode.LOITER)
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _SPOOL_UP_S = 1.5  # from NAV_TAKEOFF to lift-off
 _REACHED_M = 0.1
-_LAND_HIGH_M = 10.0  # above this LAND sinks faster (LAND_ALT_LOW)
+_LAND_HIGH_M = 10.0  # above this LAND descends faster (LAND_ALT_LOW)
 _LAND_DISARM_S = 0.5  # from landed to disarmed in LAND
 _RADIO_FAILSAFE_S = 1.0
 _NEAREST_COURSE_M = 5.0  # the nose is not turned towards a position target nearer than this,
@@ -64,7 +64,7 @@ class Vehicle(Protocol):
         Args:
             velocity: local NED, m/s
             yaw_rate: rad/s
-            level: lean nowhere, whatever the horizontal velocity
+            level: a level attitude, whatever the horizontal velocity
             landing: in LAND
         """
 
@@ -90,7 +90,7 @@ class _Position:
 
 @dataclass(frozen=True, slots=True)
 class _Level:
-    climb: float  # of the fastest climb, or sinking, -1 to 1
+    climb: float  # of the fastest climb, or descent, -1 to 1
     t: float
 
 
@@ -259,21 +259,28 @@ class Copter:
             self.disarm()
 
     def _wanted(self, estimate: Estimate, t: float) -> tuple[Vec3, float]:
+        """Return the velocity (local NED, m/s) and yaw rate (rad/s) to fly."""
         if self.armed and self.mode == Mode.LAND:
             high = estimate.position[2] < -_LAND_HIGH_M
             speed = self._p.wpnav_speed_down_mps if high else self._p.land_speed_mps
             return (0.0, 0.0, speed), 0.0
-        target = self._target
-        if not self._is_guided() or target is None:
+        target = self._target if self._is_guided() else None
+        if target is None:
             return _ZERO, 0.0
         if isinstance(target, _Climb):
             return self._climb(target, estimate, t)
         if isinstance(target, _Level):
-            fastest = (
-                self._p.wpnav_speed_up_mps if target.climb > 0.0 else self._p.wpnav_speed_down_mps
-            )
-            late = t - target.t > self._p.guid_timeout_s
-            return (0.0, 0.0, 0.0 if late else -fastest * target.climb), 0.0
+            return self._level(target, t)
+        return self._course(target, estimate, t)
+
+    def _level(self, target: _Level, t: float) -> tuple[Vec3, float]:
+        fastest = self._p.wpnav_speed_up_mps if target.climb > 0.0 else self._p.wpnav_speed_down_mps
+        late = t - target.t > self._p.guid_timeout_s
+        return (0.0, 0.0, 0.0 if late else -fastest * target.climb), 0.0
+
+    def _course(
+        self, target: _Velocity | _Position, estimate: Estimate, t: float
+    ) -> tuple[Vec3, float]:
         if isinstance(target, _Position):
             error = sub(target.position, estimate.position)
             velocity, turns = self._towards(error), horizontal(error) > _NEAREST_COURSE_M

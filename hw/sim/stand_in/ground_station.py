@@ -19,8 +19,9 @@ _ACK_TIMEOUT_S = 1.0
 _RC_PERIOD_S = 0.5  # ArduPilot takes an override back after 3 s
 _FIRST_LATE_CHANNEL = 9  # from here on 0 leaves a channel alone, below 65535 does
 _LAST_CHANNEL = 18
-_THERE_M, _STILL_MPS, _HEADED = 0.5, 0.1, math.radians(3.0)
-_FORCED = 21196.0
+# It hovers at a place this near to it, this slow, and headed this well (rad).
+_ARRIVED_M, _STANDSTILL_MPS, _ALIGNED = 0.5, 0.1, math.radians(3.0)
+_FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM
 _STUCK_S = 10.0  # standing there armed, in LAND, it is disarmed by force
 
 
@@ -134,18 +135,18 @@ class GroundStation:
             await self.set_mode(Mode.LAND)
         moved_t = loop.time()
         while self._armed:
-            if norm(self._velocity) > _STILL_MPS:
+            if norm(self._velocity) > _STANDSTILL_MPS:
                 moved_t = loop.time()
             if loop.time() > moved_t + _STUCK_S:
-                await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCED)
+                await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCE_DISARM)
             await asyncio.sleep(0.5)
 
     def _hovers_at(self, position: Vec3, heading: float) -> bool:
         return (
             self._position is not None
-            and norm(sub(self._position, position)) < _THERE_M
-            and norm(self._velocity) < _STILL_MPS
-            and abs(wrap(self._yaw - heading)) < _HEADED
+            and norm(sub(self._position, position)) < _ARRIVED_M
+            and norm(self._velocity) < _STANDSTILL_MPS
+            and abs(wrap(self._yaw - heading)) < _ALIGNED
         )
 
     def _target(self, type_mask: int, position: Vec3, yaw: float) -> None:

@@ -1,6 +1,6 @@
 """The pilot's radio as the autopilot's receiver sees it."""
 
-_CHANNELS = 16
+_CHANNELS = 18  # of RC_CHANNELS
 _OVERRIDE_TIME_S = 3.0  # RC_OVERRIDE_TIME
 _THROTTLE_LOW_US = 1100
 
@@ -14,9 +14,10 @@ class PilotRadio:
         lost: the receiver hears nothing; the last pulses are held.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, count: int = 16) -> None:
+        """Count: of the receiver's channels; those beyond it carry overrides, or 0."""
         self.lost = False
-        self._pulses = [1500, 1500, 1000, 1500] + [1000] * (_CHANNELS - 4)
+        self._pulses = [1500, 1500, 1000, 1500] + [1000] * (count - 4) + [0] * (_CHANNELS - count)
         self._overrides: dict[int, tuple[int, float]] = {}  # channel: pulse, end
 
     def set(self, channel: int, us: int) -> None:

@@ -325,48 +325,55 @@ def test_unplugged_it_is_lost_at_once_and_works_again_when_it_is_back() -> None:
     assert source.opened == 2
 
 
-def test_the_daemon_tells_of_the_outage_and_is_back_within_a_second(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    source = FakeCamera([Mode("YUYV", 640, 480, 30.0)])
-    searched: list[float] = []
+class Searched:
+    """An observer: when pictures were searched."""
 
-    class Seen:
-        def on_flight(self, lander: Any) -> None: ...
-        def on_step(self, *_: Any) -> None: ...
-        def on_frame(self, *_: Any) -> None:
-            searched.append(time.monotonic())
+    def __init__(self) -> None:
+        self.times: list[float] = []
+
+    def on_flight(self, lander: Any) -> None: ...
+    def on_step(self, *_: Any) -> None: ...
+    def on_frame(self, *_: Any) -> None:
+        self.times.append(time.monotonic())
+
+
+async def unplugged_and_plugged_in_again(source: FakeCamera) -> None:
+    searched = Searched()
 
     async def shoot() -> None:
         while True:
             await asyncio.sleep(0.03)
             source.shoot()
 
-    async def main() -> None:
-        driver, idle = V4l2Camera(options=V4l2Options(), node=source.open), Idle()
-        daemon = Daemon(
-            Config(),
-            load_pad(config_dir() / "pads" / "thesis.yaml"),
-            load_camera(config_dir() / "cameras" / "thesis.yaml"),
-            Devices(driver, idle, MavlinkAutopilot(memory_pair()[0])),
-            observers=(Seen(),),
-        )
-        tasks = [asyncio.create_task(job) for job in (shoot(), daemon.run())]
-        while len(searched) < 5:
-            await asyncio.sleep(0.01)
-        source.unplug()
-        await asyncio.sleep(1.5)
-        source.plugged = True
-        plugged = time.monotonic()
-        while searched[-1] < plugged:
-            await asyncio.sleep(0.01)
-        assert searched[-1] < plugged + 1.0
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+    driver, idle = V4l2Camera(options=V4l2Options(), node=source.open), Idle()
+    daemon = Daemon(
+        Config(),
+        load_pad(config_dir() / "pads" / "thesis.yaml"),
+        load_camera(config_dir() / "cameras" / "thesis.yaml"),
+        Devices(driver, idle, MavlinkAutopilot(memory_pair()[0])),
+        observers=(searched,),
+    )
+    tasks = [asyncio.create_task(job) for job in (shoot(), daemon.run())]
+    while len(searched.times) < 5:
+        await asyncio.sleep(0.01)
+    source.unplug()
+    await asyncio.sleep(1.5)
+    source.plugged = True
+    plugged = time.monotonic()
+    while searched.times[-1] < plugged:
+        await asyncio.sleep(0.01)
+    assert searched.times[-1] < plugged + 1.0
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
 
+
+def test_the_daemon_tells_of_the_outage_and_is_back_within_a_second(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    source = FakeCamera([Mode("YUYV", 640, 480, 30.0)])
     caplog.set_level(logging.INFO, "landerd")
-    asyncio.run(asyncio.wait_for(main(), 20.0))
+    asyncio.run(asyncio.wait_for(unplugged_and_plugged_in_again(source), 20.0))
     told = [r.getMessage() for r in caplog.records if r.name == "landerd"]
     told = [line for line in told if line.startswith("camera")]
     assert told == [

@@ -13,13 +13,14 @@ from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.world import World
 from hw.sim.stand_in.autopilot import SimAutopilot
-from landerd import devices as registry
+from landerd.devices import gimbal_model
+from landerd.drivers import gimbal_speaks_over, names, options_models
 from landerd.messages import GimbalCommand, GimbalState
 from landerd.ports import Gimbal
 from landerd.runtime.clock import run_realtime, run_virtual
 from tests.hw.sim.worlds import ekf_in, world
 
-DRIVERS = sorted(set(registry.names()["gimbal"]) - {"sim"})
+DRIVERS = sorted(set(names()["gimbal"]) - {"sim"})
 MOVING = [driver for driver in DRIVERS if driver != "fixed"]
 ON_BYTES = ["simplebgc", "siyi", "storm32"]
 EXACT = {"bias_deg": 0.0, "noise_deg": 0.0}
@@ -79,10 +80,10 @@ def on_stand(
         autopilot = SimAutopilot(w, [far], ekf=ekf_in(w), rng=random.Random(1), flying=True)
         driver = MavlinkAutopilot(near)
         mount = SimMount(w, SimGimbalOptions.model_validate(gimbal or EXACT), random.Random(2))
-        connect = registry.model("gimbal", name)
+        connect = gimbal_model(name)
         assert connect is not None
         servo = YAW_AND_PITCH if name.startswith("servo") else {}
-        block = registry.options_models()[f"gimbal.{name}"].model_validate(servo | (options or {}))
+        block = options_models()[f"gimbal.{name}"].model_validate(servo | (options or {}))
         gimbal_driver: Gimbal
         model: Model | None
         gimbal_driver, model = connect(block, Bench(mount, autopilot, driver, realtime=realtime))
@@ -93,7 +94,7 @@ def on_stand(
                 await driver.receive()
 
         tasks = []
-        if registry.over("gimbal", name) == "autopilot":
+        if gimbal_speaks_over(name) == "autopilot":
             tasks += [asyncio.create_task(autopilot.run()), asyncio.create_task(listen())]
             await asyncio.sleep(0.5)  # links are open and streams asked for
         if model is not None:

@@ -4,21 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from landerd import devices as registry
-from landerd.config.files import config_dir, load
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
 
 EXAMPLES = sorted((config_dir() / "gimbals").glob("*.yaml"))
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_example(example: Path) -> None:
-    loaded = load(
-        config_dir() / "default.yaml",
-        options_models=registry.options_models(),
-        drivers=registry.names(),
-        overlays=[example],
-        overrides=[],
-    )
+    loaded = read_configuration(config_dir() / "default.yaml", overlays=[example], overrides=[])
     assert loaded.remarks == ()
     assert f"gimbal.{loaded.config.gimbal.driver}" in loaded.options
 

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from hw.sim.gimbals.byte_model import ByteModel
 from landerd.messages import Reference
 from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, fly
@@ -22,7 +23,7 @@ def test_finds_the_pad_and_stays_on_it(driver: str, reference: Reference) -> Non
     assert len(simulation.recording.off_centre_px) > 100
     assert simulation.daemon.lander.aborts == 0
     # The estimate is made with the angles that the driver reports.
-    assert simulation.daemon.lander.relative(simulation.world.t) is not None
+    assert simulation.daemon.lander.relative_state(simulation.world.t) is not None
 
 
 def test_a_gimbal_that_falls_silent_is_not_flown_on_and_comes_back() -> None:
@@ -30,6 +31,7 @@ def test_a_gimbal_that_falls_silent_is_not_flown_on_and_comes_back() -> None:
 
     async def script(simulation: Simulation) -> None:
         await asyncio.sleep(3.0)
+        assert isinstance(simulation.gimbal_model, ByteModel)
         simulation.gimbal_model.silent = True
         await asyncio.sleep(1.5)
         seen.append(math.hypot(*simulation.world.vehicle.velocity))

@@ -13,12 +13,14 @@ import pytest
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import memory_pair
 from hw.sim.gimbals.bench import Bench
+from hw.sim.gimbals.byte_model import ByteModel
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
-from landerd import devices as registry
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
+from landerd.devices import gimbal_model
+from landerd.drivers import options_models
 from landerd.messages import Command, GimbalState, Input
 from landerd.pad import load_pad
 from landerd.runtime.clock import run_realtime
@@ -61,10 +63,11 @@ async def scene(name: str) -> None:
     loop = asyncio.get_running_loop()
     mount = SimMount(world(gimbal=EXACT), SimGimbalOptions.model_validate(EXACT), random.Random(2))
     autopilot = MavlinkAutopilot(memory_pair()[0])
-    connect = registry.model("gimbal", name)
+    connect = gimbal_model(name)
     assert connect is not None
-    block = registry.options_models()[f"gimbal.{name}"]()
+    block = options_models()[f"gimbal.{name}"]()
     gimbal, model = connect(block, Bench(mount, None, autopilot, realtime=True))
+    assert isinstance(model, ByteModel)
     heard, idle = Heard(), Idle()
     daemon = Daemon(
         Config(),

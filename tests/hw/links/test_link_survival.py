@@ -1,13 +1,14 @@
 """Peers over real UDP, TCP and pseudo-terminals that die and come back, under the real daemon."""
 
 import asyncio
+import contextlib
 import os
 import pty
 import socket
 import tty
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from landerd.config.models import Config
 from landerd.lander import Lander
 from landerd.messages import (
     Attitude,
+    AutopilotMessage,
     AutopilotRestarted,
     Command,
     Frame,
@@ -170,59 +172,71 @@ async def scene(url: str, peer: Callable[[], ByteLink], *, restarted: bool) -> N
     await asyncio.gather(flying, return_exceptions=True)
 
 
-def test_a_real_link_with_damaged_bytes_and_lost_packets_keeps_its_times_and_values() -> None:
+class Relay(asyncio.DatagramProtocol):
+    """Passes datagrams on between landerd on a port and whoever else speaks, some of them bad."""
+
+    transport: asyncio.DatagramTransport
+
+    def __init__(self, landerd: int, corrupt: float, lost: float) -> None:
+        """Corrupt: share of the bytes. Lost: share of the datagrams."""
+        self._landerd = landerd
+        self._corrupt, self._lost = corrupt, lost
+        self._autopilot: Any = None
+        self._rng = np.random.default_rng(1)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        from_landerd = addr[1] == self._landerd
+        if not from_landerd:
+            self._autopilot = addr
+        if self._rng.random() < self._lost:
+            return
+        bad = np.frombuffer(data, np.uint8).copy()
+        hit = self._rng.random(len(bad)) < self._corrupt
+        bad[hit] ^= self._rng.integers(1, 256, hit.sum(), dtype=np.uint8)
+        to = self._autopilot if from_landerd else ("127.0.0.1", self._landerd)
+        if to is not None:
+            self.transport.sendto(bad.tobytes(), to)
+
+
+async def heard_through_relay(corrupt: float, lost: float) -> list[AutopilotMessage]:
+    """Listen to the stand-in until ten positions came."""
+    near, far = port_of(socket.SOCK_DGRAM), port_of(socket.SOCK_DGRAM)
+    loop = asyncio.get_running_loop()
+    relay, _ = await loop.create_datagram_endpoint(
+        lambda: Relay(near, corrupt, lost), local_addr=("127.0.0.1", far)
+    )
+    driver = MavlinkAutopilot(open_link(f"udpin:127.0.0.1:{near}"))
+    await driver.open()
+    peer = open_link(f"udpout:127.0.0.1:{far}")
+    autopilot = plain_autopilot(PlainAirframe(), [peer], flying=True)
+    living = asyncio.create_task(autopilot.run())
+    got: list[AutopilotMessage] = []
+
+    async def receive() -> None:
+        while sum(isinstance(m, LocalPosition) for m in got) < 10:
+            got.append(await driver.receive())
+
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(receive(), 20.0)
+    living.cancel()
+    await asyncio.gather(living, return_exceptions=True)
+    await peer.close()
+    await driver.close()
+    relay.close()
+    await asyncio.sleep(0.01)
+    return got
+
+
+@pytest.mark.parametrize(("corrupt", "lost"), [(0.05, 0.0), (0.0, 0.3)])
+def test_a_real_link_with_damaged_bytes_and_lost_packets_keeps_its_times_and_values(
+    corrupt: float, lost: float
+) -> None:
     """Through UDP and a relay that damages 5 % of the bytes or loses 30 % of the datagrams."""
-
-    async def main(corrupt: float, lost: float) -> None:
-        near, far = port_of(socket.SOCK_DGRAM), port_of(socket.SOCK_DGRAM)
-        rng = np.random.default_rng(1)
-        loop = asyncio.get_running_loop()
-
-        class Relay(asyncio.DatagramProtocol):
-            def connection_made(self, transport: Any) -> None:
-                self.transport = transport
-                self.autopilot: Any = None
-
-            def datagram_received(self, data: bytes, addr: Any) -> None:
-                from_landerd = addr[1] == near
-                if not from_landerd:
-                    self.autopilot = addr
-                if rng.random() < lost:
-                    return
-                bad = np.frombuffer(data, np.uint8).copy()
-                hit = rng.random(len(bad)) < corrupt
-                bad[hit] ^= rng.integers(1, 256, hit.sum(), dtype=np.uint8)
-                to = self.autopilot if from_landerd else ("127.0.0.1", near)
-                if to is not None:
-                    self.transport.sendto(bad.tobytes(), to)
-
-        relay, _ = await loop.create_datagram_endpoint(Relay, local_addr=("127.0.0.1", far))
-        driver = MavlinkAutopilot(open_link(f"udpin:127.0.0.1:{near}"))
-        await driver.open()
-        peer = open_link(f"udpout:127.0.0.1:{far}")
-        autopilot = plain_autopilot(PlainAirframe(), [peer], flying=True)
-        living = asyncio.create_task(autopilot.run())
-        got: list[Any] = []
-
-        async def receive() -> None:
-            while True:
-                got.append(await driver.receive())
-
-        receiving = asyncio.create_task(receive())
-        end = loop.time() + 20.0
-        while sum(isinstance(m, LocalPosition) for m in got) < 10 and loop.time() < end:
-            await asyncio.sleep(0.05)
-        for task in (living, receiving):
-            task.cancel()
-        await asyncio.gather(living, receiving, return_exceptions=True)
-        await peer.close()
-        await driver.close()
-        relay.close()
-        await asyncio.sleep(0.01)
-        positions = [m for m in got if isinstance(m, LocalPosition)]
-        assert len(positions) >= 10
-        assert {m.position for m in positions} == {(0.0, 0.0, -10.0)}
-        assert not [m for m in got if isinstance(m, AutopilotRestarted)]
-
-    asyncio.run(main(0.05, 0.0))
-    asyncio.run(main(0.0, 0.3))
+    got = asyncio.run(heard_through_relay(corrupt, lost))
+    positions = [m for m in got if isinstance(m, LocalPosition)]
+    assert len(positions) >= 10
+    assert {m.position for m in positions} == {(0.0, 0.0, -10.0)}
+    assert not [m for m in got if isinstance(m, AutopilotRestarted)]

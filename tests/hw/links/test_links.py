@@ -352,3 +352,40 @@ def test_a_serial_port_that_cannot_be_opened_says_why() -> None:
         os.close(port)
 
     run(scene)
+
+
+def test_memory_keeps_the_order_of_what_was_written_whatever_the_delays() -> None:
+    """Three messages of one control step with one delay came out of order once in a while."""
+
+    async def scene() -> None:
+        near, far = memory_pair()
+        await near.open()
+        await far.open()
+        near.faults.delay_s, near.faults.jitter_s = 0.01, 0.02
+        for i in range(200):
+            near.write(bytes([i]))
+            if i % 4 == 3:
+                await asyncio.sleep(0.005)
+            if i == 100:
+                near.faults.delay_s = near.faults.jitter_s = 0.0  # what comes later waits its turn
+        await asyncio.sleep(0.1)
+        assert await far.read() == bytes(range(200))
+
+    run_virtual(scene())
+
+
+def test_a_slow_wire_takes_its_time_for_every_byte() -> None:
+    async def scene() -> None:
+        near, far = memory_pair()
+        await near.open()
+        await far.open()
+        near.faults.baud = 9600.0
+        near.write(bytes(48))  # 50 ms
+        near.write(bytes(48))  # and 50 ms more, after the first
+        started = asyncio.get_running_loop().time()
+        await far.read()
+        assert asyncio.get_running_loop().time() - started == pytest.approx(0.05)
+        await far.read()
+        assert asyncio.get_running_loop().time() - started == pytest.approx(0.1)
+
+    run_virtual(scene())

@@ -63,7 +63,7 @@ def test_lean_against_the_wind_keeps_the_detector_from_landing(
     w = over_pad(wind={"speed_mps": wind_mps, "from_deg": 0.0})
     assert (descend(w, 0.3, 8.0) is not None) == detected
     assert w.vehicle.on_pad
-    # Nothing but lean was in the way: neither a level order asks for it, nor a mode for landing.
+    # Nothing but tilt was in the way: neither a level order asks for it, nor a mode for landing.
     w.vehicle.order((0.0, 0.0, 0.3), 0.0, **cure)
     w.advance(11.0)
     assert w.vehicle.landed_detected
@@ -75,7 +75,7 @@ def test_lean_against_the_wind_keeps_the_detector_from_landing(
 def test_a_moving_pad_carries_the_vehicle_along(speed_mps: float, vehicle: str) -> None:
     w = over_pad(vehicle=vehicle, pad={"speed_mps": speed_mps, "course_deg": 30.0})
     descend(w, 0.3, 5.0)
-    w.vehicle.order((0.0, 0.0, 0.3), 0.0, level=True)  # at 15 m/s its lean keeps it from landing
+    w.vehicle.order((0.0, 0.0, 0.3), 0.0, level=True)  # at 15 m/s its tilt keeps it from landing
     w.advance(8.0)
     assert w.vehicle.landed_detected
     w.vehicle.motors_off()

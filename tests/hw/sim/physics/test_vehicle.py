@@ -9,7 +9,7 @@ from hw.sim.physics.world import World
 from tests.hw.sim.worlds import world
 
 
-def lean_deg(w: World) -> float:
+def tilt_deg(w: World) -> float:
     v = w.vehicle
     return math.degrees(math.acos(math.cos(v.roll) * math.cos(v.pitch)))
 
@@ -23,14 +23,14 @@ def test_answers_a_step_as_the_measured_copter(name: str) -> None:
 def test_the_whole_vehicle_flies_a_step_of_velocity() -> None:
     w = world()
     w.vehicle.order((0.0, 1.0, 0.0), 0.0)
-    most_lean = 0.0
+    most_tilt = 0.0
     for _ in range(60):
         w.advance(w.t + 0.01)
-        most_lean = max(most_lean, lean_deg(w))
+        most_tilt = max(most_tilt, tilt_deg(w))
     assert w.vehicle.velocity[1] == pytest.approx(0.501, abs=0.06)
     w.advance(2.0)
     assert w.vehicle.velocity[1] == pytest.approx(0.951, abs=0.06)
-    assert most_lean == pytest.approx(9.0, abs=1.5)
+    assert most_tilt == pytest.approx(9.0, abs=1.5)
 
 
 def test_a_damped_vehicle_turns_without_overshoot() -> None:
@@ -60,7 +60,7 @@ def test_leans_against_the_air_as_measured(
     w = world(wind={"speed_mps": wind_mps, "from_deg": 180.0})  # blows to the north
     w.vehicle.order((order_mps, 0.0, 0.0), 0.0)
     w.advance(15.0)
-    assert lean_deg(w) == pytest.approx(expected_deg, abs=1.0)
+    assert tilt_deg(w) == pytest.approx(expected_deg, abs=1.0)
     assert w.vehicle.velocity[0] == pytest.approx(order_mps, abs=0.03)
 
 
@@ -74,14 +74,14 @@ def test_leans_with_the_nose_into_the_wind() -> None:
 def test_drifts_when_the_wind_needs_more_lean_than_it_may() -> None:
     w = world(wind={"speed_mps": 12.0, "from_deg": 180.0})
     w.advance(10.0)
-    assert lean_deg(w) == pytest.approx(30.0, abs=0.1)
+    assert tilt_deg(w) == pytest.approx(30.0, abs=0.1)
     assert w.vehicle.velocity[0] > 1.0
 
 
 def test_a_fast_vehicle_holds_where_the_default_drifts() -> None:
     w = world(vehicle="fast", wind={"speed_mps": 20.0, "from_deg": 180.0})
     w.advance(10.0)
-    assert lean_deg(w) == pytest.approx(30.0, abs=0.5)
+    assert tilt_deg(w) == pytest.approx(30.0, abs=0.5)
     assert w.vehicle.velocity[0] == pytest.approx(0.0, abs=0.03)
 
 

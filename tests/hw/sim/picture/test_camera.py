@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hw.sim.options import RenderOptions, SimCameraOptions
+from hw.sim.camera_options import SimCameraOptions
+from hw.sim.options import RenderOptions
 from hw.sim.picture.camera import SimCamera
+from hw.sim.picture.exposure import Exposure
 from hw.sim.picture.ground import SKY
 from hw.sim.picture.pad_texture import BLACK, WHITE
 from hw.sim.picture.renderer import Renderer
+from hw.sim.picture.shutter import Readout
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.camera_model import load_camera
@@ -315,9 +318,10 @@ def with_camera(
     use: Callable[[SimCamera], "asyncio.Future[None] | object"],
     truth: Callable[[float], Snapshot] = hovering,
     delivered: Callable[[Frame, Snapshot], None] | None = None,
+    options: SimCameraOptions = OPTIONS,
 ) -> None:
     async def main() -> None:
-        camera = SimCamera(renderer, truth, OPTIONS, delivered)
+        camera = SimCamera(renderer, truth, options, delivered, seed=1)
         await camera.open()
         await cast("asyncio.Future[None]", use(camera))
         await camera.close()
@@ -384,7 +388,12 @@ def test_faults_show_at_the_protocol_and_pass(clean: Renderer) -> None:
         assert np.isnan((await camera.newest()).image).all()
         camera.faults.not_a_number, camera.faults.frozen = False, True
         assert (await camera.newest()).t == good.t
-        camera.faults.frozen, camera.faults.time_ahead_s = False, math.nan
+        camera.faults.frozen, camera.faults.frozen_fresh = False, True
+        fresh = [await camera.newest() for _ in range(3)]
+        assert all(frame.image is good.image for frame in fresh)
+        assert good.t < fresh[0].t < fresh[1].t < fresh[2].t
+        assert good.seq < fresh[0].seq < fresh[1].seq < fresh[2].seq
+        camera.faults.frozen_fresh, camera.faults.time_ahead_s = False, math.nan
         assert math.isnan((await camera.newest()).t)
         # The scorer hears of no frame that shows nothing new.
         assert [f.seq for f in delivered] == [good.seq]
@@ -405,3 +414,132 @@ def test_faults_show_at_the_protocol_and_pass(clean: Renderer) -> None:
         assert (await camera.newest()).t > delivered[1].t
 
     with_camera(clean, use, delivered=lambda frame, _: delivered.append(frame))
+
+
+class Blank:
+    """Draws nothing, in no time: the middle's grey level is the light's."""
+
+    def __init__(self, light: Callable[[Exposure], float] = lambda _: 0.0) -> None:
+        self.light = light
+        self.exposures: list[Exposure] = []
+        self.readouts: list[Readout] = []
+
+    def render(
+        self,
+        frame_index: int,
+        start: CameraPose,
+        end: CameraPose,
+        pad: PadPose,
+        vehicle: VehiclePose | None,
+        exposure: Exposure,
+        readout: Readout | None,
+    ) -> U8:
+        self.exposures.append(exposure)
+        if readout is not None:
+            self.readouts.append(readout)
+        return np.full((48, 64), round(255 * min(self.light(exposure), 1.0)), np.uint8)
+
+
+def taken(
+    renderer: Blank, pictures: int, **options: object
+) -> list[tuple[float, float, float, int]]:
+    """Arrival, stamp, time of the truth behind it, and number of each of so many pictures."""
+    found: list[tuple[float, float, float, int]] = []
+    truths: list[float] = []
+
+    async def use(camera: SimCamera) -> None:
+        loop = asyncio.get_running_loop()
+        for _ in range(pictures):
+            frame = await camera.newest()
+            found.append((loop.time(), frame.t, truths[-1], frame.seq))
+
+    with_camera(
+        cast(Renderer, renderer),
+        use,
+        delivered=lambda _, snapshot: truths.append(snapshot.t),
+        options=SimCameraOptions.model_validate(options),
+    )
+    return found
+
+
+def test_stamps_are_off_by_the_offset_and_jitter_about_it() -> None:
+    seen = taken(Blank(), 2000, clock_offset_s=-0.02, clock_jitter_s=0.003)
+    arrived, stamp, true, _ = np.array(seen).T
+    assert (stamp - true).mean() == pytest.approx(-0.02, abs=2e-4)
+    assert (stamp - true).std() == pytest.approx(0.003, rel=0.05)
+    # Nothing else jitters with them.
+    assert np.diff(true) == pytest.approx(1 / 30)
+    assert arrived - true == pytest.approx(0.06)
+
+
+def test_exposures_jitter_about_an_even_beat() -> None:
+    _, _, true, seq = np.array(taken(Blank(), 2000, fps_jitter=0.05)).T
+    beat = true - seq / 30
+    assert beat.std() == pytest.approx(0.05 / 30, rel=0.05)
+    assert abs(beat[1000:].mean() - beat[:1000].mean()) < 3e-4  # it does not drift away
+    assert np.diff(true).min() > 0.0
+
+
+def test_late_pictures_keep_their_order_and_none_comes_before_it_is_read() -> None:
+    options = {"latency_s": 0.03, "latency_jitter_s": 0.02, "readout_s": 0.02, "fps": 60.0}
+    arrived, _, true, seq = np.array(taken(Blank(), 1500, **options)).T
+    late = arrived - true
+    assert late.min() == pytest.approx(0.5 * (0.02 + 0.008))
+    assert (np.diff(arrived) >= 0.0).all()
+    assert (np.diff(seq) >= 1).all()
+    assert late.std() > 0.008
+    assert late.mean() == pytest.approx(0.035, abs=0.007)  # cut off below, held up by others
+
+
+def test_pictures_are_lost_at_their_rate() -> None:
+    _, _, true, seq = np.array(taken(Blank(), 2000, drop=0.2)).T
+    assert 1 - 2000 / (seq[-1] - seq[0] + 1) == pytest.approx(0.2, abs=0.02)
+    assert true - seq / 30 == pytest.approx(true[0] - seq[0] / 30, abs=1e-6)
+
+
+def test_what_is_off_draws_no_random_number() -> None:
+    plain = taken(Blank(), 50)
+    assert taken(Blank(), 50, drop=0.0, fps_jitter=0.0) == plain
+    # And one that is on does not disturb another.
+    alone, both = (
+        taken(Blank(), 50, clock_jitter_s=0.003, **other)
+        for other in ({}, {"latency_jitter_s": 0.002})
+    )
+    assert [stamp - true for _, stamp, true, _ in alone] == pytest.approx(
+        [stamp - true for _, stamp, true, _ in both]
+    )
+
+
+def test_auto_exposure_follows_the_pictures() -> None:
+    light = Blank(lambda e: 0.1 * e.time_s * e.gain / 0.008)
+    auto = {"target": 0.4, "lag_s": 0.2, "longest_s": 0.016}
+    taken(light, 90, exposure="auto", auto_exposure=auto)
+    first, last = light.exposures[0], light.exposures[-1]
+    assert (first.time_s, first.gain) == (0.008, 1.0)
+    assert last.time_s == 0.016
+    assert last.gain == pytest.approx(2.0, rel=0.05)
+    after = light.exposures[1 + round(0.2 * 30)]  # one lag after the first picture
+    stops = math.log2(after.time_s * after.gain / 0.008)
+    assert stops == pytest.approx((1 - math.exp(-1)) * 2.0, abs=0.1)
+
+
+def test_rows_are_looked_up_at_their_own_times() -> None:
+    blank = Blank()
+    seen = taken(blank, 3, readout_s=0.02, clock_offset_s=0.0)
+    for (_, stamp, true, _), readout in zip(seen, blank.readouts, strict=True):
+        times = [s.t for s in readout.snapshots]
+        assert times == pytest.approx(np.linspace(true - 0.01, true + 0.01, 5))
+        assert stamp == true  # of the middle row
+    assert taken(Blank(), 1) != []
+    none = Blank()
+    taken(none, 2)
+    assert none.readouts == []
+
+
+def test_with_everything_off_the_pictures_are_the_old_ones(usual: Renderer) -> None:
+    other = Renderer(PAD, CAMERA, RenderOptions(), 1, SimCameraOptions())
+    for i, pitch_deg in enumerate((-30.0, -60.0, -85.0)):
+        start, end = (looking((-2.0, y, -4.0), 10.0, pitch_deg) for y in (0.0, 0.02))
+        vehicle = VehiclePose((-2.1, 0.0, -4.1), IDENTITY, (0.44, 0.26), 0.2)
+        pictures = [r.render(i, start, end, AT_ORIGIN, vehicle) for r in (usual, other)]
+        assert (pictures[0] == pictures[1]).all()

@@ -3,29 +3,10 @@ from dataclasses import replace
 
 import pytest
 
-from landerd.config.models import Config, VehicleSection
 from landerd.estimation.pad_filter import PadEstimate
-from landerd.estimation.placement import Placement
 from landerd.geometry import Vec3
-from landerd.guidance.relative import VehicleNow, relative, vehicle_now
-from landerd.messages import Attitude, LocalPosition
-
-GEAR = VehicleSection(gear_height_m=0.2)
-
-
-def flying(
-    *, velocity: Vec3 = (0.0, 0.0, 0.0), roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0
-) -> Placement:
-    placement = Placement(Config())
-    placement.add(LocalPosition(10.0, (1.0, 2.0, -5.0), velocity))
-    placement.add(Attitude(10.0, roll, pitch, yaw, (0.0, 0.0, 0.3)))
-    return placement
-
-
-def vehicle(placement: Placement, now: float = 10.0) -> VehicleNow:
-    found = vehicle_now(placement, GEAR, now)
-    assert found is not None
-    return found
+from landerd.guidance.relative_state import RelativeState
+from tests.estimation.vehicles import flying, vehicle
 
 
 def pad(
@@ -42,33 +23,17 @@ def pad(
         0.02,
         0.0,
         (0.0, 0.0, 1.0),
-        10.0,
     )
 
 
-def test_the_feet_are_below_the_autopilots_position_and_lean_with_the_airframe() -> None:
-    assert vehicle(flying()).feet == pytest.approx((1.0, 2.0, -4.8))
-    nose_down = vehicle(flying(pitch=-0.2)).feet  # the feet swing back
-    assert nose_down == pytest.approx((1.0 - 0.2 * math.sin(0.2), 2.0, -5.0 + 0.2 * math.cos(0.2)))
-
-
-def test_the_position_is_carried_on_by_the_velocity_to_now() -> None:
-    moved = vehicle(flying(velocity=(5.0, 0.0, -1.0)), now=10.1)
-    assert moved.feet == pytest.approx((1.5, 2.0, -4.9))
-
-
-def test_without_telemetry_there_is_no_vehicle() -> None:
-    assert vehicle_now(Placement(Config()), GEAR, 10.0) is None
-
-
 def test_height_is_from_the_feet_to_the_pad_and_distance_is_horizontal() -> None:
-    seen = relative(vehicle(flying()), pad((4.0, -2.0, 0.0)), 0.0)
+    seen = RelativeState.between(vehicle(flying()), pad((4.0, -2.0, 0.0)), 0.0)
     assert seen.distance == pytest.approx(5.0)
     assert seen.height == pytest.approx(4.8)
 
 
 def test_the_pads_and_the_vehicles_motion_are_taken_together() -> None:
-    seen = relative(
+    seen = RelativeState.between(
         vehicle(flying(velocity=(2.0, 0.0, 0.5))),
         pad((4.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0)),
         0.0,
@@ -77,19 +42,19 @@ def test_the_pads_and_the_vehicles_motion_are_taken_together() -> None:
 
 
 def test_the_heading_is_off_by_the_short_way_round() -> None:
-    seen = relative(
+    seen = RelativeState.between(
         vehicle(flying(yaw=math.radians(170.0))),
         pad((0.0, 0.0, 0.0), heading=math.radians(-170.0)),
         0.0,
     )
     assert seen.heading_error == pytest.approx(math.radians(20.0))
-    assert relative(vehicle(flying()), pad((0.0, 0.0, 0.0)), 0.0).heading_error is None
+    assert RelativeState.between(vehicle(flying()), pad((0.0, 0.0, 0.0)), 0.0).heading_error is None
 
 
 def test_the_worse_horizontal_direction_counts_and_so_does_the_lenss_direction() -> None:
     below = pad((1.0, 2.0, 0.0))  # 4.8 m under the feet
-    assert relative(vehicle(flying()), below, 0.0).sigma_m == pytest.approx(0.2)
-    with_lens = relative(vehicle(flying()), below, 0.05).sigma_m
+    assert RelativeState.between(vehicle(flying()), below, 0.0).sigma_m == pytest.approx(0.2)
+    with_lens = RelativeState.between(vehicle(flying()), below, 0.05).sigma_m
     assert with_lens == pytest.approx(math.hypot(0.2, 0.05 * 4.8))
 
 
@@ -97,7 +62,9 @@ def test_a_tilted_pads_plane_counts_near_the_pad_only() -> None:
     # From 30 m away its plane lies 5 m higher or lower: the descent region is not that wide.
     tilted = (-math.sin(math.radians(10.0)), 0.0, math.cos(math.radians(10.0)))
     over, far = (
-        relative(vehicle(flying()), replace(pad((1.0 + north, 2.0, 0.0)), normal=tilted), 0.0)
+        RelativeState.between(
+            vehicle(flying()), replace(pad((1.0 + north, 2.0, 0.0)), normal=tilted), 0.0
+        )
         for north in (0.5, -30.0)
     )
     assert over.height == pytest.approx(4.8 * tilted[2] + 0.5 * tilted[0])

@@ -1,0 +1,116 @@
+"""The core's orders as messages to ArduCopter; what no vehicle could fly is refused."""
+
+import math
+from typing import Literal
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink_codec import Message
+from hw.autopilots.telemetry import FARTHEST_M, FASTEST_MPS, FASTEST_TURN_RADPS, within
+from landerd.geometry import norm
+from landerd.messages import LandingTarget, PressDown, Setpoint
+
+SetpointFrame = Literal["local_ned", "body_ned"]
+
+AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+_VELOCITY_AND_YAW_RATE = 1479  # type_mask: ignore position, acceleration, yaw
+_ATTITUDE_AND_THRUST = 7  # type_mask: ignore the body's rates
+
+
+class Refused(Exception):
+    """An order is not sent; the text says what is wrong with it."""
+
+
+def velocity_target(
+    setpoint: Setpoint, system: int, now: float, frame: SetpointFrame, heading: float | None
+) -> Message:
+    """Return SET_POSITION_TARGET_LOCAL_NED with a velocity and a yaw rate.
+
+    Args:
+        setpoint: what is ordered.
+        system: the vehicle's system id.
+        now: loop time, s.
+        frame: of the velocity sent.
+        heading: the vehicle's, rad; None: not known, and then nothing is sent in the body's frame.
+
+    Raises:
+        Refused: a value is not finite or beyond any vehicle, or the heading is wanted.
+    """
+    north, east, down = setpoint.velocity
+    if not (
+        within(FASTEST_MPS, north, east, down) and within(FASTEST_TURN_RADPS, setpoint.yaw_rate)
+    ):
+        raise Refused("set-point refused: not finite or beyond any vehicle")
+    if frame == "local_ned":
+        mav_frame, x, y = mavlink.MAV_FRAME_LOCAL_NED, north, east
+    elif heading is None:
+        raise Refused("set-point refused: heading not known")
+    else:
+        c, s = math.cos(heading), math.sin(heading)
+        mav_frame, x, y = mavlink.MAV_FRAME_BODY_NED, c * north + s * east, c * east - s * north
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        _milliseconds(now),
+        system,
+        AUTOPILOT_COMPONENT,
+        mav_frame,
+        _VELOCITY_AND_YAW_RATE,
+        *(0.0, 0.0, 0.0),
+        *(x, y, down),
+        *(0.0, 0.0, 0.0),
+        0.0,
+        setpoint.yaw_rate,
+    )
+
+
+def level_target(order: PressDown, system: int, now: float) -> Message:
+    """Return SET_ATTITUDE_TARGET: level, thrust 0, sent at loop time now (s).
+
+    ArduCopter takes 0 for the fastest descent, or with GUID_OPTIONS bit 3 for no thrust: either
+    presses down.
+
+    Raises:
+        Refused: the heading is not finite.
+    """
+    if not math.isfinite(order.heading):
+        raise Refused("level order refused: heading not finite")
+    half = 0.5 * order.heading
+    return mavlink.MAVLink_set_attitude_target_message(
+        _milliseconds(now),
+        system,
+        AUTOPILOT_COMPONENT,
+        _ATTITUDE_AND_THRUST,
+        (math.cos(half), 0.0, 0.0, math.sin(half)),
+        *(0.0, 0.0, 0.0),
+        0.0,
+    )
+
+
+def landing_target(target: LandingTarget) -> Message:
+    """Return LANDING_TARGET: body FRD, time of exposure on landerd's clock.
+
+    ArduPilot finds the difference of the clocks itself from the quickest messages, so that what
+    is left is the shortest time from exposure to arrival: its PLND_LAG.
+
+    Raises:
+        Refused: the position is not finite, or farther than any vehicle flies.
+    """
+    x, y, z = target.position
+    distance = norm(target.position)
+    if not within(FARTHEST_M, x, y, z):
+        raise Refused("landing target refused: not finite")
+    return mavlink.MAVLink_landing_target_message(
+        int(target.t * 1e6),
+        0,
+        mavlink.MAV_FRAME_BODY_FRD,
+        *(math.atan2(y, z), math.atan2(-x, z)),  # for readers of the old fields
+        distance,
+        *(0.0, 0.0),
+        *(x, y, z),
+        (1.0, 0.0, 0.0, 0.0),
+        mavlink.LANDING_TARGET_TYPE_VISION_FIDUCIAL,
+        1,
+    )
+
+
+def _milliseconds(t: float) -> int:
+    return int(t * 1e3) & 0xFFFFFFFF

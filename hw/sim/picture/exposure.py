@@ -1,0 +1,60 @@
+"""Exposure time and gain, and the control loop that chooses them in a camera."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.sim.camera_options import SimCameraOptions
+from hw.sim.picture.tone import STEPS, tone_levels
+
+SHORTEST_S = 5e-5
+STEPS_PER_STOP = 24  # a sensor sets whole row times, and gain in steps of some 3 %
+# A mean near black or white says only that it is far off; nothing is learned of how far.
+DARKEST, BRIGHTEST = 0.002, 0.98
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """How one picture is exposed."""
+
+    time_s: float
+    gain: float = 1.0
+
+
+class AutoExposure:
+    """Brings the pictures' mean to its target, first order in stops."""
+
+    def __init__(self, options: SimCameraOptions) -> None:
+        """Begin at the fixed exposure and gain 1."""
+        self._options = options
+        self._stops = 0.0  # of light, from the fixed exposure's
+        self._t: float | None = None  # of the last picture
+        o = options.auto_exposure
+        self._most = math.log2(o.longest_s * o.gain_max / options.exposure_s)
+        self._least = math.log2(SHORTEST_S / options.exposure_s)
+        self._levels = tone_levels(options.tone, options.black_level)
+        self._lights = np.linspace(0.0, 1.0, STEPS)
+        self._wanted = self._light(o.target)
+
+    @property
+    def exposure(self) -> Exposure:
+        """Of the next picture: gain only where the longest time does not do."""
+        o = self._options.auto_exposure
+        stops = round(self._stops * STEPS_PER_STOP) / STEPS_PER_STOP
+        product = self._options.exposure_s * 2.0**stops
+        time_s = min(product, o.longest_s)
+        return Exposure(time_s, product / time_s)
+
+    def see(self, mean: float, t: float) -> None:
+        """Take the mean of a picture, share of full scale, exposed at t (s)."""
+        past = t - self._t if self._t is not None else 0.0
+        self._t = t
+        missing = math.log2(self._wanted / self._light(mean))
+        share = -math.expm1(-past / self._options.auto_exposure.lag_s)
+        self._stops = min(max(self._stops + share * missing, self._least), self._most)
+
+    def _light(self, mean: float) -> float:
+        """Light that would give an even picture this mean, share of full scale."""
+        light = float(np.interp(255.0 * mean, self._levels, self._lights))
+        return min(max(light, DARKEST), BRIGHTEST)

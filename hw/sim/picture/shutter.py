@@ -1,0 +1,219 @@
+"""A rolling shutter: each row of the picture is exposed a little later than the one above it.
+
+So each row has a pose of its own, and to a plane its own homography. Along a row everything is
+smooth: it is worked out at a few columns, and a polynomial through these gives the others.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from random import Random
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.sim.camera_options import VibrationOptions
+from hw.sim.picture.view import F64, matrix
+from hw.sim.snapshot import PadPose, Snapshot
+from landerd.camera_model import CameraModel
+
+F32 = NDArray[np.float32]
+Block = tuple[slice, slice]  # of a grid: rows, columns
+EVERYTHING: Block = slice(None), slice(None)
+
+POSE_PERIOD_S = 0.005  # of the poses; what turns at 20 rad/s^2 leaves a line by 0.06 mrad between
+COLUMNS = 10  # of each row that the others follow from
+EVEN = 0.35  # depth of a row's nearest point to its furthest, from where a polynomial follows it
+
+
+class Vibration:
+    """Turns the camera to and fro about its x and its y axis."""
+
+    def __init__(self, options: VibrationOptions, rng: Random) -> None:
+        """Take amplitude and frequency, and draw the two phases."""
+        self._amplitude = math.radians(options.deg)
+        self._hz = options.hz
+        self._phases = np.array([rng.uniform(0.0, 2.0 * math.pi) for _ in range(2)])
+
+    def turns(self, t: F64, exposure_s: float = 0.0) -> F64:
+        """Return the angles about x and y (n, 2), rad: means over an exposure about each t (n,)."""
+        angles = np.sin(2.0 * math.pi * self._hz * t[:, None] + self._phases)
+        return cast(F64, self._amplitude * np.sinc(self._hz * exposure_s) * angles)
+
+    def shaking(self, exposure_s: float) -> float:
+        """Standard deviation of either angle about `turns`, rad, over all phases.
+
+        Of a sine's mean square, a half, its mean over an exposure keeps sinc(f T)^2.
+        """
+        kept = float(np.sinc(self._hz * exposure_s)) ** 2
+        return self._amplitude * math.sqrt(max(1.0 - kept, 0.0) / 2)
+
+
+class RowGrid:
+    """The pixels of a picture, as rays through a few columns of each row."""
+
+    def __init__(self, camera: CameraModel, x: F64, y: F64) -> None:
+        """Take the places of columns x (m,) and rows y (n,) in pixels, ascending."""
+        # Through Chebyshev's points a polynomial does not swing.
+        angles = math.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS
+        nodes = (x[0] + x[-1]) / 2 - (x[-1] - x[0]) / 2 * np.cos(angles)
+        pixels = np.stack(np.meshgrid(nodes, y), axis=-1)
+        rays = camera.rays(pixels.reshape(-1, 2)).reshape(len(y), COLUMNS, 2)
+        depth = np.ones((len(y), COLUMNS, 1))
+        rays = np.concatenate([rays, depth], axis=-1).transpose(0, 2, 1)
+        self.rays = np.ascontiguousarray(rays)  # (n, 3, COLUMNS)
+        self.rows = (y - (camera.height - 1) / 2) / camera.height  # from -0.5 to 0.5
+        self.nodes = nodes
+        self.top = float(y[0])
+        self.focal = np.array([camera.fx, camera.fy])
+        # Lagrange's polynomials at the columns, in the barycentric form.
+        scaled = 4.0 / (x[-1] - x[0]) * nodes
+        weights = 1.0 / (scaled[:, None] - scaled + np.eye(COLUMNS)).prod(axis=1)
+        parts = weights[:, None] / (x - nodes[:, None] + 1e-9)
+        self.basis = (parts / parts.sum(axis=0)).astype(np.float32)  # (COLUMNS, m)
+        self._weights: dict[int, F64] = {}
+
+    def weights(self, k: int) -> F64:
+        """Return (n, k): what each row takes of k values at equal steps from first to last."""
+        if k not in self._weights:
+            at = (self.rows + 0.5)[:, None] * (k - 1)
+            # Beyond the first and the last row it goes on in a straight line.
+            before = np.clip(np.floor(at), 0, max(k - 2, 0))
+            share = (at - before) * (k > 1)
+            places = np.arange(k)
+            self._weights[k] = (1.0 - share) * (places == before) + share * (places == before + 1)
+        return self._weights[k]
+
+
+@dataclass(frozen=True)
+class Readout:
+    """What moved while one picture was read.
+
+    Attributes:
+        t: middle of the exposure of the middle row, s.
+        readout_s: from the first row to the last.
+        exposure_s: of each row.
+        snapshots: the world at equal steps from the first row to the last; one: nothing moved.
+        vibration: of the camera, beside its poses in the snapshots.
+    """
+
+    t: float
+    readout_s: float
+    exposure_s: float
+    snapshots: tuple[Snapshot, ...]
+    vibration: Vibration | None = None
+
+    def homographies(self, grid: RowGrid, plane: PadPose, pad: PadPose | None) -> F64:
+        """Return those from rays to the plane, (rows, 3, 3), each as `plane_homography` has it.
+
+        Args:
+            grid: the rows.
+            plane: where it lies at the middle.
+            pad: likewise, for a plane that goes with the pad; None: for one that stands still.
+        """
+        c, d = self._from_plane(plane, pad)
+        height = np.minimum(c[:, 2:], -1e-3)  # beneath the plane there is nothing to see
+        north = c[:, :1] * d[:, 2] - height * d[:, 0]
+        east = c[:, 1:2] * d[:, 2] - height * d[:, 1]
+        shots = np.concatenate([north, east, d[:, 2]], axis=1)
+        H: F64 = (grid.weights(len(shots)) @ shots).reshape(-1, 3, 3)
+        if self.vibration is not None:
+            turns = self.vibration.turns(self.t + self.readout_s * grid.rows, self.exposure_s)
+            H += H @ _across(turns)
+        return H
+
+    def _from_plane(self, plane: PadPose, pad: PadPose | None) -> tuple[F64, F64]:
+        """Return lens (k, 3) and R_plane_camera (k, 3, 3) of each snapshot."""
+        cameras, looks, pads, turned = self._poses
+        position, R = np.array(plane.position), matrix(plane.R_local_pad)
+        if pad is None:
+            return (cameras - position) @ R, R.T @ looks
+        turned = turned @ matrix(pad.R_local_pad).T
+        offset = position - np.array(pad.position)
+        to_plane = (turned @ R).transpose(0, 2, 1)
+        return (to_plane @ (cameras - pads - turned @ offset)[..., None])[..., 0], to_plane @ looks
+
+    @property
+    def shaking(self) -> float:
+        """Standard deviation of the camera's turn about either axis during an exposure, rad."""
+        return self.vibration.shaking(self.exposure_s) if self.vibration is not None else 0.0
+
+    @cached_property
+    def _poses(self) -> tuple[F64, F64, F64, F64]:
+        """Position and rotation of the camera, and of the pad, at each snapshot."""
+        cameras = [s.camera for s in self.snapshots]
+        pads = [s.pad for s in self.snapshots]
+        return (
+            np.array([c.position for c in cameras]),
+            np.array([c.R_local_camera for c in cameras]),
+            np.array([p.position for p in pads]),
+            np.array([p.R_local_pad for p in pads]),
+        )
+
+
+class RolledPlane:
+    """A plane seen through a rolling shutter, against how it is seen from one pose."""
+
+    def __init__(self, grid: RowGrid, H: F64, rows: F64) -> None:
+        """Take the homographies from rays to the plane: of the one pose, and of each row."""
+        self._grid = grid
+        self._to_pose = np.linalg.inv(H) @ rows
+
+    def rays(self, block: Block) -> F32:
+        """Return the one pose's rays (n, m, 2) to what a block of pixels sees."""
+        rows, columns = block
+        x, y = _divided(self._to_pose[rows] @ self._grid.rays[rows])
+        basis = self._grid.basis[:, columns]
+        return cast(F32, cv2.merge((x @ basis, y @ basis)))
+
+    def corners(self, block: Block) -> F32:
+        """Return the first and last of each of `rays`, (2, 2, 2)."""
+        rows, columns = block
+        ends = [0, -1]
+        seen = _divided(self._to_pose[rows][ends] @ self._grid.rays[rows][ends])
+        basis = self._grid.basis[:, columns][:, ends]
+        return np.stack([part @ basis for part in seen], axis=-1)
+
+    def texels(self, block: Block, to_texels: F64) -> tuple[F32, F32] | None:
+        """Return the texture's columns and rows (n, m) that a block of pixels sees.
+
+        to_texels leads from the one pose's rays to texels, (3, 3). None: the plane is so steep that
+        `rays` are needed.
+        """
+        rows, columns = block
+        seen = (to_texels @ self._to_pose[rows]) @ self._grid.rays[rows]
+        depth = seen[:, 2]
+        if (depth.min(axis=1) < EVEN * depth.max(axis=1)).any():
+            return None
+        u, v = _divided(seen)
+        basis = self._grid.basis[:, columns]
+        return u @ basis, v @ basis
+
+    def moved(self, pixels: F64) -> F64:
+        """Return where points of the one pose's picture (n, 2) are seen, to some tenths."""
+        grid = self._grid
+        seen = pixels
+        for _ in range(2):
+            row = np.clip(np.rint(seen[:, 1] - grid.top).astype(int), 0, len(grid.rays) - 1)
+            column = np.abs(seen[:, :1] - grid.nodes).argmin(axis=1)
+            rays = grid.rays[row, :, column]
+            to_pose = (self._to_pose[row] @ rays[..., None])[..., 0]
+            skew = to_pose[:, :2] / to_pose[:, 2:] - rays[:, :2]
+            seen = pixels - skew * grid.focal
+        return seen
+
+
+def _across(turns: F64) -> F64:
+    """Return the matrices (n, 3, 3) of the cross product with rotations (n, 2) about x and y."""
+    x, y = turns.T
+    zero = np.zeros_like(x)
+    rows = [[zero, zero, y], [zero, zero, -x], [-y, x, zero]]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def _divided(seen: F64) -> tuple[F32, F32]:
+    """Return x and y (n, k) of homogeneous points (n, 3, k)."""
+    depth = seen[:, 2]
+    return (seen[:, 0] / depth).astype(np.float32), (seen[:, 1] / depth).astype(np.float32)

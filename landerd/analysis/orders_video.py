@@ -1,0 +1,77 @@
+"""A video with what vision saw and what the core ordered drawn over its pictures."""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.lander import Lander
+from landerd.messages import Command, Frame, Input, Prior, Setpoint, Sightings, Tick
+from landerd.pad import PadLayout
+from landerd.vision.draw import draw
+
+
+class VideoNotWritten(Exception):
+    """The video cannot be made; the text names the file."""
+
+
+class OrdersVideo:
+    """An observer that writes the video of one flight."""
+
+    def __init__(self, path: Path, camera: CameraModel, layout: PadLayout, fps: float) -> None:
+        """Make the file, MPEG-4.
+
+        Raises:
+            VideoNotWritten: it cannot be made.
+        """
+        self._camera, self._layout = camera, layout
+        size = (camera.width, camera.height)
+        code = cv2.VideoWriter.fourcc(*"mp4v")
+        self._writer = cv2.VideoWriter(str(path), code, fps, size)
+        if not self._writer.isOpened():
+            raise VideoNotWritten(f"{path}: this video cannot be written")
+        self._lander: Lander | None = None
+        self._setpoint: Setpoint | None = None  # of the last tick; None: it gave none
+
+    def on_flight(self, lander: Lander) -> None:
+        """Show what this core says of itself."""
+        self._lander = lander
+
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
+        """Draw one picture."""
+        picture = draw(frame.image, sightings, self._camera, self._layout)
+        assert self._lander is not None
+        lines = [f"{self._lander.phase.value}: {self._lander.reason}"]
+        order = self._setpoint
+        if order is not None:
+            north, east, down = order.velocity
+            turn = math.degrees(order.yaw_rate)
+            lines.append(
+                f"would send north {north:+.2f} east {east:+.2f} down {down:+.2f} m/s, "
+                f"turn {turn:+.1f} deg/s"
+            )
+        for i, line in enumerate(lines):
+            _write(picture, line, picture.shape[0] - 12 - 20 * (len(lines) - 1 - i))
+        self._writer.write(picture)
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        """Note the order that the next picture shows."""
+        if isinstance(message, Tick):
+            self._setpoint = None
+        for command in commands:
+            if isinstance(command, Setpoint):
+                self._setpoint = command
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._writer.release()
+
+
+def _write(picture: NDArray[np.uint8], line: str, y: int) -> None:
+    for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        cv2.putText(
+            picture, line, (8, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness, cv2.LINE_AA
+        )

@@ -1,0 +1,172 @@
+"""`landerd sim`: one landing in the simulator."""
+
+import argparse
+import difflib
+import importlib.util
+import logging
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from landerd.camera_model import CalibrationError
+from landerd.commands.shared import (
+    InputError,
+    add_config,
+    add_json,
+    check_output,
+    load_config,
+    print_json,
+    refusing,
+    whole_number,
+)
+from landerd.config.files import Loaded, config_files
+from landerd.pad import PadError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    names = ", ".join(config_files("scenarios"))
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default="stationary",
+        metavar="SCENARIO",
+        help=f"{names}; without one: stationary",
+    )
+    parser.add_argument(
+        "--seed", type=_seed, default=1, metavar="N", help="of everything random (1)"
+    )
+    add_config(parser)
+    parser.add_argument("--realtime", action="store_true", help="no faster than a real flight")
+    parser.add_argument(
+        "--autopilot",
+        metavar="URL",
+        help="an ArduCopter in SITL flies, reached as autopilot.url says (tcp:127.0.0.1:5760); "
+        "camera, gimbal and pad are simulated around it",
+    )
+    parser.add_argument(
+        "--takeoff",
+        type=_height,
+        metavar="ALT",
+        help="with --autopilot: arm it, take off to ALT metres, fly to the start, open the gate",
+    )
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the flight")
+    parser.add_argument("--log", type=Path, metavar="FILE.mcap", help="record the flight")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fly it and print how it went; return 0, or 1 if it did not land or broke a rule."""
+    loaded = _load(args)
+    logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
+    shows_progress = sys.stdout.isatty() and not args.json
+    result = _fly(args, loaded, _show_progress if shows_progress else None)
+    if shows_progress:
+        _show_progress("")
+    if args.json:
+        print_json(result)
+    else:
+        print(_summary(result))
+        if args.picture is not None:
+            print(f"  picture: {args.picture}")
+        if args.log is not None:
+            print(f"  flight log: {args.log}")
+    return 0 if result["landed"] and not result["rules_broken"] else 1
+
+
+def _load(args: argparse.Namespace) -> Loaded:
+    """Return the configuration of the scenario. Raises InputError for any argument."""
+    known = config_files("scenarios")
+    if args.scenario not in known:
+        near = difflib.get_close_matches(args.scenario, known, n=1, cutoff=0.0)
+        raise InputError(
+            f"scenario {args.scenario!r} is not known; nearest: {near[0]}; all: {', '.join(known)}"
+        )
+    check_output(args.picture, ".png", "--picture")
+    check_output(args.log, ".mcap", "--log")
+    if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
+        raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
+    if args.autopilot is None and args.takeoff is not None:
+        raise InputError("--takeoff: only with --autopilot URL; the stand-in flies already")
+    if args.autopilot is not None and args.realtime:
+        raise InputError("--realtime: not with --autopilot; the autopilot keeps the clock")
+    return load_config(args, [known[args.scenario]], args.seed)
+
+
+def _fly(
+    args: argparse.Namespace, loaded: Loaded, progress: Callable[[str], None] | None
+) -> dict[str, Any]:
+    # The simulator is imported when all arguments are known to be good.
+    from landerd.simulation.flight import simulate
+    from landerd.simulation.sitl import AutopilotError, simulate_sitl
+
+    with refusing(AutopilotError, CalibrationError, PadError):
+        if args.autopilot is None:
+            return simulate(
+                loaded,
+                args.scenario,
+                args.seed,
+                realtime=args.realtime,
+                picture=args.picture,
+                log=args.log,
+                progress=progress,
+            )
+        return simulate_sitl(
+            loaded,
+            args.scenario,
+            args.seed,
+            args.autopilot,
+            take_off_m=args.takeoff,
+            picture=args.picture,
+            log=args.log,
+            progress=progress,
+        )
+
+
+def _show_progress(line: str) -> None:
+    print(f"\r\x1b[K{line}", end="", flush=True)
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Say in plain words how the landing went."""
+
+    def say(key: str, unit: str, digits: int) -> str:
+        value = result[key]
+        return "unknown" if value is None else f"{abs(value):.{digits}f} {unit}"
+
+    phases = [
+        f"{phase['name']} {phase['start']:.1f}-{phase['end']:.1f} s"
+        for phase in result["phases"]
+        if phase["name"] != "NOT_LANDING"
+    ]
+    landed = "Landed" if result["landed"] else f"Did not land: {result['outcome']}"
+    lines = [
+        f"{landed} (scenario {result['scenario']}, seed {result['seed']})",
+        f"  touch-down {say('touchdown_error_m', 'm', 2)} from the landing point, "
+        f"heading {say('yaw_error_deg', 'degrees', 1)} off",
+        f"  at {say('touchdown_vertical_mps', 'm/s', 2)} down and "
+        f"{say('touchdown_horizontal_mps', 'm/s', 2)} sideways over the pad",
+        f"  first sight to touch-down {say('time_to_touchdown_s', 's', 1)}, "
+        f"to disarm {say('time_s', 's', 1)}, {say('energy_hj', 'hJ', 1)}",
+        f"  pad lost from sight {result['aborts']} times; "
+        f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
+        f"  phases: {', '.join(phases)}",
+        f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
+    ]
+    return "\n".join(lines)
+
+
+def _height(text: str) -> float:
+    try:
+        height = float(text)
+    except ValueError:
+        height = math.nan
+    if not 2.0 <= height <= 100.0:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected metres from 2 to 100")
+    return height
+
+
+def _seed(text: str) -> int:
+    return whole_number(text, 0)

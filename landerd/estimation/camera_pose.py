@@ -1,0 +1,152 @@
+"""Where the camera was and how it looked, at the time of an exposure (thesis 2.3.6).
+
+The thesis takes the camera's angles only; here the airframe's roll and pitch are part of the chain
+of rotations (its chapter 5 asks for that), and a gimbal may measure against the body or against the
+horizon.
+"""
+
+import math
+from dataclasses import dataclass
+
+from landerd import gimbal_frames
+from landerd.config.models import Config
+from landerd.estimation.history import History
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    camera_mount,
+    matmul,
+    norm,
+    rot_zyx,
+    rotate,
+    scale,
+    sub,
+    transpose,
+    wrap,
+)
+from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
+
+DOWN: Vec3 = (0.0, 0.0, 1.0)  # gravity, local NED
+# Between two positions, beyond what their velocities explain, m: the autopilot has moved its local
+# frame (a reset of its EKF). Chosen by hand: no flight within the limits explains as much.
+FRAME_JUMP_M = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """Pose of the camera in local NED."""
+
+    position: Vec3  # of the gimbal's pivot, taken for the camera's centre, m
+    R_local_camera: Mat3
+
+
+class PoseHistory:
+    """Position, attitude and gimbal angles of the last second, and the camera's pose from them."""
+
+    def __init__(self, config: Config) -> None:
+        self._camera_offset = config.vehicle.camera_offset_m
+        self._gimbal_lag_s = config.gimbal.lag_s
+        self._R_gimbal_camera = camera_mount(config.gimbal.camera_rotation_deg)
+        fresh = config.freshness
+        self.position = History(angles=[False] * 6, max_gap_s=fresh.position_s)
+        self.attitude = History(angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s)
+        self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
+        self._reference = Reference.BODY
+
+    def add(self, message: LocalPosition | Attitude | GimbalState) -> Vec3 | None:
+        """Take a measurement in; one that is not newer than its predecessor is dropped.
+
+        Returns:
+            by how much the local frame jumped, m; None if it did not. What was known is moved
+            with it.
+        """
+        if isinstance(message, LocalPosition):
+            jump = self._frame_jump(message)
+            if jump is not None:
+                self.position.shift((*jump, 0.0, 0.0, 0.0))
+            self.position.add(message.t, (*message.position, *message.velocity))
+            return jump
+        if isinstance(message, Attitude):
+            angles = (message.roll, message.pitch, message.yaw)
+            self.attitude.add(message.t, (*angles, *message.rates))
+        else:
+            self._reference = message.reference
+            pitch = message.pitch if message.pitch_measured else self._lagged_pitch(message)
+            self.gimbal.add(message.t, (message.yaw, pitch, message.roll))
+        return None
+
+    def _lagged_pitch(self, ordered: GimbalState) -> float:
+        """Return the pitch of a gimbal that only tells its order: a first-order lag, rad."""
+        last = self.gimbal.newest
+        if last is None:
+            return ordered.pitch
+        pitch, dt = last[1][1], max(0.0, ordered.t - last[0])
+        return pitch + (1.0 - math.exp(-dt / self._gimbal_lag_s)) * wrap(ordered.pitch - pitch)
+
+    def _frame_jump(self, new: LocalPosition) -> Vec3 | None:
+        """Return how far a position lies from where its velocity says, if no flight explains it."""
+        last = self.position.newest
+        if last is None:
+            return None
+        dt = new.t - last[0]
+        if not 0.0 < dt <= self.position.max_gap_s:
+            return None
+        x, y, z, u, v, w = last[1]
+        mean = scale(add((u, v, w), new.velocity), 0.5)
+        jump = sub(new.position, add((x, y, z), scale(mean, dt)))
+        return jump if norm(jump) > FRAME_JUMP_M else None
+
+    def forget_autopilot(self) -> None:
+        """Drop all that came from the autopilot: it restarted, its frame may be another."""
+        self.position.clear()
+        self.attitude.clear()
+
+    def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
+        """Return the camera's pose at time t, or None where a history does not reach.
+
+        Args:
+            t: s.
+            gimbal_back_s: how much older the gimbal's angles are to be.
+        """
+        position, attitude = self.position.at(t), self.attitude.at(t)
+        R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
+        if position is None or attitude is None or R is None:
+            return None
+        roll, pitch, yaw = attitude[:3]
+        origin = (position[0], position[1], position[2])
+        pivot = add(origin, rotate(rot_zyx(yaw, pitch, roll), self._camera_offset))
+        return CameraPose(pivot, R)
+
+    def camera_rotation(self, t: float, *, gimbal_back_s: float = 0.0) -> Mat3 | None:
+        """Return R_local_camera at time t, or None where attitude or gimbal does not reach."""
+        attitude = self.attitude.at(t)
+        gimbal = self.gimbal.at(t - gimbal_back_s)
+        if attitude is None or gimbal is None:
+            return None
+        roll, pitch, yaw = attitude[:3]
+        angles = (gimbal[0], gimbal[1], gimbal[2])
+        R_local_gimbal = gimbal_frames.look(self._reference, (roll, pitch, yaw), angles)
+        return matmul(R_local_gimbal, self._R_gimbal_camera)
+
+    def down(self, t: float) -> Vec3 | None:
+        """Return gravity's direction in the camera frame at time t, None as `camera_rotation`."""
+        R = self.camera_rotation(t)
+        return None if R is None else rotate(transpose(R), DOWN)
+
+    def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:
+        """Return the gimbal's pivot (local, m) and R_local_base, ahead_s after the newest attitude.
+
+        The base is what the gimbal's angles are measured against: the airframe, or the horizon.
+        """
+        position, attitude = self.position.newest, self.attitude.newest
+        if position is None or attitude is None:
+            return None
+        roll, pitch, yaw, p, q, r = attitude[1]
+        roll, pitch, yaw = roll + ahead_s * p, pitch + ahead_s * q, yaw + ahead_s * r
+        x, y, z, u, v, w = position[1]
+        dt = attitude[0] + ahead_s - position[0]
+        R = rot_zyx(yaw, pitch, roll)
+        origin = (x + dt * u, y + dt * v, z + dt * w)
+        pivot = add(origin, rotate(R, self._camera_offset))
+        return pivot, gimbal_frames.base(self._reference, (roll, pitch, yaw))

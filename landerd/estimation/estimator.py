@@ -1,0 +1,143 @@
+"""What is known of vehicle, camera and pad: telemetry and sightings in, estimates out."""
+
+import math
+from typing import Literal
+
+from landerd.config.models import Config
+from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.observation import ObservationModel, PadObservation
+from landerd.estimation.pad_filter import PadEstimate, PadFilter
+from landerd.estimation.vehicle_state import VehicleState, vehicle_state
+from landerd.geometry import add, rotate, sub, transpose
+from landerd.messages import (
+    Attitude,
+    GimbalState,
+    LocalPosition,
+    PadPrior,
+    PoseSolution,
+    Prior,
+    Sightings,
+)
+
+# A number of a pose beyond this (m, m^2, rad or chi-square) comes from a fit that failed: no camera
+# sees a thousand kilometres. A variance of 1e160 overflowed in the filter.
+MAX_PLAUSIBLE = 1e6
+PRIOR_KEEP_S = 1.0  # after a sighting vision is told for so long where the pad is; chosen by hand
+
+
+class Estimator:
+    """Places sightings by the telemetry of their exposure and filters them.
+
+    Attributes:
+        poses: position, attitude and gimbal angles of the last second.
+        sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
+        frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._vehicle = config.vehicle
+        self._freshness = config.freshness
+        self.poses = PoseHistory(config)
+        self._observations = ObservationModel(config.estimation, self.poses)
+        self._filter = PadFilter(config.estimation)
+        self.sighting_t = -math.inf
+        self.frame_t = -math.inf
+
+    # ---- inputs --------------------------------------------------------------------------------
+
+    def on_telemetry(self, message: LocalPosition | Attitude | GimbalState) -> None:
+        """Take a measurement; where the local frame jumped, the pad goes with it."""
+        jump = self.poses.add(message)
+        if jump is not None:
+            self._filter.shift(jump)
+
+    def on_sightings(self, sightings: Sightings) -> list[PadObservation] | None:
+        """Take what one frame shows of the pad.
+
+        Returns:
+            the frame's observations if one of them was accepted, else an empty list; None for a
+            frame that is late, comes twice or has no time: it is not looked at.
+        """
+        if not sightings.t > self.frame_t:
+            return None
+        self.frame_t = sightings.t
+        observations = [
+            observation
+            for solution in sightings.pad
+            if _is_plausible(solution)
+            and (observation := self._observations.observe(sightings.t, solution)) is not None
+        ]
+        if not self._filter.update(observations):
+            return []
+        self.sighting_t = sightings.t
+        return observations
+
+    def on_restart(self) -> None:
+        """The autopilot restarted: its local frame may be another, so the pad is forgotten too."""
+        self.poses.forget_autopilot()
+        self._filter.reset()
+        self.sighting_t = -math.inf
+
+    # ---- estimates -----------------------------------------------------------------------------
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
+        return self._filter.nis
+
+    def pad(self, t: float) -> PadEstimate | None:
+        """Return the pad at time t, None while none is confirmed."""
+        return self._filter.estimate(t)
+
+    def vehicle(self, now: float) -> VehicleState | None:
+        """Return the vehicle from its newest telemetry, however old; None without any."""
+        return vehicle_state(self.poses, self._vehicle, now)
+
+    def fresh_vehicle(self, now: float) -> VehicleState | None:
+        """Return the vehicle, None where position or attitude is too old to be flown on."""
+        return self.vehicle(now) if self.has_fresh_vehicle(now) else None
+
+    def has_fresh_vehicle(self, now: float) -> bool:
+        """Tell whether position and attitude are young enough to be flown on (rule 5)."""
+        fresh, poses = self._freshness, self.poses
+        if poses.position.age(now) > fresh.position_s:
+            return False
+        return not poses.attitude.age(now) > fresh.attitude_s
+
+    def stale(self, now: float) -> Literal["attitude", "position", "gimbal"] | None:
+        """Return the first of the sources that is too old to be flown on, None if none is."""
+        fresh, poses = self._freshness, self.poses
+        if poses.attitude.age(now) > fresh.attitude_s:
+            return "attitude"
+        if poses.position.age(now) > fresh.position_s:
+            return "position"
+        if poses.gimbal.age(now) > fresh.gimbal_s:
+            return "gimbal"
+        return None
+
+    def prior(self, t: float) -> Prior:
+        """Return what is known of a picture exposed at time t (s) before it is searched."""
+        down = self.poses.down(t)
+        camera = self.poses.camera_pose(t)
+        pad = self.pad(t)
+        if camera is None or pad is None or t - self.sighting_t > PRIOR_KEEP_S:
+            return Prior(down=down)
+        R_camera_local = transpose(camera.R_local_camera)
+        north = None
+        if pad.heading is not None:
+            north = rotate(R_camera_local, (math.cos(pad.heading), math.sin(pad.heading), 0.0))
+        position = rotate(R_camera_local, sub(pad.position, camera.position))
+        # Where it will be seen is not where it is: lens and clock err in the next frame too.
+        B = self._observations.bias_jacobian(t, camera, position)
+        shown = rotate(R_camera_local, rotate(B, self._filter.bias))
+        normal = rotate(R_camera_local, pad.normal)
+        return Prior(down=down, pad=PadPrior(add(position, shown), pad.sigma_m, north, normal))
+
+
+def _is_plausible(s: PoseSolution) -> bool:
+    """Tell whether a pose is one that can be calculated with: NaN or a degenerate fit is not."""
+    c = s.covariance
+    numbers = (*s.position, *s.normal, *(s.north or ()), *c[0], *c[1], *c[2])
+    scalars = (s.sigma_yaw or 0.0, s.sigma_tilt, s.cost)
+    in_range = all(-MAX_PLAUSIBLE <= x <= MAX_PLAUSIBLE for x in (*numbers, *scalars))
+    return in_range and c[0][0] > 0.0 and c[1][1] > 0.0 and c[2][2] > 0.0

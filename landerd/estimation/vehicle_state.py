@@ -1,0 +1,37 @@
+"""The vehicle at the time of a control step, from its newest telemetry."""
+
+import math
+from dataclasses import dataclass
+
+from landerd.config.models import VehicleSection
+from landerd.estimation.camera_pose import PoseHistory
+from landerd.geometry import Vec3, add, rot_zyx, rotate, scale
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The vehicle at one time, local NED."""
+
+    feet: Vec3  # centre of the footprint in the plane of the feet, m
+    velocity: Vec3  # m/s
+    yaw: float  # rad
+    yaw_rate: float  # rad/s
+    tilt: float  # of the airframe from level, rad
+    roll_pitch_rate: float  # magnitude of the body's roll and pitch rates, rad/s
+
+
+def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> VehicleState | None:
+    """Return the vehicle at time now from its newest position and attitude, None without them.
+
+    The position is carried on by the velocity to now; the attitude is taken as it was measured.
+    """
+    position, attitude = poses.position.newest, poses.attitude.newest
+    if position is None or attitude is None:
+        return None
+    t, p = position
+    roll, pitch, yaw, roll_rate, pitch_rate, yaw_rate = attitude[1]
+    velocity = (p[3], p[4], p[5])
+    origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
+    feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
+    tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(roll_rate, pitch_rate)
+    return VehicleState(feet, velocity, yaw, yaw_rate, tilt, roll_pitch_rate)

@@ -1,0 +1,139 @@
+"""The landing as a state machine: who flies, which state has its turn, how the landing ends."""
+
+from dataclasses import replace
+
+from landerd.config.models import Config, GuidanceSection
+from landerd.estimation.estimator import Estimator
+from landerd.guidance import pilot_texts
+from landerd.guidance.gate import Authority, Gate
+from landerd.guidance.landing_context import ControlStep, LandingContext, LandingState
+from landerd.guidance.lost import LostPlan
+from landerd.guidance.method import make_method
+from landerd.guidance.orders import Orders
+from landerd.guidance.phases import Phases
+from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.state_flying import Searching, Tracking
+from landerd.guidance.state_pad import Committed, OnPad
+from landerd.guidance.state_silent import Releasing, Silent
+from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
+from landerd.guidance.touchdown import Touchdown
+from landerd.messages import Command, Landed, Phase, Severity
+
+
+class Landing:
+    """Steps the states of guidance.states.
+
+    Attributes:
+        state: that had its turn last.
+    """
+
+    def __init__(
+        self, config: Config, gate: Gate, estimator: Estimator, *, pad_has_heading: bool
+    ) -> None:
+        guidance = config.guidance
+        self._gate = gate
+        self._orders = Orders(guidance.limits)
+        self._context = LandingContext(config, estimator, self._orders)
+        self._phases = Phases(guidance.descent, has_heading=pad_has_heading)
+        self._method = make_method(guidance)
+        self._lost = LostPlan(guidance.lost)
+        self._touchdown = Touchdown(
+            guidance.touchdown_timeout_s,
+            guidance.touchdown_descent_mps,
+            0.5 * max(config.vehicle.footprint_m),
+        )
+        context = self._context
+        self._states: dict[State, LandingState] = {
+            State.SILENT: Silent(context),
+            State.RELEASING: Releasing(context),
+            State.TRACKING: Tracking(context, self._phases, self._method),
+            State.SEARCHING: Searching(context, self._lost),
+            State.COMMITTED: Committed(context, self._method, self._touchdown),
+            State.ON_PAD: OnPad(context, self._touchdown),
+        }
+        self.state = State.SILENT
+
+    def configure(self, guidance: GuidanceSection) -> None:
+        """Go on with changed parameters."""
+        self._context.options = guidance
+        self._orders.configure(guidance.limits)
+        self._phases.configure(guidance.descent)
+        self._method.configure(guidance)
+        self._lost.configure(guidance.lost)
+        self._touchdown.configure(guidance.touchdown_timeout_s, guidance.touchdown_descent_mps)
+
+    def on_landed_state(self, landed: Landed) -> None:
+        """Take what the autopilot's land detector says; UNDEFINED when nothing is known."""
+        self._context.landed = landed
+
+    @property
+    def phase(self) -> Phase:
+        """The thesis's phase that the landing is in."""
+        return self._orders.phase
+
+    @property
+    def reason(self) -> str:
+        """Why it is in that phase, in plain words."""
+        return self._orders.reason
+
+    @property
+    def outcome(self) -> str | None:
+        """Outcome of the last landing, None while none has ended."""
+        return self._context.outcome
+
+    @property
+    def aborts(self) -> int:
+        """Times a descent was broken off, or the pad went out of sight while flying."""
+        return self._context.aborts
+
+    def relative_state(self, now: float) -> RelativeState | None:
+        """Return the pad relative to the vehicle at time now (s), None while either is unknown."""
+        estimator = self._context.estimator
+        vehicle, pad = estimator.vehicle(now), estimator.pad(now)
+        return self._context.relative(vehicle, pad) if vehicle and pad else None
+
+    def step(self, now: float, dt: float) -> list[Command]:
+        """Return the orders of the control step at time now, dt (> 0) after the last, s."""
+        self._orders.begin(now, dt)
+        if self._context.options.output == "landing_target":
+            self._orders.enter(Phase.NOT_LANDING, pilot_texts.PRECISION_LANDING)
+            return self._orders.commands
+        authority, why = self._gate.authority(now)
+        if authority is Authority.RELEASED:
+            self._context.forgive()
+        step = ControlStep(now, dt, authority is Authority.GRANTED, why)
+        event: Event | None = self._event_of(authority)
+        while event is not None:
+            step = self._follow(event, step)
+            event = self._states[self.state].order(step)
+        return self._orders.commands
+
+    def _event_of(self, authority: Authority) -> Event:
+        match authority:
+            case Authority.GRANTED:
+                return Event.GRANTED
+            case Authority.RELEASED:
+                return Event.RELEASED
+            case Authority.SILENT:
+                on_pad = self.state is State.ON_PAD
+                return Event.DISARMED if on_pad and self._gate.disarmed else Event.SILENCED
+
+    def _follow(self, event: Event, step: ControlStep) -> ControlStep:
+        """Go where an event leads; return the control step as the new state begins it."""
+        state = TRANSITIONS[self.state].get(event)
+        if state is None:
+            return step
+        if event in OUTCOMES:
+            self._context.finish(OUTCOMES[event])
+        step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
+        if event in HAND_BACKS:
+            self._hand_back(step.why)
+        self.state = state
+        self._states[state].enter(step)
+        return step
+
+    def _hand_back(self, reason: str) -> None:
+        """Tell the pilot to take over; landerd flies again only after the switch was low."""
+        self._orders.say(Severity.CRITICAL, pilot_texts.HANDED_BACK.format(reason=reason))
+        self._gate.latch()
+        self._context.forgive()

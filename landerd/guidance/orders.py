@@ -1,0 +1,101 @@
+"""What one control step orders and tells, in order."""
+
+import math
+
+from landerd.config.models import LimitsSection
+from landerd.geometry import Vec3
+from landerd.guidance import pilot_texts
+from landerd.guidance.limits import Limiter
+from landerd.messages import Command, Disarm, Phase, PhaseChange, PressDown, Severity, StatusText
+
+# Set-points go on from the last one if it is not older, s; else they begin at the vehicle's own
+# velocity. Chosen by hand, between a tick (25 ms) and the time in which velocities change.
+CONTINUE_S = 0.5
+
+
+class Orders:
+    """Collects the commands of a control step; keeps set-points within the limits.
+
+    Attributes:
+        commands: of this control step so far.
+        phase: of the landing, as the pilot was told last.
+        reason: why that phase.
+    """
+
+    def __init__(self, limits: LimitsSection) -> None:
+        self.commands: list[Command] = []
+        self.phase = Phase.NOT_LANDING
+        self.reason = pilot_texts.STARTING
+        self._limiter = Limiter(limits)
+        self._now = -math.inf
+        self._dt = 0.0
+        self._setpoint_t = -math.inf  # of the last set-point
+        self._said: dict[str, float] = {}  # when each line was told last
+
+    def configure(self, limits: LimitsSection) -> None:
+        """Take new limits."""
+        self._limiter.configure(limits)
+
+    def begin(self, now: float, dt: float) -> None:
+        """Begin a control step at time now, dt after the last, s."""
+        self.commands = []
+        self._now, self._dt = now, dt
+
+    # ---- for the autopilot ---------------------------------------------------------------------
+
+    @property
+    def velocity(self) -> Vec3:
+        """Velocity of the last set-point, local NED, m/s."""
+        return self._limiter.velocity
+
+    def go_on_from(self, velocity: Vec3) -> None:
+        """Begin at this velocity (local NED, m/s), unless there was a set-point just now."""
+        if self._now - self._setpoint_t > CONTINUE_S:
+            self._limiter.reset(velocity)
+
+    def fly(self, velocity: Vec3, yaw_rate: float, *, may_descend: bool) -> None:
+        """Order a velocity (local NED, m/s) and a yaw rate (rad/s), within the limits.
+
+        Without `may_descend` a downward order ends at once.
+        """
+        self._setpoint_t = self._now
+        self.commands.append(
+            self._limiter.step(velocity, yaw_rate, self._dt, may_descend=may_descend)
+        )
+
+    def stop(self) -> None:
+        """Order zero velocity and yaw rate at once; exempt from the limits of acceleration."""
+        self._setpoint_t = self._now
+        self.commands.append(self._limiter.stop())
+
+    def stand_level(self, heading: float) -> None:
+        """Order a level attitude without thrust; heading: to keep, local, rad."""
+        self._setpoint_t = self._now
+        self._limiter.stop()
+        self.commands.append(PressDown(heading))
+
+    def disarm(self) -> None:
+        """Order the motors to stop, by the ordinary command."""
+        self.commands.append(Disarm())
+
+    # ---- for the pilot -------------------------------------------------------------------------
+
+    def enter(self, phase: Phase, reason: str) -> None:
+        """Say that a phase goes on or begins; out of a landing every new reason is told too."""
+        changed = phase is not self.phase
+        if not changed and (phase is not Phase.NOT_LANDING or reason == self.reason):
+            self.reason = reason
+            return
+        self.phase, self.reason = phase, reason
+        self.commands.append(PhaseChange(phase, reason))
+        if phase is Phase.NOT_LANDING:
+            self.say(Severity.WARNING, reason)
+        else:
+            self.say(Severity.NOTICE, f"{phase.value.replace('_', ' ').lower()}: {reason}")
+
+    def say(self, severity: Severity, text: str) -> None:
+        """Tell the pilot a line, unless it was told just now."""
+        line = f"{pilot_texts.PREFIX}{text}"[: pilot_texts.MAX_CHARACTERS]
+        if self._now - self._said.get(line, -math.inf) >= pilot_texts.REPEAT_S:
+            self._said[line] = self._now
+            self.commands.append(StatusText(severity, line))

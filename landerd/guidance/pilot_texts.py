@@ -1,0 +1,66 @@
+"""Everything the core tells the pilot, word for word.
+
+As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once a second at most:
+
+| when | severity | text |
+|---|---|---|
+| landerd does not fly, or flies without sight | WARNING | the reason |
+| a phase of the landing begins | NOTICE | the phase and the reason |
+| a descent is broken off with the pad in sight | WARNING | the reason |
+| landerd hands back | CRITICAL | the reason, and HANDED_BACK |
+| on the pad, and the land detector is silent | CRITICAL | UNCONFIRMED |
+
+A reason is also recorded with every change of phase. What hands back is in `states.HAND_BACKS`.
+"""
+
+from collections.abc import Mapping
+
+from landerd.guidance.states import Event
+
+PREFIX = "landerd: "
+MAX_CHARACTERS = 50  # of a STATUSTEXT
+REPEAT_S = 1.0  # the same line is not told more often: a bound for the link, chosen by hand
+
+# ---- who flies (guidance.gate) -----------------------------------------------------------------
+STARTING = "starting"
+NO_HEARTBEAT = "no heartbeat from the autopilot"
+NOT_ARMED = "not armed"
+NOT_GUIDED = "mode is {mode}, not GUIDED"
+TOLD_TO_STOP = "told to stop: take over"
+RC_STALE = "RC channels are stale"
+RC_NO_SIGNAL = "RC {channel} has no signal"
+RC_LOW = "RC {channel} is low"
+RC_LATCHED = "move RC {channel} low, then high"
+GRANTED = "granted"  # never told: a phase is instead
+PRECISION_LANDING = "the autopilot's precision landing flies"
+
+# ---- why an event led to another state ---------------------------------------------------------
+# Of the others the gate, the phases or the search say why.
+REASONS: Mapping[Event, str] = {
+    Event.PAD_IN_SIGHT: "pad in sight",
+    Event.DISARMED: "landed and disarmed",
+    Event.PAD_NOT_FOUND: "pad not found",
+    Event.NO_LANDING_POSSIBLE: "no landing possible",
+    Event.HEADING_NOT_SEEN: "pad's heading not seen",
+}
+HANDED_BACK = "{reason}: pilot, take over"
+
+# ---- with the pad in sight (guidance.phases) ---------------------------------------------------
+UNDER_WAY = "{distance:.1f} m away, {height:.1f} m up"
+NO_HEADING = "pad's heading not seen"
+NO_HEADING_CLIMBING = "pad's heading not seen, climbing again"
+OFF_CLIMBING = "off by {distance:.2f} m, climbing again"
+
+# ---- out of sight ------------------------------------------------------------------------------
+STALE: Mapping[str, str] = {  # by Estimator.stale
+    "attitude": "attitude is stale",
+    "position": "position is stale",
+    "gimbal": "gimbal angles are stale",
+}
+NO_PICTURES = "no pictures from the camera"
+NOT_IN_SIGHT = "pad not in sight"
+BLIND = "{why}, {what}"  # one of those above, and what is done about it:
+HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
+
+# ---- on the pad --------------------------------------------------------------------------------
+UNCONFIRMED = "touch-down not confirmed, disarm by hand"

@@ -1,0 +1,71 @@
+"""The pad relative to the vehicle in one control step: what every controller works on."""
+
+import math
+from dataclasses import dataclass
+
+from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.vehicle_state import VehicleState
+from landerd.geometry import Vec3, dot, horizontal, norm, rot_z, rotate, sub, wrap
+
+# From the landing point, m; further away a tilted pad's plane says nothing. From 30 m the plane of
+# a pad tilted by 10 degrees lies 5 m lower: the vehicle took itself to be in the descent region.
+PAD_REACH_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeState:
+    """Errors between pad and vehicle; error = pad minus vehicle. Recorded under these names."""
+
+    error: Vec3  # landing point minus centre of the feet, local NED, m
+    error_rate: Vec3  # pad's velocity minus vehicle's, m/s
+    pad_velocity: Vec3  # local NED, m/s
+    sigma_m: float  # of the error's horizontal part, m
+    heading_error: float | None  # pad's heading minus vehicle's, rad; None: not known
+    yaw_rate: float  # vehicle's, rad/s
+    pad_turn_rate: float = 0.0  # rad/s
+    sigma_heave: float = 0.0  # of the pad's vertical velocity, m/s
+    normal: Vec3 = (0.0, 0.0, 1.0)  # unit vector into the pad, local NED
+
+    @classmethod
+    def between(
+        cls, vehicle: VehicleState, pad: PadEstimate, sigma_bearing: float
+    ) -> "RelativeState":
+        """Return pad relative to vehicle, both at the same time.
+
+        Args:
+            vehicle: now.
+            pad: now.
+            sigma_bearing: of the lens's direction, rad. What the filter makes of that error rests
+                on how the vehicle happened to fly; guidance counts on all of it.
+        """
+        c = pad.covariance
+        error = sub(pad.position, vehicle.feet)
+        return cls(
+            error=error,
+            error_rate=sub(pad.velocity, vehicle.velocity),
+            pad_velocity=pad.velocity,
+            sigma_m=math.hypot(math.sqrt(max(c[0][0], c[1][1])), sigma_bearing * norm(error)),
+            heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
+            yaw_rate=vehicle.yaw_rate,
+            pad_turn_rate=pad.turn_rate,
+            sigma_heave=pad.sigma_velocity[2],
+            normal=pad.normal,
+        )
+
+    @property
+    def height(self) -> float:
+        """Height of the feet over the pad, m: over its plane, as far as there is a pad."""
+        north, east, down = self.error
+        k = PAD_REACH_M / max(self.distance, PAD_REACH_M)
+        return dot((k * north, k * east, down), self.normal)
+
+    @property
+    def distance(self) -> float:
+        """Planar distance d_p (thesis 2.4.5), m."""
+        return horizontal(self.error)
+
+    def pad_velocity_ahead(self, dt: float) -> Vec3:
+        """Return the pad's velocity (m/s) dt from now, if it turns on as it does."""
+        if self.pad_turn_rate == 0.0:
+            return self.pad_velocity
+        return rotate(rot_z(self.pad_turn_rate * dt), self.pad_velocity)

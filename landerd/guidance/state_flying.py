@@ -1,0 +1,111 @@
+"""The states in the air: TRACKING with the pad in sight, SEARCHING without."""
+
+from landerd.geometry import Vec3
+from landerd.guidance import pilot_texts
+from landerd.guidance.landing_context import ControlStep, LandingContext, Sight
+from landerd.guidance.lost import LostPlan
+from landerd.guidance.method import Method
+from landerd.guidance.phases import Phases
+from landerd.guidance.states import Event
+from landerd.messages import Phase, Severity
+
+HOVER: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Tracking:
+    """Flies to the pad and down, as phase and method say; climbs where it could not land.
+
+    Leaves when sight is lost, to commit, or to hand back: after too many refused descents, or when
+    the pad's heading stays unseen.
+    """
+
+    def __init__(self, context: LandingContext, phases: Phases, method: Method) -> None:
+        self._context = context
+        self._phases = phases
+        self._method = method
+        self._heading_t = 0.0  # when the landing last did not wait for the pad's heading, s
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin a landing, from the velocity that the vehicle has."""
+        context = self._context
+        vehicle = context.estimator.fresh_vehicle(step.now)
+        if vehicle is not None:
+            context.orders.go_on_from(vehicle.velocity)
+        self._heading_t = step.now
+        context.outcome = None
+        self._phases.restart()
+        self._method.restart()
+        context.orders.enter(Phase.APPROACH, step.why)
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order the method's velocity, down only where the phases allow it."""
+        sight = self._context.sight(step)
+        if sight is None:
+            return Event.SIGHT_LOST
+        event = self._event(step, sight)
+        if event is not None:
+            return event
+        relative, phases = sight.relative, self._phases
+        velocity, yaw_rate = self._method.step(phases.phase, relative, phases.floor_m, step.dt)
+        if phases.goes_around:
+            velocity = (velocity[0], velocity[1], -self._context.options.lost.climb_mps)
+        may_descend = phases.may_descend(relative) and relative.height > phases.floor_m
+        self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
+        return None
+
+    def _event(self, step: ControlStep, sight: Sight) -> Event | None:
+        """Step the phases; return the event that ends tracking, None to go on."""
+        context, phases = self._context, self._phases
+        relative = sight.relative
+        context.note_height(relative)
+        went_around = phases.goes_around
+        phase, why = phases.step(relative, sight.age)
+        context.orders.enter(phase, why)
+        if phases.goes_around and not went_around:
+            context.break_off()
+            context.orders.say(Severity.WARNING, why)
+        elif went_around and not phases.goes_around and context.tried_enough:
+            return Event.NO_LANDING_POSSIBLE
+        if phase is not Phase.YAW_CORRECTION or relative.heading_error is not None:
+            self._heading_t = step.now
+        elif step.now - self._heading_t > context.options.lost.give_up_s:
+            return Event.HEADING_NOT_SEEN
+        return Event.COMMITS if phase is Phase.LANDED else None
+
+
+class Searching:
+    """Hovers, then climbs as guidance.lost says, and never turns or sinks (rule 1d).
+
+    Just over the pad it climbs at once. The camera is swept meanwhile (guidance.aim). Leaves when
+    the pad is back in sight, or hands back when the plan has ended or too many descents were
+    broken off.
+    """
+
+    def __init__(self, context: LandingContext, plan: LostPlan) -> None:
+        self._context = context
+        self._plan = plan
+        self._lost_down = 0.0  # local z where the pad went out of sight, m
+
+    def enter(self, step: ControlStep) -> None:
+        """Count the abort, and begin the plan where the vehicle is."""
+        context = self._context
+        vehicle = context.estimator.fresh_vehicle(step.now)
+        self._lost_down = vehicle.feet[2] if vehicle else 0.0
+        self._plan.begin(step.now, self._lost_down, low=context.low)
+        context.break_off()
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order what the plan says, without turning."""
+        context = self._context
+        if context.sight(step) is not None:
+            return Event.PAD_IN_SIGHT
+        vehicle = context.estimator.fresh_vehicle(step.now)
+        planned = self._plan.step(step.now, vehicle.feet[2] if vehicle else self._lost_down)
+        if planned is None or context.tried_enough:
+            return Event.PAD_NOT_FOUND
+        # Climbing needs a position to know when to stop.
+        velocity, what = planned if vehicle is not None else (HOVER, pilot_texts.HOLDING)
+        why = pilot_texts.BLIND.format(why=context.why_blind(step.now), what=what)
+        context.orders.enter(Phase.NOT_LANDING, why)
+        context.orders.fly(velocity, 0.0, may_descend=False)
+        return None

@@ -1,0 +1,49 @@
+"""The states in which landerd flies nothing: SILENT and RELEASING."""
+
+import math
+
+from landerd.guidance.landing_context import ControlStep, LandingContext
+from landerd.guidance.states import Event
+from landerd.messages import Phase
+
+
+class Silent:
+    """Orders nothing; waits until it may fly, and then for the pad (rule 1c)."""
+
+    def __init__(self, context: LandingContext) -> None:
+        self._context = context
+
+    def enter(self, step: ControlStep) -> None:
+        """Nothing to begin."""
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order nothing, and say why."""
+        context = self._context
+        if step.granted and context.sight(step) is not None:
+            return Event.PAD_IN_SIGHT
+        why = context.why_blind(step.now) if step.granted else step.why
+        context.orders.enter(Phase.NOT_LANDING, why)
+        return None
+
+
+class Releasing:
+    """Streams stop orders for a while after landerd has flown (rule 1b).
+
+    Silence alone would leave the last velocity flying until the autopilot's own timeout.
+    """
+
+    def __init__(self, context: LandingContext) -> None:
+        self._context = context
+        self._until = -math.inf
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin the time of the stop orders."""
+        self._until = step.now + self._context.options.release_s
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order zero velocity until the time is over."""
+        if step.now < self._until:
+            self._context.orders.stop()
+            self._context.orders.enter(Phase.NOT_LANDING, step.why)
+            return None
+        return Event.RELEASE_OVER

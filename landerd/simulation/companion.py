@@ -1,0 +1,41 @@
+"""The computer that landerd runs on, as simulated: how long it searches, how it stalls."""
+
+import asyncio
+import time
+from contextvars import Context, copy_context
+from random import Random
+
+from hw.sim.options import CompanionOptions
+from landerd.runtime.clock import STALLS, VirtualLoop
+
+VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
+
+
+class Companion:
+    """What the options make of the computer."""
+
+    def __init__(self, options: CompanionOptions, rng: Random) -> None:
+        self._options = options
+        self._rng = rng
+
+    @property
+    def vision_latency_s(self) -> float:
+        """How long the search of a picture takes, s."""
+        return VISION_LATENCY_S * self._options.vision_factor
+
+    def context(self) -> Context:
+        """Return the context of what runs on this computer."""
+        context = copy_context()
+        context.run(STALLS.set, True)
+        return context
+
+    async def stall(self) -> None:
+        """Stand still now and then, for ever: a garbage collection, an SD card, other work."""
+        options = self._options
+        while options.stall_s > 0.0:
+            await asyncio.sleep(self._rng.expovariate(1.0 / options.stall_every_s))
+            loop = asyncio.get_running_loop()
+            if isinstance(loop, VirtualLoop):
+                loop.stall(options.stall_s)
+            else:
+                time.sleep(options.stall_s)

@@ -1,0 +1,118 @@
+"""What a flight takes place in: the world, the vehicle's link, and who sends it on its way."""
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from random import Random
+
+from hw.links.memory import LinkFaults, MemoryLink, memory_pair
+from hw.sim.options import LinkOptions
+from hw.sim.physics.world import World, stream
+from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.stand_in.copter import CopterParameters
+from hw.sim.stand_in.ekf import Ekf
+from hw.sim.stand_in.ground_station import GroundStation
+from hw.sim.stand_in.shared_link import SharedLink
+from landerd.config.models import Config
+from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
+
+WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
+GATE_OPENS_S = 1.0  # when the pilot moves the switch
+OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
+BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
+FOLLOWED_M = 5000.0  # and along the way of one that it follows
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A vehicle to fly, in its world."""
+
+    world: World
+    link: MemoryLink | SharedLink  # landerd's end
+    ground_station: GroundStation
+    jitter_s: float  # of the control task on the loop's clock
+    ends_at_contact: bool = False  # what comes after it is not simulated
+
+
+class StandIn:
+    """The stand-in for the autopilot, a ground station that sends it off, and its pilot.
+
+    Attributes:
+        link: landerd's end.
+        autopilot_end: the other one.
+    """
+
+    def __init__(self, world: World, config: Config, seed: int) -> None:
+        """Make them; the vehicle flies, and nobody does anything before the jobs run."""
+        system_id = config.autopilot.system_id
+        options = world.options
+        self.link, self.autopilot_end = memory_pair()
+        link = options.link
+        if link != LinkOptions():
+            self.link.faults = link_faults(link, link.delay_up_s, stream(seed, "up"))
+            self.autopilot_end.faults = link_faults(link, link.delay_down_s, stream(seed, "down"))
+        ground_end, autopilot_ground_end = memory_pair()
+        self.autopilot = SimAutopilot(
+            world,
+            [self.autopilot_end, autopilot_ground_end],
+            ekf=Ekf(world, options.ekf, stream(seed, "ekf")),
+            rng=stream(seed, "autopilot"),
+            parameters=CopterParameters(guid_timeout_s=options.autopilot.guid_timeout_s),
+            options=options.autopilot,
+            flying=True,
+            system_id=system_id,
+        )
+        self.ground_station = GroundStation(
+            ground_end,
+            destination=beyond_pad(world),
+            speed_mps=speed_on_the_way(world),
+            system_id=system_id,
+        )
+        self._gate_channel = config.rc.gate_channel
+        self._radio_has_gate = (
+            options.autopilot.gate == "radio"
+            and self._gate_channel <= options.autopilot.rc_channels
+        )
+
+    @property
+    def jobs(self) -> list[Callable[[], Awaitable[None]]]:
+        """What runs beside the flight."""
+        return [self.autopilot.run, self.ground_station.run, self.open_gate]
+
+    async def open_gate(self) -> None:
+        """Move the pilot's switch; where the radio has none, a ground station's override."""
+        if self._radio_has_gate:
+            await asyncio.sleep(GATE_OPENS_S)
+            self.autopilot.pilot.set(self._gate_channel, 1900)
+            return
+        loop = asyncio.get_running_loop()
+        opens_t = loop.time() + GATE_OPENS_S
+        raw = [0xFFFF] * 18
+        while True:
+            raw[self._gate_channel - 1] = 1900 if loop.time() >= opens_t else 1100
+            self.autopilot.pilot.override(tuple(raw), loop.time())
+            await asyncio.sleep(OVERRIDE_S)
+
+
+def link_faults(options: LinkOptions, delay_s: float, rng: Random) -> LinkFaults:
+    """Return what the link does to one direction."""
+    return LinkFaults(
+        drop=options.loss, delay_s=delay_s, jitter_s=options.jitter_s, baud=options.baud, rng=rng
+    )
+
+
+def beyond_pad(world: World) -> Vec3 | None:
+    """Return a point beyond the pad on the vehicle's way, at its height; None above the pad."""
+    start = world.vehicle.position
+    way = sub(world.pad.position, start)
+    level = (way[0], way[1], 0.0)
+    if math.hypot(*level) < 1.0:
+        return None
+    beyond = FOLLOWED_M if world.follows else BEYOND_M
+    return add(add(start, level), scale(unit(level), beyond))
+
+
+def speed_on_the_way(world: World) -> float | None:
+    """Return the pad's speed where the vehicle follows it, m/s; else None: the autopilot's own."""
+    return horizontal(world.pad.velocity) if world.follows else None

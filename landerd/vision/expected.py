@@ -1,0 +1,103 @@
+"""Where the pad should be in a frame, before it is searched.
+
+|             | the estimate predicts it | else it was seen in the last 0.5 s                    |
+|-------------|--------------------------|-------------------------------------------------------|
+| position    | as predicted             | as seen                                               |
+| how surely  | its sigma, and 4 px      | 2 m/s of distance and 1 rad/s of image motion since   |
+| normal      | as predicted, else along | as seen                                               |
+|             | gravity, else as seen,   |                                                       |
+|             | else along the sight     |                                                       |
+| north       | as predicted, else as    | as seen                                               |
+|             | seen                     |                                                       |
+
+Otherwise it is not expected anywhere.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.camera_model import F64
+from landerd.messages import PoseSolution, Prior
+from landerd.vision.pose import rotation_from
+
+_MAX_SIGHTING_AGE_S = 0.5  # a sighting older than this says nothing about the frame
+_MAX_IMAGE_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
+_MAX_RANGE_RATE_MPS = 2.0  # and how fast its distance may change
+_PRIOR_MARGIN_PX = 4.0  # how far off a prediction is besides its sigma
+
+
+@dataclass(frozen=True)
+class SeenPad:
+    """The pad as the frame of time t showed it."""
+
+    t: float
+    pose: PoseSolution
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Where the pad should be, camera frame."""
+
+    position: F64  # landing point, m, (3,)
+    normal: F64  # unit, (3,)
+    north: F64 | None  # unit, (3,); None: the heading is not known
+    sigma_m: float
+    margin_px: float  # of image motion that sigma_m does not tell
+
+    def points(self, place: tuple[float, float], outline: F64) -> F64 | None:
+        """Return a marker's outline (n, 2) about its centre as points (n, 3); None: no heading."""
+        is_centred = place == (0.0, 0.0)
+        if self.north is None and not is_centred:
+            return None
+        north = self.north if self.north is not None else any_across(self.normal)
+        R = rotation_from(self.normal, north)
+        points: F64 = self.position + (outline + np.array(place)) @ R[:, :2].T
+        return points
+
+
+def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> Expected | None:
+    """Return where the pad should be in the frame of time t; None: anywhere.
+
+    Args:
+        t: of the frame's exposure, s.
+        prior: what the estimate knows.
+        last: the pad as last seen.
+        focal: length of the camera, px.
+    """
+    if last is not None and not 0.0 <= t - last.t <= _MAX_SIGHTING_AGE_S:
+        last = None
+    if prior.pad is not None:
+        return _as_predicted(prior, last)
+    if last is None:
+        return None
+    dt, pad = t - last.t, last.pose
+    return Expected(
+        np.array(pad.position),
+        np.array(pad.normal),
+        None if pad.north is None else np.array(pad.north),
+        _MAX_RANGE_RATE_MPS * dt,
+        _MAX_IMAGE_RATE * dt * focal,
+    )
+
+
+def _as_predicted(prior: Prior, last: SeenPad | None) -> Expected:
+    pad = prior.pad
+    assert pad is not None
+    position = np.array(pad.position)
+    level = pad.normal or prior.down
+    if level is not None:
+        normal = np.array(level)
+    elif last is not None:
+        normal = np.array(last.pose.normal)
+    else:
+        normal = position / np.linalg.norm(position)
+    known = pad.north or (last.pose.north if last is not None else None)
+    north = None if known is None else np.array(known)
+    return Expected(position, normal, north, pad.sigma_m, _PRIOR_MARGIN_PX)
+
+
+def any_across(normal: F64) -> F64:
+    """Return some unit vector (3,) that is far from along the normal."""
+    across: F64 = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    return across

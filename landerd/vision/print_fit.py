@@ -1,0 +1,265 @@
+"""Pose of a printed marker by least squares on its pixels.
+
+The whole print is known, so every edge of every cell helps, not only the four corners. The model
+image is the print seen under a pose, blurred by the camera and lit with a linear gradient; pose,
+blur and light are fitted together (Gauss-Newton). Its information matrix is the pose's after
+blur and light are eliminated.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64, CameraModel
+from landerd.vision.blurred_print import BlurredPrint
+from landerd.vision.patch import Image, Patch, marker_patch, on_plane
+from landerd.vision.pose import Pose
+from landerd.vision.square_pose import corner_information, square_points
+
+# Rows of the derivative.
+_POSE = slice(0, 6)  # (dt, w) on the marker's own axes
+_BLUR = 6  # variance, pixels^2
+_LIGHT = slice(7, 11)  # black, contrast, gradients along the image's x and y
+_ROWS = 11
+
+_MAX_STEPS = 8
+_DAMPED = 1.0 + 1e-6 * np.eye(_ROWS)
+# Where nothing else is said, the numbers below were set by trial on `bench.vision_square`'s images.
+
+# A last step moves the corners by less than this and reduces chi-square by less than this: along
+# the way to the other solution corners hardly move.
+_CONVERGED_PX = 0.03
+_CONVERGED = 20.0
+_LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
+_ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
+_SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
+_READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
+_UNSHARP_BIAS = 0.05  # of the corners, over the blur beyond a sharp lens's: it is no Gaussian
+# Share of the pixels' variance: a fit that explains less is no better than the corners.
+MIN_EXPLAINED = 0.85
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted pose and how well it explains the pixels."""
+
+    pose: Pose
+    explained: float  # share of the pixels' variance, 1 at best
+    squares: float  # weighted sum of squared residuals, grey levels^2
+    variance: float  # of one residual, grey levels^2
+
+
+@dataclass
+class _Estimate:
+    """Where a fit stands."""
+
+    pose: Pose
+    blur: float  # variance, pixels^2
+    light: F64  # black, contrast, gradients: (4,)
+
+
+@dataclass(frozen=True)
+class _NormalEquations:
+    """The least squares problem linearised about an estimate."""
+
+    residual: F64  # (n,)
+    weight: F64  # (n,)
+    sigma: float  # of a residual, robust, grey levels
+    matrix: F64  # information times sigma^2, (rows, rows)
+    gradient: F64  # (rows,)
+
+
+class MarkerPrint:
+    """The print of one marker, ready to be compared with images.
+
+    Keeps the blur of its last fit, from which the next one starts, and the print so blurred.
+    """
+
+    def __init__(self, fine: NDArray[np.floating], size: float, per_m: float, reach: float) -> None:
+        """Take the print.
+
+        Args:
+            fine: samples (n, n) of the print and of the white round it, its centre in the middle:
+                1 white, 0 black, its top first.
+            size: of the print, m.
+            per_m: samples a metre.
+            reach: how far from the centre print and image are compared, m.
+        """
+        self._size, self._reach = size, reach
+        self._corners = square_points(size)
+        self._blurred = BlurredPrint(fine, per_m)
+        self._blur = 1.0  # of the last fit, in a sharp lens's: the next is likely alike
+
+    def fit(
+        self, image: Image, camera: CameraModel, start: Pose, *, has_rival: bool = True
+    ) -> Fit | None:
+        """Return the pose that explains the pixels round a start near it; None if none does.
+
+        With a rival it will be compared with another fit by how well each explains the pixels.
+        """
+        patch = marker_patch(image, camera, start, self._reach, self._is_used)
+        if patch is None:
+            return None
+        blur = max(patch.blur, self._blur * patch.blur)
+        estimate = _Estimate(start, blur, _first_light(patch.grey))
+        equations = self._descended(patch, estimate, has_rival)
+        if equations is None:
+            return None
+        self._blur = estimate.blur / patch.blur
+        return self._judged(patch, estimate, equations)
+
+    def corner_rays(self, pose: Pose) -> F64:
+        """Return the rays (4, 2) of the corners under a pose, on z = 1."""
+        p = pose.t + self._corners @ pose.R[:, :2].T
+        rays: F64 = p[:, :2] / p[:, 2:]
+        return rays
+
+    def _is_used(self, north: F64, east: F64) -> NDArray[np.bool_]:
+        """Tell which points (n,) of the plane are compared with the image."""
+        used: NDArray[np.bool_] = (np.abs(north) < self._reach) & (np.abs(east) < self._reach)
+        return used
+
+    def _descended(
+        self, patch: Patch, estimate: _Estimate, has_rival: bool
+    ) -> _NormalEquations | None:
+        """Move an estimate until it fits; return the last step's equations; None: it failed."""
+        J = np.empty((_ROWS, len(patch.grey)))
+        equations = None
+        for _ in range(_MAX_STEPS):
+            residual = self._linearise(patch, estimate, J)
+            equations = _normal_equations(J, residual)
+            try:
+                step = np.linalg.solve(equations.matrix, equations.gradient)
+            except np.linalg.LinAlgError:
+                return None
+            motion_px = self._move(patch, estimate, step)
+            pose = estimate.pose
+            if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
+                return None
+            # Not of the blur: its step has no effect until the print is blurred anew.
+            reduction = float(step @ equations.gradient - step[_BLUR] * equations.gradient[_BLUR])
+            is_settled = motion_px < _CONVERGED_PX
+            if is_settled and (reduction < _CONVERGED * equations.sigma**2 or not has_rival):
+                break
+        return equations
+
+    def _linearise(self, patch: Patch, estimate: _Estimate, J: F64) -> F64:
+        """Write the derivatives (rows, n) of the model's grey levels; return the residual (n,)."""
+        pose, light = estimate.pose, estimate.light
+        spread = _on_print(self._blurred.per_m * patch.pixel, pose)
+        layers = self._blurred.layers(estimate.blur * spread, estimate.blur)
+        north, east = on_plane(patch.rays, pose)
+        value, slope_n, slope_e, J[_BLUR] = self._blurred.at(layers, north, east)
+        shade = 1.0 + light[2] * patch.x + light[3] * patch.y
+        level = light[0] + light[1] * value
+        contrast = light[1] * shade
+        _pose_slope(J[_POSE], pose, north, east, contrast * slope_n, contrast * slope_e)
+        J[_BLUR] *= contrast
+        black, difference, along_x, along_y = J[_LIGHT]
+        black[:] = shade
+        np.multiply(shade, value, out=difference)
+        np.multiply(patch.x, level, out=along_x)
+        np.multiply(patch.y, level, out=along_y)
+        residual: F64 = patch.grey - shade * level
+        return residual
+
+    def _move(self, patch: Patch, estimate: _Estimate, step: NDArray[np.floating]) -> float:
+        """Move an estimate; return by how much a corner moved at most, pixels."""
+        pose = estimate.pose
+        moved = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
+        shift = np.abs(self.corner_rays(moved) - self.corner_rays(pose)) / patch.pixel
+        motion_px = float(shift.max())
+        estimate.pose = moved
+        if motion_px < _LEARN_BLUR_PX:
+            blur = estimate.blur
+            estimate.blur = min(max(blur + float(step[_BLUR]), 0.5 * blur, 0.05), 2.0 * blur)
+        estimate.light = estimate.light + step[_LIGHT]
+        return motion_px
+
+    def _judged(self, patch: Patch, estimate: _Estimate, equations: _NormalEquations) -> Fit | None:
+        """Return the fit with its information and quality; None if the pixels leave it open."""
+        pose, weight = estimate.pose, equations.weight
+        excess = max(0.0, estimate.blur - patch.blur)
+        bias = patch.bias + _UNSHARP_BIAS * math.sqrt(excess)
+        squares = float(weight @ equations.residual**2)
+        variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - _ROWS))
+        try:
+            information = self._information(equations.matrix, variance, pose, bias * patch.pixel)
+        except np.linalg.LinAlgError:
+            return None
+        grey = patch.grey
+        scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
+        fitted = Pose(pose.R, pose.t, information, 0.0)
+        return Fit(fitted, 1.0 - squares / max(scatter, 1e-9), squares, variance)
+
+    def _information(self, matrix: F64, variance: float, pose: Pose, bias: float) -> F64:
+        """Return the information of (dt, w) from the normal matrix (rows, rows) of the fit.
+
+        `bias` is the error of the corners that no residual shows, on the plane z = 1.
+
+        Raises:
+            LinAlgError: the pixels leave the pose open.
+        """
+        rest = np.linalg.solve(matrix[6:, 6:], matrix[6:, :6])
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = pose.R
+        of_pose = turn @ (matrix[:6, :6] - matrix[:6, 6:] @ rest) @ turn.T
+        information: F64 = np.linalg.inv(
+            variance * np.linalg.inv(of_pose)
+            + np.linalg.inv(corner_information(pose, self._size, bias))
+        )
+        return information
+
+
+def _first_light(grey: F64) -> F64:
+    """Return black, contrast and gradients (4,): a tenth of the pixels lies beyond each level."""
+    n = len(grey)
+    tenth = n // 10
+    ordered = np.partition(grey, (tenth, n - 1 - tenth))
+    dark, bright = ordered[tenth], ordered[n - 1 - tenth]
+    return np.array([dark, bright - dark, 0.0, 0.0])
+
+
+def _normal_equations(J: F64, residual: F64) -> _NormalEquations:
+    n = len(residual)
+    size = np.abs(residual)
+    sigma = max(_READ_NOISE, _SIGMA_PER_MAD * float(np.partition(size, n // 2)[n // 2]))
+    weight = np.minimum(1.0, _ROBUST_SIGMAS * sigma / np.maximum(size, 1e-9))
+    JW = J * weight
+    matrix = JW @ J.T
+    gradient = JW @ residual
+    matrix *= _DAMPED
+    return _NormalEquations(residual, weight, sigma, matrix, gradient)
+
+
+def _on_print(per_ray: float, pose: Pose) -> F64:
+    """Return the covariance (2, 2) on the print (u, v), samples^2, of a blur of one pixel^2.
+
+    `per_ray` is a pixel's width on z = 1 in samples of a print at the distance 1.
+    """
+    # A turn of the ray t by dr moves its point on the plane by t_z (dr - t n.dr / n.t).
+    north, east, normal = pose.R.T
+    along = normal[:2] / float(normal @ pose.t)
+    A = np.array(
+        [east[:2] - float(east @ pose.t) * along, float(north @ pose.t) * along - north[:2]]
+    ) * (per_ray * float(pose.t[2]))
+    spread: F64 = A @ A.T
+    return spread
+
+
+def _pose_slope(out: F64, pose: Pose, north: F64, east: F64, slope_n: F64, slope_e: F64) -> None:
+    """Write the derivative (6, n) of grey levels by (dt, w), both on the marker's own axes.
+
+    At a fixed ray a plane moved by m = dt + w x arm carries the point -g . m along its axis r,
+    g = r - normal (r . ray) / (normal . ray); in the marker's axes g and arm are plain.
+    """
+    t = pose.R.T @ pose.t
+    lift = (slope_n * (north + t[0]) + slope_e * (east + t[1])) / t[2]
+    np.negative(slope_n, out=out[0])
+    np.negative(slope_e, out=out[1])
+    out[2] = lift
+    np.multiply(east, lift, out=out[3])
+    np.multiply(north, -lift, out=out[4])
+    np.subtract(east * slope_n, north * slope_e, out=out[5])

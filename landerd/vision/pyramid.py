@@ -1,0 +1,84 @@
+"""The part of an image that is searched for rings, at the sizes at which it is."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.vision.window import Window
+
+U8 = NDArray[np.uint8]
+
+_COARSEST_PX = 100.0  # side of the smallest level: a ring that fills it is what segmentation can do
+_SEARCH_DIAMETER_PX = 28.0  # rings whose size in the image is known are searched at about this
+_SMALLEST_SIDE_PX = 8
+
+
+@dataclass(frozen=True)
+class Level:
+    """The searched part of an image at another size, and the camera that would see just that."""
+
+    image: U8
+    camera: CameraModel
+
+
+def levels(
+    image: U8, camera: CameraModel, window: Window | None, expected_px: float | None
+) -> Iterator[Level]:
+    """Yield the part to search, coarse levels first: rings are looked for at 10 to 100 px.
+
+    Args:
+        image: grey image (height, width).
+        camera: that took it.
+        window: the part to search; None for all.
+        expected_px: diameter of the ring, if it is known: then there is one level only.
+    """
+    h, w = image.shape
+    part = Window(0, 0, w, h) if window is None else window.within(w, h)
+    crop = image[part.y0 : part.y1, part.x0 : part.x1]
+    size = max(crop.shape)
+    if expected_px is not None:
+        # Far rings are looked for in an enlarged window: their holes are few pixels.
+        halvings = [max(-1, round(math.log2(max(expected_px, 1.0) / _SEARCH_DIAMETER_PX)))]
+    else:
+        coarsest = max(0, math.ceil(math.log2(max(size, 1) / _COARSEST_PX)))
+        halvings = list(range(coarsest, -1, -1))
+    for n in halvings:
+        k = 2.0**n
+        small_h, small_w = int(crop.shape[0] / k), int(crop.shape[1] / k)
+        if min(small_h, small_w) < _SMALLEST_SIDE_PX:
+            continue
+        small = crop
+        if n > 0:
+            whole = crop[: int(small_h * k), : int(small_w * k)]
+            small = _resized(whole, small_w, small_h, cv2.INTER_AREA)
+        elif n < 0:
+            small = _resized(crop, small_w, small_h, cv2.INTER_CUBIC)
+        yield Level(small, _seeing(camera, part, small.shape, k))
+
+
+def _resized(image: U8, width: int, height: int, interpolation: int) -> U8:
+    return np.asarray(
+        cv2.resize(image, (width, height), interpolation=interpolation), dtype=np.uint8
+    )
+
+
+def _seeing(
+    camera: CameraModel, part: Window, shape: tuple[int, ...], reduction: float
+) -> CameraModel:
+    """Return the camera that sees a part of the image at a reduced size."""
+    height, width = shape
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx / reduction,
+        fy=camera.fy / reduction,
+        # Pixel centres, not edges, are whole numbers.
+        cx=(camera.cx - part.x0 + 0.5) / reduction - 0.5,
+        cy=(camera.cy - part.y0 + 0.5) / reduction - 0.5,
+    )

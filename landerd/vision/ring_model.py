@@ -1,0 +1,166 @@
+"""The grey levels of pixels near a ring as its pose, blur and light would have them.
+
+The model of a pixel: its ray meets the pad's plane at a distance rho from the ring's centre; the
+edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian and, where
+asked for, by straight motion, under light with a linear gradient. Distances are exact in the pad's
+plane, so neither perspective nor lens distortion bends them; two corrections of second order make
+up for measuring them in pixels.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from landerd.pad import Ring
+from landerd.vision.ring_pixels import F32, Pixels, PlaneView, blurred_step, shifted
+from landerd.vision.ring_pose import F64
+
+# Rows of the derivative. The light gradient follows, then the residual.
+RATIO = 0  # inner radius: only the judgement uses it
+CENTRE = slice(1, 4)  # on the plane's axes
+TILT = slice(4, 6)  # of the normal, towards the two tangents
+BLUR = 6  # variance, px^2
+INSIDE = 7  # level
+HEIGHTS = slice(8, 10)  # steps of the level, outwards: at the outer and the inner edge
+MOTION = slice(10, 12)  # where it is fitted
+_STATIC, _MOVING = 10, 12  # rows before the light gradient
+
+MIN_BLUR_PX = 0.2
+# Subpixels lie so far from a pixel's centre, along x and y each.
+_SUBPIXEL_PX = 0.4
+_SUBPIXELS = np.array([[[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]])
+# A motion's path is sampled every so many pixels, within these numbers of samples.
+_PATH_STEP_PX = 1.3
+_MIN_PATH_SAMPLES, _MAX_PATH_SAMPLES = 3.0, 9.0
+
+
+class RingModel:
+    """The grey levels of pixels as a ring would show them, and their derivatives."""
+
+    def __init__(
+        self,
+        pixels: Pixels,
+        centre: F64,
+        ring: Ring,
+        motion_px: Sequence[F64] | None,
+    ) -> None:
+        """Prepare; the light gradient is about a first centre.
+
+        Args:
+            pixels: what the model is compared with.
+            centre: of the ring, roughly, camera frame, m, (3,).
+            ring: its true size and ratio.
+            motion_px: path (2,) of the image during exposure for every start; None: it stood still.
+        """
+        self.pixels, self.ring = pixels, ring
+        self.is_moving = motion_px is not None
+        radius = ring.radius_m
+        self._radii = np.array([radius, radius * ring.inner_ratio], dtype=np.float32)
+        x, y, z = centre.tolist()
+        xy = pixels.rays[:2] - np.array([[x / z], [y / z]], dtype=np.float32)
+        self._xy = xy * np.float32(z / radius)
+        self._along: F64 | None = None  # the motion's path, where the image is sampled
+        if motion_px is not None:
+            length = max(math.hypot(*m) for m in motion_px)
+            samples = max(length / _PATH_STEP_PX, _MIN_PATH_SAMPLES)
+            parts = int(min(samples, _MAX_PATH_SAMPLES))
+            self._along = (np.arange(parts) + 0.5) / parts - 0.5
+        self._curvature: tuple[F32, F32] | None = None
+        self._static = _MOVING if self.is_moving else _STATIC
+        self.rows = self._static + 3
+
+    def derivative(self, t: F32, axes: F32, parameters: F64, supersampled: bool) -> F32:
+        """Return derivatives of grey levels (starts, rows, n), the residual last.
+
+        Args:
+            t: centres (starts, 3), camera frame, m.
+            axes: planes' axes (starts, 3, 3) as `PlaneView` takes them.
+            parameters: blur, levels, motion and light gradient (starts, rows - 1), in the rows'
+                order; what stands for ratio and pose is not read.
+            supersampled: small rings bend within the blur. A Gaussian is nearly the mean of four
+                narrower ones set square around it, and for those the edges are straight enough.
+        """
+        v, parts, spread = self._sampled(parameters, supersampled)
+        g = PlaneView(v, self.pixels.focal, t, axes)
+        blur = np.sqrt(np.maximum(parameters[:, BLUR] - spread**2, MIN_BLUR_PX**2))
+        s = blur.astype(np.float32)[:, None, None]
+        d, shift = self._distances(g, supersampled)
+        shape = self._shape(g, d, shift, s, parameters)
+        if parts > 1:
+            shape = shape.reshape(*shape.shape[:2], parts, -1).mean(axis=2)
+        return self._lit(shape, parameters)
+
+    def _sampled(self, parameters: F64, supersampled: bool) -> tuple[F32, int, float]:
+        """Return the rays looked along, how many a pixel, and how far from its centre, px.
+
+        The last is what the samples themselves add to the blur; along a motion nothing, for the
+        motion is no part of the blur.
+        """
+        if self._along is not None:
+            path = parameters[:, MOTION, None] * self._along
+            return shifted(self.pixels, path), len(self._along), 0.0
+        if supersampled:
+            return shifted(self.pixels, _SUBPIXEL_PX * _SUBPIXELS), 4, _SUBPIXEL_PX
+        return self.pixels.rays, 1, 0.0
+
+    def _distances(self, g: PlaneView, supersampled: bool) -> tuple[F32, F32]:
+        """Return distances to outer and inner edge (starts, 2, n), px, and `_blur_shift`.
+
+        Without supersampling the terms of second order are those of the first call: they change
+        little from step to step.
+        """
+        radii = self._radii[:, None]
+        scale = g.scale[:, None]
+        d = (g.rho[:, None] - radii) / scale
+        if supersampled:
+            area, bend = g.curvature()
+            d, scale = g.foot(d - bend[:, None] * d * d, radii)
+            return d, _blur_shift(area, radii, scale)
+        if self._curvature is None:
+            area, bend = g.curvature()
+            self._curvature = bend[:, None], _blur_shift(area, radii, scale)
+        bend, shift = self._curvature
+        d -= bend * d * d
+        return d, shift
+
+    def _shape(self, g: PlaneView, d: F32, shift: F32, s: F32, parameters: F64) -> F32:
+        """Return the derivatives under even light (starts, rows before the light's, samples)."""
+        f, density = blurred_step(d / s + shift * s)
+        density *= _heights(parameters) / s
+        shape = np.empty((len(parameters), self._static, f.shape[-1]), dtype=np.float32)
+        down = (density[:, 0] + density[:, 1]) / -g.scale
+        shape[:, RATIO] = density[:, 1] / -g.scale
+        np.multiply(down[:, None], g.u, out=shape[:, CENTRE])
+        np.multiply((down * g.a * g.rho)[:, None], g.u[:, :2], out=shape[:, TILT])
+        density *= d
+        np.multiply(density[:, 0] + density[:, 1], -0.5 / (s[:, 0] * s[:, 0]), out=shape[:, BLUR])
+        shape[:, INSIDE] = 1.0
+        shape[:, HEIGHTS] = f
+        if self._along is not None:
+            share = np.repeat(self._along, len(self.pixels.grey)).astype(np.float32)
+            shape[:, MOTION] = (down * -g.scale * share)[:, None] * g.across()
+        return shape
+
+    def _lit(self, shape: F32, parameters: F64) -> F32:
+        """Return the derivatives with the light's gradient on and beside them, and the residual."""
+        grey = self.pixels.grey
+        base = (_heights(parameters) * shape[:, HEIGHTS]).sum(axis=1)
+        base += parameters[:, INSIDE, None].astype(np.float32)
+        light = parameters[:, self._static : self._static + 2].astype(np.float32) @ self._xy
+        light += 1.0
+        J = np.empty((len(parameters), self.rows, len(grey)), dtype=np.float32)
+        np.multiply(shape, light[:, None], out=J[:, : self._static])
+        np.multiply(base[:, None], self._xy, out=J[:, self._static : -1])
+        np.subtract(grey, light * base, out=J[:, -1])
+        return J
+
+
+def _heights(parameters: F64) -> F32:
+    """Return the steps of the grey level at outer and inner edge, (starts, 2, 1)."""
+    return parameters[:, HEIGHTS].astype(np.float32)[:, :, None]
+
+
+def _blur_shift(area: F32, radii: F32, scale: F32) -> F32:
+    """Return by how much blur shifts bent edges (starts, 2, n), in blurs per pixel of blur."""
+    return (0.5 * area * area)[:, None] / (radii * scale**3)

@@ -1,0 +1,214 @@
+"""The stages of a ring's fit, from a rough one to those with shadow or motion in the model.
+
+And what tells a ring from what looks like one.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.geometry import Vec3
+from landerd.pad import Ring
+from landerd.vision.pyramid import Level
+from landerd.vision.ring_fit import RingFit, fit_ring
+from landerd.vision.ring_light import evenly_lit
+from landerd.vision.ring_pixels import pixels_near
+from landerd.vision.ring_pose import Pose, cone_through, mirrored, poses_of_cone
+from landerd.vision.ring_segment import Ellipse
+
+U8 = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class _Effort:
+    """What a fit may cost: about so many pixels, so many steps at most."""
+
+    pixels: int
+    steps: int
+
+
+_ROUGH = _Effort(180, 3)  # in a reduced image, to be fitted again
+_FULL = _Effort(560, 8)
+_SHADED = _Effort(700, 8)
+_MOVING = _Effort(560, 6)
+# With three steps 53 of 60 rings were found from priors a pixel off, with four all.
+_TRACKED = _Effort(200, 4)
+
+# How far from an edge pixels are taken, px.
+_ROUGH_BAND_PX = 3.0
+_FULL_BAND_PX, _BAND_BLURS = 2.0, 2.0  # the wider of this and so many blurs
+_SHADED_BAND_PX = 3.5  # wide enough to hold pixels that are white and nothing else
+_MOVING_BAND_PX, _BAND_PATHS = 2.0, 0.6  # this and such a share of the motion's path
+_TRACKED_BAND_PX = 4.0  # so far edges may be from where they are expected
+
+# What is started from where nothing is known.
+_BLUR_PX, _MOVING_BLUR_PX = 1.0, 0.7
+_PATH_PX, _PATH_BLURS = 3.0, 2.5  # of a motion: the longer of this and so many blurs
+_PATH_DIRECTIONS = 4
+
+_MAX_TILT_COS = math.cos(math.radians(25.0))  # pads that lean more are not landed on
+_SHADOW_ROUNDS = 2  # the better the pose, the better the shadow's edge
+_MIN_ROUGH_CONTRAST = 10.0  # grey levels
+
+# What a fit must show to be a ring. 350 true rings of `bench.vision_ring`, of 1.5 to 25 m at 0 to
+# 60 degrees, gave a contrast of at least 101 grey levels, 99 % of them at least 38 noises and 0.975
+# of inliers; a ratio within 1.1 % of the true one, known to 1.1 %. None of 2000 fits to its
+# look-alikes kept all limits: squares, discs and rings of another ratio leave an eighth of the
+# pixels unexplained, texture has little contrast. With 15 noises in motion and 0.91 of inliers 2 to
+# 5 of 1000 images of look-alikes showed a ring, with these none.
+_MIN_CONTRAST = 12.0  # grey levels
+_MIN_CONTRAST_NOISES, _MIN_MOVING_CONTRAST_NOISES = 9.0, 20.0
+_MIN_INLIERS = 0.93
+_RATIO_TOLERANCE, _RATIO_SIGMAS = 0.03, 2.0  # of the ratio, and of its sigma besides
+_MAX_RATIO_SIGMA = 0.06  # of the ratio
+
+# A fit is worth another try with shadow and motion if it leaves more than a camera's noise or has
+# outliers, but there is something dark in white (trial on the same images).
+_PLAIN_NOISE, _PLAIN_NOISE_SHARE = 2.0, 0.025  # grey levels, and of the contrast
+_PLAIN_INLIERS = 0.97
+_MIN_POOR_CONTRAST, _MIN_POOR_CONTRAST_NOISES = 10.0, 2.5
+
+
+def rough_fit(level: Level, outline: Ellipse, ring: Ring) -> RingFit | None:
+    """Return the better pose of an outline in a reduced image; None if it is no ring."""
+    cone = cone_through(level.camera.rays(outline.points()))
+    poses = None if cone is None else poses_of_cone(cone, ring.radius_m)
+    if poses is None:
+        return None
+    pixels = pixels_near(
+        level.image,
+        level.camera,
+        poses[0],
+        ring,
+        _ROUGH_BAND_PX,
+        _ROUGH.pixels,
+        supersample=False,
+    )
+    fits = [] if pixels is None else fit_ring(pixels, poses, ring, _BLUR_PX, _ROUGH.steps)
+    return fits[0] if fits and fits[0].contrast > _MIN_ROUGH_CONTRAST else None
+
+
+def full_fits(
+    image: U8, camera: CameraModel, ring: Ring, rough: RingFit, reduction: float
+) -> list[RingFit]:
+    """Return both poses fitted to the image, the better first; empty if the fits fail.
+
+    `rough` is a fit in the image reduced so much.
+    """
+    start = (rough.position, rough.normal)
+    blur = rough.blur_px * reduction
+    if reduction > 1.0:
+        blur = min(max(0.6, blur - 0.3 * reduction), 8.0)
+    band = max(_FULL_BAND_PX, _BAND_BLURS * blur)
+    return _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur)
+
+
+def tracked_fits(
+    image: U8, camera: CameraModel, ring: Ring, expected: Pose, down: Vec3 | None
+) -> list[RingFit]:
+    """Return the fits near an expected pose, the better first; empty if they fail.
+
+    With gravity known (unit vector, camera frame) the mirrored pose is left out if no pad could lie
+    so.
+    """
+    starts = [expected]
+    other = mirrored(*expected, ring.radius_m)
+    if other is not None and (down is None or float(other[1] @ np.array(down)) > _MAX_TILT_COS):
+        starts.append(other)
+    return _fits(image, camera, ring, starts, _TRACKED_BAND_PX, _TRACKED, _BLUR_PX)
+
+
+def hard_fits(image: U8, camera: CameraModel, ring: Ring, plain: list[RingFit]) -> list[RingFit]:
+    """Return the best of plain fits and those with a shadow's edge or motion in the model."""
+    shaded = _shaded_fits(image, camera, ring, plain[0])
+    moving = _moving_fits(image, camera, ring, plain[0])
+    return min(
+        (fits for fits in (plain, shaded, moving) if fits),
+        key=lambda fits: fits[0].noise / max(fits[0].contrast, 1.0),
+    )
+
+
+def _shaded_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
+    """Return the fits with a shadow's edge undone; empty if there is none."""
+    fits = [fit]
+    for _ in range(_SHADOW_ROUNDS):
+        pose = (fits[0].position, fits[0].normal)
+        pixels = pixels_near(
+            image, camera, pose, ring, _SHADED_BAND_PX, _SHADED.pixels, supersample=True
+        )
+        lit = None if pixels is None else evenly_lit(pixels, fits[0], ring)
+        starts = _with_mirror(pose, ring)
+        if lit is None or not starts:
+            return []
+        fits = fit_ring(lit, starts, ring, fits[0].blur_px, _SHADED.steps)
+        if not fits:
+            return []
+    return fits
+
+
+def _moving_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
+    """Return the fits with straight motion during the exposure; empty if they fail."""
+    path = max(_PATH_PX, _PATH_BLURS * fit.blur_px)
+    pose = (fit.position, fit.normal)
+    band = _MOVING_BAND_PX + _BAND_PATHS * path
+    pixels = pixels_near(image, camera, pose, ring, band, _MOVING.pixels, supersample=True)
+    if pixels is None:
+        return []
+    directions = np.arange(_PATH_DIRECTIONS) * math.pi / _PATH_DIRECTIONS
+    paths = [path * np.array([math.cos(a), math.sin(a)]) for a in directions]
+    starts = [pose] * _PATH_DIRECTIONS
+    fits = fit_ring(pixels, starts, ring, _MOVING_BLUR_PX, _MOVING.steps, paths)
+    if not fits:
+        return []
+    best = fits[0]
+    starts = _with_mirror((best.position, best.normal), ring)
+    if not starts:
+        return []
+    return fit_ring(pixels, starts, ring, best.blur_px, _MOVING.steps, [best.motion_px] * 2)
+
+
+def _with_mirror(pose: Pose, ring: Ring) -> list[Pose]:
+    """Return a pose and the other one that shows the same ellipse; empty if there is none."""
+    other = mirrored(*pose, ring.radius_m)
+    return [] if other is None else [pose, other]
+
+
+def _fits(
+    image: U8,
+    camera: CameraModel,
+    ring: Ring,
+    starts: Sequence[Pose],
+    band_px: float,
+    effort: _Effort,
+    blur_px: float,
+) -> list[RingFit]:
+    """Return the fits from starts to the pixels near the first; empty if there is none."""
+    if not starts:
+        return []
+    pixels = pixels_near(image, camera, starts[0], ring, band_px, effort.pixels, supersample=True)
+    return [] if pixels is None else fit_ring(pixels, starts, ring, blur_px, effort.steps)
+
+
+def is_poor(fit: RingFit) -> bool:
+    """Tell whether more is left over than a camera's noise, but the fit is not hopeless."""
+    plain_noise = _PLAIN_NOISE + _PLAIN_NOISE_SHARE * fit.contrast
+    noisy = fit.noise > plain_noise or fit.inliers < _PLAIN_INLIERS
+    return noisy and fit.contrast > max(_MIN_POOR_CONTRAST_NOISES * fit.noise, _MIN_POOR_CONTRAST)
+
+
+def is_ring(fit: RingFit, ring: Ring) -> bool:
+    """Tell whether a fit describes a ring of this ratio well."""
+    ratio = ring.inner_ratio
+    moved = bool(np.any(fit.motion_px))
+    noises = _MIN_MOVING_CONTRAST_NOISES if moved else _MIN_CONTRAST_NOISES
+    return (
+        fit.contrast > _MIN_CONTRAST
+        and fit.contrast > noises * fit.noise
+        and fit.inliers > _MIN_INLIERS
+        and abs(fit.ratio - ratio) < _RATIO_TOLERANCE * ratio + _RATIO_SIGMAS * fit.sigma_ratio
+        and fit.sigma_ratio < _MAX_RATIO_SIGMA * ratio
+    )

@@ -1,0 +1,141 @@
+"""Which markers are looked for where in a frame, and how often: what `Search` decides by.
+
+First where the pad is expected, each marker by a fit that starts there (tracking) and, if that
+fails, by detection in a window round it:
+
+1. Only rings, in the 4 frames after one in which squares were looked for and a ring was seen, while
+   the estimate holds the heading: squares tell the heading, which changes slowly. If a ring is seen
+   the frame is done.
+2. Squares, in all other frames and where step 1 saw nothing. Once one with sides over 40 px is
+   tracked, those that are not are left: it tells the pose as well as all markers do.
+3. Rings, after step 2: none beside a square with sides over 40 px, those wholly in the image beside
+   smaller squares, all beside none.
+
+Then elsewhere, by what was seen where the pad is expected. A frame in which that was nothing is
+called lost, also if the pad was not expected anywhere. Of lost frames in a row the first is
+searched thoroughly, and every fifth after it.
+
+| seen where expected        | rings in the whole image  | squares                               |
+|----------------------------|---------------------------|---------------------------------------|
+| rings, by step 1           | not looked for            | not looked for                        |
+| squares                    | not looked for            | not looked for                        |
+| only rings, by step 3      | not looked for            | round them                            |
+| nothing, thorough frame    | all thresholds; shadow    | round the rings found; if none, in    |
+|                            | and motion in the model   | the whole image                       |
+| nothing, pad not expected  | the first threshold       | round the rings found                 |
+| nothing, pad expected      | not looked for            | not looked for                        |
+
+WhyCodes are not under this policy: `WhyCodeFinder` tracks those whose heading is known where they
+are expected, up to the first one over 60 px, and searches the whole image with all thresholds in
+every frame in which that shows none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+# Both bound the time a frame takes; at 30 frames a second they leave six thorough searches, and six
+# looks at a square, a second.
+THOROUGH_EVERY = 5  # lost frames
+RING_ONLY_FRAMES = 4  # after one in which squares were looked for
+LARGE_SQUARE_PX = 40.0  # 0.31 m seen from 3 m: `bench.vision_square` has it within 2 mm there
+
+
+class ExpectedRings(Enum):
+    """Which rings are looked for where they are expected."""
+
+    NONE = "none"
+    WHOLE = "those wholly in the image"
+    ALL = "all"
+
+
+class RingSearch(Enum):
+    """How the whole image is searched for rings."""
+
+    NONE = "not at all"
+    QUICK = "with the first threshold"
+    THOROUGH = "with all thresholds, shadow and motion"
+
+
+class SquareSearch(Enum):
+    """Where squares are looked for that were not seen where they are expected."""
+
+    NONE = "nowhere"
+    ROUND_RINGS = "round the rings found"
+    ANYWHERE = "round the rings found; if there are none, in the whole image"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen where the pad is expected; nothing, if it is not expected anywhere."""
+
+    rings: bool = False
+    squares: bool = False
+    ring_only: bool = False  # step 1 was enough: squares were not looked for
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """What is looked for beyond the place where the pad is expected."""
+
+    rings: RingSearch = RingSearch.NONE
+    squares: SquareSearch = SquareSearch.NONE
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """What is remembered from frame to frame."""
+
+    ring_only_frames: int = 0  # that may follow
+    lost_frames: int = 0  # in a row
+
+
+def is_ring_enough(state: SearchState, *, holds_heading: bool) -> bool:
+    """Tell whether step 1 is taken: rings first, and nothing else if one is seen.
+
+    Args:
+        state: before the frame.
+        holds_heading: whether the estimate knows the heading well enough for some frames without a
+            square.
+    """
+    return holds_heading and state.ring_only_frames > 0
+
+
+def is_square_enough(square_sides_px: Sequence[float]) -> bool:
+    """Tell whether one of squares with these shortest sides tells the pose as all markers do."""
+    return any(side > LARGE_SQUARE_PX for side in square_sides_px)
+
+
+def rings_beside(square_sides_px: Sequence[float]) -> ExpectedRings:
+    """Return which rings step 3 looks for beside squares with these shortest sides."""
+    if is_square_enough(square_sides_px):
+        return ExpectedRings.NONE
+    return ExpectedRings.WHOLE if square_sides_px else ExpectedRings.ALL
+
+
+def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool) -> Elsewhere:
+    """Return what is looked for after what was seen where the pad is expected.
+
+    Args:
+        state: before the frame.
+        seen: where the pad is expected.
+        is_expected: whether it is expected anywhere.
+    """
+    if seen.squares or seen.ring_only:
+        return Elsewhere()
+    if seen.rings:
+        return Elsewhere(squares=SquareSearch.ROUND_RINGS)
+    if state.lost_frames % THOROUGH_EVERY == 0:
+        return Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
+    if not is_expected:
+        return Elsewhere(RingSearch.QUICK, SquareSearch.ROUND_RINGS)
+    return Elsewhere()
+
+
+def after(state: SearchState, seen: Seen) -> SearchState:
+    """Return the state for the next frame."""
+    ring_only_frames = max(0, state.ring_only_frames - 1)
+    if seen.rings and not seen.ring_only:
+        ring_only_frames = RING_ONLY_FRAMES
+    is_lost = not (seen.rings or seen.squares)
+    return SearchState(ring_only_frames, state.lost_frames + 1 if is_lost else 0)

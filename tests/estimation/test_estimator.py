@@ -1,0 +1,127 @@
+"""What the core knows, from messages alone: what is fresh, what is taken, what vision is told."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from landerd.config.models import Config
+from landerd.estimation.estimator import Estimator
+from landerd.geometry import IDENTITY, matscale
+from landerd.messages import (
+    Attitude,
+    GimbalState,
+    LocalPosition,
+    PoseSolution,
+    Reference,
+    Sightings,
+)
+
+BELOW = PoseSolution(
+    position=(0.0, 0.0, 5.0),
+    normal=(0.0, 0.0, 1.0),
+    north=(0.0, -1.0, 0.0),
+    covariance=matscale(IDENTITY, 1e-4),
+    sigma_yaw=0.01,
+    sigma_tilt=0.02,
+    cost=1.0,
+)
+TELEMETRY: dict[str, Callable[[float], LocalPosition | Attitude | GimbalState]] = {
+    "position": lambda t: LocalPosition(t, (0.0, 0.0, -5.0), (0.0, 0.0, 0.0)),
+    "attitude": lambda t: Attitude(t, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)),
+    "gimbal": lambda t: GimbalState(t, 0.0, math.radians(-90.0), 0.0, Reference.BODY),
+}
+
+
+def hear(estimator: Estimator, t: float, *sources: str) -> None:
+    for source in sources or TELEMETRY:
+        estimator.on_telemetry(TELEMETRY[source](t))
+
+
+def shown(t: float, *solutions: PoseSolution) -> Sightings:
+    return Sightings(t, 0, (), solutions)
+
+
+def seeing(until: float = 1.0) -> Estimator:
+    """A vehicle that hovers over a pad and has seen it for some frames."""
+    estimator = Estimator(Config())
+    for i in range(6):
+        t = until - 0.2 + 0.04 * i
+        hear(estimator, t)
+        estimator.on_sightings(shown(t, BELOW))
+    return estimator
+
+
+def test_what_is_accepted_is_handed_on_and_timed_by_its_exposure() -> None:
+    estimator = seeing(until=1.0)
+    hear(estimator, 1.04)
+    observations = estimator.on_sightings(shown(1.04, BELOW))
+    assert observations is not None
+    assert [o.t for o in observations] == [1.04]
+    assert estimator.sighting_t == 1.04
+    assert estimator.nis >= 0.0
+
+
+@pytest.mark.parametrize("t", [1.0, 0.9, math.nan, -math.inf])
+def test_a_frame_that_is_late_or_has_no_time_is_not_looked_at(t: float) -> None:
+    estimator = seeing(until=1.0)
+    assert estimator.on_sightings(shown(t, BELOW)) is None
+    assert estimator.frame_t == 1.0
+
+
+def test_a_frame_without_the_pad_or_with_an_impossible_one_is_no_sighting() -> None:
+    estimator = seeing(until=1.0)
+    hear(estimator, 1.04)
+    assert estimator.on_sightings(shown(1.02)) == []
+    assert estimator.on_sightings(shown(1.03, replace(BELOW, cost=1e7))) == []
+    assert (estimator.sighting_t, estimator.frame_t) == (1.0, 1.03)
+
+
+@pytest.mark.parametrize(("source", "late"), [("attitude", 0.21), ("position", 0.31)])
+def test_a_vehicle_is_fresh_only_while_position_and_attitude_are(source: str, late: float) -> None:
+    estimator = seeing(until=1.0)
+    assert estimator.fresh_vehicle(1.1) is not None
+    assert estimator.stale(1.1) is None
+    others = [s for s in TELEMETRY if s != source]
+    hear(estimator, 1.0 + late, *others)
+    assert estimator.fresh_vehicle(1.0 + late) is None
+    assert estimator.vehicle(1.0 + late) is not None
+    assert estimator.stale(1.0 + late) == source
+
+
+def test_a_gimbal_that_is_stale_is_told_last() -> None:
+    estimator = seeing(until=1.0)
+    hear(estimator, 1.31, "position", "attitude")
+    assert estimator.stale(1.31) == "gimbal"
+    assert estimator.fresh_vehicle(1.31) is not None
+    assert estimator.stale(9.0) == "attitude"
+
+
+def test_a_jump_of_the_local_frame_takes_the_pad_along() -> None:
+    estimator = seeing(until=1.0)
+    before = estimator.pad(1.0)
+    estimator.on_telemetry(LocalPosition(1.02, (3.0, 0.0, -5.0), (0.0, 0.0, 0.0)))
+    after = estimator.pad(1.0)
+    assert before is not None
+    assert after is not None
+    assert after.position[0] - before.position[0] == pytest.approx(3.0)
+
+
+def test_after_a_restart_nothing_of_vehicle_or_pad_is_known() -> None:
+    estimator = seeing(until=1.0)
+    estimator.on_restart()
+    assert estimator.pad(1.0) is None
+    assert estimator.vehicle(1.0) is None
+    assert estimator.sighting_t == -math.inf
+
+
+def test_vision_is_told_of_the_pad_for_a_second() -> None:
+    estimator = seeing(until=1.0)
+    prior = estimator.prior(1.0)
+    assert prior.pad is not None
+    assert prior.pad.position == pytest.approx(BELOW.position, abs=0.01)
+    hear(estimator, 2.1)
+    prior = estimator.prior(2.1)
+    assert prior.down is not None
+    assert prior.pad is None

@@ -1,0 +1,118 @@
+"""The states as they are gone through in flight: each event of the table, and what is ordered."""
+
+from landerd.config.models import Config
+from landerd.geometry import Vec3
+from landerd.guidance.states import State
+from landerd.messages import LocalPosition, Phase, Setpoint
+from tests.scripted_flight import DT, HIGH, LOW, Flight
+
+STOP = Setpoint((0.0, 0.0, 0.0), 0.0)
+
+
+def to(flight: Flight, state: State, *, at_most_s: float = 60.0) -> list[State]:
+    """Fly on until a state; return the states gone through, each once in a row."""
+    gone = [flight.lander.state]
+    end = flight.t + at_most_s
+    while flight.lander.state is not state:
+        assert flight.t < end, f"{flight.lander.state}: {flight.lander.reason}"
+        flight.tick()
+        if flight.lander.state is not gone[-1]:
+            gone.append(flight.lander.state)
+    return gone
+
+
+def test_a_landing_goes_through_tracking_committed_and_on_the_pad() -> None:
+    flight = Flight()
+    flight.run(1.1)
+    assert flight.lander.state is State.SILENT
+    flight.pulse_us = HIGH
+    assert to(flight, State.ON_PAD) == [
+        State.SILENT,
+        State.TRACKING,
+        State.COMMITTED,
+        State.ON_PAD,
+    ]
+    assert flight.lander.phase is Phase.LANDED
+    assert not flight.lander.needs_sight
+    assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
+    assert flight.lander.outcome == "landed"
+
+
+def test_released_it_streams_stops_for_its_time_and_is_silent() -> None:
+    flight = Flight().engaged()
+    flight.pulse_us = LOW
+    to(flight, State.RELEASING)
+    begun = flight.t
+    assert flight.setpoints[-1][1] == STOP
+    to(flight, State.SILENT)
+    assert abs(flight.t - begun - flight.config.guidance.release_s) < 2 * DT
+    assert flight.run(1.0) == []
+
+
+def test_granted_again_while_it_stops_it_goes_on_at_once_if_it_sees_the_pad() -> None:
+    flight = Flight().engaged()
+    flight.pulse_us = LOW
+    to(flight, State.RELEASING)
+    flight.pulse_us = HIGH
+    assert to(flight, State.TRACKING, at_most_s=0.2) == [State.RELEASING, State.TRACKING]
+
+
+def test_out_of_sight_it_searches_and_tracks_again() -> None:
+    flight = Flight().engaged()
+    flight.visible = False
+    assert to(flight, State.SEARCHING) == [State.TRACKING, State.SEARCHING]
+    flight.visible = True
+    assert to(flight, State.TRACKING) == [State.SEARCHING, State.TRACKING]
+
+
+def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    held: Vec3 = flight.position
+    flight.visible = False
+    # A vehicle that answers no order: neither contact nor a sighting.
+    lost_t = flight.t
+    while flight.lander.state is State.COMMITTED:
+        flight.position, flight.velocity = held, (0.0, 0.0, 0.31)
+        flight.tick()
+    assert flight.lander.state is State.SEARCHING
+    assert 0.8 < flight.t - lost_t < 1.0
+    assert "climbing" in flight.lander.reason
+    assert flight.lander.aborts == 1
+
+
+def test_committed_and_the_position_is_stale_it_searches_at_once() -> None:
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    flight.silent = {LocalPosition}
+    to(flight, State.SEARCHING, at_most_s=0.4)
+    assert "holding" in flight.lander.reason  # without a position it does not climb
+
+
+def test_nothing_found_it_hands_back_by_way_of_stops() -> None:
+    config = Config.model_validate({"guidance": {"lost": {"give_up_s": 2.0}}})
+    flight = Flight(config=config).engaged()
+    flight.visible = False
+    gone = to(flight, State.RELEASING)
+    assert gone == [State.TRACKING, State.SEARCHING, State.RELEASING]
+    assert flight.lander.outcome == "handed_back"
+    assert flight.lander.reason == "pad not found"
+    assert flight.setpoints[-1][1] == STOP
+
+
+def test_disarmed_after_commit_but_before_contact_is_taken_over() -> None:
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    flight.armed = False
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "taken over"
+
+
+def test_the_precision_landing_of_the_autopilot_leaves_every_state_alone() -> None:
+    config = Config.model_validate({"guidance": {"output": "landing_target"}})
+    flight = Flight(config=config)
+    flight.run(1.1)
+    flight.pulse_us = HIGH
+    assert flight.run(2.0) == []
+    assert flight.lander.state is State.SILENT
+    assert flight.lander.phase is Phase.NOT_LANDING

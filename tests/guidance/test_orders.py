@@ -1,0 +1,87 @@
+"""One control step's commands: their order, and what the pilot is not told twice."""
+
+import pytest
+
+from landerd.config.models import LimitsSection
+from landerd.guidance.orders import Orders
+from landerd.messages import (
+    Disarm,
+    Phase,
+    PhaseChange,
+    PressDown,
+    Setpoint,
+    Severity,
+    StatusText,
+)
+
+DT = 0.025
+
+
+def begun(now: float = 10.0) -> Orders:
+    orders = Orders(LimitsSection())
+    orders.begin(now, DT)
+    return orders
+
+
+def test_commands_come_in_the_order_they_were_given_and_belong_to_one_step() -> None:
+    orders = begun()
+    orders.disarm()
+    orders.stop()
+    orders.enter(Phase.APPROACH, "pad in sight")
+    first = orders.commands
+    assert first == [
+        Disarm(),
+        Setpoint((0.0, 0.0, 0.0), 0.0),
+        PhaseChange(Phase.APPROACH, "pad in sight"),
+        StatusText(Severity.NOTICE, "landerd: approach: pad in sight"),
+    ]
+    orders.begin(10.0 + DT, DT)
+    assert orders.commands == []
+    assert len(first) == 4
+
+
+def test_a_phase_is_told_when_it_begins_and_its_reason_kept_up_to_date() -> None:
+    orders = begun()
+    orders.enter(Phase.DESCENT, "0.1 m away, 2.0 m up")
+    orders.begin(10.0 + DT, DT)
+    orders.enter(Phase.DESCENT, "0.1 m away, 1.9 m up")
+    assert orders.commands == []
+    assert (orders.phase, orders.reason) == (Phase.DESCENT, "0.1 m away, 1.9 m up")
+
+
+def test_out_of_a_landing_every_new_reason_is_told() -> None:
+    orders = begun()
+    for reason in ("not armed", "RC 11 is low"):
+        orders.enter(Phase.NOT_LANDING, reason)
+        orders.enter(Phase.NOT_LANDING, reason)
+    told = [c.text for c in orders.commands if isinstance(c, StatusText)]
+    assert told == ["landerd: not armed", "landerd: RC 11 is low"]
+
+
+@pytest.mark.parametrize(("after", "times"), [(0.9, 1), (1.1, 2)])
+def test_the_same_line_is_told_once_a_second_at_most(after: float, times: int) -> None:
+    orders = begun(10.0)
+    orders.say(Severity.CRITICAL, "take over")
+    told = list(orders.commands)
+    orders.begin(10.0 + after, DT)
+    orders.say(Severity.CRITICAL, "take over")
+    assert len(told + orders.commands) == times
+
+
+@pytest.mark.parametrize(("pause", "goes_on"), [(0.3, True), (0.7, False)])
+def test_after_a_pause_set_points_begin_at_the_vehicles_velocity(
+    pause: float, goes_on: bool
+) -> None:
+    orders = begun(10.0)
+    orders.stop()
+    orders.begin(10.0 + pause, DT)
+    orders.go_on_from((3.0, 0.0, 0.0))
+    assert orders.velocity[0] == (0.0 if goes_on else 3.0)
+
+
+def test_to_stand_level_ends_the_velocity_that_was_flown() -> None:
+    orders = begun()
+    orders.go_on_from((3.0, 0.0, 0.5))
+    orders.stand_level(0.7)
+    assert orders.commands == [PressDown(0.7)]
+    assert orders.velocity == (0.0, 0.0, 0.0)

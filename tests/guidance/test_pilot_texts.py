@@ -1,0 +1,58 @@
+"""Lines must fit a STATUSTEXT: what is cut off is what the pilot needs to know."""
+
+import pytest
+
+from landerd.guidance import pilot_texts
+from landerd.guidance.states import HAND_BACKS, Event
+from landerd.messages import Phase
+
+WIDEST = {
+    "mode": "AUTOROTATE",
+    "channel": 18,
+    "distance": 99.94,
+    "height": 99.94,
+    "what": pilot_texts.SEARCHING,
+}
+BLIND_REASONS = (
+    *pilot_texts.STALE.values(),
+    pilot_texts.NO_PICTURES,
+    pilot_texts.NOT_IN_SIGHT,
+)
+TEXTS = [
+    value
+    for name, value in vars(pilot_texts).items()
+    if name.isupper()
+    and isinstance(value, str)
+    and "{why}" not in value
+    and "{reason}" not in value
+]
+
+
+def line(text: str) -> str:
+    return pilot_texts.PREFIX + text
+
+
+@pytest.mark.parametrize("text", [*TEXTS, *pilot_texts.REASONS.values()])
+def test_every_line_is_short_plain_text(text: str) -> None:
+    said = line(text.format(**WIDEST))
+    assert said.isascii()
+    assert len(said) <= pilot_texts.MAX_CHARACTERS
+
+
+@pytest.mark.parametrize("why", BLIND_REASONS)
+def test_out_of_sight_both_halves_fit(why: str) -> None:
+    said = line(pilot_texts.BLIND.format(why=why, what=pilot_texts.SEARCHING))
+    assert len(said) <= pilot_texts.MAX_CHARACTERS
+
+
+@pytest.mark.parametrize("event", HAND_BACKS)
+def test_a_hand_back_fits_with_its_reason(event: Event) -> None:
+    said = line(pilot_texts.HANDED_BACK.format(reason=pilot_texts.REASONS[event]))
+    assert len(said) <= pilot_texts.MAX_CHARACTERS
+
+
+@pytest.mark.parametrize("phase", [p for p in Phase if p is not Phase.NOT_LANDING])
+def test_a_phase_and_where_the_pad_is_fit(phase: Phase) -> None:
+    name = phase.value.replace("_", " ").lower()
+    said = line(f"{name}: {pilot_texts.UNDER_WAY.format(**WIDEST)}")
+    assert len(said) <= pilot_texts.MAX_CHARACTERS

@@ -1,0 +1,46 @@
+"""Days that are beyond the vehicle."""
+
+from typing import Any
+
+import pytest
+
+from hw.sim.judge.feasible import infeasible
+from hw.sim.options import SimOptions
+
+
+def why(**options: Any) -> str | None:
+    return infeasible(SimOptions.model_validate(options))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"pad": {"speed_mps": 5.0}, "wind": {"speed_mps": 3.0, "from_deg": 180.0}},
+        # 15 m/s with 8 m/s from behind: 7 m/s of airspeed.
+        {"pad": {"speed_mps": 15.0}, "wind": {"speed_mps": 8.0, "from_deg": 180.0}},
+        {"pad": {"speed_mps": 15.0}, "vehicle": "fast"},
+        {"pad": {"heave_m": 0.3, "heave_hz": 0.2}},
+        {"pad": {"speed_mps": 5.0, "brake_mps2": 2.0}},
+    ],
+)
+def test_what_landerd_lands_on_is_feasible(options: dict[str, Any]) -> None:
+    assert why(**options) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"pad": {"speed_mps": 12.0}}, "airspeed of 12.0 m/s"),
+        ({"pad": {"speed_mps": 5.0}, "wind": {"speed_mps": 6.0, "from_deg": 0.0}}, "airspeed"),
+        ({"wind": {"speed_mps": 6.0, "turbulence_mps": 2.0}}, "airspeed of 10.0"),
+        ({"wind": {"speed_mps": 6.0}, "airframe": {"angle_max_deg": 12.0}}, "more lean"),
+        ({"pad": {"speed_mps": 5.0, "brake_mps2": 3.0}}, "accelerates by 3.0"),
+        ({"pad": {"speed_mps": 10.0, "turn_rate_deg_s": 20.0}}, "accelerates by 3.5"),
+        ({"pad": {"heave_m": 0.5, "heave_hz": 0.3}}, "heaves with 1.8"),
+    ],
+)
+def test_what_no_vehicle_of_its_kind_can_follow_is_said(options: dict[str, Any], said: str) -> None:
+    found = why(**options)
+    assert found is not None
+    assert said in found

@@ -1,0 +1,33 @@
+"""Where a flight is put together: what the world and the core do not share."""
+
+import pytest
+
+from landerd.camera_model import load_camera
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
+from landerd.simulation.flight import Simulation
+
+
+def simulation(*overrides: str) -> Simulation:
+    loaded = read_configuration(
+        config_dir() / "default.yaml",
+        overlays=[config_dir() / "scenarios" / "stationary.yaml"],
+        overrides=overrides,
+    )
+    return Simulation(loaded, seed=1)
+
+
+def test_the_core_believes_the_calibration_and_the_world_has_its_own_lens() -> None:
+    errors = "sim.camera.calibration_error={focal: 0.005, principal_px: [3.0, -2.0]}"
+    flight = simulation(errors)
+    believed = load_camera(flight.config.camera.calibration)
+    assert flight.camera_model == believed
+    for true in (flight._judge._frustum.camera, flight.camera._renderer._camera):
+        assert true.fx == pytest.approx(1.005 * believed.fx)
+        assert (true.cx, true.cy) == (believed.cx + 3.0, believed.cy - 2.0)
+
+
+def test_they_share_no_object_even_where_they_agree() -> None:
+    flight = simulation()
+    assert flight._judge._frustum.camera == flight.camera_model
+    assert flight._judge._frustum.camera is not flight.camera_model

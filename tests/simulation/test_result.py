@@ -1,0 +1,91 @@
+"""What is printed of a flight, from a flight that was put together by hand."""
+
+import dataclasses
+import math
+
+import pytest
+
+from hw.sim.judge.score import Contact, Score
+from landerd.camera_model import load_camera
+from landerd.config.files import config_dir
+from landerd.config.models import Config, VehicleSection
+from landerd.lander import Lander
+from landerd.messages import Phase, PhaseChange
+from landerd.pad import load_pad
+from landerd.simulation.recording import Recording
+from landerd.simulation.result import Flown, result_of
+from tests.hw.sim.worlds import world
+
+BEGAN = 3.0
+
+
+def flown() -> Flown:
+    """Return a flight of 20 s without a landing."""
+    w, layout = world(), load_pad(config_dir() / "pads" / "thesis.yaml")
+    score = Score(w, VehicleSection(), layout.plate)
+    camera = load_camera(config_dir() / "cameras" / "thesis.yaml")
+    recording = Recording(w, score, camera, lambda: (0.0, 0.0))
+    recording.phases.append((BEGAN, PhaseChange(Phase.NOT_LANDING, "not armed")))
+    return Flown(
+        began=BEGAN,
+        ended=BEGAN + 20.0,
+        timed_out=False,
+        ends_at_contact=False,
+        score=score,
+        rules_broken={},
+        lander=Lander(Config(), layout),
+        faults={"image of a wrong size": 2},
+        recording=recording,
+        innovation_gate=16.0,
+    )
+
+
+def test_a_flight_without_landing_has_no_figures_of_a_touchdown() -> None:
+    result = result_of(flown(), "hover", 4)
+    assert (result["scenario"], result["seed"], result["landed"]) == ("hover", 4, False)
+    assert {result[key] for key in ("touchdown_error_m", "time_s", "energy_hj")} == {None}
+    assert (result["nis_ratio"], result["refused_percent"]) == (None, None)
+    assert result["simulated_s"] == 20.0
+    assert result["faults"] == {"image of a wrong size": 2}
+
+
+def test_times_count_from_the_first_sighting_and_breaks_from_the_beginning() -> None:
+    flight = dataclasses.replace(flown(), rules_broken={"2: too deep": BEGAN + 1.5})
+    flight.score.first_sighting_t = BEGAN + 2.0
+    flight.score.disarm_t = BEGAN + 12.0
+    flight.score.contact = Contact(BEGAN + 10.0, 0.2, 0.3, 0.1, math.pi / 180.0, on_plate=True)
+    result = result_of(flight, "hover", 1)
+    assert (result["time_s"], result["time_to_touchdown_s"]) == (10.0, 8.0)
+    assert result["yaw_error_deg"] == pytest.approx(1.0)
+    assert result["rules_broken"] == ["2: too deep (at 1.50 s)"]
+
+
+def test_what_ends_at_contact_is_judged_there_and_a_late_one_says_why() -> None:
+    flight = dataclasses.replace(flown(), timed_out=True)
+    assert result_of(flight, "hover", 1)["outcome"].startswith("not landed in 20 s: NOT_LANDING, ")
+    flight = dataclasses.replace(flown(), ends_at_contact=True)
+    flight.score.contact = Contact(BEGAN + 10.0, 0.2, 0.3, 0.1, 0.0, on_plate=True)
+    result = result_of(flight, "moving", 1)
+    assert (result["landed"], result["outcome"]) == (True, "touched down")
+
+
+def test_a_refused_sighting_counts_as_the_gate_at_most() -> None:
+    flight = flown()
+    flight.recording.nis += [3.0, 3.0, 3.0, 100.0]
+    result = result_of(flight, "hover", 1)
+    assert result["nis_ratio"] == pytest.approx((3.0 * 3.0 + 16.0) / 4.0 / 3.0)
+    assert result["refused_percent"] == 25.0
+
+
+def test_each_phase_ends_where_the_next_begins() -> None:
+    flight = flown()
+    flight.recording.phases += [
+        (BEGAN + 1.0, PhaseChange(Phase.APPROACH, "seen")),
+        (BEGAN + 5.0, PhaseChange(Phase.DESCENT, "near")),
+    ]
+    phases = result_of(flight, "hover", 1)["phases"]
+    assert [(p["name"], p["start"], p["end"]) for p in phases] == [
+        ("NOT_LANDING", 0.0, 1.0),
+        ("APPROACH", 1.0, 5.0),
+        ("DESCENT", 5.0, 20.0),
+    ]

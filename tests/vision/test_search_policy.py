@@ -1,0 +1,120 @@
+"""What is looked for where, and how often: the rows of the policy's tables."""
+
+import pytest
+
+from landerd.vision.search_policy import (
+    LARGE_SQUARE_PX,
+    Elsewhere,
+    ExpectedRings,
+    RingSearch,
+    SearchState,
+    Seen,
+    SquareSearch,
+    after,
+    elsewhere,
+    is_ring_enough,
+    rings_beside,
+)
+
+RING, SQUARE, NOTHING = Seen(rings=True), Seen(squares=True), Seen()
+TRACKED_RING = Seen(rings=True, ring_only=True)
+BOTH = Seen(rings=True, squares=True)
+
+THOROUGH = Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
+QUICK = Elsewhere(RingSearch.QUICK, SquareSearch.ROUND_RINGS)
+NOWHERE = Elsewhere()
+
+
+def searches(frames: list[tuple[Seen, bool]]) -> list[Elsewhere]:
+    """Return what is looked for elsewhere in frames of (seen where expected, is expected)."""
+    state = SearchState()
+    made = []
+    for seen, is_expected in frames:
+        made.append(elsewhere(state, seen, is_expected=is_expected))
+        state = after(state, seen)
+    return made
+
+
+# ---- where the pad is expected ------------------------------------------------------------------
+
+
+def test_squares_are_looked_for_beside_a_ring_in_every_fifth_frame_while_the_heading_is_held() -> (
+    None
+):
+    state = SearchState()
+    with_squares = []
+    for _ in range(15):
+        ring_is_enough = is_ring_enough(state, holds_heading=True)
+        with_squares.append(not ring_is_enough)
+        state = after(state, TRACKED_RING if ring_is_enough else RING)
+    assert with_squares == [True, False, False, False, False] * 3
+
+
+def test_squares_are_looked_for_in_every_frame_without_an_estimate_to_hold_the_heading() -> None:
+    assert not is_ring_enough(after(SearchState(), BOTH), holds_heading=False)
+
+
+def test_squares_are_looked_for_until_a_ring_is_seen_beside_which_they_may_wait() -> None:
+    for seen in (NOTHING, SQUARE):
+        assert not is_ring_enough(after(SearchState(), seen), holds_heading=True)
+    for seen in (RING, BOTH):
+        assert is_ring_enough(after(SearchState(), seen), holds_heading=True)
+
+
+def test_a_frame_in_which_the_ring_alone_was_not_seen_counts_as_well() -> None:
+    state = after(SearchState(), RING)
+    for _ in range(4):
+        assert is_ring_enough(state, holds_heading=True)
+        state = after(state, SQUARE)
+    assert not is_ring_enough(state, holds_heading=True)
+
+
+@pytest.mark.parametrize(
+    ("sides_px", "which"),
+    [
+        ([], ExpectedRings.ALL),
+        ([20.0, 30.0], ExpectedRings.WHOLE),
+        ([LARGE_SQUARE_PX], ExpectedRings.WHOLE),
+        ([20.0, LARGE_SQUARE_PX + 1.0], ExpectedRings.NONE),
+    ],
+)
+def test_the_larger_the_square_the_fewer_rings_are_looked_for(
+    sides_px: list[float], which: ExpectedRings
+) -> None:
+    assert rings_beside(sides_px) is which
+
+
+# ---- elsewhere ----------------------------------------------------------------------------------
+
+
+def test_nothing_is_looked_for_elsewhere_once_a_square_tells_the_heading() -> None:
+    for seen in (SQUARE, BOTH):
+        assert searches([(seen, True)]) == [NOWHERE]
+
+
+def test_nothing_is_looked_for_elsewhere_while_the_ring_is_enough() -> None:
+    assert searches([(TRACKED_RING, True)]) == [NOWHERE]
+
+
+def test_squares_are_looked_for_round_a_ring_that_was_seen_without_any() -> None:
+    assert searches([(RING, True)]) == [Elsewhere(RingSearch.NONE, SquareSearch.ROUND_RINGS)]
+
+
+def test_a_pad_never_seen_is_searched_in_every_frame_and_thoroughly_in_every_fifth() -> None:
+    assert searches([(NOTHING, False)] * 10) == [THOROUGH, QUICK, QUICK, QUICK, QUICK] * 2
+
+
+def test_a_pad_expected_but_not_seen_is_searched_elsewhere_in_every_fifth_frame_only() -> None:
+    frames = [(NOTHING, True)] * 10
+    assert searches(frames) == [THOROUGH, NOWHERE, NOWHERE, NOWHERE, NOWHERE] * 2
+
+
+@pytest.mark.parametrize("seen", [RING, SQUARE, BOTH, TRACKED_RING])
+def test_the_first_frame_after_a_loss_is_searched_thoroughly(seen: Seen) -> None:
+    lost_again = [(NOTHING, True), (NOTHING, True), (seen, True), (NOTHING, True), (NOTHING, True)]
+    assert searches(lost_again)[-2:] == [THOROUGH, NOWHERE]
+
+
+def test_frames_without_expectation_count_as_lost_like_those_with() -> None:
+    frames = [(NOTHING, False), (NOTHING, True), (NOTHING, False)]
+    assert searches(frames) == [THOROUGH, NOWHERE, QUICK]
