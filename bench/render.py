@@ -1,12 +1,13 @@
-"""CPU time of one simulated picture against range: of the ideal sensor, and of a real one.
+"""CPU time of one simulated picture against range: of the reference world, and of others.
 
-Both sensors draw the same views in turn, so that the last columns hold on a busy machine too. The
-real one has everything that `sim.camera` can switch on; the second table has each alone.
+All draw the same views in turn, so that the ratios hold on a busy machine too. The real sensor has
+everything that `sim.camera` can switch on, the scene what `sim.render` and `sim.pad` can, the field
+both; the second table has each effect alone.
 """
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -14,8 +15,9 @@ from typing import Any
 import cv2
 
 from hw.sim.camera_options import SimCameraOptions
-from hw.sim.options import RenderOptions
+from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.picture.exposure import Exposure
+from hw.sim.picture.pad_print import printed
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
@@ -38,17 +40,39 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "sharpening": {"sharpening": 1.0},
     "JPEG": {"jpeg_quality": 85},
 }
+# Of the scene: what is under sim.render, and under sim.pad.
+SCENE: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "ground": ({"ground": "meadow"}, {}),
+    "look-alikes": ({"look_alikes": 6}, {}),
+    "wet, glare": ({"wet": 0.3, "glare": 0.8}, {}),
+    "leaf shade": ({"leaf_shade": 0.5}, {}),
+    "shadow's edge": ({"shadow_edge": True, "shadow_softness_m": 0.05}, {}),
+    "print": ({}, {"print_scale": 1.01, "marker_error_m": 0.005, "black": 0.25, "dirt": 0.1}),
+    "folded plate": ({}, {"bend_deg": 4.0}),
+}
+GROUNDS = ("meadow", "gravel", "paving", "canopy", "roof", "car_park", "water")
 PAD = PadPose((0.0, 0.0, 0.0), IDENTITY)
 
 
-class Sensor:
-    """A renderer with one sensor, and what it would be handed by the camera."""
+class World:
+    """A renderer of one world, and what it would be handed by the camera."""
 
-    def __init__(self, options: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        sensor: Mapping[str, Any],
+        render: Mapping[str, Any] | None = None,
+        pad: Mapping[str, Any] | None = None,
+    ) -> None:
         layout = load_pad(CONFIG / "pads/thesis.yaml")
         camera = load_camera(CONFIG / "cameras/thesis.yaml")
-        self.options = SimCameraOptions.model_validate(options)
-        self.renderer = Renderer(layout, camera, RenderOptions(), 1, self.options)
+        self.options = SimCameraOptions.model_validate(sensor)
+        scene = RenderOptions.model_validate(render or {})
+        at_origin = PadOptions.model_validate({"position_m": (0.0, 0.0), **(pad or {})})
+        began = time.thread_time()
+        self.renderer = Renderer(
+            printed(layout, at_origin, 1), camera, scene, 1, self.options, at_origin
+        )
+        self.set_up_s = time.thread_time() - began
         vibration = self.options.vibration
         self.vibration = Vibration(vibration, Random(1)) if vibration.deg > 0.0 else None
 
@@ -94,36 +118,53 @@ class View:
         return CameraPose((north, east + self.speed * t, down), self.R)
 
 
-def least(sensors: list[Sensor], view: View) -> list[float]:
-    """Return the least time of each sensor, in turn, ms."""
-    times = [[s.time(i, view) for s in sensors] for i in range(REPEATS)]
+def least(worlds: list[World], view: View) -> list[float]:
+    """Return the least time of each world, in turn, ms."""
+    times = [[w.time(i, view) for w in worlds] for i in range(REPEATS)]
     return [min(of_one) for of_one in zip(*times, strict=True)]
+
+
+def together(effects: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """Return one block with all effects."""
+    block: dict[str, Any] = {}
+    for options in effects:
+        block |= options
+    return block
+
+
+def ratios(times: list[float]) -> str:
+    """Return all but the first of four times against that."""
+    sensor, scene, field = (t / times[0] for t in times[1:])
+    return f"{sensor:16.2f}{scene:8.2f}{field:8.2f}"
 
 
 def main() -> None:
     """Print milliseconds a frame at several ranges."""
     cv2.setNumThreads(1)
-    began = time.perf_counter()
-    ideal = Sensor({})
-    print(f"set-up {time.perf_counter() - began:.2f} s")
-    together: dict[str, Any] = {}
-    for options in EFFECTS.values():
-        together |= options
-    real = Sensor(together)
-    print("range_m  pitch_deg  motion_px  ideal_ms  real_ms  ratio")
-    sums = [0.0, 0.0]
+    World({})  # what is slow but once
+    reference = World({})
+    sensor = together(EFFECTS.values())
+    render, pad = (together(scene[i] for scene in SCENE.values()) for i in (0, 1))
+    print(f"set-up {reference.set_up_s:.2f} s; with everything in the scene")
+    for ground in GROUNDS:
+        more_s = World({}, render | {"ground": ground}, pad).set_up_s - reference.set_up_s
+        print(f"  {ground:9} {more_s:+.2f} s")
+    others = [World(sensor), World({}, render, pad), World(sensor, render, pad)]
+    print("range_m  pitch_deg  motion_px  reference_ms  x: real sensor   scene   field")
+    sums = [0.0] * 4
     for range_m in RANGES_M:
         for pitch_deg in PITCHES_DEG:
             for motion_px in (0.0, 2.0):
-                a, b = least([ideal, real], View(range_m, pitch_deg, motion_px))
-                sums = [sums[0] + a, sums[1] + b]
-                row = f"{range_m:7.1f} {pitch_deg:10.0f} {motion_px:10.1f}"
-                print(f"{row} {a:9.2f} {b:8.2f} {b / a:6.2f}")
-    print(f"all {sums[1] / sums[0]:58.2f}")
+                times = least([reference, *others], View(range_m, pitch_deg, motion_px))
+                sums = [s + t for s, t in zip(sums, times, strict=True)]
+                row = f"{range_m:7.1f} {pitch_deg:10.0f} {motion_px:10.1f} {times[0]:13.2f}"
+                print(row + ratios(times))
+    print(f"all {'':38}" + ratios(sums))
     print("alone, ms more at    20 m    5 m    1 m")
-    sensors = [Sensor(options) for options in ({}, *EFFECTS.values())]
-    rows = [least(sensors, View(range_m, -60.0, 2.0)) for range_m in (20.0, 5.0, 1.0)]
-    for name, *times in zip(("", *EFFECTS), *rows, strict=True):
+    alone = [World({}), *(World(options) for options in EFFECTS.values())]
+    alone += [World({}, *scene) for scene in SCENE.values()]
+    rows = [least(alone, View(range_m, -60.0, 2.0)) for range_m in (20.0, 5.0, 1.0)]
+    for name, *times in zip(("", *EFFECTS, *SCENE), *rows, strict=True):
         if name:
             more = [t - row[0] for t, row in zip(times, rows, strict=True)]
             print(f"{name:18}" + "".join(f"{ms:7.2f}" for ms in more))

@@ -206,7 +206,7 @@ def simulated_camera(
 
     Args:
         loaded: the configuration.
-        layout: the pad in the world.
+        layout: the pad in the world, as it was printed.
         camera_model: of the true lens.
         world: what there is to be seen.
         seed: of what is random in the pictures.
@@ -216,7 +216,7 @@ def simulated_camera(
     from hw.sim.picture.renderer import Renderer
 
     options = sim_options(loaded)
-    renderer = Renderer(layout, camera_model, options.render, seed, options.camera)
+    renderer = Renderer(layout, camera_model, options.render, seed, options.camera, options.pad)
     return SimCamera(renderer, world.snapshot, options.camera, delivered, seed)
 
 

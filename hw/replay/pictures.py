@@ -6,7 +6,7 @@ from typing import Protocol
 
 from hw.replay.vehicle import RecordedVehicle
 from hw.replay.video import read_video
-from hw.sim.options import RenderOptions
+from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.picture.renderer import Renderer
 from hw.sim.snapshot import CameraPose, PadPose, VehiclePose
 from landerd.camera_model import CameraModel
@@ -84,7 +84,8 @@ class DrawnPictures:
             fps: pictures a second.
         """
         ground = render.model_copy(update={"ground_down_m": pad[2]})
-        self._renderer = Renderer(layout, camera, ground, 1)
+        place = PadOptions(position_m=(pad[0], pad[1]))
+        self._renderer = Renderer(layout, camera, ground, 1, pad=place)
         self._vehicle = vehicle
         self._airframe = airframe
         self._pad = PadPose(pad, rot_z(0.0))

@@ -1,14 +1,33 @@
 """The `sim:` section of the configuration: the simulated world. Nothing here depends on a seed."""
 
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Literal, get_args
 
-from pydantic import ConfigDict, Field
+import cv2
+from pydantic import AfterValidator, ConfigDict, Field
 
 from hw.sim.camera_options import SimCameraOptions
 from landerd.section import Finite, NotNegative, Positive, Section
 
-GroundKind = Literal["grass", "asphalt", "plain"]
+GroundKind = Literal[
+    "grass", "asphalt", "plain",
+    "meadow", "gravel", "paving", "canopy", "roof", "car_park", "water",
+]  # fmt: skip
 Share = Annotated[float, Field(ge=0, le=1)]
+
+
+def _picture(ground: GroundKind | Path) -> GroundKind | Path:
+    """Refuse a photograph that cannot be read."""
+    if isinstance(ground, Path):
+        if not ground.is_file():
+            raise ValueError(f"found {ground}, expected one of {_KINDS} or a picture's file")
+        if cv2.imread(str(ground), cv2.IMREAD_REDUCED_GRAYSCALE_8) is None:
+            raise ValueError(f"{ground} cannot be read as a picture (JPEG, PNG, ...)")
+    return ground
+
+
+_KINDS = ", ".join(get_args(GroundKind))
+Ground = Annotated[GroundKind | Path, Field(union_mode="left_to_right"), AfterValidator(_picture)]
 
 
 class StartOptions(Section):
@@ -54,6 +73,14 @@ class PadOptions(Section):
     brake_after_s: NotNegative = 10.0  # so long after the start
     tilt_deg: Annotated[float, Field(ge=0, le=30)] = 0.0
     tilt_azimuth_deg: Finite | None = 0.0  # where it slopes down, from pad north; null: by seed
+    # The print as it is, against what the pad file says; the landing point stays the file's.
+    print_scale: Annotated[float, Field(ge=0.8, le=1.2)] = 1.0  # of markers and their distances
+    marker_error_m: Annotated[float, Field(ge=0, le=0.2)] = 0.0  # each is misplaced, way by seed
+    # The plate is folded between its outermost markers: the part without the landing point slopes
+    # down by so much, negative up. The vehicle's feet do not feel it.
+    bend_deg: Annotated[float, Field(ge=-15, le=15)] = 0.0
+    black: Annotated[float, Field(ge=0.02, le=0.5)] | None = None  # share of white; null: 0.12
+    dirt: Annotated[float, Field(ge=0, le=0.6)] = 0.0  # share of the plate covered
 
 
 class LinkOptions(Section):
@@ -144,7 +171,10 @@ class RenderOptions(Section):
     defocus_px: Annotated[float, Field(ge=0, le=5)] = 0.6  # sigma of the blur
     illumination: Annotated[float, Field(gt=0, le=5)] = 1.0  # white saturates above 1.27
     gradient: Share = 0.1  # of illumination, from the middle of the image to its side
-    ground: GroundKind = "grass"
+    ground: Ground = "grass"  # a kind, or a photograph straight from above
+    ground_m: Annotated[float, Field(ge=0.5, le=2000)] = 20.0  # longer side of a photograph
+    look_alikes: Annotated[int, Field(ge=0, le=30)] = 0  # things like markers round the pad
+    wet: Share = 0.0  # share of ground and pad
     ground_down_m: float = 0.0  # of the ground, local NED
     sun_elevation_deg: Annotated[float, Field(ge=5, le=90)] = 55.0
     sun_azimuth_deg: float = 120.0  # where the sun stands, clockwise from north
@@ -154,6 +184,10 @@ class RenderOptions(Section):
     shadow_edge: bool = False  # something tall keeps the sun off one side of the pad
     shadow_edge_m: float = 0.0  # its shadow begins so far from the landing point,
     shadow_edge_heading_deg: float = 90.0  # and covers what lies beyond in this pad direction
+    shadow_softness_m: Annotated[float, Field(ge=0, le=5)] = 0.02  # sd of its penumbra
+    leaf_shade: Annotated[float, Field(ge=0, le=0.9)] = 0.0  # share of the light lost under leaves
+    leaf_m: Annotated[float, Field(ge=0.05, le=5)] = 0.2  # size of flecks
+    glare: Share = 0.0  # a lamp's or the sun's image on the print, against full scale
 
 
 class EkfOptions(Section):

@@ -241,9 +241,11 @@ class _Schema:
         self._root = model.model_json_schema()
         self._known = list(self._keys(self._root, ""))
 
-    def is_path(self, loc: Loc) -> bool:
-        """Tell whether a key is the path of a file."""
-        return any(variant.get("format") == "path" for variant in self._at(loc))
+    def is_path(self, loc: Loc, value: str) -> bool:
+        """Tell whether a key's value is the path of a file, and none of the words it may be."""
+        variants = self._at(loc)
+        words = (word for variant in variants for word in variant.get("enum", ()))
+        return value not in words and any(v.get("format") == "path" for v in variants)
 
     def expected(self, loc: Loc) -> str:
         """Say in words what a key may be."""
@@ -323,7 +325,7 @@ def _with_paths(node: Node, schema: _Schema, loc: Loc) -> Node:
         value = {key: _with_paths(inner, schema, (*loc, key)) for key, inner in value.items()}
     elif isinstance(value, list):
         value = [_with_paths(inner, schema, (*loc, i)) for i, inner in enumerate(value)]
-    elif isinstance(value, str) and schema.is_path(loc):
+    elif isinstance(value, str) and schema.is_path(loc, value):
         value = str(_found(node.folder / value, value))
     return Node(node.place, node.folder, value)
 

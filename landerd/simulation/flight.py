@@ -18,6 +18,7 @@ from hw.links.tapped import TappedLink
 from hw.sim.judge.feasible import infeasible
 from hw.sim.physics.world import World, as_built, stream
 from hw.sim.picture.lens import true_camera
+from hw.sim.picture.pad_print import printed
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
 from landerd.camera_model import load_camera
@@ -89,13 +90,15 @@ class Simulation:
         self._companion = Companion(sim_options(loaded).companion, stream(seed, "companion"))
         # The world's lens is its own, even where it is the one that was calibrated.
         lens = true_camera(camera_model, sim_options(loaded).camera.calibration_error)
-        self._judge = Judge(loaded, layout, lens, around)
+        # Neither is its pad quite what the file says, by which the daemon goes.
+        pad = printed(layout, sim_options(loaded).pad, seed)
+        self._judge = Judge(loaded, pad, lens, around)
         self._judge.listen()
         self.score, self.rules = self._judge.score, self._judge.rules
 
         self.recorder = self._make_recorder(log, realtime=realtime) if log is not None else None
         link = TappedLink(around.link, self.recorder.raw) if self.recorder else around.link
-        self.camera = simulated_camera(loaded, layout, lens, world, seed, self._judge.on_delivered)
+        self.camera = simulated_camera(loaded, pad, lens, world, seed, self._judge.on_delivered)
         autopilot = make_autopilot(config, link, ParameterSet(config))
         assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
         stand_in = self.autopilot if surroundings is None else None

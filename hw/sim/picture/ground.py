@@ -1,108 +1,152 @@
-"""Textured ground to the horizon, and the sky above it. Background: half resolution will do."""
+"""Ground to the horizon, and the sky above it."""
 
 import math
+from pathlib import Path
 from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.sim.options import GroundKind
-from hw.sim.picture.view import F64, NO_SECOND_MAP, level_of_detail
+from hw.sim.options import RenderOptions
+from hw.sim.picture import terrain
+from hw.sim.picture.fractal import generator
+from hw.sim.picture.look_alikes import painted, scattered
+from hw.sim.picture.shade import LeafShade
+from hw.sim.picture.textured_plane import LEVELS, TexturedPlane, Tile
+from hw.sim.picture.view import F64
+from hw.sim.picture.wetness import wetted
+from landerd.camera_model import CameraModel
+from landerd.pad import PadLayout
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
-TILE = 1024  # texels; the texture repeats
+TILE = 1024  # texels of a fractal ground
 TEXEL_M = 0.015
-LEVELS = 7
-BANDS = 5  # rows of the image drawn from one level of detail
 SKY = 205
-LEAST_DESCENT = 0.02  # of a ray, per unit of depth, that still meets visible ground
+LARGEST_PHOTOGRAPH = 2048  # texels that are kept of its longer side
 
 # Mean grey, standard deviation, and exponent of the amplitude spectrum 1/f^k.
 _LOOK = {"grass": (92.0, 24.0, 0.75), "asphalt": (78.0, 12.0, 0.5), "plain": (90.0, 0.0, 1.0)}
 
 
 class Ground:
-    """Fractal texture on a horizontal plane."""
+    """A textured horizontal plane: fractal, procedural, or from a photograph.
 
-    def __init__(self, kind: GroundKind, rays: F32, seed: int) -> None:
-        """Take rays (rows, columns, 2) of the pixels to be drawn."""
-        self._rays = rays
-        mean, deviation, exponent = _LOOK[kind]
-        rng = np.random.default_rng([seed, 1])
-        f = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :]) * TILE
-        f[0, 0] = math.inf
-        spectrum = np.fft.rfft2(rng.standard_normal((TILE, TILE))) / f**exponent
-        field = np.fft.irfft2(spectrum).astype(np.float32)
-        field *= np.float32(deviation / field.std())
-        field += np.float32(mean)
-        tile = np.clip(field, 5, 250).astype(np.uint8)
-        self._levels = []
-        for level in range(LEVELS):
-            # Repeated, because samples beyond the texture's border are slow.
-            self._levels.append(np.tile(tile, (2 ** max(level, 1),) * 2))
-            size = (tile.shape[0] // 2,) * 2
-            tile = cast(U8, cv2.resize(tile, size, interpolation=cv2.INTER_AREA))
+    Attributes:
+        leaves: that shade it, if there are any.
+    """
+
+    def __init__(
+        self,
+        options: RenderOptions,
+        camera: CameraModel,
+        layout: PadLayout,
+        seed: int,
+        place_m: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Make the texture.
+
+        Args:
+            options: the kind of ground, or the photograph, and what lies and falls on it.
+            camera: whose images it fills.
+            layout: of the pad, which nothing on the ground is like.
+            seed: of the texture.
+            place_m: north, east of the pad at the start: there lies the middle of a procedural
+                texture or a photograph.
+
+        Raises:
+            ValueError: the photograph cannot be read.
+        """
+        self._size = (camera.width, camera.height)
+        self.leaves: LeafShade | None = None
+        if options.ground in _LOOK and not (
+            options.look_alikes or options.wet or options.leaf_shade
+        ):
+            # Nothing in it is as small as a pixel: half resolution will do.
+            tile = Tile(_fractal(str(options.ground), seed), TEXEL_M)
+            self.plane = TexturedPlane(tile, camera, fine=False)
+            return
+        texture, texel_m, middle = _texture(options, seed)
+        north, east = (p - texel_m * m for p, m in zip(place_m, middle, strict=True))
+        if options.look_alikes:
+            reach_m = texel_m * min(middle)
+            rng = generator(seed, "look-alikes")
+            things = scattered(options.look_alikes, layout, place_m, reach_m, rng)
+            texture = painted(texture, texel_m, (north, east), things)
+        texture = wetted(texture, options.wet, generator(seed, "wet ground"))
+        if options.leaf_shade:
+            size_m = texel_m * np.array(texture.shape)
+            rng = generator(seed, "leaf shade")
+            self.leaves = LeafShade(options, size_m, (north, east), rng)
+            texture = self.leaves.over(texture)
+        tile = Tile(texture, texel_m, (north, east))
+        self.plane = TexturedPlane(tile, camera, fine=True)
 
     def draw(self, to_ground: F64 | None, rays: F32 | None = None) -> U8:
-        """Return the picture (rows, columns) for a ray-to-ground matrix of `plane_homography`.
+        """Return the picture (height, width) for a ray-to-ground matrix of `plane_homography`.
 
-        None (a camera not above the ground) gives an even mid grey. Of its own rays others may take
-        the place.
+        None (a camera not above the ground) gives an even mid grey. In place of the camera's own
+        rays others may be given, as to `TexturedPlane.draw`.
         """
-        all_rays = self._rays if rays is None else rays
-        rows, columns = all_rays.shape[:2]
-        image = np.full((rows, columns), SKY if to_ground is not None else 90, np.uint8)
         if to_ground is None:
-            return image
-        pitch = abs(float(all_rays[rows // 2, columns // 2, 0] - all_rays[rows // 2, 0, 0]))
-        pitch /= columns // 2
-        step = math.ceil(rows / BANDS)
-        for top in range(0, rows, step):
-            band = slice(top, top + step)
-            self._draw_band(image[band], all_rays[band], to_ground, pitch)
-        return image
+            small = np.full(self.plane.shape, 90, np.uint8)
+        else:
+            small = self.plane.draw(to_ground, SKY, rays)
+        if small.shape == self._size[::-1]:
+            return small
+        return cast(U8, cv2.resize(small, self._size, interpolation=cv2.INTER_LINEAR))
 
-    def _draw_band(self, band: U8, rays: F32, H: F64, pitch: float) -> None:
-        """Draw the ground into rows of sky; their rays (rows, columns, 2) are pitch apart."""
-        columns = rays.shape[1]
-        x, y = rays[rays.shape[0] // 2, columns // 2].tolist()
-        centre = H @ np.array([x, y, 1.0])
-        corners = rays[:: rays.shape[0] - 1, :: columns - 1].reshape(-1, 2)
-        descents = corners @ H[2, :2].astype(np.float32) + np.float32(H[2, 2])
-        if descents.max() < LEAST_DESCENT:
-            return
-        centre[2] = max(centre[2], LEAST_DESCENT)
-        level = level_of_detail(H, centre[2], pitch, TEXEL_M, LEVELS)
-        where = cv2.perspectiveTransform(rays, self._to_texels(level, centre) @ H)
-        cv2.remap(
-            self._levels[level],
-            where,
-            NO_SECOND_MAP,
-            cv2.INTER_LINEAR,
-            dst=band,
-            borderMode=cv2.BORDER_WRAP,
-        )
-        if descents.min() < LEAST_DESCENT:
-            descent = rays @ H[2, :2].astype(np.float32) + np.float32(H[2, 2])
-            band[descent < LEAST_DESCENT] = SKY
 
-    def _to_texels(self, level: int, centre: F64) -> F64:
-        """Return the matrix (3, 3) from ground (north m, east m, 1) to texels of a level.
+def _texture(options: RenderOptions, seed: int) -> tuple[U8, float, tuple[float, float]]:
+    """Return a texture, the side of a texel, and row and column of where the pad starts."""
+    kind = options.ground
+    if isinstance(kind, Path):
+        texture, texel_m = photograph(kind, options.ground_m)
+        # The photograph is the first quarter.
+        return texture, texel_m, (texture.shape[0] / 4, texture.shape[1] / 4)
+    if kind in _LOOK:
+        # Finer, so that what lies and falls on it has edges.
+        texture = _fractal(kind, seed)
+        fine = cv2.resize(np.tile(texture, (3, 3)), None, fx=2.0, fy=2.0)
+        n = 2 * TILE
+        texture, texel_m = cast(U8, fine[n : 2 * n, n : 2 * n]), TEXEL_M / 2
+    else:
+        texture, texel_m = terrain.TERRAINS[kind](generator(seed, "terrain")), terrain.TEXEL_M
+    return texture, texel_m, (texture.shape[0] / 2, texture.shape[1] / 2)
 
-        centre (3,): what is to come to lie near the middle of the texture, homogeneous.
-        """
-        texel = TEXEL_M * 2**level
-        tile_m = TILE * TEXEL_M
-        # Whole tiles off the coordinates bring them to the middle of the repeated texture.
-        middle_m = texel * self._levels[level].shape[0] / 2
-        north, east = np.round((centre[:2] / centre[2] - middle_m) / tile_m) * tile_m
-        return np.array(
-            [
-                [0.0, 1 / texel, -east / texel - 0.5],
-                [1 / texel, 0.0, -north / texel - 0.5],
-                [0.0, 0.0, 1.0],
-            ]
-        )
+
+def photograph(path: Path, side_m: float) -> tuple[U8, float]:
+    """Return a texture of a photograph and its mirror images, and the side of a texel in m.
+
+    The photograph's longer side is side_m on the ground, its top lies to the north. Mirrored, it
+    repeats without a seam.
+
+    Raises:
+        ValueError: it cannot be read.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise ValueError(f"sim.render.ground: {path} cannot be read as a picture (JPEG, PNG, ...)")
+    block = 2 ** (LEVELS - 1)
+    longest = max(image.shape)
+    scale = min(1.0, LARGEST_PHOTOGRAPH / longest)
+    size = [max(block, round(scale * n / block) * block) for n in image.shape[::-1]]
+    shrinks = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+    image = cast(U8, cv2.resize(image, size, interpolation=shrinks))[::-1]
+    mirrored = np.hstack([image, image[:, ::-1]])
+    return np.vstack([mirrored, mirrored[::-1]]), side_m / max(size)
+
+
+def _fractal(kind: str, seed: int) -> U8:
+    """Return a texture (TILE, TILE) with a power law's spectrum."""
+    mean, deviation, exponent = _LOOK[kind]
+    rng = np.random.default_rng([seed, 1])
+    f = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :]) * TILE
+    f[0, 0] = math.inf
+    spectrum = np.fft.rfft2(rng.standard_normal((TILE, TILE))) / f**exponent
+    field = np.fft.irfft2(spectrum).astype(np.float32)
+    field *= np.float32(deviation / field.std())
+    field += np.float32(mean)
+    return np.clip(field, 5, 250).astype(np.uint8)

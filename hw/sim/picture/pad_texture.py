@@ -5,6 +5,7 @@ level whose texels are no larger than the sampling pitch therefore moves no edge
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
@@ -79,15 +80,25 @@ def marker_bitmap(marker: Square) -> U8:
     return cast(U8, np.rot90(cells, 2) if marker.kind == "apriltag" else cells)
 
 
-def pad_texture(layout: PadLayout) -> tuple[TextureLevel, ...]:
+def pad_texture(
+    layout: PadLayout, ink: float = BLACK, weather: Callable[[F32], F32] | None = None
+) -> tuple[TextureLevel, ...]:
     """Draw the pad, finest level first.
+
+    Args:
+        layout: markers and plate.
+        ink: grey level of the print.
+        weather: what becomes of the plate's grey levels (rows, columns), north-west first.
 
     Raises:
         ValueError: a marker does not exist (see marker_bitmap).
     """
     grid = _grid(layout.plate)
     alpha = _plate_alpha(layout.plate, grid)
-    grey = (BLACK + (WHITE - BLACK) * _white(layout, grid)) * alpha
+    grey = cast(F32, ink + (WHITE - ink) * _white(layout, grid))
+    if weather is not None:
+        grey[grid.plate] = weather(grey[grid.plate])
+    grey = grey * alpha
     return _levels(grey, alpha, grid)
 
 
@@ -100,6 +111,7 @@ class _Grid:
     east: float  # of the centres of the first column, m
     norths: F32  # (rows, 1), of all centres, m
     easts: F32  # (1, columns)
+    plate: tuple[slice, slice]  # rows and columns that the plate fills
 
 
 def _grid(plate: Plate) -> _Grid:
@@ -114,7 +126,8 @@ def _grid(plate: Plate) -> _Grid:
     east = -plate.west_m - (block - 0.5) / per_m
     norths = (north - np.arange(rows) / per_m).astype(np.float32)[:, None]
     easts = (east + np.arange(columns) / per_m).astype(np.float32)[None, :]
-    return _Grid(per_m, north, east, norths, easts)
+    top, left = (slice(block, block + round(per_m * d)) for d in (height, width))
+    return _Grid(per_m, north, east, norths, easts, (top, left))
 
 
 def _white(layout: PadLayout, grid: _Grid) -> F32:

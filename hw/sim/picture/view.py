@@ -4,6 +4,7 @@ import functools
 import math
 from typing import cast
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +13,7 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Mat3, Vec3
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 NEAR_PLANE_M = 0.01  # from the lens; what is nearer is not drawn
@@ -78,6 +80,10 @@ class Frustum:
         """Tell of each point (n, 3), camera frame, whether it can be projected, (n,)."""
         return np.asarray((self._distances(points) >= 0.0).all(axis=1), dtype=np.bool_)
 
+    def near(self, centres: F64, radii: F64) -> NDArray[np.bool_]:
+        """Tell of each ball about centres (n, 3), camera frame, whether it may be in view, (n,)."""
+        return np.asarray((self._distances(centres) >= -radii[:, None]).all(axis=1))
+
     def touches(self, centre: F64, radius: float) -> bool:
         """Tell whether a ball about centre (3,), camera frame, may be in view."""
         return bool((self.planes[:, :3] @ centre + self.planes[:, 3] >= -radius).all())
@@ -130,15 +136,32 @@ def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
     return np.stack([cx * d[2] - cz * d[0], cy * d[2] - cz * d[1], d[2]])
 
 
-def level_of_detail(H: F64, descent: float, pitch: float, texel_m: float, levels: int) -> int:
-    """Return the level, texels doubling from texel_m, nearest to the footprint of a sample.
+def footprint(det: float, descent: float, pitch: float) -> float:
+    """Return how far apart neighbouring samples lie on a plane, m.
 
-    H is a `plane_homography`, descent its third row for the ray, pitch the distance between
-    neighbouring rays. The determinant of a homography's Jacobian is det H over the cube of the
-    denominator.
+    det is the determinant of a `plane_homography`, descent its third row for the ray, pitch the
+    distance between neighbouring rays. The determinant of a homography's Jacobian is its own over
+    the cube of the denominator.
     """
-    footprint = pitch * math.sqrt(abs(float(np.linalg.det(H))) / descent**3)
-    return min(max(round(math.log2(max(footprint, 1e-9) / texel_m)), 0), levels - 1)
+    return pitch * math.sqrt(abs(det) / descent**3)
+
+
+def level_of_detail(apart_m: float, texel_m: float, levels: int) -> int:
+    """Return the level, texels doubling from texel_m, nearest to samples so far apart."""
+    return min(max(round(math.log2(max(apart_m, 1e-9) / texel_m)), 0), levels - 1)
+
+
+def rays_at(camera: CameraModel, x: F64, y: F64) -> F32:
+    """Return the rays (rows, columns, 2) of the pixels at columns x and rows y."""
+    pixels = np.stack(np.meshgrid(x, y), axis=-1)
+    return camera.rays(pixels.reshape(-1, 2)).reshape(*pixels.shape).astype(np.float32)
+
+
+def blur(image: NDArray[np.uint8], sigma: float) -> None:
+    """Blur an image in place; sigma in pixels."""
+    if sigma >= 0.1:
+        size = 2 * math.ceil(2.5 * sigma) + 1
+        cv2.GaussianBlur(image, (size, size), sigma, dst=image, borderType=cv2.BORDER_REPLICATE)
 
 
 def middle(start: CameraPose, end: CameraPose) -> CameraPose:

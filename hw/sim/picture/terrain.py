@@ -1,0 +1,276 @@
+"""Procedural grounds: meadow, gravel, paving, tree canopy, flat roof, car park, water.
+
+Each is one texture that repeats without a seam. Grey levels are reflectances against the pad's
+white (linear light; a camera's tone curve lifts the dark ones). Means, contrasts and spectra were
+set by photographs of such grounds at 5 to 50 mm a pixel (docs/simulator.md). The reflectances are
+those of photographs with a white pad in them (grass 0.14 of the white), and of Oke, "Boundary
+Layer Climates" (1987), table 1.1.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.sim.picture.fractal import FRAYED, blotches, cloud, enlarged
+from hw.sim.picture.pad_texture import WHITE
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+Rng = np.random.Generator
+Point = tuple[float, float]  # x, y in texels
+
+SIZE = 2048  # texels along a side
+TEXEL_M = 0.008
+_PER_BYTE = 1 / 64  # of the logarithm of a reflectance
+_BITS = 4  # of a texel in the coordinates of what is drawn
+_SHADE = 0.35  # of the light is left in the shadow of things that stand on the ground
+
+
+def meadow(rng: Rng) -> U8:
+    """Uncut grass: tangled blades, bright straw over dark gaps, greener and drier patches."""
+    field = cloud(rng, SIZE, (0.25, 0.27, 0.22, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12))
+    blades = _bytes(field)
+    for log in np.linspace(-0.75, 1.0, 12):
+        blades = _rolled(blades, rng)
+        _strokes(blades, rng, 4000, (3.0, 22.0), log)
+    return _developed(blades, 0.14)
+
+
+def gravel(rng: Rng) -> U8:
+    """Crushed stone, with larger stones on it and finer patches."""
+    field = cloud(rng, SIZE, (0.2, 0.24, 0.18, 0.12, 0.09, 0.1, 0.1, 0.12, 0.12))
+    texture = _developed(_bytes(field), 0.28)
+    for _ in range(4):
+        texture = _rolled(texture, rng)
+        for x, y in rng.uniform(20, SIZE - 20, (400, 2)):
+            _stone(texture, (x, y), rng)
+    return texture
+
+
+def paving(rng: Rng) -> U8:
+    """Slabs or bricks of concrete in a bond, no two alike; dark joints, stains."""
+    rows, columns = ((32, 32), (64, 64), (128, 64))[rng.integers(3)]
+    height, width = SIZE // rows, SIZE // columns
+    slabs = rng.normal(0.0, 0.1, (rows, columns)).astype(np.float32)
+    field = slabs.repeat(height, axis=0).repeat(width, axis=1)
+    field[:, ::width] -= 0.45
+    for row in range(1, rows, 2):
+        course = slice(row * height, (row + 1) * height)
+        field[course] = np.roll(field[course], width // 2, axis=1)
+    field[::height] -= 0.45
+    field += cloud(rng, SIZE, (0.08, 0.06, 0.04, 0.03, 0.03, 0.03, 0.04, 0.05, 0.06))
+    return _developed(_bytes(field), 0.35)
+
+
+def canopy(rng: Rng) -> U8:
+    """Crowns of trees from above: lit clusters of leaves, their shadows, black gaps between."""
+    small = SIZE // 16
+    crowns = np.zeros((small, small), np.float32)
+    y, x = np.indices((small, small), np.float32)
+    for _ in range(60):
+        radius = rng.uniform(8.0, 20.0)  # 1 to 2.6 m
+        at = rng.uniform(0.0, small, 2).astype(np.float32)
+        dy, dx = ((d + small / 2) % small - small / 2 for d in (y - at[0], x - at[1]))
+        dome = 1.0 - (dy * dy + dx * dx) / np.float32(radius * radius)
+        np.maximum(crowns, rng.uniform(0.6, 1.3) * np.maximum(dome, 0.0), out=crowns)
+    boughs = crowns + cloud(rng, small, (0.12, 0.2, 0.2, 0.1))
+    leaves = cloud(rng, SIZE // 2, (0.45, 0.6, 0.6, 0.4, 0.2))
+    # Lit where it rises towards the light, and the more of the sky a leaf sees.
+    lit = 1.5 * (boughs - np.roll(boughs, (1, 1), axis=(0, 1))) + 1.0 * boughs
+    lit_leaves = 0.25 * leaves + 0.3 * (leaves - np.roll(leaves, (2, 1), axis=(0, 1)))
+    field = enlarged(enlarged(enlarged(lit - lit.mean())))
+    field = enlarged(field + lit_leaves) + cloud(rng, SIZE, (0.25,))
+    return _developed(_bytes(field), 0.07)
+
+
+def roof(rng: Rng) -> U8:
+    """Flat roof: sheets with laps, repairs, stains of ponds, vents, drains and skylights."""
+    mean, grain = ((0.5, 0.04), (0.16, 0.1))[rng.integers(2)]  # a light membrane, or bitumen
+    field = cloud(rng, SIZE, (grain, grain, grain / 2, 0.03, 0.03, 0.05, 0.06, 0.08, 0.1))
+    sheet = 128  # 1.02 m
+    field += rng.normal(0.0, 0.05, SIZE // sheet).astype(np.float32).repeat(sheet)[:, None]
+    field[::sheet] -= 0.35
+    field[1::sheet] += 0.15
+    field -= 0.3 * blotches(rng, SIZE, (0.0,) * 4 + FRAYED, 0.12, 0.3)
+    texture = _developed(_bytes(field), mean)
+    for left, top in rng.integers(0, SIZE - 260, (5, 2)):
+        height, width = rng.integers(40, 250, 2)
+        repair = texture[top : top + height, left : left + width]
+        cv2.convertScaleAbs(repair, dst=repair, alpha=rng.uniform(0.75, 1.25))
+    for x, y in rng.uniform(100, SIZE - 100, (4, 2)):  # skylights
+        half = rng.uniform(40, 70, 2)
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+        middle = np.array([x, y])
+        _polygon(texture, middle + 25 + corners, mean * _SHADE)
+        _polygon(texture, middle + corners, 0.6)
+        _polygon(texture, middle + 0.85 * corners, rng.uniform(0.05, 0.5))
+    for x, y in rng.uniform(40, SIZE - 40, (10, 2)):  # vents
+        radius = rng.uniform(6.0, 22.0)
+        _disc(texture, (x + radius, y + radius), radius, mean * _SHADE)
+        _disc(texture, (x, y), radius, rng.uniform(0.2, 0.6))
+        _disc(texture, (x, y), 0.6 * radius, rng.uniform(0.03, 0.3))
+    return texture
+
+
+def car_park(rng: Rng) -> U8:
+    """Asphalt with painted bays on either side of a lane, cars, manholes, a tyre, oil.
+
+    The lane is in the middle of the texture.
+    """
+    field = cloud(rng, SIZE, (0.1, 0.06, 0.04, 0.03, 0.03, 0.05, 0.06, 0.06, 0.05))
+    _cracks(field, rng)
+    texture = _developed(_bytes(field), 0.2)
+    depth = round(5.2 / TEXEL_M)  # of a bay; the lane's width is what two leave, 6 m
+    edges = np.linspace(0.0, SIZE, 8).astype(int)  # of bays 2.3 m wide
+    worn = _developed(_bytes(0.2 * cloud(rng, SIZE, (1.0, 0.8, 0.6, 0.5, 0.4))), 0.5)
+    for x in edges[:-1]:
+        for row in (slice(0, depth), slice(SIZE - depth, SIZE)):
+            texture[row, x : x + 13] = worn[row, x : x + 13]
+    texture[:13] = worn[:13]
+    for y in (depth / 2, SIZE - depth / 2):
+        for x in (edges[:-1] + edges[1:]) / 2:
+            chance = rng.random()
+            if chance < 0.5:
+                _car(texture, (x + rng.normal(0, 10), y + rng.normal(0, 20)), rng)
+            elif chance < 0.75:
+                _disc(texture, (x, y), rng.uniform(10, 40), 0.1)  # oil
+    _tyre(texture, (float(rng.uniform(60, SIZE - 60)), depth + 90.0))
+    for x in rng.uniform(60, SIZE - 60, 2):
+        _manhole(texture, (x, SIZE / 2 + rng.choice((-220, 220))))
+    return texture
+
+
+def water(rng: Rng) -> U8:
+    """Water in a breeze: dark, faint waves, a few glints of the sky."""
+    swell = cloud(rng, SIZE, (0.1, 0.25, 0.4, 0.5, 0.5, 0.4, 0.3))
+    waves = swell - np.roll(swell, (2, 5), axis=(0, 1))
+    waves += 0.5 * (swell - np.roll(swell, (6, 15), axis=(0, 1)))
+    waves *= np.float32(0.08 / waves.std())
+    waves += 0.1 * cloud(rng, SIZE, (0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4))
+    # The steepest facets mirror brighter parts of the sky.
+    np.add(waves, 1.2, out=waves, where=waves > np.quantile(waves[::4, ::4], 0.9993))
+    return _developed(_bytes(waves), 0.055)
+
+
+TERRAINS: Mapping[str, Callable[[Rng], U8]] = {
+    "meadow": meadow,
+    "gravel": gravel,
+    "paving": paving,
+    "canopy": canopy,
+    "roof": roof,
+    "car_park": car_park,
+    "water": water,
+}
+
+
+# ---- tone --------------------------------------------------------------------------------------
+
+
+def _bytes(field: F32) -> U8:
+    """Return the logarithm of reflectances against an unknown mean in bytes, 128 for 0."""
+    scaled = cv2.convertScaleAbs(np.clip(field, -1.99, 1.98), alpha=1 / _PER_BYTE, beta=128.0)
+    return cast(U8, scaled)
+
+
+def _developed(logs: U8, mean: float) -> U8:
+    """Return the grey levels of logarithms of reflectances, of a given mean."""
+    reflectance = np.exp((np.arange(256) - 128) * _PER_BYTE)
+    counts = cv2.calcHist([logs], [0], None, [256], [0, 256]).ravel()
+    reflectance *= mean * counts.sum() / (counts @ reflectance)
+    levels = np.clip(np.rint(WHITE * reflectance), 1, 255).astype(np.uint8)
+    return cast(U8, cv2.LUT(logs, levels))
+
+
+# ---- things ------------------------------------------------------------------------------------
+
+
+def _rolled(texture: U8, rng: Rng) -> U8:
+    """Return the texture moved by a random way: no border is always where nothing is drawn."""
+    return np.roll(texture, rng.integers(0, SIZE, 2), axis=(0, 1))
+
+
+def _strokes(logs: U8, rng: Rng, count: int, lengths: tuple[float, float], log: float) -> None:
+    """Draw straight blades of one brightness; lengths in texels, from least to most."""
+    length = rng.uniform(*lengths, count)
+    angle = rng.uniform(0.0, math.pi, count)
+    half = 0.5 * length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    middle = rng.uniform(lengths[1], SIZE - lengths[1], (count, 2))
+    ends = np.rint(np.stack([middle - half, middle + half], axis=1) * 2**_BITS).astype(np.int32)
+    grey = float(np.clip(128 + log / _PER_BYTE, 0, 255))
+    cv2.polylines(logs, list(ends), False, (grey,), 1, cv2.LINE_AA, _BITS)
+
+
+def _stone(texture: U8, at: Point, rng: Rng) -> None:
+    """Draw a stone, its lower right in shadow."""
+    axes = tuple((rng.uniform(1.0, 5.0) * rng.uniform(0.6, 1.0, 2) * 2**_BITS).astype(int))
+    turn, grey = float(rng.uniform(0, 180)), float(rng.uniform(0.15, 0.6) * WHITE)
+    for (x, y), level in (((at[0] + 1.5, at[1] + 1.5), 0.2 * grey), (at, grey)):
+        centre = (round(x * 2**_BITS), round(y * 2**_BITS))
+        cv2.ellipse(texture, centre, axes, turn, 0, 360, (level,), -1, cv2.LINE_AA, _BITS)
+
+
+def _disc(texture: U8, at: Point, radius: float, reflectance: float, line: int = -1) -> None:
+    """Draw a disc, or with a line's width in texels a circle."""
+    centre = (round(at[0] * 2**_BITS), round(at[1] * 2**_BITS))
+    grey = (float(reflectance * WHITE),)
+    cv2.circle(texture, centre, round(radius * 2**_BITS), grey, line, cv2.LINE_AA, _BITS)
+
+
+def _polygon(texture: U8, corners: NDArray[np.float64], reflectance: float) -> None:
+    points = np.rint(corners * 2**_BITS).astype(np.int32)
+    cv2.fillConvexPoly(texture, points, (float(reflectance * WHITE),), cv2.LINE_AA, _BITS)
+
+
+def _manhole(texture: U8, at: Point) -> None:
+    """Draw a cover of 0.6 m in its frame."""
+    radius = 0.3 / TEXEL_M
+    _disc(texture, at, 1.13 * radius, 0.14)
+    _disc(texture, at, radius, 0.05)
+    _disc(texture, at, 0.94 * radius, 0.11)
+    for share in (0.75, 0.5, 0.25):
+        _disc(texture, at, share * radius, 0.06, 2)
+
+
+def _tyre(texture: U8, at: Point) -> None:
+    """Draw a wheel that lies on the ground, 0.64 m across, its rim bright."""
+    radius = 0.32 / TEXEL_M
+    _disc(texture, (at[0] + 8, at[1] + 8), radius, 0.06)
+    _disc(texture, at, radius, 0.03)
+    _disc(texture, at, 0.6 * radius, 0.4)
+    for angle in np.linspace(0.0, 2 * math.pi, 5, endpoint=False):
+        spot = (at[0] + 0.38 * radius * math.cos(angle), at[1] + 0.38 * radius * math.sin(angle))
+        _disc(texture, spot, 0.11 * radius, 0.04)
+    _disc(texture, at, 0.1 * radius, 0.1)
+
+
+def _car(texture: U8, at: Point, rng: Rng) -> None:
+    """Draw a car of about 4.4 by 1.8 m along y from above: body, glass, shadow."""
+    half = np.array([0.9, 2.2]) / TEXEL_M * rng.uniform(0.93, 1.07)
+    paint = float(rng.choice((0.03, 0.06, 0.12, 0.3, 0.55, 0.8)))
+    nose = rng.choice((-1.0, 1.0))
+    shape = np.array([[-0.8, -1], [0.8, -1], [1, -0.85], [1, 0.9], [0.85, 1], [-0.85, 1]])
+    shape = np.concatenate([shape, [[-1, 0.9], [-1, -0.85]]])
+
+    def part(corners: NDArray[np.float64], reflectance: float, aside: float = 0.0) -> None:
+        _polygon(texture, np.array(at) + aside + corners * half * (1.0, nose), reflectance)
+
+    part(shape, 0.2 * _SHADE, 40.0)
+    part(shape, paint)
+    pane = np.array([[-0.85, -0.5], [0.85, -0.5], [0.7, -0.22], [-0.7, -0.22]])
+    part(pane, 0.04)
+    part(pane * (1.0, -1.2) + (0.0, 0.08), 0.05)
+    for side in (-1.0, 1.0):
+        part(np.array([[0.92, -0.4], [0.92, 0.6], [0.78, 0.5], [0.78, -0.2]]) * (side, 1.0), 0.05)
+        _disc(texture, (at[0] + side * 0.75 * half[0], at[1] - 0.93 * nose * half[1]), 7.0, 0.7)
+
+
+def _cracks(field: F32, rng: Rng) -> None:
+    """Draw dark cracks that wander across the logarithms of reflectances."""
+    for _ in range(12):
+        steps = rng.normal(0.0, 9.0, (60, 2)) + rng.normal(0.0, 7.0, 2)
+        way = rng.uniform(300, SIZE - 300, 2) + np.cumsum(steps, axis=0)
+        cv2.polylines(field, [np.rint(way).astype(np.int32)], False, (-0.5,), 1)
