@@ -103,6 +103,8 @@ class StillMount(SimMount):
 
     def __init__(self) -> None:
         self.plant = GimbalPlant(SimGimbalOptions())
+        self.measured_t = -math.inf
+        self.reported = lambda _: None
 
     def advance(self) -> None:
         pass
