@@ -153,7 +153,7 @@ class Figures:
             self.shown.append(small)
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """Yield what is measured and the figures: median of the pictures, and 10 to 90 % of them."""
+        """Yield what is measured and the figures: median, and 10 to 90 % of the pictures."""
         yield "pictures", str(self.count)
         for i, percentile in enumerate(GREY_PERCENTILES):
             yield f"grey, {percentile} %", _spread([g[i] for g in self._grey], 0)
@@ -206,7 +206,12 @@ def field_picture(seed: int) -> U8:
     level = range_m * math.cos(pitch)
     place = (-level * math.cos(heading), -level * math.sin(heading), range_m * math.sin(pitch))
     pose = CameraPose(place, matmul(rot_zyx(heading, pitch, 0.0), R_GIMBAL_CAMERA))
-    body = (place[0], place[1], place[2] - 0.04)
+    ahead = 0.10  # of the vehicle's middle, as config/default.yaml has the camera
+    body = (
+        place[0] - ahead * math.cos(heading),
+        place[1] - ahead * math.sin(heading),
+        place[2] - 0.04,
+    )
     vehicle = VehiclePose(body, rot_zyx(heading, 0.0, 0.0), (0.44, 0.26), 0.20)
     at = PadPose((0.0, 0.0, 0.0), IDENTITY)
 
