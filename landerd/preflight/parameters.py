@@ -7,7 +7,6 @@ from typing import Literal
 from landerd.config.models import Config
 from landerd.preflight.finding import Finding
 
-
 # ArduCopter 4.7 has the second for the first: a mask of what is left out for one of what is done.
 _SUCCESSORS = {"ARMING_CHECK": "ARMING_SKIPCHK"}
 
