@@ -75,7 +75,7 @@ def test_help_does_not_wait_for_numpy() -> None:
         (["sim", "--takeoff", "10"], "--takeoff: only with --autopilot URL"),
         (
             ["sim", "--set", "guidance.output=landing_target"],
-            "needs ArduPilot's own precision land",
+            "needs ArduPilot's own prec",
         ),
         (["campaign", "hover", "--set", "guidance.output=landing_target"], "needs ArduPilot's own"),
         (["sim", "--takeoff", "high"], "found 'high', expected metres from 2 to 100"),
