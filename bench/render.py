@@ -1,8 +1,8 @@
 """CPU time of one simulated picture against range: of the reference world, and of others.
 
 All draw the same views in turn, so that the ratios hold on a busy machine too. The real sensor has
-everything that `sim.camera` can switch on, the scene what `sim.render` and `sim.pad` can, `both` all of
-it; days are what the first seeds draw of the field world. The last table has each effect alone.
+everything that `sim.camera` can switch on, the scene what `sim.render` and `sim.pad` can, `both`
+all; days are what the first seeds draw of the field world. The last table has each effect alone.
 """
 
 import math
@@ -28,7 +28,7 @@ from landerd.geometry import IDENTITY, R_GIMBAL_CAMERA, matmul, rot_zyx
 from landerd.pad import load_pad
 
 CONFIG = Path(__file__).parent.parent / "config"
-REPEATS = 15
+REPEATS = 60
 DAYS = 12
 RANGES_M = (30.0, 18.0, 10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.3)
 PITCHES_DEG = (-30.0, -85.0)
@@ -133,7 +133,9 @@ def day(seed: int) -> World:
     loaded = read_configuration(CONFIG / "default.yaml", overlays=overlays, seed=seed)
     options = sim_options(loaded)
     pad = options.pad.model_dump() | {"position_m": (0.0, 0.0)}
-    return World(options.camera, options.render, pad)
+    # All pictures with the same motion blur: how long it is exposed is no effect's cost.
+    camera = options.camera.model_copy(update={"exposure_s": SimCameraOptions().exposure_s})
+    return World(camera, options.render, pad)
 
 
 def print_days(reference: World) -> None:
