@@ -96,7 +96,8 @@ def _profile(image: U8, x: float, y: float, way: F64) -> F64:
     aside = np.array([-1.0, 0.0, 1.0])[:, None]
     at_x = (x + t * way[0] - aside * way[1]).astype(np.float32)
     at_y = (y + t * way[1] + aside * way[0]).astype(np.float32)
-    return np.array(cv2.remap(image, at_x, at_y, cv2.INTER_LINEAR), np.float64).mean(axis=0)
+    across = np.array(cv2.remap(image, at_x, at_y, cv2.INTER_LINEAR), np.float64)
+    return np.asarray(across.mean(axis=0), np.float64)
 
 
 def _width(profile: F64) -> float | None:
