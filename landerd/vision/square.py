@@ -18,11 +18,12 @@ _MIN_SIDE_PX = 5.0
 # Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
 # Where a pad is known to be the first mostly shows them.
 _WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
-# For whole images. Alone the first showed all of 142 tags of 21 to 318 px, as all three of OpenCV's
-# own (3, 13 and 23) did, but for one; with shadows or blur another may.
-_WHOLE_MEANS_PX = ((13, 13, 1), (5, 5, 1), (23, 23, 1))
+# A whole image gets OpenCV's own three at once; one full of texture one a search, in turn. Alone the
+# first showed 285 of 286 tags of 21 to 318 px, half of them in noise, as the three did but for two.
+_WHOLE_MEANS_PX = ((3, 23, 10),)
+_TEXTURE_MEANS_PX = ((17, 17, 1), (7, 7, 1), (23, 23, 1))
 # Share of an image's pixels at which black meets white under a threshold: the time goes with it.
-# Above it one threshold a search is all that may be spent, and the next search tries the next one.
+# Above it the image is full of texture.
 _MAX_EDGE_SHARE = 0.04
 _THRESHOLD_OFFSET = 7  # grey levels: OpenCV's own
 
@@ -92,7 +93,7 @@ class SquareFinder:
 
         What is counted is the same on any machine.
         """
-        side, _, _ = _WHOLE_MEANS_PX[0]
+        side, _, _ = _TEXTURE_MEANS_PX[0]
         dark = cv2.adaptiveThreshold(
             image,
             255,
@@ -104,9 +105,9 @@ class SquareFinder:
         edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
         if edges <= _MAX_EDGE_SHARE * image.size:
             return _WHOLE_MEANS_PX
-        which = self._whole_searches % len(_WHOLE_MEANS_PX)
+        which = self._whole_searches % len(_TEXTURE_MEANS_PX)
         self._whole_searches += 1
-        return _WHOLE_MEANS_PX[which : which + 1]
+        return _TEXTURE_MEANS_PX[which : which + 1]
 
 
 def _enlarged(image: Image, scale: float) -> Image:
