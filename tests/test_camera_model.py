@@ -215,7 +215,7 @@ def test_a_lens_that_cannot_be_is_refused_in_one_line(
 
 
 def test_every_pixel_of_a_wide_lens_comes_back_from_its_ray() -> None:
-    wide = CameraModel(1280, 960, 600.0, 600.0, 640.0, 480.0, (-0.28, 0.09, 0.0, 0.0, -0.012))
+    wide = CameraModel(1280, 960, 800.0, 800.0, 640.0, 480.0, (-0.28, 0.09, 0.0, 0.0, -0.012))
     corners = np.array([[0.0, 0.0], [1279.0, 0.0], [0.0, 959.0], [1279.0, 959.0], [640.0, 0.0]])
     rays = wide.rays(corners)
     back = wide.pixels(np.column_stack([rays, np.ones(len(rays))]))
