@@ -18,8 +18,8 @@ _MIN_SIDE_PX = 5.0
 # Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
 # Where a pad is known to be the first mostly shows them.
 _WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
-# A whole image gets OpenCV's own three at once; one full of texture one a search, in turn. Alone the
-# first showed 285 of 286 tags of 21 to 318 px, half of them in noise; the three, 283.
+# A whole image gets OpenCV's own three at once; one full of texture one a search, in turn. Alone
+# the first showed 285 of 286 tags of 21 to 318 px, half of them in noise; the three, 283.
 _WHOLE_MEANS_PX = ((3, 23, 10),)
 _TEXTURE_MEANS_PX = ((17, 17, 1), (7, 7, 1), (23, 23, 1))
 # Share of an image's pixels at which black meets white under a threshold: the time goes with it.
