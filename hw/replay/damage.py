@@ -1,5 +1,7 @@
 """What of a recorded file cannot be used."""
 
+_RECORD = 512  # bytes: no record is longer
+
 
 class Damage:
     """Counts the bytes of a file that are no part of any record."""
@@ -20,6 +22,8 @@ class Damage:
 
     def in_words(self) -> str:
         """Return what is left out, empty if nothing is."""
+        if self._end and not (self._start or self._middle) and self._end < _RECORD:
+            return "its last record is cut off"
         parts = (
             (self._start, "at its start"),
             (self._middle, "in the middle"),

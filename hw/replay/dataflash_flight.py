@@ -11,13 +11,13 @@ from landerd.geometry import Vec3, wrap
 
 _ARMED, _DISARMED = 10, 11  # EV ids
 _FIX_3D = 3
-_COPTERS = frozenset({2, 14})  # VER.BT, MAV build types: copter, helicopter
+_COPTERS = frozenset({2, 13})  # VER.BU, APM_BUILD of AP_Vehicle_Type.h: copter, helicopter
 _OTHERS: Mapping[float, str] = {
     1: "a rover",
     3: "a plane",
     4: "an antenna tracker",
     7: "a submarine",
-    13: "a blimp",
+    12: "a blimp",
 }
 _OTHER_NAMES: Mapping[str, str] = {  # in the MSG that names the firmware
     "plane": "a plane",
@@ -77,7 +77,7 @@ class _Flight:
             "POS": (frozenset({"Lat", "Lng", "Alt"}), self._place),
             "GPS": (frozenset({"Lat", "Lng", "Alt", "Status"}), self._fix),
             "MSG": (frozenset(), self._message),
-            "VER": (frozenset({"BT"}), self._version),
+            "VER": (frozenset({"BU"}), self._version),
             "PARM": (frozenset({"Value"}), self._parameter),
         }
 
@@ -155,9 +155,9 @@ class _Flight:
                 self._recorded.other_vehicle = other
 
     def _version(self, m: Record) -> None:
-        if m.numbers["BT"] in _COPTERS:
+        if m.numbers["BU"] in _COPTERS:
             self._recorded.is_copter = True
-        self._recorded.other_vehicle = _OTHERS.get(m.numbers["BT"], self._recorded.other_vehicle)
+        self._recorded.other_vehicle = _OTHERS.get(m.numbers["BU"], self._recorded.other_vehicle)
 
     def _parameter(self, m: Record) -> None:
         if m.texts.get("Name") == "AHRS_EKF_TYPE":
