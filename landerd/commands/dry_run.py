@@ -104,13 +104,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what would have been ordered; return 0."""
     loaded = load_config(args)
-    check_output(args.draw, ".mp4")
-    check_output(args.log, ".mcap")
+    check_output(args.draw, ".mp4", "--draw")
+    check_output(args.log, ".mcap", "--log")
     with refusing(TelemetryError, VideoError, VideoNotWritten, CalibrationError, PadError):
         telemetry = _telemetry(args.telemetry)
         layout = load_pad(loaded.config.pad.layout)
         flight = _flight(args, loaded, layout, telemetry)
-        result = _fly(args, loaded.config, layout, flight)
+        result, not_written = _fly(args, loaded.config, layout, flight)
     if args.video is not None and not result.frames:
         raise InputError(f"{args.video}: no frame of it falls into the telemetry: see --offset")
     report = _report(telemetry, flight, result)
@@ -118,6 +118,8 @@ def run(args: argparse.Namespace) -> int:
         print_json(report)
     else:
         print(_in_words(args, report))
+    if not_written:
+        raise InputError("\n".join(not_written))
     return 0
 
 
@@ -225,8 +227,13 @@ def _offset(
 
 def _fly(
     args: argparse.Namespace, config: Config, layout: PadLayout, flight: _Flight
-) -> DryRunResult:
-    """Show the core the flight, and write down what it orders, where that was asked for."""
+) -> tuple[DryRunResult, list[str]]:
+    """Show the core the flight, and write down what it orders, where that was asked for.
+
+    Returns:
+        What came of it, and which files could not be written, and why.
+    """
+    not_written: list[str] = []
     recorder = _recorder(args.log, config, layout, flight.camera)
     video = OrdersVideo(args.draw, flight.camera, layout, args.fps) if args.draw else None
     observers: list[Observer] = [each for each in (recorder, video) if each is not None]
@@ -237,9 +244,10 @@ def _fly(
     finally:
         if recorder is not None:
             recorder.close()
-        if video is not None:
-            video.close()
-    return dry.result
+            not_written += [recorder.failure] if recorder.failure is not None else []
+        if video is not None and not video.close():
+            not_written.append(f"{args.draw}: cannot be written, or not wholly")
+    return dry.result, not_written
 
 
 def _recorder(
