@@ -126,9 +126,10 @@ def _open_closed_streams() -> None:
 
 
 def _stdout_failure() -> str | None:
-    """Return why standard output takes nothing: what it did not take is tried again."""
+    """Return why standard output takes nothing, not what is left over nor an empty line."""
     try:
         sys.stdout.flush()
+        os.write(sys.stdout.fileno(), b"\n")
     except OSError as e:
         return e.strerror
     return None

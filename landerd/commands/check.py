@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         load_pad(loaded.config.pad.layout)
         load_camera(loaded.config.camera.calibration)
         devices = make_devices(loaded, overlay)
-    findings = asyncio.run(check(loaded, devices, _STATE / args.config.stem))
+    findings = asyncio.run(check(loaded, devices, _service_folder(args.config)))
     ready = not any(f.level == "fail" for f in findings)
     if args.json:
         print_json({"ready": ready, "findings": [dataclasses.asdict(f) for f in findings]})
@@ -58,6 +58,11 @@ def run(args: argparse.Namespace) -> int:
             print(f"{_MARKS[finding.level]} {finding.item}: {finding.what}{mend}")
         print("ready" if ready else "not ready: what is marked FAIL would stop a landing")
     return 0 if ready else 1
+
+
+def _service_folder(config: Path) -> Path:
+    """Return where the service that reads a configuration, /etc/landerd/NAME.yaml, keeps things."""
+    return _STATE / (config.stem if config.stem.startswith("landerd") else "landerd")
 
 
 async def check(loaded: Loaded, devices: Devices, state: Path) -> list[Finding]:
