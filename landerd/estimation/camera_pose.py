@@ -102,15 +102,10 @@ class PoseHistory:
         self.position.clear()
         self.attitude.clear()
 
-    def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
-        """Return the camera's pose at time t, or None where a history does not reach.
-
-        Args:
-            t: s.
-            gimbal_back_s: how much older the gimbal's angles are to be.
-        """
+    def camera_pose(self, t: float) -> CameraPose | None:
+        """Return the camera's pose at time t, s, or None where a history does not reach."""
         position, attitude = self.position.at(t), self.attitude.at(t)
-        R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
+        R = self.camera_rotation(t)
         if position is None or attitude is None or R is None:
             return None
         roll, pitch, yaw = attitude[:3]
@@ -128,6 +123,11 @@ class PoseHistory:
         angles = (gimbal[0], gimbal[1], gimbal[2])
         R_local_gimbal = gimbal_frames.look(self._reference, (roll, pitch, yaw), angles)
         return matmul(R_local_gimbal, self._R_gimbal_camera)
+
+    def velocity(self, t: float) -> Vec3:
+        """Return the vehicle's velocity at time t, local NED, m/s; zero where it is not known."""
+        p = self.position.at(t)
+        return (p[3], p[4], p[5]) if p is not None else (0.0, 0.0, 0.0)
 
     def down(self, t: float) -> Vec3 | None:
         """Return gravity's direction in the camera frame at time t, None as `camera_rotation`."""

@@ -129,7 +129,7 @@ class Estimator:
         position = rotate(R_camera_local, sub(pad.position, camera.position))
         # Where it will be seen is not where it is: lens and clock err in the next frame too.
         B = self._observations.bias_jacobian(t, camera, position)
-        shown = rotate(R_camera_local, rotate(B, self._filter.bias))
+        shown = rotate(R_camera_local, self._filter.shown(B))
         normal = rotate(R_camera_local, pad.normal)
         return Prior(down=down, pad=PadPrior(add(position, shown), pad.sigma_m, north, normal))
 

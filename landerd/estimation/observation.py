@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
+from landerd.estimation.motion_filter import Jacobian
 from landerd.geometry import (
     Mat3,
     Vec3,
@@ -32,7 +33,15 @@ from landerd.messages import PoseSolution
 
 # How far back the camera's pose is differenced to tell its motion, s: one period of the attitude
 # at the 50 Hz that hw/autopilots/streams.py asks for.
-DIFFERENCE_S = 0.02
+DIFFERENCE_S = 0.04
+# Ranges err alike from frame to frame: by the lens's scale and the print's size, and by so many of
+# the standard deviations that vision states (a small ring's outline lies on the same pixels).
+SIGMA_SCALE = 0.005
+RANGE_CORRELATED = 2.0
+# Step in the telemetry's time (s) and position (m^2), 1 sigma, that a sighting may be taken through.
+# SITL beside a load of four processes steps by 3 to 10 ms (beyond 20 ms it is 4 sigma), GPS by cm.
+HICCUP_S = 0.005
+HICCUP = diagonal(0.02**2, 0.02**2, 0.02**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +51,10 @@ class PadObservation:
     t: float  # exposure, s
     position: Vec3  # landing point, m
     range_m: float  # from the camera
-    covariance: Mat3  # of what is new in every frame, m^2
-    bias_jacobian: Mat3  # of the position by the biases: lens about x and y, m/rad; clock, m/s
+    covariance: Mat3  # of what is new in every frame by vision and gimbal noise, m^2
+    telemetry_noise: Mat3  # of what the telemetry's timing adds, however quiet it seems, m^2
+    bias_jacobian: Jacobian  # of the position by the biases
+    hiccup: Mat3  # covariance of what a step in the telemetry's time or position may bring, m^2
     heading: float | None  # rad
     sigma_heading: float  # rad; infinite without heading
     normal: Vec3  # unit vector into the pad
@@ -77,24 +88,22 @@ class ObservationModel:
             return None
         R = camera.R_local_camera
         arm = rotate(R, solution.position)
-        position = add(camera.position, arm)
-        gimbal_earlier = self._poses.camera_pose(t, gimbal_back_s=DIFFERENCE_S)
-        sweep = _sweep(position, gimbal_earlier, solution.position)
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
             sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_bearing)
+        sigma_range = math.sqrt(max(0.0, solution.covariance[2][2]))
+        jacobian = self.bias_jacobian(t, camera, solution.position, sigma_range)
+        by_clock, by_gimbal = _column(jacobian[0], 2), _column(jacobian[1], 0)
+        velocity = self._poses.velocity(t)
         return PadObservation(
             t=t,
-            position=position,
+            position=add(camera.position, arm),
             range_m=norm(arm),
-            covariance=matadd(
-                rotate_covariance(R, solution.covariance),
-                matadd(
-                    self._pointing_noise(arm), matscale(outer(sweep, sweep), self._sigma_late**2)
-                ),
-            ),
-            bias_jacobian=self.bias_jacobian(t, camera, solution.position),
+            covariance=matadd(rotate_covariance(R, solution.covariance), self._pointing_noise(arm)),
+            telemetry_noise=self._telemetry_noise(sub(sub(by_clock, velocity), by_gimbal), by_gimbal),
+            bias_jacobian=jacobian,
+            hiccup=matadd(HICCUP, matscale(outer(by_clock, by_clock), HICCUP_S**2)),
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
@@ -102,23 +111,35 @@ class ObservationModel:
             cost=solution.cost,
         )
 
-    def bias_jacobian(self, t: float, camera: CameraPose, point: Vec3) -> Mat3:
-        """Return how the biases move what is seen at a point of the camera frame.
+    def bias_jacobian(
+        self, t: float, camera: CameraPose, point: Vec3, sigma_range: float = 0.0
+    ) -> Jacobian:
+        """Return how the biases move what is seen at a point of the camera frame, local NED.
 
-        Columns: the lens's direction about camera x and y (m/rad), the clock (m/s); local NED.
+        Columns of the first block: the lens's direction about camera x and y (m/rad), the clock of
+        the pictures (m/s); of the second: the clock of the gimbal's angles (m/s), the range (m,
+        times its standard deviation), the autopilot's heading (m/rad).
 
         Args:
             t: exposure, s.
             camera: its pose then.
             point: camera frame, m.
+            sigma_range: of the point's distance as vision says, m.
         """
         R = camera.R_local_camera
         x, y, z = point
         # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
         about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
-        position = add(camera.position, rotate(R, point))
-        by_clock = _sweep(position, self._poses.camera_pose(t - DIFFERENCE_S), point)
-        return transpose((about_x, about_y, by_clock))
+        arm = rotate(R, point)
+        by_range = scale(arm, math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / norm(arm)))
+        R_before = self._poses.camera_rotation(t - DIFFERENCE_S)
+        by_gimbal = _sweep(arm, self._poses.camera_rotation(t, gimbal_back_s=DIFFERENCE_S), point)
+        # Positions differenced over so short a time would be noise: the autopilot's velocity is not.
+        by_clock = add(self._poses.velocity(t), _sweep(arm, R_before, point))
+        return (
+            transpose((about_x, about_y, by_clock)),
+            transpose((by_gimbal, by_range, (-arm[1], arm[0], 0.0))),
+        )
 
     def _pointing_noise(self, arm: Vec3) -> Mat3:
         """Return the covariance (m^2) of lens direction (across the arm) and vehicle position."""
@@ -126,16 +147,25 @@ class ObservationModel:
         across = along * dot(arm, arm) + self._sigma_position**2
         return matadd(diagonal(across, across, across), matscale(outer(arm, arm), -along))
 
+    def _telemetry_noise(self, by_turning: Vec3, by_gimbal: Vec3) -> Mat3:
+        """Return the covariance (m^2) of angles whose times jitter, by how fast they turn (m/s)."""
+        late = self._sigma_late**2
+        gimbal = outer(by_gimbal, by_gimbal)
+        return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
 
-def _sweep(position: Vec3, earlier: CameraPose | None, point: Vec3) -> Vec3:
-    """Return how fast a fixed point of the camera frame moves through local NED, m/s.
+
+def _sweep(arm: Vec3, R_before: Mat3 | None, point: Vec3) -> Vec3:
+    """Return how fast a fixed point of the camera frame moves as the camera turns, local NED, m/s.
 
     Args:
-        position: where it is now, local NED, m.
-        earlier: the camera's pose DIFFERENCE_S ago; None: not known, taken for no motion.
+        arm: to the point from the camera, local NED, m.
+        R_before: R_local_camera DIFFERENCE_S ago; None: not known, taken for no motion.
         point: camera frame, m.
     """
-    if earlier is None:
+    if R_before is None:
         return (0.0, 0.0, 0.0)
-    before = add(earlier.position, rotate(earlier.R_local_camera, point))
-    return scale(sub(position, before), 1.0 / DIFFERENCE_S)
+    return scale(sub(arm, rotate(R_before, point)), 1.0 / DIFFERENCE_S)
+
+
+def _column(m: Mat3, i: int) -> Vec3:
+    return (m[0][i], m[1][i], m[2][i])

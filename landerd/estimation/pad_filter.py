@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.heading_filter import HeadingFilter
-from landerd.estimation.motion_filter import Innovation, MotionFilter
+from landerd.estimation.motion_filter import Innovation, Jacobian, MotionFilter
 from landerd.estimation.observation import PadObservation
-from landerd.geometry import Mat3, Vec3, add, clamp, matscale, scale, unit
+from landerd.geometry import Mat3, Vec3, add, clamp, matadd, matscale, rotate, scale, unit
 
 # ---- when a pad is known -----------------------------------------------------------------------
 SIGHTINGS_TO_CONFIRM = 3  # consistent ones before a pad counts: one false alarm must not fly
@@ -34,6 +34,9 @@ SIGMA_INITIAL_TILT = math.radians(6.0)  # rad, from level
 TILT_RANDOM_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
 
 # ---- what is assumed of the measurement --------------------------------------------------------
+SIGMA_GIMBAL_CLOCK_S = 0.015  # of the gimbal's angles against the pictures, beside the autopilot's
+SIGMA_HEADING = math.radians(2.0)  # rad, of the autopilot's heading
+RANGE_TIME_CONSTANT_S = 2.0  # of the errors of ranges, which change as the pad comes nearer
 BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and clock
 ADAPTATION_RATE = 0.05  # per frame: how fast the assumed noises follow the innovations
 NOISE_SCALE_RANGE = (0.05, 100.0)  # of the white noise's variance, times what is said of it
@@ -80,7 +83,16 @@ class PadFilter:
 
     def __init__(self, options: EstimationSection) -> None:
         bearing = math.radians(options.gimbal_sigma_deg)
-        self._motion = MotionFilter((bearing, bearing, options.clock_sigma_s), BIAS_TIME_CONSTANT_S)
+        self._motion = MotionFilter(
+            (
+                (bearing, bearing, options.clock_sigma_s),
+                (SIGMA_GIMBAL_CLOCK_S, 1.0, SIGMA_HEADING),
+            ),
+            (
+                (BIAS_TIME_CONSTANT_S,) * 3,
+                (BIAS_TIME_CONSTANT_S, RANGE_TIME_CONSTANT_S, BIAS_TIME_CONSTANT_S),
+            ),
+        )
         self._q = options.pad_acceleration_mps2**2
         self._heading = HeadingFilter(options.gate_sigma)
         self._sigma_bearing = bearing
@@ -94,10 +106,10 @@ class PadFilter:
         self.rejected = 0
         self.nis = math.nan
 
-    @property
-    def bias(self) -> Vec3:
-        """Errors common to all frames: lens about camera x and y (rad), clock (s)."""
-        return self._motion.bias
+    def shown(self, B: Jacobian) -> Vec3:
+        """Return how far from where it is the errors common to all frames show the pad, m."""
+        (by_lens, by_gimbal), (lens, gimbal) = B, self._motion.biases
+        return add(rotate(by_lens, lens), rotate(by_gimbal, gimbal))
 
     def reset(self) -> None:
         """Forget the pad, and all that is known of the gimbal."""
@@ -186,16 +198,19 @@ class PadFilter:
 
     def _innovation(self, seen: PadObservation) -> Innovation:
         # A pad that the vehicle goes along with hides the clock's error.
-        v = self._motion.velocity
-        a, b, c = seen.bias_jacobian
-        bias_jacobian = (
+        motion = self._motion
+        v = motion.velocity
+        (a, b, c), by_gimbal = seen.bias_jacobian
+        by_lens = (
             (a[0], a[1], a[2] - v[0]),
             (b[0], b[1], b[2] - v[1]),
             (c[0], c[1], c[2] - v[2]),
         )
-        return self._motion.innovation(
-            seen.position, matscale(seen.covariance, self._noise_scale), bias_jacobian
-        )
+        # While neither the pad's velocity nor the clock is known, one says nothing of the other:
+        # the second-order term of their product.
+        unknown = matscale(motion.Pvv, motion.Pbb[2][2])
+        noise = matadd(matscale(seen.covariance, self._noise_scale), seen.telemetry_noise)
+        return motion.innovation(seen.position, matadd(noise, unknown), (by_lens, by_gimbal))
 
     def _reject(self, seen: PadObservation) -> None:
         self.rejected += 1
