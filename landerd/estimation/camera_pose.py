@@ -102,10 +102,15 @@ class PoseHistory:
         self.position.clear()
         self.attitude.clear()
 
-    def camera_pose(self, t: float) -> CameraPose | None:
-        """Return the camera's pose at time t, s, or None where a history does not reach."""
+    def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
+        """Return the camera's pose at time t, or None where a history does not reach.
+
+        Args:
+            t: s.
+            gimbal_back_s: how much older the gimbal's angles are to be.
+        """
         position, attitude = self.position.at(t), self.attitude.at(t)
-        R = self.camera_rotation(t)
+        R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
         if position is None or attitude is None or R is None:
             return None
         roll, pitch, yaw = attitude[:3]
@@ -129,9 +134,9 @@ class PoseHistory:
         p = self.position.at(t)
         return (p[3], p[4], p[5]) if p is not None else (0.0, 0.0, 0.0)
 
-    def down(self, t: float) -> Vec3 | None:
+    def down(self, t: float, *, gimbal_back_s: float = 0.0) -> Vec3 | None:
         """Return gravity's direction in the camera frame at time t, None as `camera_rotation`."""
-        R = self.camera_rotation(t)
+        R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
         return None if R is None else rotate(transpose(R), DOWN)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:

@@ -31,6 +31,7 @@ class Estimator:
     Attributes:
         poses: position, attitude and gimbal angles of the last second.
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
+        refused_t: exposure of the last frame that showed a pad which the filter refused, s; -inf: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
     """
 
@@ -40,7 +41,7 @@ class Estimator:
         self.poses = PoseHistory(config)
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
-        self.sighting_t = -math.inf
+        self.sighting_t = self.refused_t = -math.inf
         self.frame_t = -math.inf
 
     # ---- inputs --------------------------------------------------------------------------------
@@ -61,13 +62,16 @@ class Estimator:
         if not sightings.t > self.frame_t:
             return None
         self.frame_t = sightings.t
+        clocks = self._filter.clocks
         observations = [
-            observation
+            o
             for solution in sightings.pad
             if _is_plausible(solution)
-            and (observation := self._observations.observe(sightings.t, solution)) is not None
+            and (o := self._observations.observe(sightings.t, solution, clocks)) is not None
         ]
         if not self._filter.update(observations):
+            if sightings.pad:
+                self.refused_t = sightings.t
             return []
         self.sighting_t = sightings.t
         return observations
@@ -117,9 +121,11 @@ class Estimator:
 
     def prior(self, t: float) -> Prior:
         """Return what is known of a picture exposed at time t (s) before it is searched."""
-        down = self.poses.down(t)
-        camera = self.poses.camera_pose(t)
-        pad = self.pad(t)
+        clocks = self._filter.clocks
+        t_true, back = t - clocks.pictures_s, clocks.gimbal_s
+        down = self.poses.down(t_true, gimbal_back_s=back)
+        camera = self.poses.camera_pose(t_true, gimbal_back_s=back)
+        pad = self.pad(t_true)
         if camera is None or pad is None or t - self.sighting_t > PRIOR_KEEP_S:
             return Prior(down=down)
         R_camera_local = transpose(camera.R_local_camera)
@@ -127,8 +133,8 @@ class Estimator:
         if pad.heading is not None:
             north = rotate(R_camera_local, (math.cos(pad.heading), math.sin(pad.heading), 0.0))
         position = rotate(R_camera_local, sub(pad.position, camera.position))
-        # Where it will be seen is not where it is: lens and clock err in the next frame too.
-        B = self._observations.bias_jacobian(t, camera, position)
+        # Where it will be seen is not where it is: the lens errs in the next frame too.
+        B = self._observations.bias_jacobian(t, camera, position, clocks)
         shown = rotate(R_camera_local, self._filter.shown(B))
         normal = rotate(R_camera_local, pad.normal)
         return Prior(down=down, pad=PadPrior(add(position, shown), pad.sigma_m, north, normal))

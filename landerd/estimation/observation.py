@@ -7,6 +7,7 @@ which the pad filter estimates.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
@@ -28,6 +29,7 @@ from landerd.geometry import (
     scale,
     sub,
     transpose,
+    unit,
 )
 from landerd.messages import PoseSolution
 
@@ -37,11 +39,22 @@ DIFFERENCE_S = 0.04
 # Ranges err alike from frame to frame: by the lens's scale and the print's size, and by so many of
 # the standard deviations that vision states (a small ring's outline lies on the same pixels).
 SIGMA_SCALE = 0.005
+MIN_RANGE_M = 0.01  # nearer than this nothing has a direction
 RANGE_CORRELATED = 2.0
 # Step in the telemetry's time (s) and position (m^2), 1 sigma, that a sighting may be taken through.
 # SITL beside a load of four processes steps by 3 to 10 ms (beyond 20 ms it is 4 sigma), GPS by cm.
 HICCUP_S = 0.005
 HICCUP = diagonal(0.02**2, 0.02**2, 0.02**2)
+
+
+class Clocks(NamedTuple):
+    """What clocks say more than the autopilot's, s."""
+
+    pictures_s: float = 0.0  # positive: pictures are stamped late
+    gimbal_s: float = 0.0  # of the gimbal's angles, less the pictures'
+
+
+AS_STAMPED = Clocks()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +64,7 @@ class PadObservation:
     t: float  # exposure, s
     position: Vec3  # landing point, m
     range_m: float  # from the camera
+    sight: Vec3  # unit vector from the camera to the landing point, local NED
     covariance: Mat3  # of what is new in every frame by vision and gimbal noise, m^2
     telemetry_noise: Mat3  # of what the telemetry's timing adds, however quiet it seems, m^2
     bias_jacobian: Jacobian  # of the position by the biases
@@ -76,30 +90,38 @@ class ObservationModel:
         self._sigma_position = options.position_sigma_m
         self._poses = poses
 
-    def observe(self, t: float, solution: PoseSolution) -> PadObservation | None:
-        """Return the pad in local NED, or None where position, attitude or gimbal is missing.
+    def observe(
+        self, t: float, solution: PoseSolution, clocks: Clocks = AS_STAMPED
+    ) -> PadObservation | None:
+        """Return the pad in local NED, or None without position, attitude, gimbal or a distance.
 
         Args:
-            t: exposure, s.
+            t: exposure as the camera says, s.
             solution: the landing point's pose in the camera frame.
+            clocks: as far as they are known.
         """
-        camera = self._poses.camera_pose(t)
+        camera = self._poses.camera_pose(t - clocks.pictures_s, gimbal_back_s=clocks.gimbal_s)
         if camera is None:
             return None
         R = camera.R_local_camera
         arm = rotate(R, solution.position)
+        if norm(arm) < MIN_RANGE_M:
+            return None
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
             sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_bearing)
         sigma_range = math.sqrt(max(0.0, solution.covariance[2][2]))
-        jacobian = self.bias_jacobian(t, camera, solution.position, sigma_range)
+        jacobian = self.bias_jacobian(t, camera, solution.position, clocks, sigma_range)
         by_clock, by_gimbal = _column(jacobian[0], 2), _column(jacobian[1], 0)
-        velocity = self._poses.velocity(t)
+        velocity = self._poses.velocity(t - clocks.pictures_s)
+        # The filter takes errors as they show without a correction.
+        shown = add(scale(by_clock, clocks.pictures_s), scale(by_gimbal, clocks.gimbal_s))
         return PadObservation(
             t=t,
-            position=add(camera.position, arm),
+            position=add(add(camera.position, arm), shown),
             range_m=norm(arm),
+            sight=unit(arm),
             covariance=matadd(rotate_covariance(R, solution.covariance), self._pointing_noise(arm)),
             telemetry_noise=self._telemetry_noise(sub(sub(by_clock, velocity), by_gimbal), by_gimbal),
             bias_jacobian=jacobian,
@@ -112,7 +134,7 @@ class ObservationModel:
         )
 
     def bias_jacobian(
-        self, t: float, camera: CameraPose, point: Vec3, sigma_range: float = 0.0
+        self, t: float, camera: CameraPose, point: Vec3, clocks: Clocks, sigma_range: float = 0.0
     ) -> Jacobian:
         """Return how the biases move what is seen at a point of the camera frame, local NED.
 
@@ -121,9 +143,10 @@ class ObservationModel:
         times its standard deviation), the autopilot's heading (m/rad).
 
         Args:
-            t: exposure, s.
+            t: exposure as the camera says, s.
             camera: its pose then.
             point: camera frame, m.
+            clocks: as far as they are known; motion is told where they say that the picture was.
             sigma_range: of the point's distance as vision says, m.
         """
         R = camera.R_local_camera
@@ -131,11 +154,19 @@ class ObservationModel:
         # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
         about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
         arm = rotate(R, point)
-        by_range = scale(arm, math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / norm(arm)))
-        R_before = self._poses.camera_rotation(t - DIFFERENCE_S)
-        by_gimbal = _sweep(arm, self._poses.camera_rotation(t, gimbal_back_s=DIFFERENCE_S), point)
+        distance = max(norm(arm), MIN_RANGE_M)
+        by_range = scale(arm, math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / distance))
+        t -= clocks.pictures_s
+        half, back = 0.5 * DIFFERENCE_S, clocks.gimbal_s
+        turn = self._poses.camera_rotation
+        turning = _sweep(
+            turn(t + half, gimbal_back_s=back), turn(t - half, gimbal_back_s=back), point
+        )
+        by_gimbal = _sweep(
+            turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point
+        )
         # Positions differenced over so short a time would be noise: the autopilot's velocity is not.
-        by_clock = add(self._poses.velocity(t), _sweep(arm, R_before, point))
+        by_clock = add(self._poses.velocity(t), turning)
         return (
             transpose((about_x, about_y, by_clock)),
             transpose((by_gimbal, by_range, (-arm[1], arm[0], 0.0))),
@@ -154,17 +185,17 @@ class ObservationModel:
         return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
 
 
-def _sweep(arm: Vec3, R_before: Mat3 | None, point: Vec3) -> Vec3:
+def _sweep(after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:
     """Return how fast a fixed point of the camera frame moves as the camera turns, local NED, m/s.
 
     Args:
-        arm: to the point from the camera, local NED, m.
-        R_before: R_local_camera DIFFERENCE_S ago; None: not known, taken for no motion.
+        after: R_local_camera; None: not known, taken for no motion.
+        before: the same DIFFERENCE_S earlier.
         point: camera frame, m.
     """
-    if R_before is None:
+    if after is None or before is None:
         return (0.0, 0.0, 0.0)
-    return scale(sub(arm, rotate(R_before, point)), 1.0 / DIFFERENCE_S)
+    return scale(sub(rotate(after, point), rotate(before, point)), 1.0 / DIFFERENCE_S)
 
 
 def _column(m: Mat3, i: int) -> Vec3:

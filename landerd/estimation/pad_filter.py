@@ -15,15 +15,20 @@ from dataclasses import dataclass, replace
 from landerd.config.models import EstimationSection
 from landerd.estimation.heading_filter import HeadingFilter
 from landerd.estimation.motion_filter import Innovation, Jacobian, MotionFilter
-from landerd.estimation.observation import PadObservation
-from landerd.geometry import Mat3, Vec3, add, clamp, matadd, matscale, rotate, scale, unit
+from landerd.estimation.observation import Clocks, PadObservation
+from landerd.geometry import Mat3, Vec3, add, clamp, dot, matadd, matscale, norm, outer, rotate, scale, sub, unit
 
 # ---- when a pad is known -----------------------------------------------------------------------
 SIGHTINGS_TO_CONFIRM = 3  # consistent ones before a pad counts: one false alarm must not fly
 # Between those, s. With 2 s, one false alarm and the pad made a pad that flew at 3 to 6 m/s.
 MAX_CONFIRM_GAP_S = 0.3
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
-REJECTIONS_TO_RESTART = 5  # in a row, after which the filter starts again from what it refused
+REJECTIONS_TO_RESTART = 5  # in a row and together: the pad is there, and not where it was thought
+# How far a sighting may jump from the last one and be of the same thing: the fastest pad, seen from
+# a vehicle that does not know its speed.
+FASTEST_PAD_MPS = 15.0
+# Steps of the autopilot's position are smaller (GPS glitches that its EKF takes are), and rare.
+MAX_STEP_M, STEP_GAP_S = 0.5, 1.0
 MAX_SIGMA_HEADING = math.radians(5.0)  # rad; a heading less certain than this is not known
 
 # ---- what is assumed of pads -------------------------------------------------------------------
@@ -98,18 +103,31 @@ class PadFilter:
         self._sigma_bearing = bearing
         self._nis_limit = options.gate_sigma**2
         self._accepted = 0  # sightings since the filter began; 0: nothing is known
-        self._rejections = 0  # in a row
+        self._accepted_t = -math.inf
+        self._rejections = 0  # in a row, lying together
+        self._refused_t = self._stepped_t = -math.inf
+        self._refused_step: Vec3 = (0.0, 0.0, 0.0)  # innovation of the last one refused, m
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._tilt_variance = SIGMA_INITIAL_TILT**2
-        self._noise_scale = 1.0  # white noise's variance over what it is said to be
+        # White noise's variance over what it is said to be: across the line of sight, and along it.
+        self._noise_scale = (1.0, 1.0)
         self._last_innovation: Vec3 = (0.0, 0.0, 0.0)  # the position's, m
         self.rejected = 0
         self.nis = math.nan
 
+    @property
+    def clocks(self) -> Clocks:
+        """The clocks as far as they are known."""
+        (_, _, pictures), (gimbal, _, _) = self._motion.biases
+        return Clocks(pictures, gimbal)
+
     def shown(self, B: Jacobian) -> Vec3:
-        """Return how far from where it is the errors common to all frames show the pad, m."""
-        (by_lens, by_gimbal), (lens, gimbal) = B, self._motion.biases
-        return add(rotate(by_lens, lens), rotate(by_gimbal, gimbal))
+        """Return how far from where it is the errors common to all frames show the pad, m.
+
+        But those of the clocks, which are put right where pictures are placed.
+        """
+        (x, y, _), (_, range_, heading) = self._motion.biases
+        return add(rotate(B[0], (x, y, 0.0)), rotate(B[1], (0.0, range_, heading)))
 
     def reset(self) -> None:
         """Forget the pad, and all that is known of the gimbal."""
@@ -133,7 +151,7 @@ class PadFilter:
             return False
         t = possible[0].t
         max_gap = MAX_GAP_S if self._accepted >= SIGHTINGS_TO_CONFIRM else MAX_CONFIRM_GAP_S
-        if self._accepted == 0 or t - self._motion.t > max_gap:
+        if self._accepted == 0 or t - self._accepted_t > max_gap:
             self._start(min(possible, key=_cost_by_level))
             return False
         if t <= self._motion.t:
@@ -144,8 +162,10 @@ class PadFilter:
         self.nis = innovation.nis
         self._adapt(best, innovation)
         if not self.nis <= self._nis_limit:  # so that NaN is outside
-            self._reject(best)
-            return False
+            # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
+            innovation = innovation.with_noise(best.hiccup)
+        if not innovation.nis <= self._nis_limit:
+            return self._reject(best, innovation)
         self._accept(best, innovation)
         return self._accepted >= SIGHTINGS_TO_CONFIRM
 
@@ -171,10 +191,11 @@ class PadFilter:
     def _start(self, seen: PadObservation) -> None:
         """Begin anew from one observation; the biases are kept."""
         self._accepted = 1
+        self._accepted_t = seen.t
         self._rejections = 0
         self._motion.q = (self._q, self._q, self._q)
         self._last_innovation = (0.0, 0.0, 0.0)
-        self._noise_scale = 1.0
+        self._noise_scale = (1.0, 1.0)
         self._motion.start(
             seen.t,
             seen.position,
@@ -209,18 +230,52 @@ class PadFilter:
         # While neither the pad's velocity nor the clock is known, one says nothing of the other:
         # the second-order term of their product.
         unknown = matscale(motion.Pvv, motion.Pbb[2][2])
-        noise = matadd(matscale(seen.covariance, self._noise_scale), seen.telemetry_noise)
-        return motion.innovation(seen.position, matadd(noise, unknown), (by_lens, by_gimbal))
+        noise = matadd(self._white_noise(seen), matadd(seen.telemetry_noise, unknown))
+        return motion.innovation(seen.position, noise, (by_lens, by_gimbal))
 
-    def _reject(self, seen: PadObservation) -> None:
+    def _white_noise(self, seen: PadObservation) -> Mat3:
+        """Return what is new in every frame as it was learned, m^2."""
+        across, along = self._noise_scale
+        in_range = dot(seen.sight, rotate(seen.covariance, seen.sight)) * (along - across)
+        return matadd(
+            matscale(seen.covariance, across), matscale(outer(seen.sight, seen.sight), in_range)
+        )
+
+    def _reject(self, seen: PadObservation, innovation: Innovation) -> bool:
+        """Refuse it; tell whether it was accepted after all, as evidence of a step.
+
+        Sightings refused in a row that lie together say that the pad is there. A little aside it is
+        the same pad, and position or time of the telemetry have stepped: the position is known less
+        well, all else is kept. Farther away, or soon after a step, it is another one.
+        """
         self.rejected += 1
-        self._rejections += 1
-        if self._rejections >= REJECTIONS_TO_RESTART:
+        step = innovation.vector
+        apart = norm(sub(step, self._refused_step))
+        reach = FASTEST_PAD_MPS * (seen.t - self._refused_t) + self._gate(innovation)
+        self._rejections = self._rejections + 1 if apart <= reach else 1
+        self._refused_step, self._refused_t = step, seen.t
+        if self._rejections < REJECTIONS_TO_RESTART:
+            return False
+        if self._accepted < SIGHTINGS_TO_CONFIRM or not self._is_step(seen.t, step):
             self._start(seen)
+            return False
+        self._stepped_t = seen.t
+        self._motion.loosen(outer(step, step))
+        self._accept(seen, innovation.with_noise(outer(step, step)))
+        return True
+
+    def _gate(self, innovation: Innovation) -> float:
+        """Return how far aside an innovation may be at most by its covariance, m."""
+        S = innovation.S
+        return math.sqrt(self._nis_limit * max(S[0][0], S[1][1], S[2][2]))
+
+    def _is_step(self, t: float, step: Vec3) -> bool:
+        return norm(step) < MAX_STEP_M and t - self._stepped_t > STEP_GAP_S
 
     def _accept(self, seen: PadObservation, innovation: Innovation) -> None:
         self._rejections = 0
         self._accepted += 1
+        self._accepted_t = seen.t
         self._motion.correct(innovation)
         self._correct_tilt(seen)
         if seen.heading is not None:
@@ -237,9 +292,7 @@ class PadFilter:
         """
         if not self.nis <= OUTLIER_FACTOR * self._nis_limit:  # so that NaN is outside
             return
-        nis = min(self.nis, self._nis_limit)
-        scaled = self._noise_scale * math.exp(ADAPTATION_RATE * (nis / 3.0 - 1.0))
-        self._noise_scale = clamp(scaled, *NOISE_SCALE_RANGE)
+        self._adapt_noise(seen, innovation)
         x, y, z = innovation.vector
         u, v, w = self._last_innovation
         self._last_innovation = innovation.vector
@@ -250,6 +303,17 @@ class PadFilter:
         q_north, _, q_down = self._motion.q
         q_north = _adapted(q_north, horizontal)
         self._motion.q = (q_north, q_north, _adapted(q_down, z * w / S[2][2]))
+
+    def _adapt_noise(self, seen: PadObservation, innovation: Innovation) -> None:
+        d = seen.sight
+        off = dot(d, innovation.vector)
+        in_range = off * off / dot(d, rotate(innovation.S, d))
+        nis = min(self.nis, self._nis_limit)
+        across, along = self._noise_scale
+        self._noise_scale = (
+            _scaled(across, 0.5 * max(0.0, nis - in_range)),
+            _scaled(along, min(in_range, self._nis_limit)),
+        )
 
     def _cost_by_tilt(self, seen: PadObservation) -> float:
         """Return chi-square of a pose: what the picture says, and how the pad lay before."""
@@ -267,6 +331,11 @@ class PadFilter:
             east + k * (seen.normal[1] - east),
         )
         self._tilt_variance *= 1.0 - k
+
+
+def _scaled(noise_scale: float, nis: float) -> float:
+    """Return the scale of a variance after an innovation of this NIS for each degree of freedom."""
+    return clamp(noise_scale * math.exp(ADAPTATION_RATE * (nis - 1.0)), *NOISE_SCALE_RANGE)
 
 
 def _adapted(q: float, correlation: float) -> float:

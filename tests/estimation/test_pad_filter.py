@@ -29,7 +29,7 @@ from landerd.geometry import (
 RATE = 30.0
 PAD: Vec3 = (12.0, -7.0, 0.4)
 OPTIONS = EstimationSection(clock_sigma_s=0.0)
-NO_BIAS = matscale(IDENTITY, 0.0)
+NOTHING = matscale(IDENTITY, 0.0)
 # Seen obliquely: 4 cm across, 20 cm along the line of sight.
 R_SIGHT = rot_zyx(0.7, -0.9, 0.0)
 SIGMAS: Vec3 = (0.20, 0.04, 0.04)
@@ -49,7 +49,8 @@ def sighting(
     sigma_tilt: float = 0.05,
     cost: float = 0.0,
     covariance: Mat3 = COVARIANCE,
-    bias_jacobian: Mat3 = NO_BIAS,
+    bias_jacobian: Mat3 = NOTHING,
+    hiccup: Mat3 = NOTHING,
     range_m: float = 0.0,
 ) -> PadObservation:
     if noise is not None:
@@ -64,16 +65,19 @@ def sighting(
     sigma_heading = math.inf if heading is None else 0.03
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
     return PadObservation(
-        t,
-        position,
-        range_m,
-        covariance,
-        bias_jacobian,
-        heading,
-        sigma_heading,
-        normal,
-        sigma_tilt,
-        cost,
+        t=t,
+        position=position,
+        range_m=range_m,
+        sight=rotate(R_SIGHT, (1.0, 0.0, 0.0)),
+        covariance=covariance,
+        telemetry_noise=NOTHING,
+        bias_jacobian=(bias_jacobian, NOTHING),
+        hiccup=hiccup,
+        heading=heading,
+        sigma_heading=sigma_heading,
+        normal=normal,
+        sigma_tilt=sigma_tilt,
+        cost=cost,
     )
 
 
