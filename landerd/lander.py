@@ -20,6 +20,7 @@ from landerd.messages import (
     Attitude,
     AutopilotRestarted,
     Battery,
+    ClockSync,
     Command,
     GimbalState,
     Heartbeat,
@@ -119,6 +120,9 @@ class Lander:
                 self._gate.on_rc(message)
             case LandedState():
                 self._landing.on_landed_state(message.state)
+            case ClockSync():
+                self._estimator.on_clock(message)
+                self._gate.on_clock(message)
             case AutopilotRestarted():
                 self._gate.on_restart()
                 self._estimator.on_restart()

@@ -19,6 +19,7 @@ from hw.autopilots.streams import Streams
 from landerd.messages import (
     AutopilotMessage,
     AutopilotRestarted,
+    ClockSync,
     LandingTarget,
     PressDown,
     Setpoint,
@@ -236,6 +237,9 @@ class MavlinkAutopilot:
             boot_s = 1e-9 * m.tc1
             self._watch_restart(boot_s, now)
             self._clock.exchanged(1e-9 * m.ts1, boot_s, now)
+            uncertainty_s = self._clock.uncertainty_s
+            if uncertainty_s is not None:
+                self._pending.append(ClockSync(now, uncertainty_s))
 
     def _on_command_ack(self, m: Message) -> None:
         """Say once what the autopilot does not do."""
@@ -275,7 +279,7 @@ class MavlinkAutopilot:
 
     def _place(self, m: Message, now: float) -> float | None:
         """Return the loop time of a stamped message; None: not newer than the last of its kind."""
-        boot_s = 1e-3 * m.time_boot_ms
+        boot_s = self._clock.unwrapped(m.time_boot_ms, now)
         self._watch_restart(boot_s, now)
         t = self._clock.place(boot_s, now)
         if t <= self._last_t.get(m.get_msgId(), -math.inf):
@@ -293,6 +297,7 @@ class MavlinkAutopilot:
             self._refusals.restart()
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
+        self._clock.heard(boot_s, now)
 
     def _request_missing(self, now: float) -> None:
         """Ask for the time when it is due, and for the streams that do not come."""

@@ -11,6 +11,7 @@ from landerd.estimation.vehicle_state import VehicleState, vehicle_state
 from landerd.geometry import add, rotate, sub, transpose
 from landerd.messages import (
     Attitude,
+    ClockSync,
     GimbalState,
     LocalPosition,
     PadPrior,
@@ -43,6 +44,7 @@ class Estimator:
         self._filter = PadFilter(config.estimation)
         self.sighting_t = self.refused_t = -math.inf
         self.frame_t = -math.inf
+        self._clock_s = 0.0  # how wrong the times of the autopilot's data may be
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -51,6 +53,11 @@ class Estimator:
         jump = self.poses.add(message)
         if jump is not None:
             self._filter.shift(jump)
+
+    def on_clock(self, clock: ClockSync) -> None:
+        """Take how well the autopilot's clock is known: its data may be so much older."""
+        self._clock_s = clock.uncertainty_s
+        self._filter.on_clock(clock.uncertainty_s)
 
     def on_sightings(self, sightings: Sightings) -> list[PadObservation] | None:
         """Take what one frame shows of the pad.
@@ -103,17 +110,14 @@ class Estimator:
 
     def has_fresh_vehicle(self, now: float) -> bool:
         """Tell whether position and attitude are young enough to be flown on (rule 5)."""
-        fresh, poses = self._freshness, self.poses
-        if poses.position.age(now) > fresh.position_s:
-            return False
-        return not poses.attitude.age(now) > fresh.attitude_s
+        return self.stale(now) not in ("attitude", "position")
 
     def stale(self, now: float) -> Literal["attitude", "position", "gimbal"] | None:
         """Return the first of the sources that is too old to be flown on, None if none is."""
         fresh, poses = self._freshness, self.poses
-        if poses.attitude.age(now) > fresh.attitude_s:
+        if poses.attitude.age(now) + self._clock_s > fresh.attitude_s:
             return "attitude"
-        if poses.position.age(now) > fresh.position_s:
+        if poses.position.age(now) + self._clock_s > fresh.position_s:
             return "position"
         if poses.gimbal.age(now) > fresh.gimbal_s:
             return "gimbal"

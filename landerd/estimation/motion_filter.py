@@ -81,6 +81,14 @@ class MotionFilter:
         self.biases: Biases = (ZERO, ZERO)
         self.Pbb, self.Pgg, self._Pbg = self._initial_Pbb, self._initial_Pgg, ZEROS
 
+    def assume_clock(self, sigma_s: float) -> None:
+        """Assume this of the pictures' clock from now on; what was learned of it is kept."""
+        P = self._initial_Pbb
+        learned = self.Pbb != P
+        self._initial_Pbb = diagonal(P[0][0], P[1][1], sigma_s * sigma_s)
+        if not learned:
+            self.Pbb = self._initial_Pbb
+
     def start(self, t: float, measured: Vec3, R: Mat3, B: Jacobian, sigma_velocity: Vec3) -> None:
         """Begin from one measurement; what is known of the biases is kept.
 

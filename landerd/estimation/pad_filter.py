@@ -100,7 +100,7 @@ class PadFilter:
         )
         self._q = options.pad_acceleration_mps2**2
         self._heading = HeadingFilter(options.gate_sigma)
-        self._sigma_bearing = bearing
+        self._sigma_bearing, self._sigma_clock = bearing, options.clock_sigma_s
         self._nis_limit = options.gate_sigma**2
         self._accepted = 0  # sightings since the filter began; 0: nothing is known
         self._accepted_t = -math.inf
@@ -134,6 +134,10 @@ class PadFilter:
         self._accepted = 0
         self._heading.reset()
         self._motion.forget_bias()
+
+    def on_clock(self, uncertainty_s: float) -> None:
+        """Take how well the autopilot's clock is known: the pictures' is known no better, s."""
+        self._motion.assume_clock(math.hypot(self._sigma_clock, uncertainty_s))
 
     def shift(self, by: Vec3) -> None:
         """The autopilot's local frame jumped: what was at x is now at x + by, m."""

@@ -304,10 +304,11 @@ def test_each_kind_of_fault_is_logged_once_a_second(caplog: pytest.LogCaptureFix
 
 
 def test_rc_channels_without_a_sound_pulse_read_0() -> None:
-    raw = [1500, 0, 65535, 1100, 40000, 200, 2000, 1900, *[1234] * 10]
+    # Eight channels of the receiver, and one that is overridden over MAVLink.
+    raw = [1500, 0, 65535, 1100, 40000, 200, 2000, 1900, 0, 0, 1234, *[0] * 7]
     (rc,) = received(mavlink.MAVLink_rc_channels_message(500, 8, *raw, 255))
     assert isinstance(rc, RcChannels)
-    assert rc.channels_us == (1500, 0, 0, 1100, 0, 0, 2000, 1900, *[0] * 10)
+    assert rc.channels_us == (1500, 0, 0, 1100, 0, 0, 2000, 1900, 0, 0, 1234, *[0] * 7)
 
 
 @pytest.mark.parametrize(
