@@ -33,6 +33,8 @@ class CameraSection(Section):
 
     driver: str = "sim"
     calibration: Path = Path("cameras/thesis.yaml")
+    # How much later a picture is stamped than its middle row was exposed; earlier: negative.
+    clock_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
 
 
 class GimbalSection(Section):

@@ -1,12 +1,13 @@
 """What is known of vehicle, camera and pad: telemetry and sightings in, estimates out."""
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 from landerd.config.models import Config
 from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.observation import ObservationModel, PadObservation
-from landerd.estimation.pad_filter import PadEstimate, PadFilter
+from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, vehicle_state
 from landerd.geometry import add, rotate, sub, transpose
 from landerd.messages import (
@@ -32,13 +33,14 @@ class Estimator:
     Attributes:
         poses: position, attitude and gimbal angles of the last second.
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
-        refused_t: exposure of the last frame that showed a pad which the filter refused, s; -inf: none.
+        refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
     """
 
     def __init__(self, config: Config) -> None:
         self._vehicle = config.vehicle
         self._freshness = config.freshness
+        self._clock_offset_s = config.camera.clock_offset_s
         self.poses = PoseHistory(config)
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
@@ -69,18 +71,19 @@ class Estimator:
         if not sightings.t > self.frame_t:
             return None
         self.frame_t = sightings.t
+        t = sightings.t - self._clock_offset_s
         clocks = self._filter.clocks
         observations = [
             o
             for solution in sightings.pad
             if _is_plausible(solution)
-            and (o := self._observations.observe(sightings.t, solution, clocks)) is not None
+            and (o := self._observations.observe(t, solution, clocks)) is not None
         ]
         if not self._filter.update(observations):
             if sightings.pad:
-                self.refused_t = sightings.t
+                self.refused_t = t
             return []
-        self.sighting_t = sightings.t
+        self.sighting_t = t
         return observations
 
     def on_restart(self) -> None:
@@ -95,6 +98,12 @@ class Estimator:
     def nis(self) -> float:
         """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
         return self._filter.nis
+
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """What the filter has found of camera and gimbal, beside what the configuration says."""
+        found = self._filter.sensor_errors
+        return replace(found, clock_s=self._clock_offset_s + found.clock_s)
 
     def pad(self, t: float) -> PadEstimate | None:
         """Return the pad at time t, None while none is confirmed."""
@@ -125,6 +134,7 @@ class Estimator:
 
     def prior(self, t: float) -> Prior:
         """Return what is known of a picture exposed at time t (s) before it is searched."""
+        t -= self._clock_offset_s
         clocks = self._filter.clocks
         t_true, back = t - clocks.pictures_s, clocks.gimbal_s
         down = self.poses.down(t_true, gimbal_back_s=back)

@@ -41,7 +41,7 @@ DIFFERENCE_S = 0.04
 SIGMA_SCALE = 0.005
 MIN_RANGE_M = 0.01  # nearer than this nothing has a direction
 RANGE_CORRELATED = 2.0
-# Step in the telemetry's time (s) and position (m^2), 1 sigma, that a sighting may be taken through.
+# Step in the telemetry's time (s) and position (m^2), 1 sigma, that sightings are taken through.
 # SITL beside a load of four processes steps by 3 to 10 ms (beyond 20 ms it is 4 sigma), GPS by cm.
 HICCUP_S = 0.005
 HICCUP = diagonal(0.02**2, 0.02**2, 0.02**2)
@@ -123,7 +123,9 @@ class ObservationModel:
             range_m=norm(arm),
             sight=unit(arm),
             covariance=matadd(rotate_covariance(R, solution.covariance), self._pointing_noise(arm)),
-            telemetry_noise=self._telemetry_noise(sub(sub(by_clock, velocity), by_gimbal), by_gimbal),
+            telemetry_noise=self._telemetry_noise(
+                sub(sub(by_clock, velocity), by_gimbal), by_gimbal
+            ),
             bias_jacobian=jacobian,
             hiccup=matadd(HICCUP, matscale(outer(by_clock, by_clock), HICCUP_S**2)),
             heading=heading,
@@ -165,7 +167,7 @@ class ObservationModel:
         by_gimbal = _sweep(
             turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point
         )
-        # Positions differenced over so short a time would be noise: the autopilot's velocity is not.
+        # Positions differenced over so short a time would be noise; the velocity is not.
         by_clock = add(self._poses.velocity(t), turning)
         return (
             transpose((about_x, about_y, by_clock)),

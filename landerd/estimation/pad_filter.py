@@ -16,7 +16,21 @@ from landerd.config.models import EstimationSection
 from landerd.estimation.heading_filter import HeadingFilter
 from landerd.estimation.motion_filter import Innovation, Jacobian, MotionFilter
 from landerd.estimation.observation import Clocks, PadObservation
-from landerd.geometry import Mat3, Vec3, add, clamp, dot, matadd, matscale, norm, outer, rotate, scale, sub, unit
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    clamp,
+    dot,
+    matadd,
+    matscale,
+    norm,
+    outer,
+    rotate,
+    scale,
+    sub,
+    unit,
+)
 
 # ---- when a pad is known -----------------------------------------------------------------------
 SIGHTINGS_TO_CONFIRM = 3  # consistent ones before a pad counts: one false alarm must not fly
@@ -77,6 +91,24 @@ class PadEstimate:
         return math.sqrt(max(c[0][0], c[1][1], c[2][2]))
 
 
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """What is wrong about camera and gimbal in all frames alike, as far as it is known.
+
+    An error of the camera's clock cannot be told from one of TIMESYNC, nor one of the mounting from
+    one of the gimbal's angles: these are their sums.
+    """
+
+    clock_s: float  # pictures are stamped so much late
+    sigma_clock_s: float
+    gimbal_clock_s: float  # the gimbal's angles are stamped so much earlier than the attitude
+    sigma_gimbal_clock_s: float
+    up: float  # the lens looks so much higher than is said, rad
+    right: float  # and so much farther to the right
+    sigma_up: float
+    sigma_right: float
+
+
 class PadFilter:
     """One pad's state. Call `update` with every frame's observations in the order of exposure.
 
@@ -120,6 +152,23 @@ class PadFilter:
         """The clocks as far as they are known."""
         (_, _, pictures), (gimbal, _, _) = self._motion.biases
         return Clocks(pictures, gimbal)
+
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """What the biases are, of the clock's beside what pictures were put right by."""
+        motion = self._motion
+        (about_x, about_y, clock), (gimbal, _, _) = motion.biases
+        b, g = motion.Pbb, motion.Pgg
+        return SensorErrors(
+            clock_s=clock,
+            sigma_clock_s=math.sqrt(b[2][2]),
+            gimbal_clock_s=gimbal,
+            sigma_gimbal_clock_s=math.sqrt(g[0][0]),
+            up=-about_x,
+            right=-about_y,
+            sigma_up=math.sqrt(b[0][0]),
+            sigma_right=math.sqrt(b[1][1]),
+        )
 
     def shown(self, B: Jacobian) -> Vec3:
         """Return how far from where it is the errors common to all frames show the pad, m.

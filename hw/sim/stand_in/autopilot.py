@@ -127,7 +127,7 @@ class SimAutopilot:
         self._ekf = ekf
         self._rng = rng
         self._system = system_id
-        self._heartbeat_s = _HEARTBEAT_PERIOD_S
+        self._heartbeat_s, self._heartbeat_due = _HEARTBEAT_PERIOD_S, 0.0
         self._options = options
         self._channels = [_Channel(link, system_id) for link in links]
         self._streams: dict[int, Callable[[float], Message]] = {
@@ -182,13 +182,13 @@ class SimAutopilot:
     async def _tick(self) -> None:
         loop = asyncio.get_running_loop()
         due = loop.time()
-        heartbeat_due = timesync_due = due
+        self._heartbeat_due = timesync_due = due
         mode = self.copter.mode
         while True:
             t = loop.time()
             self._step(t)
-            if t >= heartbeat_due:
-                heartbeat_due += self._heartbeat_s
+            if t >= self._heartbeat_due:
+                self._heartbeat_due += self._heartbeat_s
                 self._send_all(self._heartbeat())
             elif self.copter.mode != mode:
                 self._send_all(self._heartbeat())
@@ -377,6 +377,7 @@ class SimAutopilot:
     def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:
         if message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeat_s = 1e-6 * us if us > 0.0 else _HEARTBEAT_PERIOD_S
+            self._heartbeat_due = t + self._heartbeat_s
             return _ACCEPTED
         if message_id not in self._streams:
             self._say(f"No ap_message for mavlink id ({message_id})")
