@@ -6,6 +6,7 @@ from typing import Literal
 
 from landerd.config.models import Config
 from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import ObservationModel, PadObservation
 from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, vehicle_state
@@ -148,7 +149,7 @@ class Estimator:
             north = rotate(R_camera_local, (math.cos(pad.heading), math.sin(pad.heading), 0.0))
         position = rotate(R_camera_local, sub(pad.position, camera.position))
         # Where it will be seen is not where it is: the lens errs in the next frame too.
-        B = self._observations.bias_jacobian(t, camera, position, clocks)
+        B = self._observations.bias_jacobian(camera, position, ZERO, ZERO, 0.0)
         shown = rotate(R_camera_local, self._filter.shown(B))
         normal = rotate(R_camera_local, pad.normal)
         return Prior(down=down, pad=PadPrior(add(position, shown), pad.sigma_m, north, normal))

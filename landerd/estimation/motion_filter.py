@@ -21,6 +21,7 @@ from landerd.geometry import (
     matadd,
     matmul,
     matscale,
+    outer,
     rot_z,
     rotate,
     scale,
@@ -152,12 +153,12 @@ class MotionFilter:
         b_constants, g_constants = self._time_constants_s
         keep_b, keep_g = _decay(b_constants, dt), _decay(g_constants, dt)
         b, g = self.biases
-        self.biases = rotate(keep_b, b), rotate(keep_g, g)
-        self._Ppb, self._Pvb = matmul(self._Ppb, keep_b), matmul(self._Pvb, keep_b)
-        self._Ppg, self._Pvg = matmul(self._Ppg, keep_g), matmul(self._Pvg, keep_g)
-        self._Pbg = matmul(matmul(keep_b, self._Pbg), keep_g)
-        self.Pbb = _faded(self.Pbb, keep_b, self._initial_Pbb)
-        self.Pgg = _faded(self.Pgg, keep_g, self._initial_Pgg)
+        self.biases = _times(b, keep_b), _times(g, keep_g)
+        self._Ppb, self._Pvb = _columns(self._Ppb, keep_b), _columns(self._Pvb, keep_b)
+        self._Ppg, self._Pvg = _columns(self._Ppg, keep_g), _columns(self._Pvg, keep_g)
+        self._Pbg = _product(self._Pbg, outer(keep_b, keep_g))
+        self.Pbb = _faded(self.Pbb, outer(keep_b, keep_b), self._initial_Pbb)
+        self.Pgg = _faded(self.Pgg, outer(keep_g, keep_g), self._initial_Pgg)
 
     def innovation(self, measured: Vec3, R: Mat3, B: Jacobian) -> Innovation:
         """Return what a measurement at the filter's own time, with covariance R, would change."""
@@ -207,16 +208,28 @@ class MotionFilter:
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
 
 
-def _decay(time_constants_s: Vec3, dt: float) -> Mat3:
+def _decay(time_constants_s: Vec3, dt: float) -> Vec3:
     x, y, z = time_constants_s
-    return diagonal(math.exp(-dt / x), math.exp(-dt / y), math.exp(-dt / z))
+    return (math.exp(-dt / x), math.exp(-dt / y), math.exp(-dt / z))
+
+
+def _times(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
+
+
+def _columns(m: Mat3, k: Vec3) -> Mat3:
+    """Return m diag(k)."""
+    return (_times(m[0], k), _times(m[1], k), _times(m[2], k))
+
+
+def _product(a: Mat3, b: Mat3) -> Mat3:
+    """Return the product element by element."""
+    return (_times(a[0], b[0]), _times(a[1], b[1]), _times(a[2], b[2]))
 
 
 def _faded(P: Mat3, keep: Mat3, initial: Mat3) -> Mat3:
     """Return a covariance of Gauss-Markov errors later on, of which `initial` is the stationary."""
-    faded = matmul(matmul(keep, P), keep)
-    grown = _minus(initial, matmul(matmul(keep, initial), keep))
-    return matadd(faded, grown)
+    return matadd(initial, _product(_minus(P, initial), keep))
 
 
 def _minus(a: Mat3, b: Mat3) -> Mat3:

@@ -112,9 +112,10 @@ class ObservationModel:
             heading = heading_of(rotate(R, solution.north))
             sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_bearing)
         sigma_range = math.sqrt(max(0.0, solution.covariance[2][2]))
-        jacobian = self.bias_jacobian(t, camera, solution.position, clocks, sigma_range)
-        by_clock, by_gimbal = _column(jacobian[0], 2), _column(jacobian[1], 0)
-        velocity = self._poses.velocity(t - clocks.pictures_s)
+        t_true = t - clocks.pictures_s
+        turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, solution.position)
+        # Positions differenced over so short a time would be noise; the velocity is not.
+        by_clock = add(self._poses.velocity(t_true), turning)
         # The filter takes errors as they show without a correction.
         shown = add(scale(by_clock, clocks.pictures_s), scale(by_gimbal, clocks.gimbal_s))
         return PadObservation(
@@ -123,10 +124,10 @@ class ObservationModel:
             range_m=norm(arm),
             sight=unit(arm),
             covariance=matadd(rotate_covariance(R, solution.covariance), self._pointing_noise(arm)),
-            telemetry_noise=self._telemetry_noise(
-                sub(sub(by_clock, velocity), by_gimbal), by_gimbal
+            telemetry_noise=self._telemetry_noise(sub(turning, by_gimbal), by_gimbal),
+            bias_jacobian=self.bias_jacobian(
+                camera, solution.position, by_clock, by_gimbal, sigma_range
             ),
-            bias_jacobian=jacobian,
             hiccup=matadd(HICCUP, matscale(outer(by_clock, by_clock), HICCUP_S**2)),
             heading=heading,
             sigma_heading=sigma_heading,
@@ -136,7 +137,7 @@ class ObservationModel:
         )
 
     def bias_jacobian(
-        self, t: float, camera: CameraPose, point: Vec3, clocks: Clocks, sigma_range: float = 0.0
+        self, camera: CameraPose, point: Vec3, by_clock: Vec3, by_gimbal: Vec3, sigma_range: float
     ) -> Jacobian:
         """Return how the biases move what is seen at a point of the camera frame, local NED.
 
@@ -145,10 +146,10 @@ class ObservationModel:
         times its standard deviation), the autopilot's heading (m/rad).
 
         Args:
-            t: exposure as the camera says, s.
-            camera: its pose then.
+            camera: its pose at the exposure.
             point: camera frame, m.
-            clocks: as far as they are known; motion is told where they say that the picture was.
+            by_clock: as `_sweeps`; zero where clocks are of no matter.
+            by_gimbal: the same.
             sigma_range: of the point's distance as vision says, m.
         """
         R = camera.R_local_camera
@@ -158,20 +159,27 @@ class ObservationModel:
         arm = rotate(R, point)
         distance = max(norm(arm), MIN_RANGE_M)
         by_range = scale(arm, math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / distance))
-        t -= clocks.pictures_s
-        half, back = 0.5 * DIFFERENCE_S, clocks.gimbal_s
-        turn = self._poses.camera_rotation
-        turning = _sweep(
-            turn(t + half, gimbal_back_s=back), turn(t - half, gimbal_back_s=back), point
-        )
-        by_gimbal = _sweep(
-            turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point
-        )
-        # Positions differenced over so short a time would be noise; the velocity is not.
-        by_clock = add(self._poses.velocity(t), turning)
         return (
             transpose((about_x, about_y, by_clock)),
             transpose((by_gimbal, by_range, (-arm[1], arm[0], 0.0))),
+        )
+
+    def _sweeps(self, t: float, gimbal_back_s: float, point: Vec3) -> tuple[Vec3, Vec3]:
+        """Return how fast a point of the camera frame is swept through local NED, m/s.
+
+        Args:
+            t: when the picture was exposed as far as the clocks are known, s.
+            gimbal_back_s: how much older the gimbal's angles are to be.
+            point: camera frame, m.
+
+        Returns:
+            as the camera turns with airframe and gimbal; as the gimbal alone turns.
+        """
+        half, back = 0.5 * DIFFERENCE_S, gimbal_back_s
+        turn = self._poses.camera_rotation
+        return (
+            _sweep(turn(t + half, gimbal_back_s=back), turn(t - half, gimbal_back_s=back), point),
+            _sweep(turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point),
         )
 
     def _pointing_noise(self, arm: Vec3) -> Mat3:
@@ -198,7 +206,3 @@ def _sweep(after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:
     if after is None or before is None:
         return (0.0, 0.0, 0.0)
     return scale(sub(rotate(after, point), rotate(before, point)), 1.0 / DIFFERENCE_S)
-
-
-def _column(m: Mat3, i: int) -> Vec3:
-    return (m[0][i], m[1][i], m[2][i])

@@ -96,7 +96,7 @@ def test_it_asks_for_its_streams_and_gets_them_at_the_rates_it_needs() -> None:
                 RcChannels: 20,
                 LandedState: 5,
                 Battery: 2,
-                Heartbeat: 1,
+                Heartbeat: 4,
             },
             rel=0.11,
         )

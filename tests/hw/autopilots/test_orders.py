@@ -70,7 +70,7 @@ def test_in_body_ned_the_vehicle_flies_the_same_way() -> None:
 
 
 def test_while_yawing_local_ned_keeps_its_course_and_body_ned_drifts() -> None:
-    """Why local_ned is the default: a body set-point is turned back when it arrives, by another heading."""
+    """Why local_ned is the default: a body set-point is turned back by a later heading."""
     sideways: dict[str, float] = {}
     for frame in ("local_ned", "body_ned"):
 
