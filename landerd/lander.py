@@ -8,6 +8,7 @@ guidance.gate, what is flown in guidance.landing, where the camera looks in guid
 from landerd.config.models import Config
 from landerd.config.parameters import with_value
 from landerd.estimation.estimator import Estimator
+from landerd.estimation.pad_filter import SensorErrors
 from landerd.geometry import Vec3
 from landerd.guidance.aim import Aim
 from landerd.guidance.gate import Gate
@@ -19,7 +20,7 @@ from landerd.guidance.view import View
 from landerd.messages import (
     Attitude,
     AutopilotRestarted,
-    Battery,
+    ClockSync,
     Command,
     GimbalState,
     Heartbeat,
@@ -94,6 +95,11 @@ class Lander:
         """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
         return self._estimator.nis
 
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """What is wrong about camera and gimbal, as far as it is known."""
+        return self._estimator.sensor_errors
+
     def prior(self, t: float) -> Prior:
         """Return what is known of a picture exposed at time t (s) before it is searched."""
         return self._estimator.prior(t)
@@ -119,6 +125,9 @@ class Lander:
                 self._gate.on_rc(message)
             case LandedState():
                 self._landing.on_landed_state(message.state)
+            case ClockSync():
+                self._estimator.on_clock(message)
+                self._gate.on_clock(message)
             case AutopilotRestarted():
                 self._gate.on_restart()
                 self._estimator.on_restart()
@@ -127,9 +136,7 @@ class Lander:
                 self._gate.end()
             case ParameterChange():
                 self._configure(with_value(self._config, message.key, message.value))
-            case Battery():
-                pass
-        return []
+        return []  # a Battery is for the log only
 
     def _configure(self, config: Config) -> None:
         """Go on with changed parameters; only `guidance` and `rc` have any."""

@@ -103,6 +103,14 @@ class AutopilotRestarted:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockSync:
+    """How well the autopilot's clock is known: its data are older than they seem by as much."""
+
+    t: float
+    uncertainty_s: float  # half the round trip of the exchange, and what the filter adds
+
+
+@dataclass(frozen=True, slots=True)
 class Attitude:
     """Attitude of the body in local NED, rad and rad/s."""
 
@@ -295,6 +303,7 @@ class PhaseChange:
 AutopilotMessage = (
     Heartbeat
     | AutopilotRestarted
+    | ClockSync
     | Attitude
     | LocalPosition
     | RcChannels

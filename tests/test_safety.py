@@ -502,7 +502,6 @@ def test_5_frozen_gimbal_angles_stop_the_landing() -> None:
     assert simulation.rules.broken == {}
 
 
-@pytest.mark.xfail(strict=True, reason="rule 5: half the round trip is not counted as age")
 def test_5_what_is_long_under_way_is_old() -> None:
     async def script(simulation: Simulation) -> None:
         await flying(simulation)

@@ -19,6 +19,7 @@ from hw.autopilots.streams import Streams
 from landerd.messages import (
     AutopilotMessage,
     AutopilotRestarted,
+    ClockSync,
     LandingTarget,
     PressDown,
     Setpoint,
@@ -34,6 +35,7 @@ COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _TIMESYNC_PERIOD_S = 0.2
 _RESTART_S = 1.0  # boot time going back by more than this is a restart
 _HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
+_HEADING_AHEAD_S = 0.2  # how far a turn is carried on from the last attitude
 _STATUSTEXT_LENGTH = 50
 _TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry
 
@@ -113,7 +115,7 @@ class MavlinkAutopilot:
         self._logged: dict[str, float] = {}
         self._refusals = Refusals()
         self._texts_left, self._texts_t = _TEXTS_AT_ONCE, 0.0
-        self._yaw: float | None = None
+        self._yaw: tuple[float, float, float] | None = None  # loop time, rad, rad/s
         self._disarmed_until = -math.inf
         self._clock = BootClock()
         self._last_boot_s = -math.inf
@@ -216,7 +218,7 @@ class MavlinkAutopilot:
     def _note(self, m: Message, kind: int, now: float) -> None:
         """Take what the driver itself needs to know."""
         if kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
-            self._yaw = m.yaw
+            self._yaw = (self._last_t.get(kind, now), m.yaw, m.yawspeed)
         elif kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             is_armed = m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
             self._disarmed_until = -math.inf if is_armed else now + _HEARTBEAT_S
@@ -236,6 +238,9 @@ class MavlinkAutopilot:
             boot_s = 1e-9 * m.tc1
             self._watch_restart(boot_s, now)
             self._clock.exchanged(1e-9 * m.ts1, boot_s, now)
+            uncertainty_s = self._clock.uncertainty_s
+            if uncertainty_s is not None:
+                self._pending.append(ClockSync(now, uncertainty_s))
 
     def _on_command_ack(self, m: Message) -> None:
         """Say once what the autopilot does not do."""
@@ -275,7 +280,7 @@ class MavlinkAutopilot:
 
     def _place(self, m: Message, now: float) -> float | None:
         """Return the loop time of a stamped message; None: not newer than the last of its kind."""
-        boot_s = 1e-3 * m.time_boot_ms
+        boot_s = self._clock.unwrapped(m.time_boot_ms, now)
         self._watch_restart(boot_s, now)
         t = self._clock.place(boot_s, now)
         if t <= self._last_t.get(m.get_msgId(), -math.inf):
@@ -293,6 +298,7 @@ class MavlinkAutopilot:
             self._refusals.restart()
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
+        self._clock.heard(boot_s, now)
 
     def _request_missing(self, now: float) -> None:
         """Ask for the time when it is due, and for the streams that do not come."""
@@ -324,7 +330,9 @@ class MavlinkAutopilot:
     def fly(self, setpoint: Setpoint) -> None:
         """Send one velocity and yaw-rate set-point; one that is not finite is refused."""
         self._order(
-            lambda now: orders.velocity_target(setpoint, self._system, now, self._frame, self._yaw)
+            lambda now: orders.velocity_target(
+                setpoint, self._system, now, self._frame, self._heading(now)
+            )
         )
 
     def press_down(self, order: PressDown) -> None:
@@ -334,6 +342,13 @@ class MavlinkAutopilot:
     def show_target(self, target: LandingTarget) -> None:
         """Tell the autopilot where the pad is."""
         self._order(lambda now: orders.landing_target(target))
+
+    def _heading(self, now: float) -> float | None:
+        """Return the heading at time now, rad: one that goes on by steps makes velocities jump."""
+        if self._yaw is None:
+            return None
+        t, yaw, rate = self._yaw
+        return yaw + rate * min(max(now - t, 0.0), _HEADING_AHEAD_S)
 
     def _order(self, make: Callable[[float], Message]) -> None:
         now = asyncio.get_running_loop().time()

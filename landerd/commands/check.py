@@ -26,6 +26,7 @@ from landerd.preflight.autopilot import AutopilotCheck
 from landerd.preflight.camera import check_camera
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
+from landerd.preflight.sensors import read_sensors, sensor_findings, sensors_file
 from landerd.runtime.daemon import Devices
 
 _STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
@@ -92,7 +93,11 @@ async def check(loaded: Loaded, devices: Devices, state: Path) -> list[Finding]:
 
     parts = await asyncio.gather(autopilot.run(devices.autopilot, gimbal_done), camera(), gimbal())
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
-    return [*calibration, *(f for part in parts for f in part), *cut, disk(loaded, state)]
+    notes = sensors_file()
+    found = read_sensors(notes) if notes is not None else None
+    learned = sensor_findings(config, found) if found is not None else []
+    of_devices = [finding for part in parts for finding in part]
+    return [*calibration, *of_devices, *cut, *learned, disk(loaded, state)]
 
 
 def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:

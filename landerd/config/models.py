@@ -33,6 +33,8 @@ class CameraSection(Section):
 
     driver: str = "sim"
     calibration: Path = Path("cameras/thesis.yaml")
+    # How much later a picture is stamped than its middle row was exposed; earlier: negative.
+    clock_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
 
 
 class GimbalSection(Section):
@@ -89,8 +91,8 @@ class EstimationSection(Section):
     pad_acceleration_mps2: Positive = 0.3  # how a pad may change its velocity, to begin with
     gimbal_sigma_deg: NotNegative = 1.0  # error of the lens's direction, slowly varying
     bearing_noise_deg: NotNegative = 0.05  # and from frame to frame
-    gimbal_late_s: NotNegative = 0.01  # a turning gimbal is so much behind what it says
-    clock_sigma_s: NotNegative = 0.01  # of the pictures' time against the telemetry's
+    gimbal_late_s: NotNegative = 0.002  # jitter of the times of attitude and gimbal angles
+    clock_sigma_s: NotNegative = 0.02  # of the pictures' time against the telemetry's
     position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
     gate_sigma: Positive = 4.0  # innovations beyond this are not accepted
 

@@ -157,6 +157,7 @@ class Recorder:
             lander.outcome,
             lander.aborts,
             lander.relative_state(now),
+            lander.sensor_errors,
         )
         self._put(self._state, (state,))
 

@@ -5,7 +5,7 @@ from enum import Enum
 
 from landerd.config.models import FreshnessSection, RcSection
 from landerd.guidance import pilot_texts
-from landerd.messages import Heartbeat, RcChannels
+from landerd.messages import ClockSync, Heartbeat, RcChannels
 
 
 class Authority(Enum):
@@ -29,6 +29,7 @@ class Gate:
         self._freshness = freshness
         self._heartbeat: Heartbeat | None = None
         self._rc_t = -math.inf
+        self._clock_s = 0.0
         self._ending = False
 
     def configure(self, rc: RcSection) -> None:
@@ -66,6 +67,10 @@ class Gate:
         if 0 < self._pulse_us <= self._threshold_us:
             self._latched = False
 
+    def on_clock(self, clock: ClockSync) -> None:
+        """Take how well the autopilot's clock is known: so much older its data may be."""
+        self._clock_s = clock.uncertainty_s
+
     def on_restart(self) -> None:
         """The autopilot restarted: what it said before counts no more."""
         self._heartbeat = None
@@ -91,7 +96,7 @@ class Gate:
             return Authority.SILENT, pilot_texts.NOT_GUIDED.format(mode=beat.mode)
         if self._ending:
             return Authority.RELEASED, pilot_texts.TOLD_TO_STOP
-        if now - self._rc_t > self._freshness.rc_s:
+        if now - self._rc_t + self._clock_s > self._freshness.rc_s:
             return Authority.RELEASED, pilot_texts.RC_STALE
         if self._pulse_us == 0:
             return Authority.RELEASED, pilot_texts.RC_NO_SIGNAL.format(channel=self._channel)

@@ -94,6 +94,8 @@ class LandingContext:
             return pilot_texts.STALE[stale]
         if now - self.estimator.frame_t > self.options.lost.after_s:
             return pilot_texts.NO_PICTURES
+        if now - self.estimator.refused_t <= self.options.lost.after_s:
+            return pilot_texts.NOT_BELIEVED
         return pilot_texts.NOT_IN_SIGHT
 
     # ---- how the landing goes ------------------------------------------------------------------

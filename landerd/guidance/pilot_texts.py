@@ -59,6 +59,7 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
 }
 NO_PICTURES = "no pictures from the camera"
 NOT_IN_SIGHT = "pad not in sight"
+NOT_BELIEVED = "pad seen but not believed"  # it would be elsewhere than where it was
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
 HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
 

@@ -225,7 +225,9 @@ class Daemon:
         pad = self.lander.relative_state(now)
         if pad is not None:
             figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
-        return figures
+            sensors = self.lander.sensor_errors
+            figures |= {"cam_clk_ms": 1e3 * sensors.clock_s, "pad_nis": self.lander.nis}
+        return {name: value for name, value in figures.items() if math.isfinite(value)}
 
     def _take(self, message: Input) -> None:
         """Give the core a message and carry out what it orders."""
