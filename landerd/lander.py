@@ -45,9 +45,7 @@ class Lander:
         self._config = config
         self._estimator = Estimator(config)
         self._gate = Gate(config.rc, config.freshness)
-        self._landing = Landing(
-            config, self._gate, self._estimator, pad_has_heading=layout.has_heading
-        )
+        self._landing = Landing(config, layout, self._gate, self._estimator)
         self._aim = Aim(config.aim, config.gimbal)
         self._view = View(layout)
         self._tick_t: float | None = None
@@ -132,10 +130,10 @@ class Lander:
         return []
 
     def _configure(self, config: Config) -> None:
-        """Go on with changed parameters; only `guidance` and `rc` have any."""
+        """Go on with changed numbers; only `guidance`, `rc` and `autopilot` have any."""
         self._config = config
         self._gate.configure(config.rc)
-        self._landing.configure(config.guidance)
+        self._landing.configure(config)
 
     def _on_sightings(self, sightings: Sightings) -> list[Command]:
         observations = self._estimator.on_sightings(sightings)

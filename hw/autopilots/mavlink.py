@@ -20,6 +20,7 @@ from landerd.messages import (
     AutopilotMessage,
     AutopilotRestarted,
     LandingTarget,
+    ParameterChange,
     PressDown,
     Setpoint,
     Severity,
@@ -35,6 +36,8 @@ _TIMESYNC_PERIOD_S = 0.2
 _RESTART_S = 1.0  # boot time going back by more than this is a restart
 _HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
 _STATUSTEXT_LENGTH = 50
+_GUIDED_TIMEOUT = "GUID_TIMEOUT"  # what the core needs to know of the autopilot's parameters
+_ASK_S = 5.0  # it is asked for again until it is told
 _TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry
 
 _GROUND_STATION_MESSAGES = frozenset(
@@ -119,7 +122,7 @@ class MavlinkAutopilot:
         self._last_boot_s = -math.inf
         self._last_t: dict[int, float] = {}  # by message id
         self._timesync_sent: deque[int] = deque(maxlen=10)  # ns, the newest requests
-        self._timesync_due = 0.0
+        self._timesync_due = self._ask_due = 0.0
 
     async def open(self) -> None:
         """Open the link. Raises DeviceLost."""
@@ -227,7 +230,7 @@ class MavlinkAutopilot:
         elif kind == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             self._on_command_ack(m)
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE and math.isfinite(m.param_value):
-            self.vehicle_parameters[m.param_id] = m.param_value
+            self._on_parameter(m.param_id, m.param_value, now)
 
     def _on_timesync(self, m: Message, now: float) -> None:
         if m.tc1 == 0:  # the autopilot asks for our time
@@ -236,6 +239,13 @@ class MavlinkAutopilot:
             boot_s = 1e-9 * m.tc1
             self._watch_restart(boot_s, now)
             self._clock.exchanged(1e-9 * m.ts1, boot_s, now)
+
+    def _on_parameter(self, name: str, value: float, now: float) -> None:
+        """Keep one of the autopilot's parameters; pass on the one that the core goes by."""
+        if name == _GUIDED_TIMEOUT and value != self.vehicle_parameters.get(name):
+            timeout_s = min(max(float(value), 0.1), 10.0)  # what the configuration may say
+            self._pending.append(ParameterChange(now, "autopilot.guided_timeout_s", timeout_s))
+        self.vehicle_parameters[name] = value
 
     def _on_command_ack(self, m: Message) -> None:
         """Say once what the autopilot does not do."""
@@ -291,6 +301,7 @@ class MavlinkAutopilot:
             self._clock = BootClock()
             self._streams.restart()
             self._refusals.restart()
+            self.vehicle_parameters.clear()
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
 
@@ -302,6 +313,9 @@ class MavlinkAutopilot:
             self._timesync_sent.append(stamp)
             self.send(mavlink.MAVLink_timesync_message(0, stamp))
         self._streams.request_missing(now)
+        if _GUIDED_TIMEOUT not in self.vehicle_parameters and now >= self._ask_due:
+            self._ask_due = now + _ASK_S
+            self.ask_parameter(_GUIDED_TIMEOUT)
 
     def _ask_stream(self, message_id: int, rate_hz: float) -> None:
         self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)

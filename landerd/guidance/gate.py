@@ -11,8 +11,8 @@ from landerd.messages import Heartbeat, RcChannels
 class Authority(Enum):
     """What landerd may do now."""
 
-    SILENT = "silent"  # not armed, not GUIDED or no heartbeat: nothing may be sent
-    RELEASED = "released"  # in GUIDED, but the pilot's gate is closed or the latch is set
+    SILENT = "silent"  # not armed or not GUIDED: nothing may be sent
+    RELEASED = "released"  # the pilot's gate is closed, the latch is set, or nothing is known
     GRANTED = "granted"  # landerd may fly
 
 
@@ -84,7 +84,8 @@ class Gate:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
         if beat is None or now - beat.t > self._freshness.heartbeat_s:
-            return Authority.SILENT, pilot_texts.NO_HEARTBEAT
+            # It may still fly on the last velocity: that is stopped first.
+            return Authority.RELEASED, pilot_texts.NO_HEARTBEAT
         if not beat.armed:
             return Authority.SILENT, pilot_texts.NOT_ARMED
         if not beat.guided:

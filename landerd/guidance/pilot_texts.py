@@ -39,9 +39,12 @@ PRECISION_LANDING = "the autopilot's precision landing flies"
 REASONS: Mapping[Event, str] = {
     Event.PAD_IN_SIGHT: "pad in sight",
     Event.DISARMED: "landed and disarmed",
+    Event.DISARMED_OFF_PAD: "disarmed beside the pad",
+    Event.PAD_MISSED: "pad missed",
     Event.PAD_NOT_FOUND: "pad not found",
     Event.NO_LANDING_POSSIBLE: "no landing possible",
     Event.HEADING_NOT_SEEN: "pad's heading not seen",
+    Event.TOOK_TOO_LONG: "no landing came about in time",
 }
 HANDED_BACK = "{reason}: pilot, take over"
 
@@ -60,6 +63,7 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
 NO_PICTURES = "no pictures from the camera"
 NOT_IN_SIGHT = "pad not in sight"
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
+CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is missed
 HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
 
 # ---- on the pad --------------------------------------------------------------------------------
