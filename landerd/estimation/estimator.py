@@ -31,6 +31,7 @@ class Estimator:
     Attributes:
         poses: position, attitude and gimbal angles of the last second.
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
+        refused_t: exposure of the last one that it refused, s; -inf: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
     """
 
@@ -40,7 +41,7 @@ class Estimator:
         self.poses = PoseHistory(config)
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
-        self.sighting_t = -math.inf
+        self.sighting_t = self.refused_t = -math.inf
         self.frame_t = -math.inf
 
     # ---- inputs --------------------------------------------------------------------------------
@@ -68,6 +69,8 @@ class Estimator:
             and (observation := self._observations.observe(sightings.t, solution)) is not None
         ]
         if not self._filter.update(observations):
+            if observations:
+                self.refused_t = sightings.t
             return []
         self.sighting_t = sightings.t
         return observations

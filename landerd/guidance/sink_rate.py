@@ -3,14 +3,12 @@
 import math
 
 # At the ground, m/s; the rule allows 0.5. The rest is for what is not known of height and heave.
-TOUCHES_AT_MPS = 0.45
+TOUCHES_AT_MPS = 0.42
 LATE_S = 0.1  # of the autopilot's answer, which bench/step_response.py measures
 LEAD_S = 0.3  # it is looked so far ahead: the limits let no order follow the height at once
 
 
-def safe_sink_rate(
-    height: float, sink_rate: float, timeout_s: float, deceleration: float
-) -> float:
+def safe_sink_rate(height: float, sink_rate: float, timeout_s: float, deceleration: float) -> float:
     """Return the fastest sinking that the autopilot's own timeout still stops, m/s.
 
     Without set-points it sinks on for the timeout and is braked then: from v^2 - 2 a (h - v T) =

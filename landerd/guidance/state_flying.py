@@ -13,8 +13,8 @@ from landerd.guidance.states import Event
 from landerd.messages import Phase, Severity
 
 HOVER: Vec3 = (0.0, 0.0, 0.0)
-# A wave-off climbs for so long and so fast, at most 0.5 m (design rule 1b).
-WAVE_OFF_S, WAVE_OFF_MPS = 1.0, 0.5
+# A wave-off climbs for so long, or so far; design rule 1b: at most 1 s or 0.5 m.
+WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
 
 
 class Tracking:
@@ -64,7 +64,7 @@ class Tracking:
             o.limits.vertical_acceleration_mps2,
         )
         north, east, down = velocity
-        velocity = (north, east, min(down, relative.pad_velocity[2] + safe))
+        velocity = (north, east, min(down, relative.heave + safe))
         may_descend = phases.may_descend(relative) and relative.height > phases.floor_m
         self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
@@ -95,30 +95,41 @@ class WavingOff:
     """Climbs away from the pad at the pad's velocity as last known, and does not turn.
 
     Just over a pad that moves, or with feet on it, a stop relative to the ground would tip the
-    vehicle over. Leaves after WAVE_OFF_S.
+    vehicle over. Leaves after WAVE_OFF_S, or WAVE_OFF_M higher.
     """
 
     def __init__(self, context: LandingContext) -> None:
         self._context = context
         self._why = ""
-        self._until = -math.inf
+        self._began = -math.inf
+        self._from_down: float | None = None  # local z of the feet then, m
 
     def enter(self, step: ControlStep) -> None:
         """Begin to climb."""
-        self._until = step.now + WAVE_OFF_S
+        self._began = step.now
+        vehicle = self._context.estimator.fresh_vehicle(step.now)
+        self._from_down = vehicle.feet[2] if vehicle else None
         context = self._context
         why = step.why if step.why != pilot_texts.GRANTED else context.why_blind(step.now)
         self._why = pilot_texts.BLIND.format(why=why, what=pilot_texts.CLIMBING_AWAY)
 
     def order(self, step: ControlStep) -> Event | None:
         """Order the climb until the time is over."""
-        if step.now >= self._until:
+        if step.now - self._began >= WAVE_OFF_S or self._climbed_m(step.now) >= WAVE_OFF_M:
             return Event.CLEAR_OF_PAD
         context = self._context
         context.orders.enter(Phase.NOT_LANDING, self._why)
         north, east, _ = context.pad_velocity
-        context.orders.climb_away((north, east, -WAVE_OFF_MPS))
+        context.orders.climb_away((north, east, -context.options.limits.climb_mps))
         return None
+
+    def _climbed_m(self, now: float) -> float:
+        """Return how far it has climbed from the pad, if that heaves on as it did; 0: not known."""
+        context = self._context
+        vehicle = context.estimator.fresh_vehicle(now)
+        if vehicle is None or self._from_down is None:
+            return 0.0
+        return self._from_down - vehicle.feet[2] + (now - self._began) * context.pad_velocity[2]
 
 
 class Searching:

@@ -16,7 +16,7 @@ from landerd.messages import Landed, Phase, Severity
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
-MISSES_S = 0.1
+MISSES_S = 0.09
 
 
 class Committed:
@@ -66,7 +66,7 @@ class Committed:
             context.foothold.touch(relative, pad.heading)
         if event is not None:
             return event
-        if self._misses(step.now, age, relative, pad.heading):
+        if self._misses(step.now, relative, pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
         if age > context.options.lost.after_s:
@@ -75,14 +75,19 @@ class Committed:
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
 
-    def _misses(
-        self, now: float, age: float, relative: RelativeState, heading: float | None
-    ) -> bool:
-        """Tell whether, as seen for some time now, it will not stand on the pad."""
-        options = self._context.options
+    def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
+        """Tell whether, as seen for some time now, it will not stand on the pad.
+
+        A pad that is seen where it cannot be has stopped, started or been moved; unless the feet
+        touch, which turns the airframe faster than the lens's direction is known.
+        """
+        options, estimator = self._context.options, self._context.estimator
+        is_elsewhere = estimator.refused_t - estimator.sighting_t >= MISSES_S
+        if is_elsewhere and not self._touchdown.may_touch:
+            return True
         sink_rate = options.touchdown_descent_mps
         tolerance = options.descent.commit_miss_m
-        misses = age < options.lost.after_s and (
+        misses = now - estimator.sighting_t < options.lost.after_s and (
             horizontal(relative.error_rate) > options.descent.commit_slip_mps
             or self._context.foothold.will_miss(relative, heading, sink_rate, tolerance)
         )

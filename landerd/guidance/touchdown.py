@@ -117,13 +117,18 @@ class Touchdown:
             self._contact_t = now
             return Event.CONTACT
         # A contact that begins only now would be noticed too late.
-        begins_late = sighting_age > MAX_BLIND_S - CONTACT_S and self._slow_since == math.inf
+        begins_late = sighting_age > MAX_BLIND_S - CONTACT_S and not self.may_touch
         lost = begins_late or sighting_age > MAX_BLIND_S
         return Event.SIGHT_LOST if lost else None
 
     def _watch(self, now: float, sink_rate: float, ordered: float) -> None:
         slow = now >= self._watch_from and sink_rate < CONTACT_SINK_SHARE * ordered
         self._slow_since = min(self._slow_since, now) if slow else math.inf
+
+    @property
+    def may_touch(self) -> bool:
+        """Whether the sinking is so slow that the feet may touch; called until contact."""
+        return self._slow_since < math.inf
 
     def disarm_due(self, now: float, landed: Landed) -> bool:
         """Tell whether the disarm command is to be sent now."""

@@ -179,7 +179,12 @@ class Rules:
     def _check_time(self, t: float) -> None:
         evidence, b = self._evidence, self._b
         # A little early is no matter: landerd may know of a closed gate before data are that old.
-        is_over = t >= evidence.closed_t(t) + b.release_s - 4.0 * b.tick_s
+        release_s = b.release_s - 4.0 * b.tick_s
+        is_over = t >= evidence.closed_t(t) + release_s
+        # It may have stopped for another reason before: stale RC comes back when it restarts.
+        since, last_t = evidence.stops_since, evidence.last_order_t
+        if t >= evidence.closed_t(t) and since is not None and last_t is not None:
+            is_over = is_over or last_t - since >= release_s
         if not (evidence.armed and evidence.guided) or is_over:
             evidence.free_t = t
         for text, is_broken in TIME_RULES:
