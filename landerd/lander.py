@@ -5,6 +5,8 @@ the set-points. It only routes: where things are is decided in `estimation`, who
 guidance.gate, what is flown in guidance.landing, where the camera looks in guidance.aim.
 """
 
+import math
+
 from landerd.config.models import Config
 from landerd.config.parameters import with_value
 from landerd.estimation.estimator import Estimator
@@ -13,6 +15,7 @@ from landerd.guidance.aim import Aim
 from landerd.guidance.gate import Gate
 from landerd.guidance.landing import Landing
 from landerd.guidance.landing_target import landing_target
+from landerd.guidance.last_orders import LastOrders
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import State
 from landerd.guidance.view import View
@@ -92,8 +95,15 @@ class Lander:
         """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
         return self._estimator.nis
 
+    @property
+    def last_orders(self) -> LastOrders | None:
+        """What is to be streamed should this core fail now; None while it flies nothing."""
+        return self._landing.last_orders
+
     def prior(self, t: float) -> Prior:
         """Return what is known of a picture exposed at time t (s) before it is searched."""
+        if not math.isfinite(t):
+            return Prior()
         return self._estimator.prior(t)
 
     def relative_state(self, now: float) -> RelativeState | None:

@@ -57,6 +57,9 @@ class OrdersVideo:
             _write(picture, line, picture.shape[0] - 12 - 20 * (len(lines) - 1 - i))
         self._writer.write(picture)
 
+    def on_vision_reset(self) -> None:
+        """Nothing to keep of it."""
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Note the order that the next picture shows."""
         if isinstance(message, Tick):

@@ -17,7 +17,7 @@ from landerd.devices import SetUpError, fitting_camera, make_devices
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.pad import PadError, PadLayout, load_pad
-from landerd.runtime.daemon import Daemon
+from landerd.runtime.daemon import CoreFailed, Daemon
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
 
 log = logging.getLogger("landerd")
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly until SIGTERM or SIGINT; return 0."""
+    """Fly until SIGTERM or SIGINT and return 0, or until the core fails and return 1."""
     loaded, overlay = load_with_saved(args)
     config = loaded.config
     with refusing(CalibrationError, PadError, SetUpError):
@@ -50,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
 
     try:
         asyncio.run(fly())
+    except CoreFailed:
+        return 1  # systemd starts it again
     finally:
         if recorder is not None:
             recorder.close()

@@ -79,6 +79,7 @@ class Recorder:
         self._queue: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
         self._images_put = self._images_done = 0  # counted on either side of the queue
         self._frames = 0
+        self._anew = False
         self._number = 0
         self._flights = 0
         self._lander: Lander | None = None
@@ -100,12 +101,15 @@ class Recorder:
         """A new flight with a new core: begin a new file."""
         self._lander = lander
         self._number = self._frames = 0
+        self._anew = False
         self._put(self._begin, (lander.config,))
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Record a frame that was searched."""
         if self._takes_detail():
-            self._put(self._searched, (self._now, Searched(frame.t, frame.seq, prior)))
+            searched = Searched(frame.t, frame.seq, prior, self._anew)
+            self._put(self._searched, (self._now, searched))
+            self._anew = False
         wanted = self._options.images != "none" and self._frames % self._options.every_nth == 0
         self._frames += 1
         if not wanted:
@@ -115,6 +119,10 @@ class Recorder:
         else:
             self._images_put += 1
             self._put(self._image, (self._now, frame))
+
+    def on_vision_reset(self) -> None:
+        """Record with the next frame that vision began anew."""
+        self._anew = True
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Record what the core took and gave."""

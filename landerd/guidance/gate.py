@@ -1,6 +1,7 @@
 """Who flies: arming, GUIDED, the pilot's switch, and the latch (design rule 1; thesis 2.4.5)."""
 
 import math
+from dataclasses import replace
 from enum import Enum
 
 from landerd.config.models import FreshnessSection, RcSection
@@ -68,7 +69,8 @@ class Gate:
 
     def on_restart(self) -> None:
         """The autopilot restarted: what it said before counts no more."""
-        self._heartbeat = None
+        if self._heartbeat is not None:
+            self._heartbeat = replace(self._heartbeat, t=-math.inf)
         self._rc_t = -math.inf
         self._latched = True
 
@@ -83,7 +85,9 @@ class Gate:
     def authority(self, now: float) -> tuple[Authority, str]:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
-        if beat is None or now - beat.t > self._freshness.heartbeat_s:
+        if beat is None:
+            return Authority.SILENT, pilot_texts.NO_HEARTBEAT
+        if now - beat.t > self._freshness.heartbeat_s:
             # It may still fly on the last velocity: that is stopped first.
             return Authority.RELEASED, pilot_texts.NO_HEARTBEAT
         if not beat.armed:

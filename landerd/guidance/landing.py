@@ -7,6 +7,8 @@ from landerd.estimation.estimator import Estimator
 from landerd.guidance import pilot_texts
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_context import ControlStep, LandingContext, LandingState
+from landerd.guidance.last_orders import LastOrders
+from landerd.guidance.limits import STOPPED
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.method import make_method
 from landerd.guidance.orders import Orders
@@ -17,8 +19,11 @@ from landerd.guidance.state_pad import Committed, OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
 from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
-from landerd.messages import Command, Landed, Phase, Severity
+from landerd.messages import Command, Landed, Phase, PressDown, Setpoint, Severity
 from landerd.pad import PadLayout
+
+# A wave-off that nobody watches any more, s: at climb_mps it gains less than 0.5 m (rule 1b).
+BLIND_WAVE_OFF_S = 0.5
 
 
 class Landing:
@@ -110,6 +115,21 @@ class Landing:
             step = self._follow(event, step)
             event = self._states[self.state].order(step)
         return self._orders.commands
+
+    @property
+    def last_orders(self) -> LastOrders | None:
+        """What is to be streamed should there be no other step; None while nothing is flown."""
+        ordered = [c for c in self._orders.commands if isinstance(c, Setpoint | PressDown)]
+        if not ordered:
+            return None
+        release_s = self._context.options.release_s
+        if isinstance(ordered[-1], PressDown):
+            return LastOrders(None, 0.0, ordered[-1], release_s)
+        away = None
+        if self._must_leave():
+            north, east, _ = self._context.pad_velocity
+            away = Setpoint((north, east, -self._context.options.limits.climb_mps), 0.0)
+        return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
 
     def _event_of(self, authority: Authority) -> Event:
         match authority:

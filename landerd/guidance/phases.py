@@ -19,12 +19,13 @@ ALIGNMENT_MARGIN_M = 0.1  # of the floor over the alignment height, for the heig
 # Go-arounds, below the commit height: so many times the region's radius away, or below this part
 # of the commit height and still not fit to commit.
 GO_AROUND_RADII = 1.5
+MAX_EXPONENT = 20.0  # of the descent region: a height of kilometres, as after a jump, overflows
 GO_AROUND_HEIGHT_SHARE = 0.5
 
 
 def descent_radius(options: DescentSection, height: float) -> float:
     """Return delta = k1 exp(k2 z) (thesis eq. 2.3), m, for a height over the pad in m."""
-    return options.k1_m * math.exp(options.k2_per_m * max(0.0, height))
+    return options.k1_m * math.exp(min(options.k2_per_m * max(0.0, height), MAX_EXPONENT))
 
 
 def region_height(options: DescentSection, radius: float) -> float:

@@ -53,20 +53,24 @@ class Committed:
         context.note(relative)
         heave = relative.pad_velocity[2]
         age = step.now - context.estimator.sighting_t
-        sigma_height = math.sqrt(pad.covariance[2][2])
+        # Leaning, at worst, and as low as its height may be.
+        clearance = context.foothold.clearance(relative, vehicle.tilt)
+        clearance -= 2.0 * math.sqrt(pad.covariance[2][2])
         event = self._touchdown.step(
             step.now,
             vehicle.velocity[2] - heave,
             context.orders.velocity[2] - heave,
             age,
-            context.foothold.clearance(relative, vehicle.tilt) - 2.0 * sigma_height,
+            clearance,
             context.landed,
         )
         if event is Event.CONTACT:
             context.foothold.touch(relative, pad.heading)
         if event is not None:
             return event
-        if self._misses(step.now, relative, pad.heading):
+        # A touch turns the airframe faster than the lens's direction is known: nothing is to be
+        # told of where the pad is then.
+        if clearance > 0.0 and self._misses(step.now, relative, pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
         if age > context.options.lost.after_s:
@@ -78,8 +82,7 @@ class Committed:
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
         """Tell whether, as seen for some time now, it will not stand on the pad.
 
-        A pad that is seen where it cannot be has stopped, started or been moved; unless the feet
-        touch, which turns the airframe faster than the lens's direction is known.
+        A pad that is seen where it cannot be has stopped, started or been moved.
         """
         options, estimator = self._context.options, self._context.estimator
         is_elsewhere = estimator.refused_t - estimator.sighting_t >= MISSES_S

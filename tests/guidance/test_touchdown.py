@@ -39,9 +39,7 @@ class Descent:
         """Return the event that ends the descent, None when there is none."""
         for _ in range(round(seconds / DT)):
             self.t += DT
-            event = self.touchdown.step(
-                self.t, sink_rate, ordered, sighting_age, clearance, landed
-            )
+            event = self.touchdown.step(self.t, sink_rate, ordered, sighting_age, clearance, landed)
             if event is not None:
                 return event
         return None
