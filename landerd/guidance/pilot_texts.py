@@ -45,7 +45,7 @@ REASONS: Mapping[Event, str] = {
     Event.PAD_NOT_FOUND: "pad not found",
     Event.NO_LANDING_POSSIBLE: "no landing possible",
     Event.HEADING_NOT_SEEN: "pad's heading not seen",
-    Event.TOOK_TOO_LONG: "no landing came about in time",
+    Event.TOOK_TOO_LONG: "no landing in time",
 }
 HANDED_BACK = "{reason}: pilot, take over"
 

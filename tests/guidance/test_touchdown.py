@@ -99,7 +99,7 @@ def test_no_contact_is_believed_higher_up_than_a_leg() -> None:
     descent.go_on(0.6)
     assert descent.go_on(0.5, sink_rate=0.0, clearance=0.15) is None
     assert descent.go_on(0.5, clearance=0.15, landed=Landed.ON_GROUND) is None
-    assert descent.go_on(DT, sink_rate=0.0, clearance=0.09) is Event.CONTACT
+    assert descent.go_on(0.3, sink_rate=0.0, clearance=0.09) is Event.CONTACT
 
 
 def test_blind_on_the_pad_is_contact_all_the_same() -> None:
