@@ -264,17 +264,20 @@ class MavlinkAutopilot:
             return  # to the autopilot, or to another vehicle
         if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
             if m.target_component == COMPONENT:  # not what is meant for every component
-                self._on_command(m)
+                self._on_command(m, disarmed=now < self._disarmed_until)
         elif self._parameters is not None:
             disarmed = now < self._disarmed_until
             change = self._parameters.take(m, now, disarmed=disarmed)
             if change is not None:
                 self._pending.append(change)
 
-    def _on_command(self, m: Message) -> None:
+    def _on_command(self, m: Message, *, disarmed: bool) -> None:
         result: int = mavlink.MAV_RESULT_UNSUPPORTED
         if m.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE and self._parameters is not None:
-            result = self._parameters.save(m.param1)
+            # A slow disk would hold up the set-points.
+            result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+            if disarmed:
+                result = self._parameters.save(m.param1)
         self.send(
             mavlink.MAVLink_command_ack_message(
                 m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()

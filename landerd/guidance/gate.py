@@ -85,11 +85,10 @@ class Gate:
     def authority(self, now: float) -> tuple[Authority, str]:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
-        if beat is None:
-            return Authority.SILENT, pilot_texts.NO_HEARTBEAT
-        if now - beat.t > self._freshness.heartbeat_s:
-            # It may still fly on the last velocity: that is stopped first.
-            return Authority.RELEASED, pilot_texts.NO_HEARTBEAT
+        if beat is None or now - beat.t > self._freshness.heartbeat_s:
+            # One that was heard may still fly on the last velocity: that is stopped first.
+            silent = Authority.SILENT if beat is None else Authority.RELEASED
+            return silent, pilot_texts.NO_HEARTBEAT
         if not beat.armed:
             return Authority.SILENT, pilot_texts.NOT_ARMED
         if not beat.guided:

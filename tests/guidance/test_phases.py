@@ -108,8 +108,8 @@ def test_it_does_not_commit_to_a_pad_that_just_went_out_of_sight() -> None:
 def test_the_higher_it_commits_the_younger_the_last_sighting_must_be() -> None:
     p = phases()
     p.step(situation(0.02, 0.5, heading_deg=0.0))
-    assert p.step(situation(0.02, 0.14, heading_deg=0.0), 0.3)[0] is Phase.DESCENT
-    assert p.step(situation(0.02, 0.14, heading_deg=0.0), 0.2)[0] is Phase.LANDED
+    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.4)[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.3)[0] is Phase.LANDED
 
 
 def test_far_from_everything_after_a_jump_the_region_is_finite() -> None:
