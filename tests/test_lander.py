@@ -150,10 +150,12 @@ def test_when_guided_is_left_or_it_is_disarmed_nothing_is_sent_from_the_next_tic
     assert flight.run(0.5) != []
 
 
-def test_without_heartbeats_it_falls_silent_after_3_s_and_goes_on_with_them() -> None:
+def test_without_heartbeats_for_3_s_it_stops_falls_silent_and_goes_on_with_them() -> None:
     flight = Flight(position=(-30.0, 0.0, -8.0)).engaged()
     flight.silent = {Heartbeat}
     flight.run(3.0)
+    assert set(flight.run(0.9)) == {STOP}
+    flight.run(0.2)
     assert flight.run(2.0) == []
     flight.silent = set()
     assert flight.run(1.5) != []

@@ -474,7 +474,6 @@ def test_5_a_gimbal_that_fails_stops_the_landing(fault: GimbalFault) -> None:
     assert simulation.rules.broken == {}
 
 
-@pytest.mark.xfail(strict=True, reason="rule 5: angles that are frozen are flown on")
 def test_5_frozen_gimbal_angles_stop_the_landing() -> None:
     async def script(simulation: Simulation) -> None:
         await flying(simulation)
