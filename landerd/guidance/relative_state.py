@@ -67,6 +67,12 @@ class RelativeState:
         return self.pad_velocity[2] / (1.0 + (self.sigma_heave / HALF_KNOWN_HEAVE_MPS) ** 2)
 
     @property
+    def sure_heave(self) -> float:
+        """Vertical velocity of the pad that may be counted on, m/s: of sinking, what is sure."""
+        heave = self.pad_velocity[2]
+        return heave if heave < 0.0 else max(0.0, heave - 2.0 * self.sigma_heave)
+
+    @property
     def distance(self) -> float:
         """Planar distance d_p (thesis 2.4.5), m."""
         return horizontal(self.error)

@@ -64,7 +64,7 @@ class Tracking:
             o.limits.vertical_acceleration_mps2,
         )
         north, east, down = velocity
-        velocity = (north, east, min(down, relative.heave + safe))
+        velocity = (north, east, min(down, relative.sure_heave + safe))
         may_descend = phases.may_descend(relative) and relative.height > phases.floor_m
         self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
