@@ -223,6 +223,7 @@ class LogSection(Section):
     folder: Path | None = None  # None: $STATE_DIRECTORY/logs, which systemd sets
     images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
     every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
+    disarmed_images: bool = False  # also while the vehicle is disarmed
     most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
     keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
 
