@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from landerd.messages import Frame, Input, Phase, Prior, Sightings, Tick
+from landerd.messages import Command, Frame, Input, Phase, Prior, Sightings, Tick
 from landerd.runtime.daemon import CoreFailed
 from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, fly
@@ -18,7 +18,7 @@ def test_a_search_that_raises_costs_a_frame_and_not_the_flight() -> None:
         daemon = simulation.daemon
         sound = daemon._vision.process
 
-        def fails(frame: Frame, prior: Prior) -> Sightings:
+        def fails(frame: Frame, prior: Prior | None = None) -> Sightings:
             raise ZeroDivisionError("in vision")
 
         daemon._vision.process = fails  # type: ignore[method-assign]
@@ -36,7 +36,8 @@ def test_an_observer_that_raises_changes_nothing() -> None:
         def on_flight(self, lander: Any) -> None:
             raise OSError("no such socket")
 
-        on_vision_reset = on_flight
+        def on_vision_reset(self) -> None:
+            raise OSError("no such socket")
 
         def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
             raise ValueError("cannot be written")
@@ -70,15 +71,15 @@ def test_a_gimbal_driver_that_raises_is_opened_again() -> None:
     assert simulation.rules.broken == {}
 
 
-def fails_when(simulation: Simulation, message: type) -> None:
+def fails_when(simulation: Simulation, kind: type) -> None:
     """Let the core raise at the next message of a kind."""
     lander = simulation.daemon.lander
     sound = lander.step
 
-    def step(taken: Input) -> Any:
-        if isinstance(taken, message):
+    def step(message: Input) -> list[Command]:
+        if isinstance(message, kind):
             raise OverflowError("in the core")
-        return sound(taken)
+        return sound(message)
 
     lander.step = step  # type: ignore[method-assign]
 
