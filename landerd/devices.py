@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
+from hw.autopilots.heartbeats import heartbeat_of
 from hw.autopilots.signing import Signing
 from hw.links import open_link
 from hw.links.tapped import TappedLink
@@ -106,12 +107,14 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
     camera = cast(CameraFactory, _factory("camera", config.camera.driver))
     gimbal = _factory("gimbal", config.gimbal.driver)
     try:
-        link = open_link(config.autopilot.url)
+        signing = _signing(config)
+        is_peer = heartbeat_of(config.autopilot.system_id, signing)
+        link = open_link(config.autopilot.url, is_peer)
         autopilot = make_autopilot(
             config,
             link if recorder is None else TappedLink(link, recorder.raw),
             ParameterSet(config, overlay),
-            _signing(config),
+            signing,
         )
         return Devices(
             camera(options=loaded.options[f"camera.{config.camera.driver}"]),

@@ -5,6 +5,8 @@ the set-points. It only routes: where things are is decided in `estimation`, who
 guidance.gate, what is flown in guidance.landing, where the camera looks in guidance.aim.
 """
 
+import math
+
 from landerd.config.models import Config
 from landerd.config.parameters import with_value
 from landerd.estimation.estimator import Estimator
@@ -14,6 +16,7 @@ from landerd.guidance.aim import Aim
 from landerd.guidance.gate import Gate
 from landerd.guidance.landing import Landing
 from landerd.guidance.landing_target import landing_target
+from landerd.guidance.last_orders import LastOrders
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import State
 from landerd.guidance.view import View
@@ -46,9 +49,7 @@ class Lander:
         self._config = config
         self._estimator = Estimator(config)
         self._gate = Gate(config.rc, config.freshness)
-        self._landing = Landing(
-            config, self._gate, self._estimator, pad_has_heading=layout.has_heading
-        )
+        self._landing = Landing(config, layout, self._gate, self._estimator)
         self._aim = Aim(config.aim, config.gimbal)
         self._view = View(layout)
         self._tick_t: float | None = None
@@ -100,8 +101,15 @@ class Lander:
         """What is wrong about camera and gimbal, as far as it is known."""
         return self._estimator.sensor_errors
 
+    @property
+    def last_orders(self) -> LastOrders | None:
+        """What is to be streamed should this core fail now; None while it flies nothing."""
+        return self._landing.last_orders
+
     def prior(self, t: float) -> Prior:
         """Return what is known of a picture exposed at time t (s) before it is searched."""
+        if not math.isfinite(t):
+            return Prior()
         return self._estimator.prior(t)
 
     def relative_state(self, now: float) -> RelativeState | None:
@@ -139,10 +147,10 @@ class Lander:
         return []  # a Battery is for the log only
 
     def _configure(self, config: Config) -> None:
-        """Go on with changed parameters; only `guidance` and `rc` have any."""
+        """Go on with changed numbers; only `guidance`, `rc` and `autopilot` have any."""
         self._config = config
         self._gate.configure(config.rc)
-        self._landing.configure(config.guidance)
+        self._landing.configure(config)
 
     def _on_sightings(self, sightings: Sightings) -> list[Command]:
         observations = self._estimator.on_sightings(sightings)

@@ -158,7 +158,10 @@ class LandedState:
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """The ground station has changed a number of the configuration; it was found good."""
+    """A number of the configuration has changed, and was found good.
+
+    The ground station has changed it, or the autopilot told what is its own (GUID_TIMEOUT).
+    """
 
     t: float
     key: str  # dotted, as "guidance.pid.up.kp"

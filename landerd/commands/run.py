@@ -20,7 +20,7 @@ from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, Prior, Sightings
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.preflight.sensors import sensors_file, write_sensors
-from landerd.runtime.daemon import Daemon, Observer
+from landerd.runtime.daemon import CoreFailed, Daemon, Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
 
 log = logging.getLogger("landerd")
@@ -40,6 +40,9 @@ class SensorNotes:
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """A frame was searched."""
 
+    def on_vision_reset(self) -> None:
+        """Nothing to keep of it."""
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Write it when a landing has ended."""
         outcome, self._outcome = self._outcome, self._lander.outcome
@@ -58,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly until SIGTERM or SIGINT; return 0."""
+    """Fly until SIGTERM or SIGINT and return 0, or until the core fails and return 1."""
     loaded, overlay = load_with_saved(args)
     config = loaded.config
     with refusing(CalibrationError, PadError, SetUpError):
@@ -84,6 +87,8 @@ def run(args: argparse.Namespace) -> int:
 
     try:
         asyncio.run(fly())
+    except CoreFailed:
+        return 1  # systemd starts it again
     finally:
         if recorder is not None:
             recorder.close()

@@ -55,6 +55,8 @@ class AutopilotSection(Section):
     url: str = "memory:"
     setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
+    guided_timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
@@ -180,6 +182,8 @@ class LostSection(Section):
     climb_mps: Annotated[float, Field(ge=0, le=3)] = 0.5
     climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # at most this far up; 0: do not climb
     give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # then hand back to the pilot
+    # handed back, too, when a landing has not come to commit in this time
+    total_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
     retries: Annotated[int, Field(ge=0, le=100)] = 5  # descents that may be broken off before that
 
 
@@ -221,6 +225,7 @@ class LogSection(Section):
     folder: Path | None = None  # None: $STATE_DIRECTORY/logs, which systemd sets
     images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
     every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
+    disarmed_images: bool = False  # also while the vehicle is disarmed
     most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
     keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
 

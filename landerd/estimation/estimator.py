@@ -81,7 +81,7 @@ class Estimator:
             and (o := self._observations.observe(t, solution, clocks)) is not None
         ]
         if not self._filter.update(observations):
-            if sightings.pad:
+            if observations:
                 self.refused_t = t
             return []
         self.sighting_t = t

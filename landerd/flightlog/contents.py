@@ -50,6 +50,7 @@ class Searched:
     t: float  # exposure, s
     seq: int
     prior: Prior
+    anew: bool = False  # vision had begun anew: a search before this one had failed, or hung
 
 
 @dataclass(frozen=True, slots=True)

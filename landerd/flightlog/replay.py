@@ -131,6 +131,8 @@ def replay_vision(log: FlightLog, config: Config) -> VisionReplayed | str:
     for searched, (frame, form) in zip(log.searched, read_images(log.path), strict=False):
         if form != "png" or frame.seq != searched.seq:
             return f"frame {searched.seq} was not recorded without loss"
+        if searched.anew:
+            vision = Vision(log.layout, log.camera, config.vision)
         sightings = vision.process(Frame(searched.t, searched.seq, frame.image), searched.prior)
         logged = seen.get(searched.seq)
         if logged is None:  # the log ends before the core took them

@@ -1,6 +1,7 @@
 """Who flies: arming, GUIDED, the pilot's switch, and the latch (design rule 1; thesis 2.4.5)."""
 
 import math
+from dataclasses import replace
 from enum import Enum
 
 from landerd.config.models import FreshnessSection, RcSection
@@ -11,8 +12,8 @@ from landerd.messages import ClockSync, Heartbeat, RcChannels
 class Authority(Enum):
     """What landerd may do now."""
 
-    SILENT = "silent"  # not armed, not GUIDED or no heartbeat: nothing may be sent
-    RELEASED = "released"  # in GUIDED, but the pilot's gate is closed or the latch is set
+    SILENT = "silent"  # not armed or not GUIDED: nothing may be sent
+    RELEASED = "released"  # the pilot's gate is closed, the latch is set, or nothing is known
     GRANTED = "granted"  # landerd may fly
 
 
@@ -73,7 +74,8 @@ class Gate:
 
     def on_restart(self) -> None:
         """The autopilot restarted: what it said before counts no more."""
-        self._heartbeat = None
+        if self._heartbeat is not None:
+            self._heartbeat = replace(self._heartbeat, t=-math.inf)
         self._rc_t = -math.inf
         self._latched = True
 
@@ -89,7 +91,9 @@ class Gate:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
         if beat is None or now - beat.t > self._freshness.heartbeat_s:
-            return Authority.SILENT, pilot_texts.NO_HEARTBEAT
+            # One that was heard may still fly on the last velocity: that is stopped first.
+            silent = Authority.SILENT if beat is None else Authority.RELEASED
+            return silent, pilot_texts.NO_HEARTBEAT
         if not beat.armed:
             return Authority.SILENT, pilot_texts.NOT_ARMED
         if not beat.guided:

@@ -119,7 +119,7 @@ class SimAutopilot:
     ) -> None:
         """Make it; flying: starts armed, in LOITER."""
         self.mute: set[int] = set()
-        self.parameters: dict[str, float] = {}
+        self.parameters = {"GUID_TIMEOUT": parameters.guid_timeout_s}  # those it is asked for
         self._mount: Mount | None = None
         self.pilot = PilotRadio(options.rc_channels)
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
