@@ -50,8 +50,21 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
+class SystematicError:
+    """The part of a pose's uncertainty that is alike in all frames: print, placing, bend, lens."""
+
+    covariance: Mat3  # of position, m^2
+    sigma_yaw: float  # rad
+    sigma_tilt: float  # rad
+
+
+@dataclass(frozen=True, slots=True)
 class PoseSolution:
-    """One pose of a marker or of the pad that explains the image, camera frame."""
+    """One pose of a marker or of the pad that explains the image, camera frame.
+
+    A pad's uncertainty is all there is, and tells how much of it is systematic; a marker's is that
+    of the picture, the marker taken to be as the pad file has it.
+    """
 
     position: Vec3  # the marker's centre or the pad's landing point, m
     normal: Vec3  # unit vector into the pad (its z), away from the camera
@@ -60,6 +73,7 @@ class PoseSolution:
     sigma_yaw: float | None  # of the rotation about the normal, rad; None without north
     sigma_tilt: float  # of the normal, rad
     cost: float  # chi-square of the fit; of two solutions the lower is the likelier
+    systematic: SystematicError | None = None  # part of the above; None: none
 
 
 @dataclass(frozen=True, slots=True)

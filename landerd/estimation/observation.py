@@ -6,7 +6,7 @@ which the pad filter estimates.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
@@ -76,6 +76,7 @@ class ObservationModel:
         if camera is None:
             return None
         R = camera.R_local_camera
+        noise = _without_systematic(solution)
         arm = rotate(R, solution.position)
         position = add(camera.position, arm)
         gimbal_earlier = self._poses.camera_pose(t, gimbal_back_s=DIFFERENCE_S)
@@ -83,13 +84,13 @@ class ObservationModel:
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
-            sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_bearing)
+            sigma_heading = math.hypot(noise.sigma_yaw or 0.0, self._sigma_bearing)
         return PadObservation(
             t=t,
             position=position,
             range_m=norm(arm),
             covariance=matadd(
-                rotate_covariance(R, solution.covariance),
+                rotate_covariance(R, noise.covariance),
                 matadd(
                     self._pointing_noise(arm), matscale(outer(sweep, sweep), self._sigma_late**2)
                 ),
@@ -98,7 +99,7 @@ class ObservationModel:
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
-            sigma_tilt=solution.sigma_tilt,
+            sigma_tilt=noise.sigma_tilt,
             cost=solution.cost,
         )
 
@@ -125,6 +126,27 @@ class ObservationModel:
         along = self._sigma_bearing**2
         across = along * dot(arm, arm) + self._sigma_position**2
         return matadd(diagonal(across, across, across), matscale(outer(arm, arm), -along))
+
+
+def _without_systematic(s: PoseSolution) -> PoseSolution:
+    """Return a pose with the uncertainty of what is new in every frame.
+
+    What is alike in all moves pad and prediction together: it is no noise that a filter averages.
+    """
+    if s.systematic is None:
+        return s
+    # The rest is positive but for rounding.
+    yaw = None if s.sigma_yaw is None else _rest(s.sigma_yaw, s.systematic.sigma_yaw)
+    return replace(
+        s,
+        covariance=matadd(s.covariance, matscale(s.systematic.covariance, -1.0)),
+        sigma_yaw=yaw,
+        sigma_tilt=_rest(s.sigma_tilt, s.systematic.sigma_tilt),
+    )
+
+
+def _rest(sigma: float, part: float) -> float:
+    return math.sqrt(max(sigma * sigma - part * part, 0.0))
 
 
 def _sweep(position: Vec3, earlier: CameraPose | None, point: Vec3) -> Vec3:

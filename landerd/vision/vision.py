@@ -8,10 +8,11 @@ from landerd.camera_model import F64, CameraModel
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
-from landerd.pad import PadLayout, Square, WhyCode
+from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.expected import SeenPad, expected_pad
-from landerd.vision.pad_pose import Measurement, ring_measurement, with_gravity
+from landerd.vision.marker_errors import MarkerErrors
+from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
 from landerd.vision.pose import Pose, circle, solution
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image, printed_cells
@@ -33,7 +34,8 @@ class Vision:
     - what `search_policy` counts: how long a ring is enough, how many frames in a row showed
       nothing where the pad was expected;
     - for each square and WhyCode the blur of its last fit, with which the next one starts, and its
-      print so blurred.
+      print so blurred;
+    - how the markers lie to one another, where that is not as the pad file says (`MarkerErrors`).
     """
 
     def __init__(self, layout: PadLayout, camera: CameraModel, options: VisionSection) -> None:
@@ -49,6 +51,7 @@ class Vision:
         self._prints = {s: SquarePrint(s, printed_cells(s)) for s in layout.squares}
         self._search = Search(layout, camera, options.min_ring_px, self._prints)
         self._codes = WhyCodeFinder(layout, camera)
+        self._errors = MarkerErrors(layout, options.focal_sigma)
         self._last: SeenPad | None = None
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
@@ -66,9 +69,7 @@ class Vision:
         rings, squares = self._search.find(
             image, expected, prior.down, holds_heading=prior.pad is not None
         )
-        candidates = [
-            Candidate(ring, s, ring_measurement(ring.position_m, s.solutions)) for ring, s in rings
-        ]
+        candidates = [self._ring(ring, sighting) for ring, sighting in rings]
         normal = self._last_normal(frame.t)
         for found in squares:
             candidate = self._square(image, found, prior, normal or _unambiguous_normal(rings))
@@ -77,12 +78,13 @@ class Vision:
         codes = self._codes.find(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(found, prior)) is not None]
         where = None if expected is None else expected.position
-        chosen, poses = choose(candidates, self._layout, self._camera, prior, where)
+        chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
         markers = tuple(c.sighting for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
         if pad:
             self._last = SeenPad(frame.t, pad[0])
+            learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
         return Sightings(frame.t, frame.seq, markers, pad)
 
     def _last_normal(self, t: float) -> Vec3 | None:
@@ -90,6 +92,11 @@ class Vision:
         if self._last is None or not 0.0 < t - self._last.t < _SAME_VIEW_S:
             return None
         return self._last.pose.normal
+
+    def _ring(self, ring: Ring, sighting: MarkerSighting) -> Candidate:
+        number = self._layout.markers.index(ring)
+        measured = ring_measurement(number, ring.position_m, sighting.solutions)
+        return Candidate(ring, sighting, measured)
 
     def _square(
         self, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
@@ -117,10 +124,9 @@ class Vision:
         points = level[0].t + outline @ level[0].R[:, :2].T
         polygon = tuple((float(x), float(y)) for x, y in self._camera.pixels(points))
         sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon)
-        place = np.array([*marker.position_m, 0.0])
-        return Candidate(
-            marker, sighting, Measurement(place, math.radians(marker.heading_deg), tuple(poses))
-        )
+        number = self._layout.markers.index(marker)
+        place, heading = np.array([*marker.position_m, 0.0]), math.radians(marker.heading_deg)
+        return Candidate(marker, sighting, Measurement(number, place, heading, tuple(poses)))
 
     def _is_certain(self, s: PoseSolution) -> bool:
         variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]
