@@ -89,7 +89,7 @@ def view_at(distance: float, tilt: float, rng: np.random.Generator) -> scenes.Vi
     )
 
 
-def measure(kind: Kind, distance: float, images: int, *, approach: bool) -> Cell:
+def measure(kind: Kind, distance: float, images: int, *, approach: bool, verbose: bool) -> Cell:
     """Measure one cell."""
     camera = replace(CAMERA, fx=kind.focal * CAMERA.fx, fy=kind.focal * CAMERA.fy)
     rng = np.random.default_rng(7)
@@ -109,6 +109,10 @@ def measure(kind: Kind, distance: float, images: int, *, approach: bool) -> Cell
             image = renderer.render(i, pose, pose, AT, None)
             seen = vision.process(Frame(i / 30.0, i, image))
         cell.images += 1
+        wrong = vision.disagreement()
+        cell.told += wrong is not None
+        if wrong is not None and verbose:
+            print(f"    {wrong.text}")
         if not seen.pad:
             continue
         error = np.array(seen.pad[0].position) - t
@@ -128,12 +132,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--images", type=int, default=20, help="per line")
     parser.add_argument("--approach", action="store_true", help="after pictures from farther off")
+    parser.add_argument("--verbose", action="store_true", help="what is told of disagreements")
     parser.add_argument("--distances", default=",".join(f"{d:g}" for d in DISTANCES))
     args = parser.parse_args()
     print("                       images   found  aside_mm   95 % mm  along_mm   inside    told")
     for kind in KINDS:
         for distance in (float(d) for d in args.distances.split(",")):
-            cell = measure(kind, distance, args.images, approach=args.approach)
+            cell = measure(
+                kind, distance, args.images, approach=args.approach, verbose=args.verbose
+            )
             print(f"{kind.name:15s} {distance:5.1f} m {cell.line()}", flush=True)
 
 

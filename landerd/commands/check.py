@@ -27,6 +27,7 @@ from landerd.preflight.camera import check_camera
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.runtime.daemon import Devices
+from landerd.vision import Vision
 
 _LEAST_FREE_MB = 500.0  # of the logs' disk
 _MARKS = {"ok": "ok  ", "warn": "WARN", "fail": "FAIL"}
@@ -95,7 +96,14 @@ def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
 
 async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:
     options = camera_options(loaded)
-    found = await check_camera(camera, model, options.fps if options is not None else None)
+    layout = load_pad(loaded.config.pad.layout)
+    try:
+        vision = Vision(layout, model, loaded.config.vision)
+    except ValueError as e:
+        mend = "take another marker: docs/markers.md"
+        return [Finding("fail", "pad", f"{loaded.config.pad.layout}: {e}", mend)]
+    fps = options.fps if options is not None else None
+    found = await check_camera(camera, vision, model, fps)
     if any(f.item == "camera" and f.level == "fail" for f in found):
         found += [
             Finding("ok", "camera", f"there is {path}, {name}: {v4l2.in_words(modes)}")

@@ -43,6 +43,7 @@ class Joint:
     """A pose of the pad with the errors of the k markers seen: small errors are (dt, w, 7 k)."""
 
     pose: Pose  # its information is not that of the joint
+    errors: F64  # (7 k,)
     information: F64  # (6 + 7 k, 6 + 7 k), of the picture and of what was known
     seen: F64  # that of the picture alone
 
@@ -79,17 +80,10 @@ def pad_poses(
     """
     if not measured:
         return []
-    measured = [_to_pad_axes(m) for m in measured]
-    prior_north = None if north is None else np.array(north)
-    # Start from the solutions of the marker that knows its tilt best: the others then choose.
-    measured.sort(key=lambda m: -_tilt_information(m.poses[0]))
+    measured = in_order(measured)
     mean, covariance = errors.of([m.marker for m in measured])
-    joint: list[Joint] = []
-    for first in measured[0].poses:
-        found = _joint(measured, first, prior_north, mean, np.linalg.inv(covariance))
-        if found is None or any(_same(found.pose, other.pose) for other in joint):
-            continue
-        joint.append(replace(found, pose=with_gravity(found.pose, down)))
+    joint = joint_poses(measured, mean, covariance, None if north is None else np.array(north))
+    joint = [replace(j, pose=with_gravity(j.pose, down)) for j in joint]
     joint.sort(key=lambda j: j.pose.cost)
     has_north = _has_north(measured)
     poses = []
@@ -98,6 +92,35 @@ def pad_poses(
         if s is not None and j.pose.cost < joint[0].pose.cost + _MAX_CHI2_ABOVE_BEST:
             poses.append(s)
     return poses
+
+
+def in_order(measured: list[Measurement]) -> list[Measurement]:
+    """Return the markers with their poses in the pad's axes, that which knows its tilt best first.
+
+    A joint pose is sought from its solutions: the others then choose.
+    """
+    turned = [_to_pad_axes(m) for m in measured]
+    return sorted(turned, key=lambda m: -_tilt_information(m.poses[0]))
+
+
+def joint_poses(
+    measured: list[Measurement], mean: F64, covariance: F64, north: F64 | None
+) -> list[Joint]:
+    """Return the poses of the pad that explain all markers.
+
+    Args:
+        measured: k markers, `in_order`.
+        mean: of their errors, (7 k,), and
+        covariance: (7 k, 7 k).
+        north: the pad's as the estimate has it, camera frame.
+    """
+    known: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    joint: list[Joint] = []
+    for first in measured[0].poses:
+        found = _joint(measured, first, north, mean, known)
+        if found is not None and not any(_same(found.pose, other.pose) for other in joint):
+            joint.append(found)
+    return joint
 
 
 def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: PoseSolution) -> None:
@@ -142,7 +165,8 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
     total = P[:6, :6].copy()
     total[:3, :3] += errors.scale_sigma**2 * np.outer(pose.t, pose.t)
     total[2, 2] += (errors.focal_sigma * pose.t[2]) ** 2
-    found = solution(replace(pose, information=np.linalg.inv(total)), has_north)
+    information: F64 = np.asarray(np.linalg.inv(total), dtype=np.float64)
+    found = solution(replace(pose, information=information), has_north)
     if found is None:
         return None
     systematic = total - noise
@@ -219,7 +243,7 @@ def _joint(
         pose, errors = replace(pose, cost=cost).moved(step[:6]), errors + step[6:]
         if float(gradient @ step) < _CONVERGED:
             break
-    return Joint(pose, information, seen) if np.isfinite(pose.t).all() else None
+    return Joint(pose, errors, information, seen) if np.isfinite(pose.t).all() else None
 
 
 def _normal_equations(

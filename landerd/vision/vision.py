@@ -10,6 +10,7 @@ from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
+from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
@@ -53,6 +54,7 @@ class Vision:
         self._codes = WhyCodeFinder(layout, camera)
         self._errors = MarkerErrors(layout, options.focal_sigma)
         self._last: SeenPad | None = None
+        self._found: list[Measurement] = []  # of the last frame, each marker once
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
         """Return all that a frame shows of the pad.
@@ -79,6 +81,7 @@ class Vision:
         candidates += [c for found in codes if (c := self._code(found, prior)) is not None]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
+        self._found = _once([*chosen, *candidates]) if poses else []
         others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
         markers = tuple(c.sighting for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
@@ -86,6 +89,10 @@ class Vision:
             self._last = SeenPad(frame.t, pad[0])
             learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
         return Sightings(frame.t, frame.seq, markers, pad)
+
+    def disagreement(self) -> Disagreement | None:
+        """Return how the markers of the last frame contradict each other, None if they do not."""
+        return disagreement(self._found, self._errors, self._layout)
 
     def _last_normal(self, t: float) -> Vec3 | None:
         """Return the pad's normal as just seen, None if that is too long ago."""
@@ -131,6 +138,14 @@ class Vision:
     def _is_certain(self, s: PoseSolution) -> bool:
         variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]
         return bool(variance <= self._options.max_sigma_m**2)
+
+
+def _once(candidates: list[Candidate]) -> list[Measurement]:
+    """Return the first measurement of each marker: those of the pad come first."""
+    first: dict[int, Measurement] = {}
+    for c in candidates:
+        first.setdefault(c.measurement.marker, c.measurement)
+    return list(first.values())
 
 
 def _checked(image: Image, camera: CameraModel) -> Image:
