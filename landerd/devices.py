@@ -216,8 +216,15 @@ def simulated_camera(
     from hw.sim.picture.renderer import Renderer
 
     options = sim_options(loaded)
-    renderer = Renderer(layout, camera_model, options.render, seed, options.camera, options.pad)
-    return SimCamera(renderer, world.snapshot, options.camera, delivered, seed)
+    camera = options.camera
+    # Under `fixed` the simulated camera is as its own options say.
+    match loaded.config.camera.exposure:
+        case "auto":
+            camera = camera.model_copy(update={"exposure": "auto"})
+        case "pad":
+            camera = camera.model_copy(update={"exposure": "ordered"})
+    renderer = Renderer(layout, camera_model, options.render, seed, camera, options.pad)
+    return SimCamera(renderer, world.snapshot, camera, delivered, seed)
 
 
 def simulated_gimbal(

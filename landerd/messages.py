@@ -87,6 +87,14 @@ class MarkerSighting:
 
 
 @dataclass(frozen=True, slots=True)
+class Light:
+    """How bright a frame shows what its exposure goes by, grey levels from 0 to 255."""
+
+    level: float  # of the pad's white, or of the ordinary in the whole picture
+    on_pad: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Sightings:
     """All that one frame shows of the pad."""
 
@@ -94,6 +102,7 @@ class Sightings:
     seq: int
     markers: tuple[MarkerSighting, ...]
     pad: tuple[PoseSolution, ...]  # of the landing point from all markers, best first; 0 to 2
+    light: Light | None = None  # None: nobody exposes by it
 
 
 # ---- from the autopilot ------------------------------------------------------------------------
@@ -245,6 +254,14 @@ class GimbalCommand:
     pitch: float
 
 
+@dataclass(frozen=True, slots=True)
+class ExposureOrder:
+    """How the camera is to expose from now on; it takes what is nearest of what it can."""
+
+    time_s: float
+    gain: float  # 1: the sensor's own, without amplification
+
+
 class Severity(IntEnum):
     """MAV_SEVERITY, the part used."""
 
@@ -317,4 +334,13 @@ AutopilotMessage = (
     | ParameterChange
 )
 Input = AutopilotMessage | GimbalState | Sightings | Tick | Shutdown
-Command = Setpoint | PressDown | LandingTarget | GimbalCommand | StatusText | Disarm | PhaseChange
+Command = (
+    Setpoint
+    | PressDown
+    | LandingTarget
+    | GimbalCommand
+    | ExposureOrder
+    | StatusText
+    | Disarm
+    | PhaseChange
+)

@@ -24,6 +24,7 @@ from landerd.lander import Lander
 from landerd.messages import (
     Command,
     Disarm,
+    ExposureOrder,
     Frame,
     GimbalCommand,
     Heartbeat,
@@ -40,7 +41,7 @@ from landerd.messages import (
     Tick,
 )
 from landerd.pad import PadLayout
-from landerd.ports import Autopilot, Camera, DeviceLost, Gimbal
+from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Gimbal
 from landerd.vision import Vision
 
 log = logging.getLogger("landerd")
@@ -108,7 +109,7 @@ class Daemon:
         self._devices = devices
         self._shape = (camera_model.height, camera_model.width)
         self._layout, self._camera_model = layout, camera_model
-        self._vision = Vision(layout, camera_model, config.vision)
+        self._vision = self._new_vision()
         self._vision_latency_s = vision_latency_s
         self._observers = observers
         self._logged: dict[str, float] = {}
@@ -245,6 +246,10 @@ class Daemon:
                 autopilot.press_down(command)
             case GimbalCommand():
                 self._devices.gimbal.command(command)
+            case ExposureOrder():
+                camera = self._devices.camera
+                if isinstance(camera, ExposureControl):
+                    camera.expose(command)
             case StatusText():
                 autopilot.tell(command)
             case Disarm():
@@ -273,10 +278,15 @@ class Daemon:
         """Begin each flight with a new core, so that its log alone replays."""
         if heartbeat.armed and not self._armed:
             self.lander = Lander(self.lander.config, self._layout)
-            self._vision = Vision(self._layout, self._camera_model, self._config.vision)
+            self._vision = self._new_vision()
             for observer in self._observers:
                 observer.on_flight(self.lander)
         self._armed = heartbeat.armed
+
+    def _new_vision(self) -> Vision:
+        config = self._config
+        meters = config.camera.exposure == "pad"
+        return Vision(self._layout, self._camera_model, config.vision, meters=meters)
 
     def _usable(self, frame: Frame, now: float) -> bool:
         image = frame.image

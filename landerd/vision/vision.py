@@ -13,6 +13,7 @@ from landerd.vision.choice import Candidate, choose
 from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
+from landerd.vision.metering import light
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
 from landerd.vision.pose import Pose, circle, solution
 from landerd.vision.search import FoundRing, Search
@@ -39,8 +40,21 @@ class Vision:
     - how the markers lie to one another, where that is not as the pad file says (`MarkerErrors`).
     """
 
-    def __init__(self, layout: PadLayout, camera: CameraModel, options: VisionSection) -> None:
+    def __init__(
+        self,
+        layout: PadLayout,
+        camera: CameraModel,
+        options: VisionSection,
+        *,
+        meters: bool = False,
+    ) -> None:
         """Prepare to find one pad with one camera.
+
+        Args:
+            layout: the pad.
+            camera: the lens.
+            options: how images are searched.
+            meters: tell the brightness of every frame, too.
 
         Raises:
             ValueError: the pad has a square that OpenCV's dictionaries lack.
@@ -48,6 +62,7 @@ class Vision:
         self._layout = layout
         self._camera = camera
         self._options = options
+        self._meters = meters
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._prints = {s: SquarePrint(s, printed_cells(s)) for s in layout.squares}
         self._search = Search(layout, camera, options.min_ring_px, self._prints)
@@ -88,7 +103,9 @@ class Vision:
         if pad:
             self._last = SeenPad(frame.t, pad[0])
             learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
-        return Sightings(frame.t, frame.seq, markers, pad)
+        seen = pad[0] if pad else None
+        shown = light(image, self._camera, self._layout.plate, seen) if self._meters else None
+        return Sightings(frame.t, frame.seq, markers, pad, shown)
 
     def disagreement(self) -> Disagreement | None:
         """Return how the markers of the last frame contradict each other, None if they do not."""
