@@ -23,8 +23,10 @@ from landerd.ports import (
     Autopilot,
     AutopilotFactory,
     ByteLink,
+    Camera,
     CameraFactory,
     CameraOptions,
+    ExposureControl,
     Gimbal,
     GimbalBehindAutopilotFactory,
     GimbalFactory,
@@ -114,12 +116,28 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
             _signing(config),
         )
         return Devices(
-            camera(options=loaded.options[f"camera.{config.camera.driver}"]),
+            _make_camera(camera, loaded),
             _make_gimbal(gimbal, loaded, autopilot),
             autopilot,
         )
     except ValueError as e:
         raise SetUpError(str(e)) from None
+
+
+def _make_camera(factory: CameraFactory, loaded: Loaded) -> Camera:
+    section = loaded.config.camera
+    options = loaded.options[f"camera.{section.driver}"]
+    if section.exposure == "auto" and getattr(options, "exposure_s", None) is not None:
+        raise ValueError(
+            f"camera.exposure: auto, but camera.{section.driver}.exposure_s is set; expected null"
+        )
+    camera = factory(options=options)
+    if section.exposure == "pad" and not isinstance(camera, ExposureControl):
+        raise ValueError(
+            f"camera.exposure: the exposure of driver {section.driver} cannot be ordered; "
+            "expected fixed or auto"
+        )
+    return camera
 
 
 def make_autopilot(
