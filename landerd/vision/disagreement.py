@@ -74,7 +74,8 @@ def disagreement(
 
 
 def _best(measured: list[Measurement], covariance: F64) -> Joint | None:
-    found = joint_poses(measured, np.zeros(len(covariance)), covariance, None)
+    known: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    found = joint_poses(measured, np.zeros(len(covariance)), known, None)
     return min(found, key=lambda j: j.pose.cost, default=None)
 
 

@@ -21,8 +21,9 @@ _OWN_SCALE = 0.5
 # How soon what was learned is forgotten, s: nothing about a pad changes in flight, but what is
 # taken for noise (a lens a little off its calibration) is not new in every frame.
 _FORGET_S = 60.0
-# Share of a frame's information that is learned from; for the same reason.
-LEARNED_SHARE = 0.1
+LEARN_EVERY_S = 0.2  # saves time: what is learned changes slowly
+# Share of a frame's information that is learned; for the same reason.
+LEARNED_SHARE = 0.5
 
 
 class MarkerErrors:
@@ -44,17 +45,26 @@ class MarkerErrors:
             self._first[at, at] = np.diag(_variances(marker, layout))
         self._mean = np.zeros(ERRORS * count)
         self._covariance = self._first.copy()
+        self._known: dict[tuple[int, ...], tuple[F64, F64]] = {}  # what `of` has returned
         self._t: float | None = None
 
     def of(self, markers: list[int]) -> tuple[F64, F64]:
-        """Return mean (7 k,) and covariance (7 k, 7 k) of k markers, by their place in the file."""
-        at = _places(markers)
-        return self._mean[at], self._covariance[np.ix_(at, at)]
+        """Return mean (7 k,) and information (7 k, 7 k) of k markers, by place in the file."""
+        found = self._known.get(tuple(markers))
+        if found is None:
+            at = _places(markers)
+            found = self._mean[at], _inverse(self._covariance[np.ix_(at, at)])
+            self._known[tuple(markers)] = found
+        return found
 
     def first(self, markers: list[int]) -> F64:
         """Return the covariance (7 k, 7 k) of k markers as the pad file alone has it."""
         at = _places(markers)
         return self._first[np.ix_(at, at)]
+
+    def is_due(self, t: float) -> bool:
+        """Tell whether a frame of time t (s) may be learned from."""
+        return self._t is None or not 0.0 <= t - self._t < LEARN_EVERY_S
 
     def learn(self, t: float, markers: list[int], mean: F64, covariance: F64) -> None:
         """Take what a frame of time t (s) says of some markers; the others follow.
@@ -66,6 +76,7 @@ class MarkerErrors:
             covariance: (7 k, 7 k), what was known before included.
         """
         self._forget(t)
+        self._known.clear()
         at = _places(markers)
         known = self._covariance[np.ix_(at, at)]
         gain = np.linalg.solve(known, self._covariance[at]).T
@@ -79,6 +90,10 @@ class MarkerErrors:
         kept = math.exp(-past / _FORGET_S)
         self._mean = kept * self._mean
         self._covariance = self._first + kept * (self._covariance - self._first)
+
+
+def _inverse(m: F64) -> F64:
+    return np.asarray(np.linalg.inv(m), dtype=np.float64)
 
 
 def _places(markers: list[int]) -> list[int]:

@@ -81,8 +81,8 @@ def pad_poses(
     if not measured:
         return []
     measured = in_order(measured)
-    mean, covariance = errors.of([m.marker for m in measured])
-    joint = joint_poses(measured, mean, covariance, None if north is None else np.array(north))
+    mean, known = errors.of([m.marker for m in measured])
+    joint = joint_poses(measured, mean, known, None if north is None else np.array(north))
     joint = [replace(j, pose=with_gravity(j.pose, down)) for j in joint]
     joint.sort(key=lambda j: j.pose.cost)
     has_north = _has_north(measured)
@@ -104,17 +104,16 @@ def in_order(measured: list[Measurement]) -> list[Measurement]:
 
 
 def joint_poses(
-    measured: list[Measurement], mean: F64, covariance: F64, north: F64 | None
+    measured: list[Measurement], mean: F64, known: F64, north: F64 | None
 ) -> list[Joint]:
     """Return the poses of the pad that explain all markers.
 
     Args:
         measured: k markers, `in_order`.
         mean: of their errors, (7 k,), and
-        covariance: (7 k, 7 k).
+        known: its information, (7 k, 7 k).
         north: the pad's as the estimate has it, camera frame.
     """
-    known: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     joint: list[Joint] = []
     for first in measured[0].poses:
         found = _joint(measured, first, north, mean, known)
@@ -132,16 +131,16 @@ def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: Pose
         t: of the exposure, s.
         pad: its pose in the frame.
     """
-    if len(measured) < 2 or pad.north is None:
+    if len(measured) < 2 or pad.north is None or not errors.is_due(t):
         return
     measured = [_to_pad_axes(m) for m in measured]
     markers = [m.marker for m in measured]
-    mean, covariance = errors.of(markers)
+    mean, before = errors.of(markers)
     R = rotation_from(np.array(pad.normal), np.array(pad.north))
     pose = Pose(R, np.array(pad.position), np.zeros((6, 6)), 0.0)
     seen, gradient, _ = _normal_equations(measured, pose, mean)
     known = np.zeros_like(seen)
-    known[6:, 6:] = np.linalg.inv(covariance)
+    known[6:, 6:] = before
     n = pose.normal
     known[3:6, 3:6] = _MIN_YAW_INFORMATION * np.outer(n, n)
     joint: F64 = np.asarray(np.linalg.inv(known + LEARNED_SHARE * seen), dtype=np.float64)
@@ -254,16 +253,15 @@ def _normal_equations(
     information, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
     for i, m in enumerate(measured):
         own = slice(6 + ERRORS * i, 6 + ERRORS * (i + 1))
-        e = errors[ERRORS * i : ERRORS * (i + 1)]
-        J, E = _derivatives(m, pose, e)
-        residual, chosen = _nearest(m, pose, e)
-        weighted, own_weighted = J.T @ chosen.information, E.T @ chosen.information
-        information[:6, :6] += weighted @ J
-        information[:6, own] = weighted @ E
-        information[own, :6] = information[:6, own].T
-        information[own, own] = own_weighted @ E
-        gradient[:6] += weighted @ residual
-        gradient[own] = own_weighted @ residual
+        residual, chosen, J = _nearest(m, pose, errors[ERRORS * i : ERRORS * (i + 1)])
+        weighted = J.T @ chosen.information
+        both, pull = weighted @ J, weighted @ residual
+        information[:6, :6] += both[:6, :6]
+        information[:6, own] = both[:6, 6:]
+        information[own, :6] = both[6:, :6]
+        information[own, own] = both[6:, 6:]
+        gradient[:6] += pull[:6]
+        gradient[own] = pull[6:]
         cost += chosen.cost + float(residual @ chosen.information @ residual)
     return information, gradient, cost
 
@@ -290,26 +288,18 @@ def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 |
     return first.R if prior_north is None else rotation_from(first.normal, prior_north)
 
 
-def _derivatives(m: Measurement, pose: Pose, e: F64) -> tuple[F64, F64]:
-    """Return the derivatives of a marker's pose by the pad's (6, 6) and by its errors (6, 7)."""
-    size = 1.0 + e[SCALE]
-    arm = pose.R @ (m.place + e[:3])
-    J = np.eye(6)
-    J[:3, :3] /= size
-    J[:3, 3:] = skew(arm) / -size
-    E = np.zeros((6, ERRORS))
-    E[:3, :3] = pose.R / size
-    E[:3, SCALE] = (pose.t + arm) / -(size * size)
-    E[3:, TILT] = pose.R
-    return J, E
-
-
-def _nearest(m: Measurement, pose: Pose, e: F64) -> tuple[F64, Pose]:
-    """Return the marker's solution nearest to a pad pose and its errors, and its residual (6,).
+def _nearest(m: Measurement, pose: Pose, e: F64) -> tuple[F64, Pose, F64]:
+    """Return the marker's solution nearest to a pad's pose and its errors (7,).
 
     A marker that is larger than its file says looks so much nearer.
+
+    Returns:
+        the residual (6,), the solution, and the derivative of the marker's pose by that of the pad
+        and by the marker's errors (6, 6 + 7).
     """
-    t = (pose.t + pose.R @ (m.place + e[:3])) / (1.0 + e[SCALE])
+    size = 1.0 + float(e[SCALE])
+    arm = pose.R @ (m.place + e[:3])
+    t = (pose.t + arm) / size
     R: F64 = pose.R @ cv2.Rodrigues(e[TILT])[0]
     normal = vec3(R[:, 2])
     best: tuple[float, F64, Pose] | None = None
@@ -324,4 +314,11 @@ def _nearest(m: Measurement, pose: Pose, e: F64) -> tuple[F64, Pose]:
         if best is None or cost < best[0]:
             best = (cost, residual, candidate)
     assert best is not None
-    return best[1], best[2]
+    J = np.zeros((6, 6 + ERRORS))
+    J[0, 0] = J[1, 1] = J[2, 2] = 1.0 / size
+    J[3, 3] = J[4, 4] = J[5, 5] = 1.0
+    J[:3, 3:6] = skew(arm) / -size
+    J[:3, 6:9] = pose.R / size
+    J[3:, 9:12] = pose.R
+    J[:3, 6 + SCALE] = t / -size
+    return best[1], best[2], J
