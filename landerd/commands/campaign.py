@@ -22,6 +22,7 @@ from landerd.campaigns.table import as_text, has_failed, make_row
 from landerd.commands.shared import (
     add_config,
     add_json,
+    check_stand_in_flies,
     config_path,
     print_json,
     refusing,
@@ -85,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
         campaign = load_campaign(args.name)
         landing = _SimulatedLanding(campaign, config_path(args), tuple(args.set))
         loaded = [landing.load(row) for row in campaign.all_rows]
+        for each in loaded:
+            check_stand_in_flies(each)
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
         journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None

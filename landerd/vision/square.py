@@ -16,9 +16,15 @@ Image = NDArray[np.uint8]
 
 _MIN_SIDE_PX = 5.0
 # Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
-# Where a pad is known to be the first mostly shows them; a whole image needs OpenCV's own three.
+# Where a pad is known to be the first mostly shows them.
 _WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
-_WHOLE_MEANS_PX = ((3, 23, 10),)
+# For whole images. Alone the first showed all of 142 tags of 21 to 318 px, as all three of OpenCV's
+# own (3, 13 and 23) did, but for one; with shadows or blur another may.
+_WHOLE_MEANS_PX = ((13, 13, 1), (5, 5, 1), (23, 23, 1))
+# Share of an image's pixels at which black meets white under a threshold: the time goes with it.
+# Above it one threshold a search is all that may be spent, and the next search tries the next one.
+_MAX_EDGE_SHARE = 0.04
+_THRESHOLD_OFFSET = 7  # grey levels: OpenCV's own
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,7 @@ class SquareFinder:
         Raises:
             ValueError: OpenCV does not have a dictionary of the pad, or it lacks an id.
         """
+        self._whole_searches = 0  # of textured images
         self._detectors: list[tuple[cv2.aruco.ArucoDetector, list[Square], int]] = []
         for name in sorted({s.dictionary for s in layout.squares}):
             squares = [s for s in layout.squares if s.dictionary == name]
@@ -68,8 +75,10 @@ class SquareFinder:
                 with the number of outlines that are longer.
         """
         x0, y0 = 0, 0
-        means_px: Sequence[tuple[int, int, int]] = _WHOLE_MEANS_PX
-        if window is not None:
+        means_px: Sequence[tuple[int, int, int]]
+        if window is None:
+            means_px = self._whole_means_px(image)
+        else:
             x0, y0 = window.x0, window.y0
             image = image[window.y0 : window.y1, window.x0 : window.x1]
             means_px = _WINDOW_MEANS_PX
@@ -84,6 +93,27 @@ class SquareFinder:
                 px = (corners + 0.5) / scale - 0.5 + (x0, y0)
                 found.append(FoundSquare(squares[number], np.roll(px, turn, axis=0)))
         return found
+
+    def _whole_means_px(self, image: Image) -> Sequence[tuple[int, int, int]]:
+        """Return the thresholds for a whole image: of one full of texture one, another each time.
+
+        What is counted is the same on any machine.
+        """
+        side, _, _ = _WHOLE_MEANS_PX[0]
+        dark = cv2.adaptiveThreshold(
+            image,
+            255,
+            cv2.ADAPTIVE_THRESH_MEAN_C,
+            cv2.THRESH_BINARY_INV,
+            side,
+            _THRESHOLD_OFFSET,
+        )
+        edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
+        if edges <= _MAX_EDGE_SHARE * image.size:
+            return _WHOLE_MEANS_PX
+        which = self._whole_searches % len(_WHOLE_MEANS_PX)
+        self._whole_searches += 1
+        return _WHOLE_MEANS_PX[which : which + 1]
 
 
 def _enlarged(image: Image, scale: float) -> Image:
