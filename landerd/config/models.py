@@ -32,9 +32,9 @@ class MeteringSection(Section):
     """How pictures are exposed where landerd does it (`camera.exposure: pad`)."""
 
     shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4
-    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.004  # against blur: gain before a longer one
+    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008  # against blur: gain before a longer one
     longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # once there is no more gain
-    gain_max: Annotated[float, Field(ge=1, le=64)] = 8.0
+    gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

@@ -3,8 +3,9 @@
 Every order is waited for before the next: pictures taken under the old exposure say nothing about
 the new one. How much light a grey level means depends on the camera's tone curve, which nobody
 knows; a step in proportion to the level is right for a linear one and falls short of the aim with
-any gamma, so it closes in from either side. Blurred sight is worse than noisy sight: the exposure
-is short as long as there is gain.
+any gamma, so it closes in from either side. Blurred sight is worse than noisy sight: beyond the
+short exposure comes gain. But gain lifts the noise with the light, and a dim picture is seen as
+well as a bright one: gain is used only up to half of the level aimed at.
 """
 
 import math
@@ -19,6 +20,7 @@ WHITE_LEVEL, GROUND_LEVEL = 200.0, 70.0
 CLIPPED_LEVEL = 248.0  # from here on a level says only that it is too bright,
 CLIPPED_STEP = 0.4  # and the exposure is cut to this
 DARKEST_LEVEL = 4.0  # and from here down that it is too dark
+DIM = 0.5  # share of the level aimed at that is enough where more would need gain
 BAND = 1.15  # a level that is off by less is left
 SETTLED_S = 0.1  # from an order to the pictures exposed by it: two or three of them
 PAD_KEEP_S = 2.0  # after the pad's last picture its light still holds
@@ -49,7 +51,7 @@ class Metering:
             return None
         if not self._has_ordered:
             self._has_ordered = True
-            return self._order(now)
+            return self._order(now, self._amount)
         if light.on_pad:
             self._pad_t = sightings.t
         elif sightings.t - self._pad_t < PAD_KEEP_S:
@@ -61,14 +63,15 @@ class Metering:
             step = CLIPPED_STEP
         else:
             step = wanted / max(light.level, DARKEST_LEVEL)
-        amount = clamp(self._amount * step, self._least, self._most)
+        full = self._amount * step
+        dim = max(DIM * full, min(full, self._options.short_s))
+        amount = clamp(dim, self._least, self._most)
         if max(amount / self._amount, self._amount / amount) < BAND:
             return None
-        self._amount = amount
-        return self._order(now)
+        return self._order(now, amount)
 
-    def _order(self, now: float) -> ExposureOrder:
-        self._ordered_t = now
+    def _order(self, now: float, amount: float) -> ExposureOrder:
+        self._ordered_t, self._amount = now, amount
         o = self._options
-        gain = clamp(self._amount / o.short_s, 1.0, o.gain_max)
-        return ExposureOrder(self._amount / gain, gain)
+        gain = clamp(amount / o.short_s, 1.0, o.gain_max)
+        return ExposureOrder(amount / gain, gain)
