@@ -89,6 +89,7 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return the exit code."""
     arguments = sys.argv[1:] if argv is None else list(argv)
+    _open_closed_streams()
     try:
         try:
             args = _parser(arguments).parse_args(arguments)
@@ -100,12 +101,43 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(e, file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # Whoever read our output has gone; nothing is left to say, at exit neither.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_stdout()
         return 141
+    except OSError:
+        failure = _stdout_failure()
+        if failure is None:
+            raise
+        _give_up_stdout()
+        print(f"standard output cannot be written: {failure}", file=sys.stderr)
+        return 2
     return code
+
+
+def _open_closed_streams() -> None:
+    """Let what is printed to a stream that the caller has closed go nowhere."""
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - it stays open
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - it stays open
+
+
+def _stdout_failure() -> str | None:
+    """Return why standard output takes nothing, not what is left over nor an empty line."""
+    try:
+        sys.stdout.flush()
+        os.write(sys.stdout.fileno(), b"\n")
+    except OSError as e:
+        return e.strerror
+    return None
+
+
+def _give_up_stdout() -> None:
+    """Let nothing of what is waiting be tried again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

@@ -17,77 +17,176 @@ def flown(t: float) -> tuple[tuple[float, float, float], tuple[float, float, flo
     return (-4.0 + 0.2 * t, 0.1 * t, -6.0 + 0.2 * t), (0.02, -0.03, yaw), rate
 
 
-def write_tlog(path: Path, *, length_s: float = LENGTH_S, skip: tuple[str, ...] = ()) -> Path:
-    """Write a telemetry log; messages of the skipped kinds are left out."""
-    encoder = mavlink.MAVLink(None, 1, 1)
+def place(t: float) -> tuple[float, float]:
+    """Latitude and longitude at a time, degrees."""
+    north, east, _ = flown(t)[0]
+    cos = math.cos(math.radians(ORIGIN[0]))
+    return (
+        ORIGIN[0] + math.degrees(north / 6378137.0),
+        ORIGIN[1] + math.degrees(east / 6378137.0 / cos),
+    )
+
+
+def write_tlog(
+    path: Path,
+    *,
+    length_s: float = LENGTH_S,
+    skip: tuple[str, ...] = (),
+    system: int = 1,
+    vehicle: int = mavlink.MAV_TYPE_QUADROTOR,
+    boot_s: float = 5.0,
+    at_s: float = 0.0,
+) -> Path:
+    """Write a telemetry log.
+
+    Args:
+        path: of the file.
+        length_s: of the flight.
+        skip: messages of these kinds are left out.
+        system: the vehicle's MAVLink system.
+        vehicle: MAV_TYPE.
+        boot_s: time since boot when it begins.
+        at_s: Unix time when it begins, after some day in 2023.
+    """
+    encoder = mavlink.MAVLink(None, system, 1)
     data = b""
 
     def add(t: float, message: mavlink.MAVLink_message) -> None:
         nonlocal data
         if message.get_type() not in skip:
-            data += struct.pack(">Q", int(1e6 * (1.7e9 + t))) + message.pack(encoder)
+            stamp = int(1e6 * (1.7e9 + at_s + t))
+            data += struct.pack(">Q", stamp) + message.pack(encoder)
 
     for i in range(int(length_s * RATE_HZ)):
         t = i / RATE_HZ
-        ms = 5000 + int(1e3 * t)
+        ms = int(1e3 * boot_s + 1e3 * t)
         position, (roll, pitch, yaw), rate = flown(t)
         if i % RATE_HZ == 0:
-            add(t, mavlink.MAVLink_heartbeat_message(2, 3, 0x89, 4, 4, 3))
-            lat, lon = (
-                ORIGIN[0] + math.degrees(position[0] / 6378137.0),
-                ORIGIN[1]
-                + math.degrees(position[1] / 6378137.0 / math.cos(math.radians(ORIGIN[0]))),
-            )
-            fix = (int(1e7 * lat), int(1e7 * lon))
+            add(t, mavlink.MAVLink_heartbeat_message(vehicle, 3, 0x89, 4, 4, 3))
         add(t, mavlink.MAVLink_attitude_message(ms, roll, pitch, yaw, 0.0, 0.0, rate))
         add(t, mavlink.MAVLink_local_position_ned_message(ms, *position, 0.2, 0.1, 0.2))
-        if i % RATE_HZ == 0:
-            add(t, mavlink.MAVLink_global_position_int_message(ms, *fix, 0, 0, 0, 0, 0, 0))
+        latitude, longitude = place(t)
+        fix = (round(1e7 * latitude), round(1e7 * longitude), 0, round(-1e3 * position[2]))
+        add(t, mavlink.MAVLink_global_position_int_message(ms, *fix, 20, 10, 20, 0))
     path.write_bytes(data)
     return path
 
 
-_TYPES = {"Q": "Q", "f": "f", "B": "B", "c": "h", "C": "H", "L": "i", "n": "4s", "N": "16s"}
-_FORMATS = {  # name: (id, format, columns)
-    "ATT": (1, "QccccCCCC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw"),
-    "XKF1": (2, "QBccCfffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD"),
-    "MODE": (3, "QBBB", "TimeUS,Mode,ModeNum,Rsn"),
-    "EV": (4, "QB", "TimeUS,Id"),
-    "MNT": (5, "QBfff", "TimeUS,I,Roll,Pitch,YawB"),
+_TYPES = {"Q": "Q", "I": "I", "f": "f", "B": "B", "M": "B", "h": "h", "H": "H", "b": "b"}
+_TYPES |= {"c": "h", "C": "H", "L": "i", "n": "4s", "N": "16s", "Z": "64s"}
+_SCALES = {"c": 100, "C": 100, "L": 1e7}
+Formats = dict[str, tuple[str, str]]  # kind: format, columns
+FORMATS_2024: Formats = {
+    "VER": ("QBHBBBBIZHB", "TimeUS,BT,BST,Maj,Min,Pat,FWT,GH,FWS,APJ,BU"),
+    "MSG": ("QZ", "TimeUS,Message"),
+    "PARM": ("QNf", "TimeUS,Name,Value"),
+    "ATT": ("QccccCCCC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw"),
+    "XKF1": ("QBccCfffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD"),
+    "NKF1": ("QBccCfffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD"),
+    "XKF4": ("QBb", "TimeUS,C,PI"),
+    "MODE": ("QMBB", "TimeUS,Mode,ModeNum,Rsn"),
+    "EV": ("QB", "TimeUS,Id"),
+    "MNT": ("QBfff", "TimeUS,I,Roll,Pitch,YawB"),
+    "POS": ("QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt"),
+    "GPS": ("QBBIHLLffff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ"),
+}
+FORMATS_2014: Formats = {
+    "MSG": ("Z", "Message"),
+    "PARM": ("Nf", "Name,Value"),
+    "ATT": ("IccccCC", "TimeMS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw"),
+    "EKF1": ("IccCffffffccc", "TimeMS,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD,GX,GY,GZ"),
+    "MODE": ("Mh", "Mode,ThrCrs"),
+    "EV": ("B", "Id"),
+    "CURR": ("IhIhhhf", "TimeMS,ThrOut,ThrInt,Volt,Curr,Vcc,CurrTot"),
 }
 
 
-def write_bin(path: Path, *, length_s: float = LENGTH_S, skip: tuple[str, ...] = ()) -> Path:
-    """Write a DataFlash log; messages of the skipped kinds are left out."""
-    data = b""
-    names = [name for name in _FORMATS if name not in skip]
-    formats = {"FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns")}
-    for name, (number, form, columns) in (formats | {n: _FORMATS[n] for n in names}).items():
-        length = 89 if name == "FMT" else 3 + struct.calcsize("<" + _packed(form))
-        fields = (number, length, name.encode(), form.encode(), columns.encode())
-        data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", *fields)
+class BinWriter:
+    """Packs DataFlash records as the autopilot writes them; what is not given of one is zero."""
 
-    def add(name: str, *values: float) -> None:
-        nonlocal data
-        if name in names:
-            number, form, _ = _FORMATS[name]
-            scaled = [round(100 * v) if c in "cC" else v for c, v in zip(form, values, strict=True)]
-            data += bytes([0xA3, 0x95, number]) + struct.pack("<" + _packed(form), *scaled)
+    def __init__(self, formats: Formats) -> None:
+        self._formats = {name: (n, *each) for n, (name, each) in enumerate(formats.items(), 1)}
+        self.data = b""
+        self._describe(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+        for name, (number, form, columns) in self._formats.items():
+            self._describe(number, 3 + struct.calcsize(_packed(form)), name, form, columns)
 
-    add("MODE", 7_000_000, 5, 5, 1)
-    add("EV", 7_000_000, 10)
+    def _describe(self, number: int, length: int, *texts: str) -> None:
+        fields = (number, length, *(text.encode() for text in texts))
+        self.data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", *fields)
+
+    def add(self, name: str, t: float, **values: float | str) -> None:
+        """Add a record at a time since boot, s, if its kind is known."""
+        if name not in self._formats:
+            return
+        number, form, columns = self._formats[name]
+        values |= {"TimeUS": round(1e6 * t), "TimeMS": round(1e3 * t)}
+        packed: list[int | float | bytes] = []
+        for column, c in zip(columns.split(","), form, strict=True):
+            value = values.get(column, "" if c in "nNZ" else 0)
+            if isinstance(value, str):
+                packed.append(value.encode())
+            else:
+                packed.append(round(_SCALES.get(c, 1) * value) if c != "f" else value)
+        self.data += bytes([0xA3, 0x95, number]) + struct.pack(_packed(form), *packed)
+
+
+def write_bin(
+    path: Path,
+    *,
+    length_s: float = LENGTH_S,
+    skip: tuple[str, ...] = ("NKF1", "XKF4", "POS", "GPS"),
+    formats: Formats = FORMATS_2024,
+    firmware: str = "ArduCopter V4.5.7 (2a3dc4b7)",
+    estimator: int = 3,
+    primary: int = 0,
+    disarmed_s: float = 0.0,
+) -> Path:
+    """Write a DataFlash log.
+
+    Args:
+        path: of the file.
+        length_s: of the flight.
+        skip: messages of these kinds are left out.
+        formats: the firmware's.
+        firmware: as it names itself.
+        estimator: AHRS_EKF_TYPE; the other one that is recorded is 99 m off.
+        primary: of the two cores; the other one is 99 m off.
+        disarmed_s: so long it stood disarmed before, its attitude measured once a second.
+    """
+    writer = BinWriter({name: form for name, form in formats.items() if name not in skip})
+    writer.add("MSG", 7.0, Message=firmware)
+    writer.add("PARM", 7.0, Name="AHRS_EKF_TYPE", Value=estimator)
+
+    def add(t: float) -> None:
+        boot = 8.0 + t + disarmed_s
+        (n, e, d), (roll, pitch, yaw), _ = flown(max(0.0, t))
+        shown = {"Roll": math.degrees(roll), "Pitch": math.degrees(pitch)}
+        shown["Yaw"] = math.degrees(yaw) % 360.0
+        right = {"VN": 0.2, "VE": 0.1, "VD": 0.2, "PN": n, "PE": e, "PD": d}
+        wrong = dict.fromkeys(right, 99.0)
+        writer.add("ATT", boot, **shown)
+        for kind, number in (("XKF1", 3), ("NKF1", 2), ("EKF1", 3)):
+            for core in (0, 1) if kind != "EKF1" else (0,):
+                is_right = number == estimator and core == primary
+                writer.add(kind, boot, C=core, **(right if is_right else wrong))
+        writer.add("XKF4", boot, PI=primary)
+        writer.add("MNT", boot, Pitch=-60.0, YawB=5.0)
+        latitude, longitude = place(max(0.0, t))
+        writer.add("POS", boot, Lat=latitude, Lng=longitude, Alt=400.0 - d, RelOriginAlt=-d)
+        course = math.degrees(math.atan2(0.1, 0.2))
+        fix = {"Lat": latitude, "Lng": longitude, "Alt": -d, "Spd": math.hypot(0.2, 0.1)}
+        writer.add("GPS", boot, Status=3, GCrs=course, VZ=0.2, **fix)
+
+    for i in range(int(disarmed_s)):
+        add(i - disarmed_s)
+    writer.add("MODE", 8.0 + disarmed_s, Mode=5, ModeNum=5)
+    writer.add("EV", 8.0 + disarmed_s, Id=10)
     for i in range(int(length_s * RATE_HZ)):
-        t = i / RATE_HZ
-        us = 8_000_000 + int(1e6 * t)
-        (n, e, d), angles, _ = flown(t)
-        roll, pitch, yaw = map(math.degrees, angles)
-        add("ATT", us, 0, roll, 0, pitch, 0, yaw % 360.0, 0, 0)
-        add("XKF1", us, 0, roll, pitch, yaw % 360.0, 0.2, 0.1, 0.2, 0, n, e, d)
-        add("XKF1", us, 1, roll, pitch, yaw % 360.0, 9.0, 9.0, 9.0, 0, 99.0, 99.0, 99.0)
-        add("MNT", us, 0, 0.0, -60.0, 5.0)
-    path.write_bytes(data)
+        add(i / RATE_HZ)
+    path.write_bytes(writer.data)
     return path
 
 
 def _packed(form: str) -> str:
-    return "".join(_TYPES[c] for c in form)
+    return "<" + "".join(_TYPES[c] for c in form)

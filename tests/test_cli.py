@@ -2,8 +2,10 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -113,3 +115,68 @@ def test_a_reader_that_goes_away_is_no_fault() -> None:
     assert process.stderr.read() == ""
     process.stderr.close()
     assert process.wait(30) == 141  # as if SIGPIPE had ended it
+
+
+GOLDEN = Path(__file__).parent / "golden" / "gate-closed.mcap"
+
+
+def in_shell(command: str) -> subprocess.CompletedProcess[str]:
+    """Run `landerd ...` with what a shell can do to its streams."""
+    line = command.replace("landerd", f"{sys.executable} -m landerd", 1)
+    return subprocess.run(
+        ["bash", "-c", line], capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_disk_behind_stdout_is_one_line(
+    unbuffered: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
+    done = in_shell(f"landerd replay {GOLDEN} > /dev/full")
+    assert done.returncode == 2
+    assert done.stderr == "standard output cannot be written: No space left on device\n"
+
+
+def test_closed_streams_are_no_fault() -> None:
+    done = in_shell(f"landerd replay {GOLDEN} >&-")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert in_shell("landerd replay none.mcap 2>&- >&-").returncode == 2
+
+
+def test_an_interrupted_command_says_that_it_stopped() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "landerd", "sim", "--realtime"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, "", "stopped\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("sim", "--picture", "/proc/a.png"),
+        ("sim", "--log", "/proc/a.mcap"),
+        ("dry-run", "--telemetry", "a.bin", "--log", "/proc/a.mcap"),
+        ("dry-run", "--telemetry", "a.bin", "--draw", "/proc/a.mp4"),
+        ("calibrate", "camera", ".", "--size", "9x6", "--square", "0.1", "-o", "/proc/a.yaml"),
+        ("report", str(GOLDEN), "-o", "/proc/a.html"),
+    ],
+)
+def test_what_cannot_be_written_is_said_before_the_work(arguments: tuple[str, ...]) -> None:
+    (line,) = wrong_input(*arguments)
+    assert "/proc/a." in line
+    assert "cannot be written: No such file or directory" in line
+
+
+def test_a_configuration_that_is_not_here_is_looked_for_among_landerds_own(
+    tmp_path: Path,
+) -> None:
+    told, *faults = wrong_input("sim", "-c", "thesis-gains.yaml", "--set", "a=1", cwd=tmp_path)
+    assert told.startswith("thesis-gains.yaml: not here, landerd's own is taken: ")
+    assert [fault for fault in faults if "unknown key" not in fault] == []

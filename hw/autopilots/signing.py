@@ -109,7 +109,8 @@ def _read_time(path: Path) -> int:
     except FileNotFoundError:
         return 0
     except (OSError, UnicodeDecodeError) as e:
-        raise ValueError(f"{path}: cannot be read: {e}") from None
+        reason = e.strerror if isinstance(e, OSError) else "not text"
+        raise ValueError(f"{path}: cannot be read: {reason}") from None
     if not (text.isdecimal() and int(text) < 1 << 47):
         raise ValueError(f"{path}: found {text[:20]!r}, expected the time stamp kept there")
     return int(text)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import serial
 
 from hw.links.inbox import Inbox
+from hw.links.reasons import in_words
 from landerd.ports import DeviceLost
 
 _READ_SIZE = 4096
@@ -90,7 +91,7 @@ class SerialLink:
         except BlockingIOError:
             return
         except OSError as e:
-            self._release(str(e))
+            self._release(in_words(e))
             return
         if data:
             self._inbox.put(data)
@@ -105,7 +106,7 @@ class SerialLink:
         except BlockingIOError:
             pass
         except OSError as e:
-            self._release(str(e))
+            self._release(in_words(e))
             return
         loop = asyncio.get_running_loop()
         if self._unsent:
@@ -141,5 +142,6 @@ def _aside(work: Callable[[], None]) -> threading.Thread:
 def _reason(e: Exception) -> str:
     if isinstance(e.__context__, termios.error):  # of pyserial, which keeps no number then
         return "is no serial port"
-    number = e.errno if isinstance(e, OSError) else None
-    return _REASONS.get(number or 0) or f"cannot be opened: {e}"
+    if not isinstance(e, OSError):
+        return f"cannot be opened: {e}"
+    return _REASONS.get(e.errno or 0) or f"cannot be opened: {in_words(e)}"

@@ -4,6 +4,7 @@ import asyncio
 import socket
 
 from hw.links.inbox import Inbox
+from hw.links.reasons import in_words
 from landerd.ports import DeviceLost
 
 # A peer that takes nothing must neither fill the memory nor get stale set-points later.
@@ -35,7 +36,7 @@ class TcpLink:
             else:
                 await loop.create_connection(lambda: _Connection(self), self._host, self._port)
         except OSError as e:
-            raise DeviceLost(f"tcp {self._host}:{self._port}: {e}") from None
+            raise DeviceLost(f"tcp {self._host}:{self._port}: {in_words(e)}") from None
 
     async def read(self) -> bytes:
         """Wait for bytes and return all that are there. Raises DeviceLost."""

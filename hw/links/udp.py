@@ -4,6 +4,7 @@ import asyncio
 from typing import Any, cast
 
 from hw.links.inbox import Inbox
+from hw.links.reasons import in_words
 from landerd.ports import DeviceLost
 
 
@@ -29,7 +30,7 @@ class UdpLink(asyncio.DatagramProtocol):
                 lambda: self, local_addr=local, remote_addr=remote
             )
         except OSError as e:
-            raise DeviceLost(f"udp {self._address[0]}:{self._address[1]}: {e}") from None
+            raise DeviceLost(f"udp {self._address[0]}:{self._address[1]}: {in_words(e)}") from None
 
     async def read(self) -> bytes:
         """Wait for datagrams and return all that are there, joined. Raises DeviceLost."""

@@ -22,7 +22,12 @@ GIMBAL_START = (0.0, math.radians(-23.0))  # and its first yaw and pitch
 
 
 class RecordedVehicle:
-    """The recording as messages for the core, interpolated to a steady rate."""
+    """The recording as messages for the core, interpolated to a steady rate.
+
+    Attributes:
+        is_pretended: it has a gimbal that the recorded vehicle had not.
+        ordered: the gimbal's last order, for a pretended one.
+    """
 
     def __init__(
         self,
@@ -42,10 +47,10 @@ class RecordedVehicle:
         """
         self._telemetry = telemetry
         self._fixed = None if fixed_deg is None else tuple(map(math.radians, fixed_deg))
-        self._pretended = pretended
+        self.is_pretended = pretended
         self._t = start
         self._battery = 0
-        self.ordered: Callable[[], GimbalCommand] | None = None  # the gimbal's last order
+        self.ordered: Callable[[], GimbalCommand] | None = None
         self._angles = [(start, *GIMBAL_START)]  # of the pretended gimbal: t yaw pitch
 
     def measure(self, now: float) -> list[AutopilotMessage | GimbalState]:
@@ -62,7 +67,7 @@ class RecordedVehicle:
             if attitude is not None:
                 roll, pitch, yaw, p, q, r = attitude
                 messages.append(Attitude(t, roll, pitch, yaw, (p, q, r)))
-            if self._pretended:
+            if self.is_pretended:
                 self._turn(t)
             gimbal = self.gimbal(t)
             if gimbal is not None:
@@ -80,7 +85,7 @@ class RecordedVehicle:
         """Return the camera's angles at a time."""
         if self._fixed is not None:
             return GimbalState(t, self._fixed[0], self._fixed[1], 0.0, Reference.BODY)
-        if self._pretended:
+        if self.is_pretended:
             at = max(0, min(len(self._angles) - 1, round((t - self._angles[0][0]) / MEASURE_S)))
             return GimbalState(t, self._angles[at][1], self._angles[at][2], 0.0, Reference.BODY)
         angles = self._telemetry.gimbal.at(t)

@@ -28,6 +28,7 @@ class OrdersVideo:
             VideoNotWritten: it cannot be made.
         """
         self._camera, self._layout = camera, layout
+        self._path, self._frames = path, 0
         size = (camera.width, camera.height)
         code = cv2.VideoWriter.fourcc(*"mp4v")
         self._writer = cv2.VideoWriter(str(path), code, fps, size)
@@ -56,6 +57,7 @@ class OrdersVideo:
         for i, line in enumerate(lines):
             _write(picture, line, picture.shape[0] - 12 - 20 * (len(lines) - 1 - i))
         self._writer.write(picture)
+        self._frames += 1
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Note the order that the next picture shows."""
@@ -65,9 +67,13 @@ class OrdersVideo:
             if isinstance(command, Setpoint):
                 self._setpoint = command
 
-    def close(self) -> None:
-        """Finish the file."""
+    def close(self) -> bool:
+        """Finish the file; return whether it can be played: its index is what comes last."""
         self._writer.release()
+        capture = cv2.VideoCapture(str(self._path))
+        can_be_played = capture.isOpened() or self._frames == 0
+        capture.release()
+        return can_be_played
 
 
 def _write(picture: NDArray[np.uint8], line: str, y: int) -> None:

@@ -14,6 +14,10 @@ class JournalError(Exception):
     """The file cannot be used; the text is one line for the user."""
 
 
+def _reason(e: OSError | UnicodeDecodeError) -> str:
+    return e.strerror or "it fails" if isinstance(e, OSError) else "not text"
+
+
 class Journal:
     """The runs of one campaign with one configuration.
 
@@ -38,7 +42,7 @@ class Journal:
         except FileNotFoundError:
             lines = []
         except (OSError, UnicodeDecodeError) as e:
-            raise JournalError(f"{path}: cannot be read: {e}") from None
+            raise JournalError(f"{path}: cannot be read: {_reason(e)}") from None
         if lines and not lines[-1].endswith("\n"):
             del lines[-1]  # the process was killed while it wrote
         if lines and lines[0].rstrip("\n") != head:
@@ -55,7 +59,7 @@ class Journal:
             if not lines:
                 self._write(head)
         except OSError as e:
-            raise JournalError(f"{path}: cannot be written: {e}") from None
+            raise JournalError(f"{path}: cannot be written: {_reason(e)}") from None
 
     def keep(self, run: Run) -> None:
         """Write a run down."""

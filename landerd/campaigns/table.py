@@ -68,19 +68,36 @@ def percentile(values: Sequence[float], percent: float) -> float | None:
     return ordered[below] + (at - below) * (ordered[above] - ordered[below])
 
 
-def as_text(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the table, and below it what is to be said of single rows."""
+def as_text(rows: Sequence[dict[str, Any]], width: int) -> str:
+    """Return the table, and below it what is to be said of single rows.
+
+    Args:
+        rows: of `make_row`.
+        width: characters of a line; columns for which there is no room come in a further table.
+    """
     cells = [[head for head, _ in _COLUMNS]]
     cells += [[text(row) for _, text in _COLUMNS] for row in rows]
     widths = [max(len(line[i]) for line in cells) for i in range(len(_COLUMNS))]
-    lines = [
-        "  ".join(
-            cell.rjust(width) if i else cell.ljust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-        )
-        for line in cells
-    ]
-    return "\n".join([*lines, *(note for row in rows for note in _notes(row))])
+    lines: list[str] = []
+    for columns in _that_fit(widths, width):
+        lines += ["", *(_line(line, widths, columns) for line in cells)]
+    return "\n".join([*lines[1:], *(note for row in rows for note in _notes(row))])
+
+
+def _that_fit(widths: Sequence[int], width: int) -> list[list[int]]:
+    """Return the columns of each table; each has the first one, and at least one other."""
+    tables = [[0]]
+    for i in range(1, len(widths)):
+        table = tables[-1]
+        if len(table) > 1 and sum(2 + widths[j] for j in (*table, i)) - 2 > width:
+            table = [0]
+            tables.append(table)
+        table.append(i)
+    return tables
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], columns: Sequence[int]) -> str:
+    return "  ".join(cells[i].rjust(widths[i]) if i else cells[i].ljust(widths[i]) for i in columns)
 
 
 def _notes(row: dict[str, Any]) -> list[str]:

@@ -20,7 +20,15 @@ from landerd.calibration.lens import (
 )
 from landerd.camera_model import camera_info
 from landerd.commands.detect import SourceError, pictures
-from landerd.commands.shared import InputError, add_json, check_folder, print_json, refusing
+from landerd.commands.shared import (
+    InputError,
+    add_json,
+    check_folder,
+    print_json,
+    refusing,
+    tell,
+    write_text,
+)
 
 # Of the frames of a video or camera those are kept
 _STILL_PX = 2.0  # that have the board where the frame before had it,
@@ -85,7 +93,9 @@ def run(args: argparse.Namespace) -> int:
         return 1
     text = camera_info(result.camera, args.output.stem if args.output else "camera")
     if args.output is not None:
-        args.output.write_text(text, encoding="utf-8")
+        write_text(args.output, text)
+        if not args.json:
+            print(f"written: {args.output}")
     elif not args.json:
         print(text, end="")
     return 0
@@ -119,7 +129,7 @@ def _views(
     try:
         for source in sources:
             is_stream = False
-            for picture in pictures(source):
+            for picture in pictures(source, lambda e: tell(str(e))):
                 height, width = picture.image.shape
                 size = size or (width, height)
                 if size != (width, height):

@@ -25,6 +25,7 @@ from landerd.commands.shared import (
     load_with_saved,
     print_json,
     refusing,
+    write_text,
 )
 from landerd.config.files import Loaded
 from landerd.config.yaml_tree import put
@@ -78,19 +79,16 @@ def run(args: argparse.Namespace) -> int:
     with refusing(CalibrationError, SetUpError):
         fitting_camera(loaded)
         devices = make_devices(loaded, overlay)
-    try:
-        report = asyncio.run(
-            calibrate_gimbal(
-                loaded,
-                devices,
-                places=args.places,
-                with_autopilot=not args.without_autopilot,
-                ask=_ask if not args.yes else None,
-                say=(lambda _: None) if args.json else print,
-            )
+    report = asyncio.run(
+        calibrate_gimbal(
+            loaded,
+            devices,
+            places=args.places,
+            with_autopilot=not args.without_autopilot,
+            ask=_ask if not args.yes else None,
+            say=(lambda _: None) if args.json else print,
         )
-    except KeyboardInterrupt:
-        return 1
+    )
     if args.json:
         print_json(report)
     else:
@@ -99,7 +97,9 @@ def run(args: argparse.Namespace) -> int:
         return 1
     text = yaml.safe_dump(_tree(report["keys"]), sort_keys=False, default_flow_style=None)
     if args.output is not None:
-        args.output.write_text(text, encoding="utf-8")
+        write_text(args.output, text)
+        if not args.json:
+            print(f"written: {args.output}")
     elif not args.json:
         print("set in the configuration:", text, sep="\n", end="")
     return 0

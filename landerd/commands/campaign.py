@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import Any
 
 from landerd.camera_model import CalibrationError, load_camera
@@ -124,7 +125,7 @@ def _fly(
     except KeyboardInterrupt:
         if not args.json:
             if runs:
-                print(as_text(_rows(campaign, runs)))
+                print(as_text(_rows(campaign, runs), get_terminal_size().columns))
             print(f"stopped after {len(runs)} of {len(tasks)} runs")
         raise
     rows = _rows(campaign, runs)
@@ -132,7 +133,7 @@ def _fly(
     if args.json:
         print_json({"campaign": args.name, "rows": rows, "wall_s": wall_s})
     else:
-        print(as_text(rows))
+        print(as_text(rows, get_terminal_size().columns))
         for row in rows:
             for line in as_lines(row["days"]) if "days" in row else ():
                 print(line)

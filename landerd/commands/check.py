@@ -29,6 +29,7 @@ from landerd.preflight.gimbal import check_gimbal
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 
+_STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
 _LEAST_FREE_MB = 500.0  # of the logs' disk
 _MARKS = {"ok": "ok  ", "warn": "WARN", "fail": "FAIL"}
 
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         load_pad(loaded.config.pad.layout)
         load_camera(loaded.config.camera.calibration)
         devices = make_devices(loaded, overlay)
-    findings = asyncio.run(check(loaded, devices))
+    findings = asyncio.run(check(loaded, devices, _service_folder(args.config)))
     ready = not any(f.level == "fail" for f in findings)
     if args.json:
         print_json({"ready": ready, "findings": [dataclasses.asdict(f) for f in findings]})
@@ -60,10 +61,20 @@ def run(args: argparse.Namespace) -> int:
     return 0 if ready else 1
 
 
-async def check(loaded: Loaded, devices: Devices) -> list[Finding]:
+def _service_folder(config: Path) -> Path:
+    """Return where the service that reads a configuration, /etc/landerd/NAME.yaml, keeps things."""
+    return _STATE / (config.stem if config.stem.startswith("landerd") else "landerd")
+
+
+async def check(loaded: Loaded, devices: Devices, state: Path) -> list[Finding]:
     """Return all findings; the devices are opened, measured side by side, and closed.
 
     The gimbal is moved only while the autopilot is heard to be disarmed.
+
+    Args:
+        loaded: the configuration.
+        devices: not open.
+        state: folder that the service has for what it keeps.
     """
     config = loaded.config
     autopilot = AutopilotCheck(config)
@@ -82,7 +93,7 @@ async def check(loaded: Loaded, devices: Devices) -> list[Finding]:
 
     parts = await asyncio.gather(autopilot.run(devices.autopilot, gimbal_done), camera(), gimbal())
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
-    return [*calibration, *(f for part in parts for f in part), *cut, disk(loaded)]
+    return [*calibration, *(f for part in parts for f in part), *cut, disk(loaded, state)]
 
 
 def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
@@ -97,11 +108,7 @@ def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
 async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:
     options = camera_options(loaded)
     layout = load_pad(loaded.config.pad.layout)
-    try:
-        vision = Vision(layout, model, loaded.config.vision)
-    except ValueError as e:
-        mend = "take another marker: docs/markers.md"
-        return [Finding("fail", "pad", f"{loaded.config.pad.layout}: {e}", mend)]
+    vision = Vision(layout, model, loaded.config.vision)
     fps = options.fps if options is not None else None
     found = await check_camera(camera, vision, model, fps)
     if any(f.item == "camera" and f.level == "fail" for f in found):
@@ -112,18 +119,24 @@ async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Fi
     return found
 
 
-def disk(loaded: Loaded) -> Finding:
-    """Return whether flights can be recorded."""
-    state = os.environ.get("STATE_DIRECTORY")
-    folder = loaded.config.log.folder or (Path(state) / "logs" if state else None)
-    if folder is None:
-        what = "flights are not recorded here: log.folder is not set"
-        return Finding("warn", "log", what, "set it, or run as the service, which does")
+def disk(loaded: Loaded, state: Path) -> Finding:
+    """Return whether flights can be recorded: into log.folder, or else the service's own folder.
+
+    Args:
+        loaded: the configuration.
+        state: folder that the service has for what it keeps; systemd makes it.
+    """
+    given = os.environ.get("STATE_DIRECTORY")
+    folder = loaded.config.log.folder or (Path(given) if given else state) / "logs"
     existing = next(path for path in (folder, *folder.parents) if path.exists())
-    if not os.access(existing, os.W_OK):
-        return Finding("warn", "log", f"{existing} cannot be written", "give it to landerd's user")
+    if loaded.config.log.folder is not None and not os.access(existing, os.W_OK):
+        what = f"{existing} cannot be written by this user"
+        return Finding("warn", "log", what, "give it to the user that landerd runs as")
     free_mb = shutil.disk_usage(existing).free / 1e6
     if free_mb < _LEAST_FREE_MB:
         what = f"{free_mb:.0f} MB are free for logs in {existing}"
         return Finding("warn", "log", what, "delete old logs, or lower log.most_mb")
-    return Finding("ok", "log", f"{free_mb / 1e3:.1f} GB are free in {existing}")
+    text = f"{free_mb / 1e3:.1f} GB are free in {existing}"
+    if loaded.config.log.folder is None:
+        text += f"; the service records into {folder}, landerd run by hand nowhere"
+    return Finding("ok", "log", text)

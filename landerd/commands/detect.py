@@ -5,7 +5,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,10 @@ class Picture:
     t: float  # s, from the start of its source
     image: NDArray[np.uint8]
     follows: bool  # the picture before is the frame before
+    is_still: bool  # of an image, not of a video or camera
+
+
+Refuse = Callable[[Exception], None]  # is told of a picture that is left out, and why
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,27 +84,37 @@ def run(args: argparse.Namespace) -> int:
             args.draw.mkdir(parents=True, exist_ok=True)
         except OSError as e:
             raise InputError(f"--draw {args.draw}: {e.strerror}") from None
-    is_refused = False
+    refused: list[str] = []
+
+    def refuse(e: Exception) -> None:
+        tell(str(e))  # at once: the next source may be a camera, which does not end
+        refused.append(str(e))
+
     for source in args.sources:
         try:
-            _detect(source, camera, layout, args)
+            _detect(source, camera, layout, args, refuse)
         except (SourceError, CalibrationError) as e:
-            tell(str(e))  # at once: the next source may be a camera, which does not end
-            is_refused = True
-    if is_refused:
+            refuse(e)
+    if refused:
         raise InputError("a source cannot be used", is_told=True)
     return 0
 
 
-def _detect(source: str, camera: CameraModel, layout: PadLayout, args: argparse.Namespace) -> None:
+def _detect(
+    source: str, camera: CameraModel, layout: PadLayout, args: argparse.Namespace, refuse: Refuse
+) -> None:
     vision: Vision | None = None
-    for seq, picture in enumerate(pictures(source)):
+    for seq, picture in enumerate(pictures(source, refuse)):
         height, width = picture.image.shape
         if vision is None or not picture.follows:
             try:
                 fitting = camera.scaled(width, height)
             except CalibrationError as e:
-                raise CalibrationError(f"{picture.name}: {args.camera}: {e}") from None
+                error = CalibrationError(f"{picture.name}: {args.camera}: {e}")
+                if picture.is_still:
+                    refuse(error)
+                    continue
+                raise error from None
             vision = _new_vision(layout, fitting)
         start = time.perf_counter()
         sightings = vision.process(Frame(picture.t, seq, picture.image))
@@ -123,19 +137,31 @@ def _new_vision(layout: PadLayout, camera: CameraModel) -> Vision:
 # ---- pictures ----------------------------------------------------------------------------------
 
 
-def pictures(source: str) -> Iterator[Picture]:
+def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
     """Yield an image, the images of a folder, the frames of a video or camera.
+
+    Args:
+        source: file, folder, camera or URL.
+        refuse: is told of each image of a folder that cannot be read; the others are yielded.
 
     Raises:
         SourceError: it cannot be read.
     """
     path = Path(source)
     if path.is_dir():
-        images = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES)
+        try:
+            images = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES)
+        except OSError as e:
+            raise SourceError(f"{source}: cannot be read: {e.strerror}") from None
         if not images:
             raise SourceError(f"{source}: no images in this folder")
         for image in images:
-            yield _still(image)
+            try:
+                picture = _still(image)
+            except SourceError as e:
+                refuse(e)
+            else:
+                yield picture
     elif path.suffix.lower() in _IMAGES and "://" not in source:
         yield _still(path)
     else:
@@ -150,7 +176,7 @@ def _still(path: Path) -> Picture:
     image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
     if image is None:
         raise SourceError(f"{path}: not an image that can be read")
-    return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False)
+    return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False, True)
 
 
 def _frames(source: str) -> Iterator[Picture]:
@@ -176,7 +202,7 @@ def _frames(source: str) -> Iterator[Picture]:
             t = time.perf_counter() - start if is_camera else number / rate
             grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
             name = f"{source}#{number}"
-            yield Picture(name, t, np.asarray(grey, dtype=np.uint8), number > 0)
+            yield Picture(name, t, np.asarray(grey, dtype=np.uint8), number > 0, False)
             number += 1
         if number == 0:
             raise SourceError(f"{source}: no frames in it")

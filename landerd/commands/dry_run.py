@@ -9,7 +9,14 @@ from typing import Any
 
 from hw.replay.align import SURE, find_offset, picture_motion, turning_motion
 from hw.replay.pictures import VideoPictures
-from hw.replay.telemetry import Telemetry, TelemetryError, read_telemetry
+from hw.replay.telemetry import (
+    LEAST_RATE_HZ,
+    Telemetry,
+    TelemetryError,
+    is_fast_enough,
+    read_telemetry,
+)
+from hw.replay.track import MAX_GAP_S
 from hw.replay.vehicle import RecordedVehicle
 from hw.replay.video import VideoError, read_video
 from landerd.analysis.orders_video import OrdersVideo, VideoNotWritten
@@ -35,7 +42,6 @@ from landerd.runtime.daemon import Observer
 from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 
 GOOD_RATE_HZ = 20.0
-LEAST_RATE_HZ = 2.0  # slower telemetry says too little between its measurements
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,7 @@ class _Flight:
     end: float
     offset_s: float | None = None  # of the video's beginning after the telemetry's; None: no video
     offset_correlation: float | None = None  # None: the offset was given
+    drawn_pad: Vec3 | None = None  # local NED, m; None: there is a video
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,13 +104,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what would have been ordered; return 0."""
     loaded = load_config(args)
-    check_output(args.draw, ".mp4")
-    check_output(args.log, ".mcap")
+    check_output(args.draw, ".mp4", "--draw")
+    check_output(args.log, ".mcap", "--log")
     with refusing(TelemetryError, VideoError, VideoNotWritten, CalibrationError, PadError):
         telemetry = _telemetry(args.telemetry)
         layout = load_pad(loaded.config.pad.layout)
         flight = _flight(args, loaded, layout, telemetry)
-        result = _fly(args, loaded.config, layout, flight)
+        result, not_written = _fly(args, loaded.config, layout, flight)
     if args.video is not None and not result.frames:
         raise InputError(f"{args.video}: no frame of it falls into the telemetry: see --offset")
     report = _report(telemetry, flight, result)
@@ -111,6 +118,8 @@ def run(args: argparse.Namespace) -> int:
         print_json(report)
     else:
         print(_in_words(args, report))
+    if not_written:
+        raise InputError("\n".join(not_written))
     return 0
 
 
@@ -120,9 +129,10 @@ def run(args: argparse.Namespace) -> int:
 def _telemetry(path: Path) -> Telemetry:
     telemetry = read_telemetry(path)
     for track, name in ((telemetry.attitude, "attitude"), (telemetry.position, "position")):
-        if track.rate_hz < LEAST_RATE_HZ:
+        if not is_fast_enough(track, telemetry.flown):
             raise InputError(
-                f"{path}: {name} only {track.rate_hz:.1f} times a second, expected "
+                f"{path}: {name} only {track.rate_hz(telemetry.flown):.1f} times a second while "
+                f"{'armed' if telemetry.armed else 'it was recorded'}, expected "
                 f"{LEAST_RATE_HZ:g} or more"
             )
     return telemetry
@@ -146,7 +156,7 @@ def _flight(
     if args.video is None:
         pad = _pad(args, telemetry, loaded.config)
         drawn = drawn_pictures(loaded, layout, camera, vehicle, pad, start=start, fps=args.fps)
-        return _Flight(camera, vehicle, drawn.expose, start, end)
+        return _Flight(camera, vehicle, drawn.expose, start, end, drawn_pad=pad)
     camera = _fitting(camera, args.video, loaded.config)
     offset, correlation = _offset(args, camera, vehicle, telemetry)
     begins = telemetry.start + offset
@@ -168,9 +178,12 @@ def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]
 
 
 def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3:
-    """Return where the pad is drawn: as asked, or under the recording's last position."""
-    north, east, _, *_ = telemetry.position.values[-1]
-    down = max(values[2] for values in telemetry.position.values) + config.vehicle.gear_height_m
+    """Return where the pad is drawn: as asked, or under where the flight ended."""
+    positions = telemetry.position
+    flown = [v for span in telemetry.flown for v in positions.values[positions.within(span)]]
+    flown = flown or positions.values
+    north, east, *_ = flown[-1]
+    down = max(values[2] for values in flown) + config.vehicle.gear_height_m
     if args.pad_at is not None:
         north, east = telemetry.local(*args.pad_at)
     if args.pad_local is not None:
@@ -214,8 +227,13 @@ def _offset(
 
 def _fly(
     args: argparse.Namespace, config: Config, layout: PadLayout, flight: _Flight
-) -> DryRunResult:
-    """Show the core the flight, and write down what it orders, where that was asked for."""
+) -> tuple[DryRunResult, list[str]]:
+    """Show the core the flight, and write down what it orders, where that was asked for.
+
+    Returns:
+        What came of it, and which files could not be written, and why.
+    """
+    not_written: list[str] = []
     recorder = _recorder(args.log, config, layout, flight.camera)
     video = OrdersVideo(args.draw, flight.camera, layout, args.fps) if args.draw else None
     observers: list[Observer] = [each for each in (recorder, video) if each is not None]
@@ -226,9 +244,10 @@ def _fly(
     finally:
         if recorder is not None:
             recorder.close()
-        if video is not None:
-            video.close()
-    return dry.result
+            not_written += [recorder.failure] if recorder.failure is not None else []
+        if video is not None and not video.close():
+            not_written.append(f"{args.draw}: cannot be written, or not wholly")
+    return dry.result, not_written
 
 
 def _recorder(
@@ -243,10 +262,14 @@ def _recorder(
 def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict[str, Any]:
     """Return the object that `--json` prints."""
     zero = telemetry.start
+    flown = telemetry.flown
     return {
         "telemetry_s": telemetry.end - zero,
-        "attitude_hz": telemetry.attitude.rate_hz,
-        "position_hz": telemetry.position.rate_hz,
+        "armed_s": sum(b - a for a, b in telemetry.armed) if telemetry.says_armed else None,
+        "attitude_hz": telemetry.attitude.rate_hz(flown),
+        "position_hz": telemetry.position.rate_hz(flown),
+        "position_source": telemetry.position_source,
+        "remarks": _remarks(telemetry, flight),
         "offset_s": flight.offset_s,
         "offset_correlation": flight.offset_correlation,
         "frames": result.frames,
@@ -261,10 +284,40 @@ def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict
     }
 
 
+def _remarks(telemetry: Telemetry, flight: _Flight) -> list[str]:
+    """Return what one has to know to judge the result, a line each."""
+    lines = list(telemetry.remarks)
+    if not telemetry.says_armed:
+        lines.append("it does not say when it was armed: all of it is taken for the flight")
+    elif not telemetry.armed:
+        lines.append("it was never armed in it")
+    length = sum(b - a for a, b in telemetry.flown)
+    for track, name in ((telemetry.attitude, "attitude"), (telemetry.position, "position")):
+        missing = length - track.covered_s(telemetry.flown)
+        if missing > MAX_GAP_S:
+            lines.append(f"{name} is missing for {missing:.1f} s of the {length:.1f} s flown")
+    if flight.vehicle.is_pretended:
+        lines.append("no gimbal angles in it: a gimbal is pretended that follows landerd's orders")
+    if flight.drawn_pad is not None:
+        north, east, down = flight.drawn_pad
+        lines.append(
+            f"no video: pictures are drawn, of a pad {_side(north, 'north', 'south')}, "
+            f"{_side(east, 'east', 'west')} and {_side(down, 'below', 'above')} local zero"
+        )
+    return lines
+
+
+def _side(value: float, positive: str, negative: str) -> str:
+    return f"{abs(value):.1f} m {positive if value >= 0.0 else negative}"
+
+
 def _in_words(args: argparse.Namespace, result: dict[str, Any]) -> str:
+    armed = "" if result["armed_s"] is None else f", armed for {result['armed_s']:.1f} s"
     lines = [
-        f"{args.telemetry}: {result['telemetry_s']:.1f} s, attitude {result['attitude_hz']:.0f} "
-        f"and position {result['position_hz']:.0f} times a second",
+        f"{args.telemetry}: {result['telemetry_s']:.1f} s{armed}",
+        f"  attitude {result['attitude_hz']:.0f} and position {result['position_hz']:.0f} times a "
+        f"second ({result['position_source']})",
+        *(f"  {remark}" for remark in result["remarks"]),
     ]
     if min(result["attitude_hz"], result["position_hz"]) < GOOD_RATE_HZ:
         lines.append(

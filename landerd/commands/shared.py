@@ -77,11 +77,14 @@ def add_overlay(parser: argparse.ArgumentParser) -> None:
 
 
 def config_path(args: argparse.Namespace) -> Path:
-    """Return the file of `add_config`'s arguments."""
-    from landerd.config.files import config_dir
+    """Return the file of `add_config`'s arguments; landerd's own where there is none here."""
+    from landerd.config.files import config_dir, own_or
 
     path: Path = args.config or config_dir() / "default.yaml"
-    return path
+    found = own_or(path)
+    if found != path:
+        tell(f"{path}: not here, landerd's own is taken: {found}")
+    return found
 
 
 def load_config(args: argparse.Namespace, overlays: Sequence[Path] = (), seed: int = 0) -> "Loaded":
@@ -157,19 +160,48 @@ def check_output(path: Path | None, suffix: str, flag: str = "") -> None:
     Raises:
         InputError: it cannot be written there.
     """
-    if path is not None and not (path.suffix == suffix and path.absolute().parent.is_dir()):
-        where = f"{flag} {path}".lstrip()
+    if path is None:
+        return
+    where = f"{flag} {path}".lstrip()
+    if not (path.suffix == suffix and path.absolute().parent.is_dir()):
         raise InputError(f"{where}: expected a {suffix} in a folder that exists")
+    _try_to_write(path, where)
 
 
 def check_folder(path: Path | None) -> None:
-    """Refuse an -o whose folder is not there; None: nothing is to be written.
+    """Refuse an -o that cannot be written, before the work is done; None: there is none.
 
     Raises:
-        InputError: it cannot be written there.
+        InputError: its folder is not there, or it cannot be written there.
     """
-    if path is not None and not path.absolute().parent.is_dir():
+    if path is None:
+        return
+    if not path.absolute().parent.is_dir():
         raise InputError(f"-o {path}: its folder does not exist")
+    _try_to_write(path, f"-o {path}")
+
+
+def _try_to_write(path: Path, where: str) -> None:
+    """Open a file for writing, and leave all as it was: what `access` says is not always so."""
+    is_new = not path.exists()
+    try:
+        path.open("ab").close()
+        if is_new and not path.is_symlink():
+            path.unlink()
+    except OSError as e:
+        raise InputError(f"{where}: cannot be written: {e.strerror}") from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as e:
+        raise InputError(f"{path}: cannot be written: {e.strerror}") from None
 
 
 def whole_number(text: str, least: int) -> int:

@@ -70,10 +70,11 @@ def run(args: argparse.Namespace) -> int:
         print_json(result)
     else:
         print(_summary(result))
-        if args.picture is not None:
-            print(f"  picture: {args.picture}")
-        if args.log is not None:
-            print(f"  flight log: {args.log}")
+        for name, path in (("picture", args.picture), ("flight log", args.log)):
+            if path is not None and not any(str(path) in line for line in result["not_written"]):
+                print(f"  {name}: {path}")
+    if result["not_written"]:
+        raise InputError("\n".join(result["not_written"]))
     return 0 if result["landed"] and not result["rules_broken"] else 1
 
 
@@ -146,6 +147,8 @@ def _summary(result: dict[str, Any]) -> str:
         if phase["name"] != "NOT_LANDING"
     ]
     landed = "Landed" if result["landed"] else f"Did not land: {result['outcome']}"
+    if result["landed"] and result["rules_broken"]:
+        landed = "Landed, but a safety rule was broken"
     lines = [
         f"{landed} (scenario {result['scenario']}, seed {result['seed']})",
         f"  touch-down {say('touchdown_error_m', 'm', 2)} from the landing point, "
@@ -156,7 +159,7 @@ def _summary(result: dict[str, Any]) -> str:
         f"to disarm {say('time_s', 's', 1)}, {say('energy_hj', 'hJ', 1)}",
         f"  pad lost from sight {result['aborts']} times; "
         f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
-        f"  phases: {', '.join(phases)}",
+        f"  phases: {', '.join(phases)}".rstrip(),
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
     ]
     return "\n".join(lines)

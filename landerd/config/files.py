@@ -57,6 +57,12 @@ def config_dir() -> Path:
     return installed if installed.is_dir() else package.parent / "config"
 
 
+def own_or(path: Path) -> Path:
+    """Return the path, or landerd's own file of that name where there is none at it."""
+    own = config_dir() / path
+    return own if own.is_file() and not path.exists() else path
+
+
 def config_files(kind: str) -> dict[str, Path]:
     """Return the files of a folder of `config_dir()`, as "scenarios", by name."""
     return {path.stem: path for path in sorted((config_dir() / kind).glob("*.yaml"))}
@@ -69,7 +75,7 @@ def read_model(path: Path, model: type[M]) -> M:
         ConfigError: it cannot be read, or a key is unknown, missing, of another type or range.
     """
     faults: list[Fault] = []
-    read = _validated(model, read_file(path, faults), faults)
+    read = _validated(model, read_file(path, faults, config_dir()), faults)
     if read is None or faults:
         raise ConfigError([str(fault) for fault in sorted(faults)])
     return read
@@ -103,9 +109,9 @@ def load(
             type or out of range; or a range of angles is wanted that the gimbal does not reach.
     """
     faults: list[Fault] = []
-    tree = read_file(path, faults)
+    tree = read_file(path, faults, config_dir())
     for overlay in overlays:
-        tree = tree.under(read_file(overlay, faults))
+        tree = tree.under(read_file(overlay, faults, config_dir()))
     for override in overrides:
         tree = tree.under(read_override(override, faults))
     tree, world = draw(tree, seed, faults)

@@ -99,16 +99,26 @@ class Node:
         return node, tuple(at)
 
 
-def read_file(path: Path, faults: list[Fault]) -> Node:
+def read_file(path: Path, faults: list[Fault], own: Path) -> Node:
     """Read a file laid over the files of its `include` list; later ones win.
 
     Files that cannot be read count as empty and are faults.
+
+    Args:
+        path: of the file.
+        faults: what is wrong is added.
+        own: folder in which includes are looked for that are not beside the file.
     """
-    return _read(path, Place(shown(path)), "", faults, ())
+    return _read(path, Place(shown(path)), "", faults, (), own)
 
 
 def _read(
-    path: Path, named_at: Place, key: str, faults: list[Fault], including: tuple[Path, ...]
+    path: Path,
+    named_at: Place,
+    key: str,
+    faults: list[Fault],
+    including: tuple[Path, ...],
+    own: Path,
 ) -> Node:
     empty = Node(Place(shown(path)), path.absolute().parent, {})
     path = path.resolve()
@@ -133,7 +143,9 @@ def _read(
     if include is not None:
         for node in _file_names(include, faults):
             file, key = node.folder / node.value, f"include: {node.value}"
-            below = below.under(_read(file, node.place, key, faults, (*including, path)))
+            if not file.exists() and (own / node.value).is_file():
+                file = own / node.value
+            below = below.under(_read(file, node.place, key, faults, (*including, path), own))
     return below.under(tree)
 
 

@@ -15,6 +15,7 @@ from landerd.messages import (
 )
 from landerd.ports import Autopilot, DeviceLost
 from landerd.preflight.finding import Finding
+from landerd.preflight.link import GARBLED, NO_LINK, SILENT, link_kind
 from landerd.preflight.parameters import judged_parameters, parameter_findings
 
 AUTOPILOT_S = 6.0  # how long it is listened to
@@ -59,7 +60,7 @@ class AutopilotCheck:
                     "fail",
                     "autopilot link",
                     f"{e}: landerd cannot fly without the autopilot",
-                    "check autopilot.url, the cable, and group dialout",
+                    NO_LINK[link_kind(self._config.autopilot.url)],
                 )
             ]
         finally:
@@ -100,13 +101,12 @@ class AutopilotCheck:
         if counters.get("foreign"):
             what = f"somebody speaks MAVLink, but not the autopilot of system {system}"
             return Finding("fail", "heartbeat", what, "set autopilot.system_id to SYSID_THISMAV")
+        link = link_kind(self._config.autopilot.url)
         if counters:
             what = "bytes come, but they are not MAVLink that can be read"
-            mend = "make the baud rate of autopilot.url that of SERIALn_BAUD; SERIALn_PROTOCOL 2"
-            return Finding("fail", "heartbeat", f"{what} ({', '.join(counters)})", mend)
+            return Finding("fail", "heartbeat", f"{what} ({', '.join(counters)})", GARBLED[link])
         what = f"nothing is heard at {self._config.autopilot.url}"
-        mend = "is the autopilot on? SERIALn_PROTOCOL 2, TX and RX crossed, the right port and baud"
-        return Finding("fail", "heartbeat", what, mend)
+        return Finding("fail", "heartbeat", what, f"is the autopilot on? {SILENT[link]}")
 
     def _heartbeat(self) -> Finding:
         beat: Heartbeat = self._of(Heartbeat)[-1][1]

@@ -208,6 +208,18 @@ class Simulation:
             innovation_gate=float(self.config.estimation.gate_sigma**2),
         )
 
+    def not_written(self, picture: Path | None, result: dict[str, Any]) -> list[str]:
+        """Draw the flight's picture; return which files could not be written, and why."""
+        lost = []
+        if picture is not None:
+            try:
+                write_picture(trace_of(self.recording, self.layout, result), picture)
+            except OSError as e:
+                lost.append(f"{picture}: cannot be written: {e.strerror}")
+        if self.recorder is not None and self.recorder.failure is not None:
+            lost.append(self.recorder.failure)
+        return lost
+
 
 def simulate(
     loaded: Loaded,
@@ -241,8 +253,7 @@ def simulate(
     result = result_of(simulation.flown(), scenario, seed)
     result["world"] = simulation.drawn
     result["infeasible"] = infeasible(sim_options(loaded))
-    if picture is not None:
-        write_picture(trace_of(simulation.recording, simulation.layout, result), picture)
+    result["not_written"] = simulation.not_written(picture, result)
     result["wall_s"] = time.perf_counter() - started
     return result
 

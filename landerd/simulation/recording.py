@@ -142,7 +142,7 @@ class Recording:
             distance = math.hypot(*world.offset)
             self.progress(
                 f"{flown_s:5.1f} s  {lander.phase.value:14}  {distance:5.1f} m away  "
-                f"{world.height:5.2f} m up  {lander.reason}"
+                f"{world.height:z5.2f} m up  {lander.reason}"
             )
 
     def _from_start(self, p: Vec3) -> Vec3:

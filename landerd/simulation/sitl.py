@@ -17,7 +17,6 @@ from hw.links import open_link
 from hw.sim.sitl import SitlWorld, Truth
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
-from landerd.analysis.picture import write_picture
 from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.drivers import gimbal_speaks_over
@@ -25,7 +24,7 @@ from landerd.pad import load_pad
 from landerd.ports import DeviceLost
 from landerd.runtime.clock import SlavedLoop, run_slaved
 from landerd.simulation.flight import LONGEST_S, Simulation, as_coroutine
-from landerd.simulation.result import result_of, trace_of
+from landerd.simulation.result import result_of
 from landerd.simulation.surroundings import (
     GATE_OPENS_S,
     WALL_JITTER_S,
@@ -158,8 +157,12 @@ class SitlFlight:
         try:
             async with asyncio.timeout(CONNECTS_S):
                 await self.link.open()
-        except (DeviceLost, TimeoutError) as e:
+        except DeviceLost as e:
             raise AutopilotError(f"--autopilot {self._url}: no connection: {e}") from None
+        except TimeoutError:
+            raise AutopilotError(
+                f"--autopilot {self._url}: no connection in {CONNECTS_S:g} s"
+            ) from None
         self.truth.ask()
 
         async def first_state() -> None:
@@ -287,8 +290,7 @@ def simulate_sitl(
     result["speedup"] = flight.rate
     result["disarmed"] = _how_disarmed(simulation)
     result["judged_at_contact"] = simulation.ends_at_contact
-    if picture is not None:
-        write_picture(trace_of(simulation.recording, simulation.layout, result), picture)
+    result["not_written"] = simulation.not_written(picture, result)
     result["wall_s"] = time.perf_counter() - started
     return result
 

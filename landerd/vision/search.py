@@ -44,11 +44,7 @@ class Search:
         min_ring_px: float,
         prints: dict[Square, SquarePrint],
     ) -> None:
-        """Prepare the search; rings smaller than min_ring_px across are not reported.
-
-        Raises:
-            ValueError: the pad has a square that OpenCV's dictionaries lack.
-        """
+        """Prepare the search; rings smaller than min_ring_px across are not reported."""
         self._layout = layout
         self._camera = camera
         self._focal = 0.5 * (camera.fx + camera.fy)

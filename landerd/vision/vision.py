@@ -55,9 +55,6 @@ class Vision:
             camera: the lens.
             options: how images are searched.
             meters: tell the brightness of every frame, too.
-
-        Raises:
-            ValueError: the pad has a square that OpenCV's dictionaries lack.
         """
         self._layout = layout
         self._camera = camera

@@ -35,7 +35,7 @@ _CLEAR_SHARE = 0.9
 _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows it better
 # Share from which shadow and motion are tried at once, not in the next image: four of ten of the
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
-_HARD_SHARE, _CONTINUED_HARD_SHARE = 0.75, 0.6  # at once, and in the next image
+_HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
 
 
 def find_rings(

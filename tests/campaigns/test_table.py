@@ -40,7 +40,7 @@ def test_figures_of_nothing_are_unknown() -> None:
     row = make_row(Row(scenario="radial"), [Run("radial", 1, None, "ValueError: no (x.py:1)")])
     assert row["time_s_mean"] is None
     assert row["touchdown_error_m_p95"] is None
-    assert " - " in as_text([row])
+    assert " - " in as_text([row], 200)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_what_a_row_needs(
 def test_the_table_names_failed_seeds_below() -> None:
     good = make_row(Row(scenario="radial"), runs({}, {}))
     bad = make_row(Row(scenario="moving"), runs({}, {"rules_broken": ["3: too fast (at 1.00 s)"]}))
-    head, first, second, *notes = as_text([good, bad]).splitlines()
+    head, first, second, *notes = as_text([good, bad], 200).splitlines()
     assert head.split()[:2] == ["scenario", "landed"]
     assert first.split()[:3] == ["radial", "2/2", "18.0"]
     assert len(head) == len(first) == len(second)
@@ -87,3 +87,15 @@ def test_percentiles_lie_between_the_values() -> None:
     assert percentile([0.0, 10.0], 95.0) == pytest.approx(9.5)
     assert percentile([4.0], 95.0) == 4.0
     assert percentile([], 50.0) is None
+
+
+def test_on_a_narrow_terminal_no_line_is_broken() -> None:
+    rows = [make_row(Row(scenario="radial"), runs({}))]
+    wide, narrow = as_text(rows, 200).splitlines(), as_text(rows, 80).splitlines()
+    assert len(wide) == 2
+    assert max(map(len, narrow)) <= 80
+    heads = [line for line in narrow if line.startswith("scenario")]
+    assert len(heads) == 2
+    assert [cell for line in heads for cell in line.split("  ")[1:] if cell] == [
+        cell for cell in wide[0].split("  ")[1:] if cell
+    ]

@@ -125,3 +125,23 @@ def test_wrong_input_is_told_in_one_line(
     assert "--marker" in complaint(str(photos), *CHARUCO[:-2])
     assert "dictionary" in complaint(str(photos), *CHARUCO, "--dictionary", "9X9_9")
     assert "smaller" in complaint(str(photos), *CHARUCO[:-2], "--marker", "0.04")
+
+
+def test_a_bad_image_is_left_out_and_what_is_written_is_said(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad, made = tmp_path / "bad", tmp_path / "mine.yaml"
+    bad.mkdir()
+    (bad / "a.png").write_bytes(bytes(100))
+    cv2.imwrite(str(bad / "b.png"), np.zeros((360, 480), np.uint8))
+    sources = ["calibrate", "camera", str(bad), str(photos)]
+    assert main([*sources, *CHESSBOARD, "-o", str(made)]) == 0
+    told = capsys.readouterr()
+    assert told.err == f"{bad}/a.png: not an image that can be read\n"
+    assert told.out.splitlines()[-1] == f"written: {made}"
+    made.unlink()
+    made.symlink_to("/dev/full")
+    assert main([*sources, *CHESSBOARD, "-o", str(made)]) == 2
+    told = capsys.readouterr()
+    assert "focal length" in told.out
+    assert told.err.splitlines()[-1] == f"{made}: cannot be written: No space left on device"

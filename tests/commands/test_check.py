@@ -33,6 +33,7 @@ GOOD_PARAMETERS = {
     "FS_THR_ENABLE": 1.0,
     "ARMING_CHECK": 1.0,
 }
+STATE = Path("/var/lib/landerd")
 TRAITS = GimbalTraits(Reference.BODY, Feedback.MEASURED, 50.0, (-1.5, 1.5), (-math.pi, 0.0))
 
 
@@ -121,7 +122,7 @@ class SetUp:
         async def run() -> list[Finding]:
             flying = asyncio.create_task(self.vehicle.run() if self.speaks else asyncio.sleep(60))
             try:
-                return await check(loaded, Devices(self.camera, self.gimbal, driver))
+                return await check(loaded, Devices(self.camera, self.gimbal, driver), STATE)
             finally:
                 flying.cancel()
                 await asyncio.gather(flying, return_exceptions=True)
@@ -143,7 +144,7 @@ def test_a_good_set_up_is_ready_and_the_gimbal_is_left_as_it_was() -> None:
         "gimbal",
         "gimbal motion",
     }
-    assert [f for f in findings if f.level != "ok" and f.item != "log"] == []
+    assert [f for f in findings if f.level != "ok"] == []
     assert set_up.gimbal.pitch == pytest.approx(-0.4)
     assert set_up.gimbal.yaw == 0.0
     # nothing was sent that could move the vehicle
@@ -175,6 +176,16 @@ def taken_switch(set_up: SetUp) -> None:
     set_up.vehicle.parameters["RC11_OPTION"] = 31.0
 
 
+def silent_at(url: str) -> Callable[[SetUp], None]:
+    """Return what lets an autopilot at a URL be silent."""
+
+    def change(set_up: SetUp) -> None:
+        set_up.speaks = False
+        set_up.overrides = [f"autopilot.url={url}"]
+
+    return change
+
+
 def wrong_baud(set_up: SetUp) -> None:
     set_up.far.faults.corrupt = 0.5
 
@@ -200,6 +211,20 @@ def no_position(set_up: SetUp) -> None:
         (set_of("gimbal.stuck", True), "fail", "gimbal motion", "does not follow", "motors"),
         (set_of("gimbal.measured", False), "warn", "gimbal motion", "no feedback", "look"),
         (set_of("speaks", False), "fail", "heartbeat", "nothing is heard", "SERIALn_PROTOCOL"),
+        (
+            silent_at("udpin:0.0.0.0:14550"),
+            "fail",
+            "heartbeat",
+            "nothing is heard",
+            "send to this port",
+        ),
+        (
+            silent_at("tcp:127.0.0.1:5760"),
+            "fail",
+            "heartbeat",
+            "nothing is heard",
+            "NET_Pn_PROTOCOL",
+        ),
         (wrong_baud, "fail", "heartbeat", "not MAVLink that can be read", "baud"),
         (set_of("system", 7), "fail", "heartbeat", "not the autopilot of system", "SYSID_THISMAV"),
         (no_position, "fail", "position", "no position comes", "GPS"),
@@ -224,6 +249,7 @@ def test_what_is_broken_is_named(
     named = next(f for f in wrong if re.search(what, f.what))
     assert (named.level, named.item) == (level, item)
     assert mend in named.mend
+    assert ("TX and RX" in named.mend) <= (not set_up.overrides)  # there are none on a network
     # and nothing that works is blamed; unless it is known to be disarmed nothing is moved
     unmoved = {"gimbal motion"} if item == "heartbeat" else set()
     assert {f.item for f in wrong} == {item} | unmoved
@@ -292,3 +318,15 @@ def test_of_servos_it_is_told_that_nobody_measures_them_and_what_they_reach() ->
         )
     ]
     assert ("warn", "gimbal motion") in [(f.level, f.item) for f in findings]
+
+
+def test_where_the_service_records_is_no_warning_and_a_full_disk_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    loaded = read_configuration(config_dir() / "default.yaml")
+    found = check_command.disk(loaded, tmp_path / "landerd")
+    assert (found.level, found.item) == ("ok", "log")
+    assert f"the service records into {tmp_path}/landerd/logs" in found.what
+    monkeypatch.setattr(check_command, "_LEAST_FREE_MB", 1e12)
+    assert check_command.disk(loaded, tmp_path).mend == "delete old logs, or lower log.most_mb"

@@ -146,3 +146,17 @@ def test_a_pad_with_an_unknown_dictionary_is_refused(
     pad.write_text(text.replace("APRILTAG_36h11", "APRILTAG_99h9"))
     assert main(["detect", str(folder), *FILES[:2], "--pad", str(pad)]) == 2
     assert "APRILTAG_99h9" in capsys.readouterr().err
+
+
+def test_a_bad_image_in_a_folder_costs_only_itself(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "aa.png").write_bytes(bytes(100))
+    cv2.imwrite(str(folder / "ab.png"), picture()[:, :300])
+    assert main(["detect", str(folder), *FILES]) == 2
+    told = capsys.readouterr()
+    assert [Path(line.split(": ")[0]).name for line in told.out.splitlines()] == ["a.png", "b.png"]
+    damaged, narrow = told.err.splitlines()
+    assert damaged == f"{folder}/aa.png: not an image that can be read"
+    assert "ab.png" in narrow
+    assert "another aspect" in narrow

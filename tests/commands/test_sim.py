@@ -1,6 +1,7 @@
 """`landerd sim` as a process; its wrong input is in tests/test_cli.py."""
 
 import json
+from pathlib import Path
 
 from tests.test_cli import landerd
 
@@ -21,3 +22,14 @@ def test_a_flight_that_does_not_land_is_exit_code_1() -> None:
     done = landerd("sim", *nothing_to_see)
     assert done.returncode == 1
     assert done.stdout.startswith("Did not land: not landed in 150 s: NOT_LANDING, ")
+
+
+def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(tmp_path: Path) -> None:
+    picture = tmp_path / "full.png"
+    picture.symlink_to("/dev/full")
+    low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
+    done = landerd("sim", "hover", "--seed", "3", "--picture", str(picture), *low)
+    assert done.returncode == 2
+    assert done.stdout.startswith("Landed (scenario hover, seed 3)")
+    assert "picture" not in done.stdout
+    assert done.stderr == f"{picture}: cannot be written: No space left on device\n"

@@ -267,3 +267,10 @@ def test_the_default_file_states_every_default_as_it_is(folder: Path) -> None:
 def test_every_scenario_lies_over_the_default(name: str) -> None:
     scenario = config_dir() / "scenarios" / f"{name}.yaml"
     assert read_with_drivers(config_dir() / "default.yaml", scenario).options["sim"]
+
+
+def test_an_include_that_is_not_beside_the_file_is_landerds_own(folder: Path) -> None:
+    file = write(folder / "mine.yaml", "include: [default.yaml]\nrc: {gate_channel: 9}\n")
+    assert read_configuration(file).config.rc.gate_channel == 9
+    write(folder / "default.yaml", "rc: {gate_channel: 8, gate_threshold_us: 1600}\n")
+    assert read_configuration(file).config.rc.gate_threshold_us == 1600

@@ -389,3 +389,14 @@ def test_a_slow_wire_takes_its_time_for_every_byte() -> None:
         assert asyncio.get_running_loop().time() - started == pytest.approx(0.1)
 
     run_virtual(scene())
+
+
+def test_why_there_is_no_connection_is_said_in_words() -> None:
+    async def why(url: str) -> str:
+        with pytest.raises(DeviceLost) as e:
+            await open_link(url).open()
+        return str(e.value)
+
+    assert asyncio.run(why("tcp:127.0.0.1:1")) == "tcp 127.0.0.1:1: Connection refused"
+    assert "Errno" not in asyncio.run(why("tcp:localhost:1"))
+    assert asyncio.run(why("udpin:203.0.113.1:5")).endswith(": Cannot assign requested address")
