@@ -17,6 +17,7 @@ from landerd.guidance.gate import Gate
 from landerd.guidance.landing import Landing
 from landerd.guidance.landing_target import landing_target
 from landerd.guidance.last_orders import LastOrders
+from landerd.guidance.metering import Metering
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import State
 from landerd.guidance.view import View
@@ -52,6 +53,8 @@ class Lander:
         self._landing = Landing(config, layout, self._gate, self._estimator)
         self._aim = Aim(config.aim, config.gimbal)
         self._view = View(layout)
+        is_metered = config.camera.exposure == "pad"
+        self._metering = Metering(config.camera.metering) if is_metered else None
         self._tick_t: float | None = None
 
     # ---- what others look at -------------------------------------------------------------------
@@ -158,10 +161,14 @@ class Lander:
             return []  # late, twice or no number: never flown on
         if self.needs_sight and self._config.aim.method == "increment":
             self._aim.on_sightings(sightings, self._estimator.poses.gimbal.at(sightings.t))
-        if not observations or self._config.guidance.output != "landing_target":
-            return []
-        target = landing_target(self._estimator, observations)
-        return [target] if target is not None else []
+        commands: list[Command] = []
+        if self._metering is not None and self._tick_t is not None:
+            order = self._metering.on_sightings(self._tick_t, sightings)
+            commands += [order] if order is not None else []
+        if observations and self._config.guidance.output == "landing_target":
+            target = landing_target(self._estimator, observations)
+            commands += [target] if target is not None else []
+        return commands
 
     def _on_tick(self, now: float) -> list[Command]:
         dt = now - self._tick_t if self._tick_t is not None else 0.0

@@ -50,8 +50,21 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
+class SystematicError:
+    """The part of a pose's uncertainty that is alike in all frames: print, placing, bend, lens."""
+
+    covariance: Mat3  # of position, m^2
+    sigma_yaw: float  # rad
+    sigma_tilt: float  # rad
+
+
+@dataclass(frozen=True, slots=True)
 class PoseSolution:
-    """One pose of a marker or of the pad that explains the image, camera frame."""
+    """One pose of a marker or of the pad that explains the image, camera frame.
+
+    A pad's uncertainty is all there is, and tells how much of it is systematic; a marker's is that
+    of the picture, the marker taken to be as the pad file has it.
+    """
 
     position: Vec3  # the marker's centre or the pad's landing point, m
     normal: Vec3  # unit vector into the pad (its z), away from the camera
@@ -60,6 +73,7 @@ class PoseSolution:
     sigma_yaw: float | None  # of the rotation about the normal, rad; None without north
     sigma_tilt: float  # of the normal, rad
     cost: float  # chi-square of the fit; of two solutions the lower is the likelier
+    systematic: SystematicError | None = None  # part of the above; None: none
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +87,14 @@ class MarkerSighting:
 
 
 @dataclass(frozen=True, slots=True)
+class Light:
+    """How bright a frame shows what its exposure goes by, grey levels from 0 to 255."""
+
+    level: float  # of the pad's white, or of the ordinary in the whole picture
+    on_pad: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Sightings:
     """All that one frame shows of the pad."""
 
@@ -80,6 +102,7 @@ class Sightings:
     seq: int
     markers: tuple[MarkerSighting, ...]
     pad: tuple[PoseSolution, ...]  # of the landing point from all markers, best first; 0 to 2
+    light: Light | None = None  # None: nobody exposes by it
 
 
 # ---- from the autopilot ------------------------------------------------------------------------
@@ -242,6 +265,14 @@ class GimbalCommand:
     pitch: float
 
 
+@dataclass(frozen=True, slots=True)
+class ExposureOrder:
+    """How the camera is to expose from now on; it takes what is nearest of what it can."""
+
+    time_s: float
+    gain: float  # 1: the sensor's own, without amplification
+
+
 class Severity(IntEnum):
     """MAV_SEVERITY, the part used."""
 
@@ -315,4 +346,13 @@ AutopilotMessage = (
     | ParameterChange
 )
 Input = AutopilotMessage | GimbalState | Sightings | Tick | Shutdown
-Command = Setpoint | PressDown | LandingTarget | GimbalCommand | StatusText | Disarm | PhaseChange
+Command = (
+    Setpoint
+    | PressDown
+    | LandingTarget
+    | GimbalCommand
+    | ExposureOrder
+    | StatusText
+    | Disarm
+    | PhaseChange
+)

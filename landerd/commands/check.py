@@ -28,6 +28,7 @@ from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.preflight.sensors import read_sensors, sensor_findings, sensors_file
 from landerd.runtime.daemon import Devices
+from landerd.vision import Vision
 
 _STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
 _LEAST_FREE_MB = 500.0  # of the logs' disk
@@ -111,7 +112,10 @@ def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
 
 async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:
     options = camera_options(loaded)
-    found = await check_camera(camera, model, options.fps if options is not None else None)
+    layout = load_pad(loaded.config.pad.layout)
+    vision = Vision(layout, model, loaded.config.vision)
+    fps = options.fps if options is not None else None
+    found = await check_camera(camera, vision, model, fps)
     if any(f.item == "camera" and f.level == "fail" for f in found):
         found += [
             Finding("ok", "camera", f"there is {path}, {name}: {v4l2.in_words(modes)}")

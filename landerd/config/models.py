@@ -5,7 +5,7 @@ bring models of their own (landerd.drivers); they appear under the section they 
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -28,10 +28,28 @@ class VehicleSection(Section):
     footprint_m: tuple[Positive, Positive] = (0.44, 0.26)  # between the feet: along x, along y
 
 
+class MeteringSection(Section):
+    """How pictures are exposed where landerd does it (`camera.exposure: pad`)."""
+
+    shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4
+    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008  # against blur: gain before a longer one
+    longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # once there is no more gain
+    gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if not self.shortest_s <= self.short_s <= self.longest_s:
+            raise ValueError("expected shortest_s <= short_s <= longest_s")
+        return self
+
+
 class CameraSection(Section):
     """Which camera, and its calibration."""
 
     driver: str = "sim"
+    # fixed: as the driver's block says; auto: by the camera itself; pad: landerd by what it sees
+    exposure: Literal["fixed", "auto", "pad"] = "fixed"
+    metering: MeteringSection = MeteringSection()
     calibration: Path = Path("cameras/thesis.yaml")
     # How much later a picture is stamped than its middle row was exposed; earlier: negative.
     clock_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
@@ -85,6 +103,9 @@ class VisionSection(Section):
 
     min_ring_px: Positive = 8.0  # smallest outer diameter of a ring that is searched for
     max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
+    # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
+    # by hand is good for, and what focus and warmth move.
+    focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005
 
 
 class EstimationSection(Section):

@@ -6,7 +6,7 @@ which the pad filter estimates.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
@@ -104,14 +104,15 @@ class ObservationModel:
         if camera is None:
             return None
         R = camera.R_local_camera
+        noise = _without_systematic(solution)
         arm = rotate(R, solution.position)
         if norm(arm) < MIN_RANGE_M:
             return None
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
-            sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_bearing)
-        sigma_range = math.sqrt(max(0.0, solution.covariance[2][2]))
+            sigma_heading = math.hypot(noise.sigma_yaw or 0.0, self._sigma_bearing)
+        sigma_range = math.sqrt(max(0.0, noise.covariance[2][2]))
         t_true = t - clocks.pictures_s
         turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, solution.position)
         # Positions differenced over so short a time would be noise; the velocity is not.
@@ -123,7 +124,7 @@ class ObservationModel:
             position=add(add(camera.position, arm), shown),
             range_m=norm(arm),
             sight=unit(arm),
-            covariance=matadd(rotate_covariance(R, solution.covariance), self._pointing_noise(arm)),
+            covariance=matadd(rotate_covariance(R, noise.covariance), self._pointing_noise(arm)),
             telemetry_noise=self._telemetry_noise(sub(turning, by_gimbal), by_gimbal),
             bias_jacobian=self.bias_jacobian(
                 camera, solution.position, by_clock, by_gimbal, sigma_range
@@ -132,7 +133,7 @@ class ObservationModel:
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
-            sigma_tilt=solution.sigma_tilt,
+            sigma_tilt=noise.sigma_tilt,
             cost=solution.cost,
         )
 
@@ -193,6 +194,26 @@ class ObservationModel:
         late = self._sigma_late**2
         gimbal = outer(by_gimbal, by_gimbal)
         return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
+
+def _without_systematic(s: PoseSolution) -> PoseSolution:
+    """Return a pose with the uncertainty of what is new in every frame.
+
+    What is alike in all moves pad and prediction together: it is no noise that a filter averages.
+    """
+    if s.systematic is None:
+        return s
+    # The rest is positive but for rounding.
+    yaw = None if s.sigma_yaw is None else _rest(s.sigma_yaw, s.systematic.sigma_yaw)
+    return replace(
+        s,
+        covariance=matadd(s.covariance, matscale(s.systematic.covariance, -1.0)),
+        sigma_yaw=yaw,
+        sigma_tilt=_rest(s.sigma_tilt, s.systematic.sigma_tilt),
+    )
+
+
+def _rest(sigma: float, part: float) -> float:
+    return math.sqrt(max(sigma * sigma - part * part, 0.0))
 
 
 def _sweep(after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:

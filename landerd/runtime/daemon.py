@@ -27,6 +27,7 @@ from landerd.lander import Lander
 from landerd.messages import (
     Command,
     Disarm,
+    ExposureOrder,
     Frame,
     GimbalCommand,
     GimbalState,
@@ -45,7 +46,7 @@ from landerd.messages import (
     Tick,
 )
 from landerd.pad import PadLayout
-from landerd.ports import Autopilot, Camera, DeviceLost, Feedback, Gimbal
+from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
 from landerd.runtime.frozen import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
 from landerd.runtime.worker import JobHangs, Worker
@@ -124,7 +125,7 @@ class Daemon:
         self._devices = devices
         self._shape = (camera_model.height, camera_model.width)
         self._layout, self._camera_model = layout, camera_model
-        self._vision = Vision(layout, camera_model, config.vision)
+        self._vision = self._new_vision()
         self._vision_latency_s = vision_latency_s
         self._observers = observers
         self._logged: dict[str, float] = {}
@@ -228,7 +229,7 @@ class Daemon:
                 continue
             searched = await self._search(frame)
             if searched is None:
-                self._vision = Vision(self._layout, self._camera_model, self._config.vision)
+                self._vision = self._new_vision()
                 self._observe(lambda observer: observer.on_vision_reset())
                 continue
             prior, sightings = searched
@@ -346,6 +347,10 @@ class Daemon:
                 autopilot.press_down(command)
             case GimbalCommand():
                 self._devices.gimbal.command(command)
+            case ExposureOrder():
+                camera = self._devices.camera
+                if isinstance(camera, ExposureControl):
+                    camera.expose(command)
             case StatusText():
                 autopilot.tell(command)
             case Disarm():
@@ -382,9 +387,14 @@ class Daemon:
         self._guided = heartbeat.armed and heartbeat.guided
         if heartbeat.armed and not self._armed:
             self.lander = Lander(self.lander.config, self._layout)
-            self._vision = Vision(self._layout, self._camera_model, self._config.vision)
+            self._vision = self._new_vision()
             self._observe(lambda observer: observer.on_flight(self.lander))
         self._armed = heartbeat.armed
+
+    def _new_vision(self) -> Vision:
+        config = self._config
+        meters = config.camera.exposure == "pad"
+        return Vision(self._layout, self._camera_model, config.vision, meters=meters)
 
     def _usable(self, frame: Frame, now: float) -> bool:
         image = frame.image
