@@ -177,6 +177,7 @@ def _pose(position: F64, R: F64) -> CameraPose:
     return CameraPose((x, y, z), (tuple(a), tuple(b), tuple(c)))
 
 
+ROLLING = "rolling shutter"
 _SUN = {"sun_elevation_deg": 50.0}
 CONDITIONS: dict[str, Callable[[scenes.View, np.random.Generator], U8]] = {
     "plain*": exact(Sensor(), plainly),
@@ -194,7 +195,7 @@ CONDITIONS: dict[str, Callable[[scenes.View, np.random.Generator], U8]] = {
     "dim 15 %*": exact(Sensor(0.15), plainly),
     "noise 8*": exact(Sensor(noise=8.0), plainly),
     "noise 15*": exact(Sensor(noise=15.0), plainly),
-    "rolling shutter": simulated({"readout_s": READOUT_S}, {}, {}),
+    ROLLING: simulated({"readout_s": READOUT_S}, {}, {}),
     "glare": simulated({}, {"glare": 0.8}, {}),
     "soft shadow": simulated(
         {}, {"shadow_edge": True, "shadow_softness_m": 0.1, "shadow_darkness": 0.8} | _SUN, {}
@@ -219,7 +220,7 @@ def shots(name: str, images: int, seed: int, keep: Path | None) -> list[Shot]:
             Shot(i, scenes.View((t[0], t[1], t[2]), R))
             for i, t, R in zip(kept["images"], kept["t"].tolist(), kept["R"], strict=True)
         ]
-    made = []
+    made: list[Shot] = []
     for k in range(images):
         rng = np.random.default_rng([seed, k])
         distance = DISTANCES[k % len(DISTANCES)]
@@ -227,7 +228,13 @@ def shots(name: str, images: int, seed: int, keep: Path | None) -> list[Shot]:
         while view is None:
             tilt = math.radians(rng.uniform(0.0, MAX_ANGLE_DEG))
             view = scenes.random_view(rng, CAMERA, distance, tilt, RING)
-        made.append(Shot(CONDITIONS[name](view, rng), view))
+        image = CONDITIONS[name](view, rng)
+        if name == ROLLING:
+            # Where the pad is as the row of its ring is exposed.
+            row = (CAMERA.pixels(np.array([view.position]))[0, 1] - 239.5) / CAMERA.height
+            x, y, z = view.position
+            view = scenes.View((x - row * SKEW_PX * z / CAMERA.fx, y, z), view.R_camera_pad)
+        made.append(Shot(image, view))
     if file is not None:
         np.savez_compressed(
             file,

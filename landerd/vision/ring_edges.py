@@ -43,8 +43,10 @@ _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
 _SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
 _NEAREST_M = 1e-3
 _MIN_RAYS = 20  # of both edges together
-_NEAR_PX, _NEAR_SHARE = 0.45, 0.015  # an edge is as fitted within this, and this of the radius
+# An edge is as fitted within the lesser of these, px and share of the radius, and this share of it.
+_NEAR_PX, _NEAR_SMALL, _NEAR_SHARE = 0.45, 0.03, 0.015
 _INDEPENDENT_PX = 2.0  # along an edge, of pixels that are not of the same blur
+_MOST_CORRELATED = 0.95
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,9 @@ class EdgeFit:
     position: F64  # (3,), m
     normal: F64  # (3,)
     shift_px: float  # of both edges, into the black
+    sigma_shift: float  # px
     noise_px: float  # of edges, robust
+    blur_px: float  # sigma
     radius_px: float
     support: tuple[float, float]  # share of the rays in the image with an edge: outer, inner
     visible: float  # share of the rays that are in the image
@@ -272,15 +276,14 @@ def _judged(
     """Return the fit with what tells whether it is of a ring."""
     radius_px = _radius_px(camera, ring, pose)
     off = np.abs(equations.residual)
-    near = edges.seen & (off < _NEAR_PX + _NEAR_SHARE * radius_px)
+    reach = min(_NEAR_PX, _NEAR_SMALL * radius_px) + _NEAR_SHARE * radius_px
+    near = edges.seen & (off < reach)
     there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
     support = near.reshape(2, _RAYS).sum(axis=1) / there
     dark, bright = _areas(image, camera, ring, pose, edges)
     k2 = np.minimum((equations.residual / (_ROBUST_SIGMAS * noise)) ** 2, 1e6)
     cost = float((edges.seen * _ROBUST_SIGMAS**2 * k2 / (1.0 + k2)).sum())
-    # Neighbouring rays of a small ring see the same pixels.
-    length = 2.0 * math.pi * radius_px * (1.0 + ring.inner_ratio) / 2.0
-    few = max(1.0, _RAYS * _INDEPENDENT_PX / length)
+    few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
     covariance = np.linalg.inv(equations.H) * max(equations.scale, 0.3) * few
     levels = [
         float(np.median(level[there])) if there.any() else 0.0
@@ -294,7 +297,9 @@ def _judged(
         position=pose[0],
         normal=pose[1],
         shift_px=shift,
+        sigma_shift=math.sqrt(float(covariance[5, 5])),
         noise_px=noise,
+        blur_px=edges.blur_px,
         radius_px=radius_px,
         support=(float(support[0]), float(support[1])),
         visible=float(edges.in_image.mean()),
@@ -304,6 +309,20 @@ def _judged(
         covariance=covariance[:5, :5],
         levels=(levels[0], levels[1], levels[2]),
     )
+
+
+def _dependence(equations: _Equations, radius_px: float) -> float:
+    """Return how many times fewer edges than rays there are, as far as information goes.
+
+    Neighbouring rays of a small ring see the same pixels; and what a soft shadow or bent paper does
+    to an edge it does to the next one, too: of errors with correlation c from ray to ray, the sum
+    of many has (1 + c) / (1 - c) times the variance.
+    """
+    r = (equations.residual * np.sqrt(equations.weight)).reshape(2, _RAYS)
+    total = float((r * r).sum())
+    correlation = float((r * np.roll(r, 1, axis=1)).sum()) / max(total, 1e-12)
+    c = min(max(correlation, 0.0), _MOST_CORRELATED)
+    return max((1.0 + c) / (1.0 - c), _RAYS * _INDEPENDENT_PX / (2.0 * math.pi * radius_px))
 
 
 _STROKE_RADII = (0.2, 0.4, 0.6, 0.8)  # from inner to outer edge

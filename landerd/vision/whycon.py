@@ -9,6 +9,7 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.pyramid import Level, levels
+from landerd.vision.ring_explained import explained, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pose import F64
 from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
@@ -25,7 +26,8 @@ from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
 
-_HARD_TRIES = 3  # best doubtful fits that are tried again with shadow and motion
+_EDGE_TRIES = 6  # best doubtful fits whose edges are looked at
+_HARD_TRIES = 3  # of these, those that are tried again with shadow and motion
 
 
 def find_rings(
@@ -78,6 +80,7 @@ def _plain_pass(
                 continue
             fits = full_fits(image, camera, ring, rough, camera.fx / level.camera.fx)
             if fits and is_ring(fits[0], ring):
+                fits = _untoned(image, camera, ring, fits)
                 found.append(ring_sighting(fits, ring, camera, down))
             elif fits and is_poor(fits[0]):
                 doubtful.append(fits)
@@ -93,13 +96,24 @@ def _hard_pass(
     doubtful: list[list[RingFit]],
     down: Vec3 | None,
 ) -> list[MarkerSighting]:
-    """Try the best doubtful fits again with shadow and motion; return the first ring, if any."""
+    """Try the best doubtful fits by their edges, with shadow and motion; return the first ring."""
     doubtful = sorted(doubtful, key=lambda fits: fits[0].noise / fits[0].contrast)
-    for plain in doubtful[:_HARD_TRIES]:
-        fits = hard_fits(image, camera, ring, plain)
+    for i, plain in enumerate(doubtful[:_EDGE_TRIES]):
+        by_edges = explained(image, camera, ring, plain)
+        if by_edges is not None and by_edges.stands_still:
+            return [ring_sighting(by_edges.fits, ring, camera, down)]
+        fits = hard_fits(image, camera, ring, plain) if by_edges or i < _HARD_TRIES else plain
         if is_ring(fits[0], ring):
             return [ring_sighting(fits, ring, camera, down)]
+        if by_edges is not None:
+            return [ring_sighting(by_edges.fits, ring, camera, down)]
     return []
+
+
+def _untoned(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> list[RingFit]:
+    """Return the fits, those to edges where a tone curve has moved both of the ring's."""
+    by_edges = explained(image, camera, ring, fits) if is_toned(fits[0], ring) else None
+    return fits if by_edges is None else by_edges.fits
 
 
 def track_ring(
@@ -125,7 +139,12 @@ def track_ring(
         down: unit vector of gravity, camera frame.
     """
     fits = tracked_fits(image, camera, ring, (position, normal), down)
-    return ring_sighting(fits, ring, camera, down) if fits and is_ring(fits[0], ring) else None
+    if not fits:
+        return None
+    if is_ring(fits[0], ring):
+        return ring_sighting(_untoned(image, camera, ring, fits), ring, camera, down)
+    by_edges = explained(image, camera, ring, fits) if is_poor(fits[0]) else None
+    return None if by_edges is None else ring_sighting(by_edges.fits, ring, camera, down)
 
 
 def _covers(sighting: MarkerSighting, camera: CameraModel, position: F64) -> bool:

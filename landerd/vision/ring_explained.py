@@ -1,0 +1,141 @@
+"""Rings whose grey levels the model does not explain: geometry vouches for them.
+
+A tone curve, clipped white, sharpening, shadow, leaves, legs, dirt and glare leave residuals that
+no camera's noise does, but the edges stay where they are, or most of them. Where they do, it is a
+ring; its pose is that of the grey levels if both agree within what each may err, else that of the
+edges with their larger covariance.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.pad import Ring
+from landerd.vision.ring_edges import EdgeFit, edge_fit
+from landerd.vision.ring_fit import RingFit, frontal_inflation
+from landerd.vision.ring_pixels import plane_axes
+from landerd.vision.ring_pose import F64, mirrored
+
+U8 = NDArray[np.uint8]
+
+# What edges must show to be a ring's. Of small ones fewer pixels are seen, and texture shows more
+# that are alike: the share asked for grows.
+_MIN_RADIUS_PX = 7.5
+_MIN_SUPPORT, _SUPPORT_PX = 0.62, 2.2  # of the rays: this, and this over the radius
+_MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
+_MIN_VISIBLE = 0.6
+_MIN_DARK, _MIN_BRIGHT = 0.85, 0.78
+_MIN_CONTRAST = 12.0  # grey levels
+_MAX_SHIFT_PX, _SHIFT_SHARE = 1.2, 0.02  # of the edges by the tone curve: px, and of the radius
+_CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.2, 0.005  # of edges that stand still: px, of the radius
+
+# Errors of edges that are common to all of them, or to one side, px; and of their shift.
+_EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
+_AGREE_CHI2 = 16.0  # of grey levels and edges: a true difference is larger once in 1000 times
+_AGREE_SHIFT_PX, _AGREE_SIGMAS = 0.04, 3.0
+_AGREE_RATIO = 0.003
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The fits of a ring that its edges vouch for."""
+
+    fits: list[RingFit]  # best first
+    stands_still: bool  # edges lie so well that motion is no better explanation
+
+
+def explained(
+    image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]
+) -> Explained | None:
+    """Return the fits of a ring whose grey levels `fits` do not explain; None if it is none.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        ring: its true size and ratio.
+        fits: to grey levels, best first, at least one.
+    """
+    best = fits[0]
+    edges = edge_fit(image, camera, ring, (best.position, best.normal))
+    if edges is None or not is_ring_by_edges(edges):
+        return None
+    stands_still = edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
+    if _agree(edges, best, ring, camera):
+        return Explained(fits, stands_still)
+    found = [edges]
+    start = mirrored(edges.position, edges.normal, ring.radius_m)
+    other = None if start is None else edge_fit(image, camera, ring, start)
+    if other is not None:
+        found.append(other)
+    edge_fits = sorted((_ring_fit(e, ring, camera) for e in found), key=lambda f: f.cost)
+    return Explained(edge_fits, stands_still)
+
+
+def is_toned(fit: RingFit, ring: Ring) -> bool:
+    """Tell whether both edges are shifted, as a tone curve shifts them: then the range is wrong."""
+    off = abs(fit.ratio - ring.inner_ratio)
+    return off > _AGREE_SIGMAS * fit.sigma_ratio + _AGREE_RATIO * ring.inner_ratio
+
+
+def is_ring_by_edges(e: EdgeFit) -> bool:
+    """Tell whether edges are those of a ring, black between white."""
+    inside, black, outside = e.levels
+    return (
+        e.radius_px > _MIN_RADIUS_PX
+        and 0.5 * sum(e.support) > _MIN_SUPPORT + _SUPPORT_PX / e.radius_px
+        and min(e.support) > _MIN_EITHER
+        and e.visible > _MIN_VISIBLE
+        and e.dark > _MIN_DARK
+        and e.bright > _MIN_BRIGHT
+        and min(inside, outside) - black > _MIN_CONTRAST
+        and abs(e.shift_px) < _MAX_SHIFT_PX + _SHIFT_SHARE * e.radius_px
+    )
+
+
+def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
+    """Tell whether a fit to grey levels is where the edges are."""
+    if abs(e.shift_px) > _AGREE_SHIFT_PX + _AGREE_SIGMAS * e.sigma_shift or is_toned(fit, ring):
+        return False
+    off = fit.position - e.position
+    C = _covariance(e, ring, camera) + fit.covariance
+    return float(off @ np.linalg.solve(C, off)) < _AGREE_CHI2
+
+
+def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
+    """Return the covariance of the position (3, 3), m^2, biases included."""
+    _, axes = plane_axes(e.position[None], e.normal[None])
+    a = axes[0].astype(np.float64)
+    distance = float(np.linalg.norm(e.position))
+    sight = e.position / distance
+    C = e.covariance + frontal_inflation(e.covariance, a @ sight)
+    focal = math.sqrt(camera.fx * camera.fy)
+    shift = _SHIFT_BIAS * e.shift_px
+    radial = math.hypot(_EDGE_BIAS_PX, shift) * distance * distance / (focal * ring.radius_m)
+    lateral = math.hypot(_LATERAL_BIAS_PX, shift) * distance / focal
+    covariance: F64 = a.T @ C[:3, :3] @ a + np.outer(sight, sight) * radial**2
+    return covariance + lateral**2 * np.eye(3)
+
+
+def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel) -> RingFit:
+    """Return a fit to edges as one to grey levels would say it."""
+    inside, black, outside = e.levels
+    return RingFit(
+        position=e.position,
+        normal=e.normal,
+        blur_px=e.blur_px,
+        motion_px=np.zeros(2),
+        inside=inside,
+        black=black,
+        outside=outside,
+        noise=e.noise_px,
+        cost=e.cost,
+        inliers=min(e.support),
+        covariance=_covariance(e, ring, camera),
+        sigma_tilt=math.sqrt(max(0.0, float(np.trace(e.covariance[3:, 3:])) / 2.0)),
+        ratio=ring.inner_ratio,
+        sigma_ratio=0.0,
+        stage="edges",
+    )
