@@ -64,7 +64,8 @@ class EdgeFit:
     visible: float  # share of the rays that are in the image
     dark: float  # share of the stroke that is darker than the white beside it
     bright: float  # share of hole and margin that are brighter than the black beside them
-    cost: float
+    residual: F64  # (rays,) of all edges, px; nan where none is seen
+    dependence: float  # how many times fewer edges than rays there are
     covariance: F64  # (5, 5) of centre and tilt on the plane's axes, m^2, m rad, rad^2
     levels: tuple[float, float, float]  # inside, black, outside
 
@@ -106,6 +107,13 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit
         if not 3.0 < radius_px < 4.0 * max(image.shape):
             return None
     return _judged(image, camera, ring, pose, shift, noise, edges, equations)
+
+
+def edge_cost(fit: EdgeFit, noise_px: float) -> float:
+    """Return the robust sum of squared residuals over the noise (px) of independent edges."""
+    u = (fit.residual / (_ROBUST_SIGMAS * noise_px)) ** 2
+    robust = np.where(np.isnan(u), 1.0, u / (1.0 + u))
+    return _ROBUST_SIGMAS**2 * float(robust.sum()) / fit.dependence
 
 
 def _radius_px(camera: CameraModel, ring: Ring, pose: Pose) -> float:
@@ -281,8 +289,6 @@ def _judged(
     there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
     support = near.reshape(2, _RAYS).sum(axis=1) / there
     dark, bright = _areas(image, camera, ring, pose, edges)
-    k2 = np.minimum((equations.residual / (_ROBUST_SIGMAS * noise)) ** 2, 1e6)
-    cost = float((edges.seen * _ROBUST_SIGMAS**2 * k2 / (1.0 + k2)).sum())
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
     covariance = np.linalg.inv(equations.H) * max(equations.scale, 0.3) * few
     levels = [
@@ -305,7 +311,8 @@ def _judged(
         visible=float(edges.in_image.mean()),
         dark=dark,
         bright=bright,
-        cost=cost / few,
+        residual=np.where(edges.seen, equations.residual, np.nan),
+        dependence=few,
         covariance=covariance[:5, :5],
         levels=(levels[0], levels[1], levels[2]),
     )

@@ -7,14 +7,14 @@ edges with their larger covariance.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.pad import Ring
-from landerd.vision.ring_edges import EdgeFit, edge_fit
+from landerd.vision.ring_edges import EdgeFit, edge_cost, edge_fit
 from landerd.vision.ring_fit import RingFit, frontal_inflation
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import F64, mirrored
@@ -30,7 +30,7 @@ _MIN_VISIBLE = 0.6
 _MIN_DARK, _MIN_BRIGHT = 0.85, 0.78
 _MIN_CONTRAST = 12.0  # grey levels
 _MAX_SHIFT_PX, _SHIFT_SHARE = 1.2, 0.02  # of the edges by the tone curve: px, and of the radius
-_CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.2, 0.005  # of edges that stand still: px, of the radius
+_CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 
 # Errors of edges that are common to all of them, or to one side, px; and of their shift.
 _EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
@@ -70,8 +70,12 @@ def explained(
     other = None if start is None else edge_fit(image, camera, ring, start)
     if other is not None:
         found.append(other)
-    edge_fits = sorted((_ring_fit(e, ring, camera) for e in found), key=lambda f: f.cost)
-    return Explained(edge_fits, stands_still)
+    noise = min(e.noise_px for e in found)
+    dependence = max(e.dependence for e in found)
+    edge_fits = [
+        _ring_fit(replace(e, dependence=dependence), ring, camera, noise) for e in found
+    ]
+    return Explained(sorted(edge_fits, key=lambda f: f.cost), stands_still)
 
 
 def is_toned(fit: RingFit, ring: Ring) -> bool:
@@ -119,7 +123,7 @@ def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
     return covariance + lateral**2 * np.eye(3)
 
 
-def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel) -> RingFit:
+def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel, noise_px: float) -> RingFit:
     """Return a fit to edges as one to grey levels would say it."""
     inside, black, outside = e.levels
     return RingFit(
@@ -131,7 +135,7 @@ def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel) -> RingFit:
         black=black,
         outside=outside,
         noise=e.noise_px,
-        cost=e.cost,
+        cost=edge_cost(e, noise_px),
         inliers=min(e.support),
         covariance=_covariance(e, ring, camera),
         sigma_tilt=math.sqrt(max(0.0, float(np.trace(e.covariance[3:, 3:])) / 2.0)),
