@@ -62,6 +62,8 @@ class EdgeFit:
     radius_px: float
     support: tuple[float, float]  # share of the rays in the image with an edge: outer, inner
     visible: float  # share of the rays that are in the image
+    cos_tilt: float  # of the normal to the line of sight
+    ridge: float  # of a brighter circle within the stroke, over the contrast
     dark: float  # share of the stroke that is darker than the white beside it
     bright: float  # share of hole and margin that are brighter than the black beside them
     residual: F64  # (rays,) of all edges, px; nan where none is seen
@@ -288,7 +290,7 @@ def _judged(
     near = edges.seen & (off < reach)
     there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
     support = near.reshape(2, _RAYS).sum(axis=1) / there
-    dark, bright = _areas(image, camera, ring, pose, edges)
+    dark, bright, ridge = _areas(image, camera, ring, pose, edges)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
     covariance = np.linalg.inv(equations.H) * max(equations.scale, 0.3) * few
     levels = [
@@ -309,6 +311,8 @@ def _judged(
         radius_px=radius_px,
         support=(float(support[0]), float(support[1])),
         visible=float(edges.in_image.mean()),
+        cos_tilt=float(pose[1] @ pose[0]) / float(np.linalg.norm(pose[0])),
+        ridge=ridge,
         dark=dark,
         bright=bright,
         residual=np.where(edges.seen, equations.residual, np.nan),
@@ -332,21 +336,24 @@ def _dependence(equations: _Equations, radius_px: float) -> float:
     return max((1.0 + c) / (1.0 - c), _RAYS * _INDEPENDENT_PX / (2.0 * math.pi * radius_px))
 
 
-_STROKE_RADII = (0.2, 0.4, 0.6, 0.8)  # from inner to outer edge
+_STROKE_RADII = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # from inner to outer edge
 _HOLE_RADII = (0.1, 0.35, 0.55, 0.7)  # of the inner edge
 _MARGIN_RADII = (1.08, 1.13)
 
 
 def _areas(
     image: U8, camera: CameraModel, ring: Ring, pose: Pose, edges: _Edges
-) -> tuple[float, float]:
-    """Return the share of the stroke that is dark, and of hole and margin that are bright."""
+) -> tuple[float, float, float]:
+    """Return the shares of the stroke that is dark and of the white that is bright, and the ridge.
+
+    The last: what rises within the stroke, between its edges, as in targets of several rings.
+    """
     R, k = ring.radius_m, ring.inner_ratio
     shares = [k * s for s in _HOLE_RADII] + [k + (1.0 - k) * s for s in _STROKE_RADII]
     shares += _MARGIN_RADII
     sampled = _sampled(image, camera, ring, pose, R * np.array([shares]))
     if sampled is None:
-        return 0.0, 0.0
+        return 0.0, 0.0, 1.0
     grey, inside, _ = (part[0] for part in sampled)
     outer, inner = edges.levels.mean(axis=1)  # half-way beside each edge
     hole, stroke = len(_HOLE_RADII), len(_STROKE_RADII)
@@ -356,4 +363,9 @@ def _areas(
     black = np.r_[hole : hole + stroke]
     dark = float(is_dark[black][inside[black]].mean()) if inside[black].any() else 0.0
     bright = float((~is_dark[white])[inside[white]].mean()) if inside[white].any() else 0.0
-    return dark, bright
+    level = np.median(grey[black], axis=1)
+    before = np.minimum.accumulate(level)
+    after = np.minimum.accumulate(level[::-1])[::-1]
+    contrast = 2.0 * float(np.median(inner) - level.min())
+    ridge = float((level - np.maximum(before, after)).max()) / max(contrast, 1.0)
+    return dark, bright, ridge

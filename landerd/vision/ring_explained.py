@@ -23,7 +23,9 @@ U8 = NDArray[np.uint8]
 
 # What edges must show to be a ring's. Of small ones fewer pixels are seen, and texture shows more
 # that are alike: the share asked for grows.
-_MIN_RADIUS_PX = 7.5
+_MIN_RADIUS_PX = 6.5  # the shorter one
+_MIN_COS = 0.3  # of the tilt: flatter ones are narrow bands of few pixels
+_MAX_RIDGE = 0.2  # of the contrast, within the stroke
 _MIN_SUPPORT, _SUPPORT_PX = 0.62, 2.2  # of the rays: this, and this over the radius
 _MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
 _MIN_VISIBLE = 0.6
@@ -37,6 +39,7 @@ _EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
 _AGREE_CHI2 = 16.0  # of grey levels and edges: a true difference is larger once in 1000 times
 _AGREE_SHIFT_PX, _AGREE_SIGMAS = 0.04, 3.0
 _AGREE_RATIO = 0.003
+_AGREE_COS = math.cos(math.radians(8.0))  # of the normals
 
 
 @dataclass(frozen=True)
@@ -62,9 +65,6 @@ def explained(
     edges = edge_fit(image, camera, ring, (best.position, best.normal))
     if edges is None or not is_ring_by_edges(edges):
         return None
-    stands_still = edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
-    if _agree(edges, best, ring, camera):
-        return Explained(fits, stands_still)
     found = [edges]
     start = mirrored(edges.position, edges.normal, ring.radius_m)
     other = None if start is None else edge_fit(image, camera, ring, start)
@@ -72,10 +72,13 @@ def explained(
         found.append(other)
     noise = min(e.noise_px for e in found)
     dependence = max(e.dependence for e in found)
-    edge_fits = [
-        _ring_fit(replace(e, dependence=dependence), ring, camera, noise) for e in found
-    ]
-    return Explained(sorted(edge_fits, key=lambda f: f.cost), stands_still)
+    found = [replace(e, dependence=dependence) for e in found]
+    found.sort(key=lambda e: edge_cost(e, noise))
+    edges = found[0]
+    stands_still = edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
+    if _agree(edges, best, ring, camera):
+        return Explained(fits, stands_still)
+    return Explained([_ring_fit(e, ring, camera, noise) for e in found], stands_still)
 
 
 def is_toned(fit: RingFit, ring: Ring) -> bool:
@@ -87,11 +90,14 @@ def is_toned(fit: RingFit, ring: Ring) -> bool:
 def is_ring_by_edges(e: EdgeFit) -> bool:
     """Tell whether edges are those of a ring, black between white."""
     inside, black, outside = e.levels
+    shorter = e.radius_px * e.cos_tilt
     return (
-        e.radius_px > _MIN_RADIUS_PX
-        and 0.5 * sum(e.support) > _MIN_SUPPORT + _SUPPORT_PX / e.radius_px
+        shorter > _MIN_RADIUS_PX
+        and e.cos_tilt > _MIN_COS
+        and 0.5 * sum(e.support) > _MIN_SUPPORT + _SUPPORT_PX / shorter
         and min(e.support) > _MIN_EITHER
         and e.visible > _MIN_VISIBLE
+        and e.ridge < _MAX_RIDGE
         and e.dark > _MIN_DARK
         and e.bright > _MIN_BRIGHT
         and min(inside, outside) - black > _MIN_CONTRAST
@@ -102,6 +108,8 @@ def is_ring_by_edges(e: EdgeFit) -> bool:
 def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether a fit to grey levels is where the edges are."""
     if abs(e.shift_px) > _AGREE_SHIFT_PX + _AGREE_SIGMAS * e.sigma_shift or is_toned(fit, ring):
+        return False
+    if float(fit.normal @ e.normal) < _AGREE_COS:
         return False
     off = fit.position - e.position
     C = _covariance(e, ring, camera) + fit.covariance
