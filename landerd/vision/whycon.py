@@ -98,16 +98,17 @@ def _hard_pass(
 ) -> list[MarkerSighting]:
     """Try the best doubtful fits by their edges, with shadow and motion; return the first ring."""
     doubtful = sorted(doubtful, key=lambda fits: fits[0].noise / fits[0].contrast)
-    for i, plain in enumerate(doubtful[:_EDGE_TRIES]):
+    unclear = None
+    for plain in doubtful[:_EDGE_TRIES]:
         by_edges = explained(image, camera, ring, plain)
         if by_edges is not None and by_edges.stands_still:
             return [ring_sighting(by_edges.fits, ring, camera, down)]
-        fits = hard_fits(image, camera, ring, plain) if by_edges or i < _HARD_TRIES else plain
+        unclear = unclear or by_edges
+    for plain in doubtful[:_HARD_TRIES]:
+        fits = hard_fits(image, camera, ring, plain)
         if is_ring(fits[0], ring):
             return [ring_sighting(fits, ring, camera, down)]
-        if by_edges is not None:
-            return [ring_sighting(by_edges.fits, ring, camera, down)]
-    return []
+    return [] if unclear is None else [ring_sighting(unclear.fits, ring, camera, down)]
 
 
 def _untoned(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> list[RingFit]:
