@@ -31,11 +31,16 @@ _MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
 _MIN_VISIBLE = 0.6
 _MIN_DARK, _MIN_BRIGHT = 0.85, 0.78
 _MIN_CONTRAST = 12.0  # grey levels
-_MAX_SHIFT_PX, _SHIFT_SHARE = 1.2, 0.02  # of the edges by the tone curve: px, and of the radius
+# How far a tone curve moves edges: px, of the blur, and what the print may be off, of the radius.
+# White twice over full scale leaves but the darkest part of each edge.
+_MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.4), (0.3, 1.0)
+_PRINT_SHARE = 0.009
+_CLIPPED = 240.0  # grey level of the white
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 
 # Errors of edges that are common to all of them, or to one side, px; and of their shift.
 _EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
+_NOISE_BIAS = 0.3  # of the edges' noise: what shade does to a whole side, no average undoes
 _AGREE_CHI2 = 16.0  # of grey levels and edges: a true difference is larger once in 1000 times
 _AGREE_SHIFT_PX, _AGREE_SIGMAS = 0.04, 3.0
 _AGREE_RATIO = 0.003
@@ -77,7 +82,9 @@ def explained(
     edges = found[0]
     stands_still = edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
     if _agree(edges, best, ring, camera):
-        return Explained(fits, stands_still)
+        # What is left over of the grey levels is as alike from place to place as that of the edges.
+        wider = [replace(f, covariance=dependence * f.covariance) for f in fits]
+        return Explained(wider, stands_still)
     return Explained([_ring_fit(e, ring, camera, noise) for e in found], stands_still)
 
 
@@ -101,8 +108,15 @@ def is_ring_by_edges(e: EdgeFit) -> bool:
         and e.dark > _MIN_DARK
         and e.bright > _MIN_BRIGHT
         and min(inside, outside) - black > _MIN_CONTRAST
-        and abs(e.shift_px) < _MAX_SHIFT_PX + _SHIFT_SHARE * e.radius_px
+        and abs(e.shift_px) < _max_shift_px(e)
     )
+
+
+def _max_shift_px(e: EdgeFit) -> float:
+    """Return how far a tone curve, and an inexact print, may have moved the edges."""
+    is_clipped = min(e.levels[0], e.levels[2]) > _CLIPPED
+    fixed, blurs = _MAX_CLIPPED_SHIFT_PX if is_clipped else _MAX_SHIFT_PX
+    return fixed + blurs * e.blur_px + _PRINT_SHARE * e.radius_px
 
 
 def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
@@ -124,7 +138,7 @@ def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
     sight = e.position / distance
     C = e.covariance + frontal_inflation(e.covariance, a @ sight)
     focal = math.sqrt(camera.fx * camera.fy)
-    shift = _SHIFT_BIAS * e.shift_px
+    shift = math.hypot(_SHIFT_BIAS * e.shift_px, _NOISE_BIAS * e.noise_px)
     radial = math.hypot(_EDGE_BIAS_PX, shift) * distance * distance / (focal * ring.radius_m)
     lateral = math.hypot(_LATERAL_BIAS_PX, shift) * distance / focal
     covariance: F64 = a.T @ C[:3, :3] @ a + np.outer(sight, sight) * radial**2
