@@ -106,9 +106,7 @@ def plainly(optics: scenes.Optics, _view: scenes.View, _rng: np.random.Generator
 def moving(share: float) -> Callable[[scenes.Optics, scenes.View, np.random.Generator], Any]:
     """Return a change that moves the image by a share of the ring's diameter, at most 15 px."""
 
-    def alter(
-        optics: scenes.Optics, view: scenes.View, rng: np.random.Generator
-    ) -> scenes.Optics:
+    def alter(optics: scenes.Optics, view: scenes.View, rng: np.random.Generator) -> scenes.Optics:
         size = float(np.ptp(scenes.outline(view, CAMERA, RING), axis=0).max())
         px, a = min(share * size, 15.0), rng.uniform(0.0, 2.0 * math.pi)
         return replace(optics, motion_px=(px * math.cos(a), px * math.sin(a)))
@@ -116,9 +114,7 @@ def moving(share: float) -> Callable[[scenes.Optics, scenes.View, np.random.Gene
     return alter
 
 
-def with_leg(
-    optics: scenes.Optics, view: scenes.View, rng: np.random.Generator
-) -> scenes.Optics:
+def with_leg(optics: scenes.Optics, view: scenes.View, rng: np.random.Generator) -> scenes.Optics:
     """Lay a bar over a tenth of the ring."""
     edge = scenes.outline(view, CAMERA, RING)
     size = float(np.ptp(edge, axis=0).max())
@@ -144,10 +140,16 @@ def simulated(
         seed = int(rng.integers(8))
         if seed not in worlds:
             scene = RenderOptions.model_validate(
-                {"vehicle_shadow": False, "legs": False, "illumination": 0.95} | render
-                | ({"shadow_edge_m": float(rng.uniform(-0.35, 0.35)),
-                    "shadow_edge_heading_deg": float(rng.uniform(0, 360))}
-                   if render.get("shadow_edge") else {})
+                {"vehicle_shadow": False, "legs": False, "illumination": 0.95}
+                | render
+                | (
+                    {
+                        "shadow_edge_m": float(rng.uniform(-0.35, 0.35)),
+                        "shadow_edge_heading_deg": float(rng.uniform(0, 360)),
+                    }
+                    if render.get("shadow_edge")
+                    else {}
+                )
             )
             at = PadOptions.model_validate({"position_m": (0.0, 0.0), **pad})
             worlds[seed] = Renderer(printed(PAD, at, seed), CAMERA, scene, seed, options, at)
@@ -161,7 +163,9 @@ def simulated(
             steps = math.ceil(options.readout_s / POSE_PERIOD_S)
             times = [options.readout_s * (k / steps - 0.5) for k in range(steps + 1)]
             shots = tuple(
-                Snapshot(t, _pose(middle + across * t / options.readout_s, R), _AT_ORIGIN, _NO_VEHICLE)
+                Snapshot(
+                    t, _pose(middle + across * t / options.readout_s, R), _AT_ORIGIN, _NO_VEHICLE
+                )
                 for t in times
             )
             readout = Readout(0.0, options.readout_s, options.exposure_s, shots, None)
@@ -213,7 +217,9 @@ CONDITIONS: dict[str, Callable[[scenes.View, np.random.Generator], U8]] = {
 
 def shots(name: str, images: int, seed: int, keep: Path | None) -> list[Shot]:
     """Return the pictures of a line, made or kept."""
-    file = None if keep is None else keep / f"{name.replace(' ', '_').replace('/', '')}-{images}.npz"
+    file = (
+        None if keep is None else keep / f"{name.replace(' ', '_').replace('/', '')}-{images}.npz"
+    )
     if file is not None and file.is_file():
         kept = np.load(file)
         return [
@@ -261,7 +267,9 @@ class Line:
     errors: list[float] = field(default_factory=list)  # share of the range
     ms: list[float] = field(default_factory=list)
 
-    def add(self, poses: tuple[PoseSolution, ...], stage: str, view: scenes.View, ms: float) -> None:
+    def add(
+        self, poses: tuple[PoseSolution, ...], stage: str, view: scenes.View, ms: float
+    ) -> None:
         """Count one picture with the poses of what was taken for the pad, best first."""
         self.images += 1
         self.ms.append(ms)

@@ -42,6 +42,7 @@ _ROBUST_SIGMAS = 3.0
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
 _SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
 _NEAREST_M = 1e-3
+_MIN_RADIUS_PX = 3.0
 _MIN_RAYS = 20  # of both edges together
 # An edge is as fitted within the lesser of these, px and share of the radius, and this share of it.
 _NEAR_PX, _NEAR_SMALL, _NEAR_SHARE = 0.45, 0.03, 0.015
@@ -59,6 +60,7 @@ class EdgeFit:
     sigma_shift: float  # px
     noise_px: float  # of edges, robust
     blur_px: float  # sigma
+    broad_px: float  # of the broadest quarter
     radius_px: float
     support: tuple[float, float]  # share of the rays in the image with an edge: outer, inner
     visible: float  # share of the rays that are in the image
@@ -79,6 +81,7 @@ class _Edges:
     rays: F32  # (3, 2 n), z = 1
     seen: Mask  # (2 n,)
     blur_px: float  # sigma, as the slopes of the edges have it
+    broad_px: float  # that of the broadest quarter: along a motion edges are broader
     in_image: Mask  # (2 n,)
     levels: F64  # (2, 2, n): edge; black, white
 
@@ -92,23 +95,25 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit
         ring: its true size and ratio.
         start: a pose within a tenth of the radius.
     """
-    pose = start
-    shift, noise = 0.0, _COARSE_NOISE_PX
+    pose, shift = start, 0.0
     radius_px = _radius_px(camera, ring, pose)
     for i in range(_COARSE_ROUNDS + _FINE_ROUNDS):
-        reach = 1.0 if i < _COARSE_ROUNDS else min(1.0, _FINE_PX / (_INTO_WHITE * radius_px))
+        is_coarse = i < _COARSE_ROUNDS
+        reach = 1.0 if is_coarse else min(1.0, _FINE_PX / (_INTO_WHITE * radius_px))
         edges = _edges(image, camera, ring, pose, reach)
         if edges is None or np.count_nonzero(edges.seen) < _MIN_RAYS:
             return None
-        least = _COARSE_NOISE_PX if i < _COARSE_ROUNDS else _LEAST_NOISE_PX
+        least = _COARSE_NOISE_PX if is_coarse else _LEAST_NOISE_PX
         fitted = _descended(edges, ring, camera, pose, shift, least)
         if fitted is None:
             return None
         pose, shift, noise, equations = fitted
         radius_px = _radius_px(camera, ring, pose)
-        if not 3.0 < radius_px < 4.0 * max(image.shape):
+        if not _MIN_RADIUS_PX < radius_px < 4.0 * max(image.shape):
             return None
-    return _judged(image, camera, ring, pose, shift, noise, edges, equations)
+        if i == _COARSE_ROUNDS + _FINE_ROUNDS - 1:
+            return _judged(image, camera, ring, pose, shift, noise, edges, equations)
+    return None
 
 
 def edge_cost(fit: EdgeFit, noise_px: float) -> float:
@@ -132,7 +137,7 @@ def _points(ring: Ring, pose: Pose, radii: F64) -> F64:
 
 def _sampled(
     image: U8, camera: CameraModel, ring: Ring, pose: Pose, radii: F64
-) -> tuple[F64, Mask, F64] | None:
+) -> tuple[F64, Mask, F32] | None:
     """Return grey levels on circles (bands, circles), whether they are in the image, and pixels.
 
     Pixels are worked out for the first, the middle and the last circle of each band: a parabola
@@ -157,12 +162,12 @@ def _sampled(
             axis=1,
         )
         px[band] = basis @ at[band]
-    px = px.reshape(bands, n, _RAYS, 2)
-    h, w = image.shape
-    inside = (px >= 0.0).all(axis=-1) & (px <= (w - 1, h - 1)).all(axis=-1)
     flat = px.reshape(bands * n, _RAYS, 2)
+    h, w = image.shape
+    inside: Mask = (flat >= 0.0).all(axis=-1) & (flat <= (w - 1, h - 1)).all(axis=-1)
     grey = cv2.remap(image, flat[..., 0], flat[..., 1], INTERP)
-    return grey.reshape(bands, n, _RAYS).astype(np.float64), inside, px
+    shape = (bands, n, _RAYS)
+    return grey.reshape(shape).astype(np.float64), inside.reshape(shape), px.reshape(*shape, 2)
 
 
 def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float) -> _Edges | None:
@@ -191,11 +196,13 @@ def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float)
     spacing = np.hypot(*np.moveaxis(px[:, -1] - px[:, 0], -1, 0)) / (_SAMPLES - 1)
     slope = np.take_along_axis(step, nearest, axis=1)[:, 0] / np.maximum(spacing, 1e-3)
     blurs = ((white - black) / slope)[seen] / math.sqrt(2.0 * math.pi)
-    blur = float(np.median(blurs)) if seen.any() else 0.0
+    blur, broad = np.percentile(blurs, (50, 75)).tolist() if seen.any() else (0.0, 0.0)
     where = np.stack([R + found[0], r - found[1]])
     points = _points(ring, pose, where).reshape(-1, 3)
     rays = (points / points[:, 2:]).T.astype(np.float32)
-    return _Edges(rays, seen.ravel(), blur, in_image.ravel(), np.stack([black, white], axis=1))
+    return _Edges(
+        rays, seen.ravel(), blur, broad, in_image.ravel(), np.stack([black, white], axis=1)
+    )
 
 
 def _beside(level: F64) -> F64:
@@ -252,7 +259,12 @@ def _normal_equations(
     scale = g.scale[0].astype(np.float64)
     # Blur moves a bent edge towards its centre of curvature.
     area, _ = g.curvature()
-    bend = 0.5 * area[0] ** 2 / (radii * scale**3) * min(edges.blur_px, 0.1 * ring.radius_m / float(scale.min())) ** 2
+    bend = (
+        0.5
+        * area[0] ** 2
+        / (radii * scale**3)
+        * min(edges.blur_px, 0.1 * ring.radius_m / float(scale.min())) ** 2
+    )
     residual = (g.rho[0] - radii) / scale + bend + inwards * shift
     J = np.empty((6, 2 * n))
     J[:3] = g.u[0] / scale
@@ -292,7 +304,7 @@ def _judged(
     support = near.reshape(2, _RAYS).sum(axis=1) / there
     dark, bright, ridge = _areas(image, camera, ring, pose, edges)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
-    covariance = np.linalg.inv(equations.H) * max(equations.scale, 0.3) * few
+    covariance: F64 = np.linalg.inv(equations.H) * max(equations.scale, 0.3) * few
     levels = [
         float(np.median(level[there])) if there.any() else 0.0
         for level, there in (
@@ -308,6 +320,7 @@ def _judged(
         sigma_shift=math.sqrt(float(covariance[5, 5])),
         noise_px=noise,
         blur_px=edges.blur_px,
+        broad_px=edges.broad_px,
         radius_px=radius_px,
         support=(float(support[0]), float(support[1])),
         visible=float(edges.in_image.mean()),

@@ -37,6 +37,7 @@ _MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.4), (0.3, 1.0)
 _PRINT_SHARE = 0.009
 _CLIPPED = 240.0  # grey level of the white
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
+_SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
 
 # Errors of edges that are common to all of them, or to one side, px; and of their shift.
 _EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
@@ -52,12 +53,10 @@ class Explained:
     """The fits of a ring that its edges vouch for."""
 
     fits: list[RingFit]  # best first
-    stands_still: bool  # edges lie so well that motion is no better explanation
+    is_toned: bool  # a tone curve has moved sharp edges: motion or shadow explain no better
 
 
-def explained(
-    image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]
-) -> Explained | None:
+def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> Explained | None:
     """Return the fits of a ring whose grey levels `fits` do not explain; None if it is none.
 
     Args:
@@ -80,12 +79,21 @@ def explained(
     found = [replace(e, dependence=dependence) for e in found]
     found.sort(key=lambda e: edge_cost(e, noise))
     edges = found[0]
-    stands_still = edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
+    toned = (
+        edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
+        and edges.broad_px < _SHARP_PX
+        and _is_shifted(edges)
+    )
     if _agree(edges, best, ring, camera):
         # What is left over of the grey levels is as alike from place to place as that of the edges.
         wider = [replace(f, covariance=dependence * f.covariance) for f in fits]
-        return Explained(wider, stands_still)
-    return Explained([_ring_fit(e, ring, camera, noise) for e in found], stands_still)
+        return Explained(wider, toned)
+    return Explained([_ring_fit(e, ring, camera, noise) for e in found], toned)
+
+
+def _is_shifted(e: EdgeFit) -> bool:
+    """Tell whether a tone curve has moved the edges."""
+    return abs(e.shift_px) > _AGREE_SHIFT_PX + _AGREE_SIGMAS * e.sigma_shift
 
 
 def is_toned(fit: RingFit, ring: Ring) -> bool:
@@ -121,7 +129,7 @@ def _max_shift_px(e: EdgeFit) -> float:
 
 def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether a fit to grey levels is where the edges are."""
-    if abs(e.shift_px) > _AGREE_SHIFT_PX + _AGREE_SIGMAS * e.sigma_shift or is_toned(fit, ring):
+    if _is_shifted(e) or is_toned(fit, ring):
         return False
     if float(fit.normal @ e.normal) < _AGREE_COS:
         return False

@@ -101,7 +101,7 @@ def _hard_pass(
     unclear = None
     for plain in doubtful[:_EDGE_TRIES]:
         by_edges = explained(image, camera, ring, plain)
-        if by_edges is not None and by_edges.stands_still:
+        if by_edges is not None and by_edges.is_toned:
             return [ring_sighting(by_edges.fits, ring, camera, down)]
         unclear = unclear or by_edges
     for plain in doubtful[:_HARD_TRIES]:
