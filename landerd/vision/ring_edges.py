@@ -164,7 +164,7 @@ def _sampled(
         px[band] = basis @ at[band]
     flat = px.reshape(bands * n, _RAYS, 2)
     h, w = image.shape
-    inside: Mask = (flat >= 0.0).all(axis=-1) & (flat <= (w - 1, h - 1)).all(axis=-1)
+    inside = np.asarray(((flat >= 0.0) & (flat <= (w - 1, h - 1))).all(axis=-1))
     grey = cv2.remap(image, flat[..., 0], flat[..., 1], INTERP)
     shape = (bands, n, _RAYS)
     return grey.reshape(shape).astype(np.float64), inside.reshape(shape), px.reshape(*shape, 2)
@@ -304,7 +304,8 @@ def _judged(
     support = near.reshape(2, _RAYS).sum(axis=1) / there
     dark, bright, ridge = _areas(image, camera, ring, pose, edges)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
-    covariance: F64 = np.linalg.inv(equations.H) * max(equations.scale, 0.3) * few
+    inverse = np.asarray(np.linalg.inv(equations.H), dtype=np.float64)
+    covariance = inverse * max(equations.scale, 0.3) * few
     levels = [
         float(np.median(level[there])) if there.any() else 0.0
         for level, there in (

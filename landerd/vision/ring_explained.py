@@ -27,6 +27,7 @@ _MIN_RADIUS_PX = 6.5  # the shorter one
 _MIN_COS = 0.3  # of the tilt: flatter ones are narrow bands of few pixels
 _MAX_RIDGE = 0.2  # of the contrast, within the stroke
 _MIN_SUPPORT, _SUPPORT_PX = 0.62, 2.2  # of the rays: this, and this over the radius
+_HOPELESS_SUPPORT = 0.9  # of both edges' shares together
 _MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
 _MIN_VISIBLE = 0.6
 _MIN_DARK, _MIN_BRIGHT = 0.85, 0.78
@@ -66,19 +67,24 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
         fits: to grey levels, best first, at least one.
     """
     best = fits[0]
-    edges = edge_fit(image, camera, ring, (best.position, best.normal))
-    if edges is None or not is_ring_by_edges(edges):
-        return None
-    found = [edges]
-    start = mirrored(edges.position, edges.normal, ring.radius_m)
-    other = None if start is None else edge_fit(image, camera, ring, start)
-    if other is not None:
-        found.append(other)
+    found: list[EdgeFit] = []
+    for start in (
+        (best.position, best.normal),
+        mirrored(best.position, best.normal, ring.radius_m),
+    ):
+        edges = None if start is None else edge_fit(image, camera, ring, start)
+        if edges is not None:
+            found.append(edges)
+        # Under the wrong one of two poses half of the edges are in place, in texture few.
+        if not found or sum(found[0].support) < _HOPELESS_SUPPORT:
+            return None
     noise = min(e.noise_px for e in found)
     dependence = max(e.dependence for e in found)
     found = [replace(e, dependence=dependence) for e in found]
     found.sort(key=lambda e: edge_cost(e, noise))
     edges = found[0]
+    if not is_ring_by_edges(edges):
+        return None
     toned = (
         edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
         and edges.broad_px < _SHARP_PX
@@ -100,6 +106,12 @@ def is_toned(fit: RingFit, ring: Ring) -> bool:
     """Tell whether both edges are shifted, as a tone curve shifts them: then the range is wrong."""
     off = abs(fit.ratio - ring.inner_ratio)
     return off > _AGREE_SIGMAS * fit.sigma_ratio + _AGREE_RATIO * ring.inner_ratio
+
+
+def has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether there are brighter rings within the stroke, as motion would make none."""
+    e = edge_fit(image, camera, ring, (fit.position, fit.normal))
+    return e is not None and min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE
 
 
 def is_ring_by_edges(e: EdgeFit) -> bool:

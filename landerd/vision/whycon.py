@@ -9,7 +9,7 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.pyramid import Level, levels
-from landerd.vision.ring_explained import explained, is_toned
+from landerd.vision.ring_explained import explained, has_rings_within, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pose import F64
 from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
@@ -106,7 +106,7 @@ def _hard_pass(
         unclear = unclear or by_edges
     for plain in doubtful[:_HARD_TRIES]:
         fits = hard_fits(image, camera, ring, plain)
-        if is_ring(fits[0], ring):
+        if is_ring(fits[0], ring) and not has_rings_within(image, camera, ring, fits[0]):
             return [ring_sighting(fits, ring, camera, down)]
     return [] if unclear is None else [ring_sighting(unclear.fits, ring, camera, down)]
 
