@@ -79,7 +79,7 @@ def _plain_pass(
             if rough is None or any(_covers(s, camera, rough.position) for s in found):
                 continue
             fits = full_fits(image, camera, ring, rough, camera.fx / level.camera.fx)
-            if fits and is_ring(fits[0], ring):
+            if fits and _is_ours(image, camera, ring, fits[0]):
                 fits = _untoned(image, camera, ring, fits)
                 found.append(ring_sighting(fits, ring, camera, down))
             elif fits and is_poor(fits[0]):
@@ -106,9 +106,16 @@ def _hard_pass(
         unclear = unclear or by_edges
     for plain in doubtful[:_HARD_TRIES]:
         fits = hard_fits(image, camera, ring, plain)
-        if is_ring(fits[0], ring) and not has_rings_within(image, camera, ring, fits[0]):
+        if _is_ours(image, camera, ring, fits[0]):
             return [ring_sighting(fits, ring, camera, down)]
     return [] if unclear is None else [ring_sighting(unclear.fits, ring, camera, down)]
+
+
+def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
+    if not is_ring(fit, ring):
+        return False
+    return not (is_poor(fit) and has_rings_within(image, camera, ring, fit))
 
 
 def _untoned(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> list[RingFit]:
