@@ -1,8 +1,8 @@
 """CPU time of one simulated picture against range: of the reference world, and of others.
 
 All draw the same views in turn, so that the ratios hold on a busy machine too. The real sensor has
-everything that `sim.camera` can switch on, the scene what `sim.render` and `sim.pad` can, the field
-both; the second table has each effect alone.
+everything that `sim.camera` can switch on, the scene what `sim.render` and `sim.pad` can, `both`
+all; days are what the first seeds draw of the field world. The last table has each effect alone.
 """
 
 import math
@@ -22,11 +22,14 @@ from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.camera_model import load_camera
+from landerd.devices import sim_options
+from landerd.drivers import read_configuration
 from landerd.geometry import IDENTITY, R_GIMBAL_CAMERA, matmul, rot_zyx
 from landerd.pad import load_pad
 
 CONFIG = Path(__file__).parent.parent / "config"
 REPEATS = 60
+DAYS = 12
 RANGES_M = (30.0, 18.0, 10.0, 5.0, 3.0, 2.0, 1.0, 0.5, 0.3)
 PITCHES_DEG = (-30.0, -85.0)
 EFFECTS: dict[str, dict[str, Any]] = {
@@ -59,8 +62,8 @@ class World:
 
     def __init__(
         self,
-        sensor: Mapping[str, Any],
-        render: Mapping[str, Any] | None = None,
+        sensor: Mapping[str, Any] | SimCameraOptions,
+        render: Mapping[str, Any] | RenderOptions | None = None,
         pad: Mapping[str, Any] | None = None,
     ) -> None:
         layout = load_pad(CONFIG / "pads/thesis.yaml")
@@ -124,6 +127,26 @@ def least(worlds: list[World], view: View) -> list[float]:
     return [min(of_one) for of_one in zip(*times, strict=True)]
 
 
+def day(seed: int) -> World:
+    """Return what a seed draws of the field world."""
+    overlays = [CONFIG / "scenarios/field.yaml"]
+    loaded = read_configuration(CONFIG / "default.yaml", overlays=overlays, seed=seed)
+    options = sim_options(loaded)
+    pad = options.pad.model_dump() | {"position_m": (0.0, 0.0)}
+    # All pictures with the same motion blur: how long it is exposed is no effect's cost.
+    camera = options.camera.model_copy(update={"exposure_s": SimCameraOptions().exposure_s})
+    return World(camera, options.render, pad)
+
+
+def print_days(reference: World) -> None:
+    """Print the field world's time against the reference's, over the ranges at one pitch."""
+    worlds = [reference, *(day(seed) for seed in range(1, DAYS + 1))]
+    rows = [least(worlds, View(range_m, -60.0, 2.0)) for range_m in RANGES_M[1:]]
+    of_reference, *of_days = (sum(times) for times in zip(*rows, strict=True))
+    days = [times / of_reference for times in of_days]
+    print(f"a day of the field world, x: mean {sum(days) / DAYS:.2f}, most {max(days):.2f}")
+
+
 def together(effects: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """Return one block with all effects."""
     block: dict[str, Any] = {}
@@ -150,7 +173,7 @@ def main() -> None:
         more_s = World({}, render | {"ground": ground}, pad).set_up_s - reference.set_up_s
         print(f"  {ground:9} {more_s:+.2f} s")
     others = [World(sensor), World({}, render, pad), World(sensor, render, pad)]
-    print("range_m  pitch_deg  motion_px  reference_ms  x: real sensor   scene   field")
+    print("range_m  pitch_deg  motion_px  reference_ms  x: real sensor   scene    both")
     sums = [0.0] * 4
     for range_m in RANGES_M:
         for pitch_deg in PITCHES_DEG:
@@ -160,6 +183,7 @@ def main() -> None:
                 row = f"{range_m:7.1f} {pitch_deg:10.0f} {motion_px:10.1f} {times[0]:13.2f}"
                 print(row + ratios(times))
     print(f"all {'':38}" + ratios(sums))
+    print_days(reference)
     print("alone, ms more at    20 m    5 m    1 m")
     alone = [World({}), *(World(options) for options in EFFECTS.values())]
     alone += [World({}, *scene) for scene in SCENE.values()]

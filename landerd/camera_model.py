@@ -1,4 +1,4 @@
-"""Camera intrinsics and lens distortion, as ROS `camera_info` YAML describes them.
+"""Camera intrinsics and lens distortion, as ROS, OpenCV and Kalibr describe them in YAML.
 
 Pixel (0, 0) is the centre of the top-left pixel. Rays are (x, y) on the plane z = 1 of the camera
 frame (x right, y down, z forward).
@@ -22,6 +22,23 @@ _LENGTHS = {  # of distortion_coefficients
     "plumb_bob": {0, 4, 5},
     "rational_polynomial": {8},
     **{name: {4} for name in _FISHEYE},
+}
+# Ends the search for a ray: OpenCV's own five rounds leave up to a hundred pixels with wide lenses.
+_INVERSE = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-6)  # rounds, px
+_MAX_INVERSE_PX = 0.05  # a pixel's ray must come back to it within this, over the whole image
+_GRID = (33, 25)  # columns and rows of pixels that are tried
+# What programs that save with OpenCV's FileStorage call ROS's keys, in small letters.
+_OPENCV_KEYS = {
+    "camera_matrix": ("cameramatrix", "camera_matrix", "k", "intrinsic_matrix"),
+    "distortion_coefficients": (
+        "distcoeffs",
+        "dist_coeff",
+        "dist_coeffs",
+        "distortion_coefficients",
+        "d",
+    ),
+    "image_width": ("image_width", "imagewidth", "width"),
+    "image_height": ("image_height", "imageheight", "height"),
 }
 
 
@@ -60,7 +77,7 @@ class CameraModel:
         """Return undistorted rays (n, 2) on z = 1 for distorted pixels (n, 2)."""
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
-        undistorted = undistort(points, self.K, self.D)
+        undistorted = undistort(points, self.K, self.D, criteria=_INVERSE)
         return cast(F64, undistorted).reshape(-1, 2)
 
     def pixels(self, points: F64) -> F64:
@@ -95,12 +112,19 @@ class CameraModel:
 
 
 def load_camera(path: Path) -> CameraModel:
-    """Read a ROS `camera_info` YAML file.
+    """Read a calibration: ROS `camera_info`, OpenCV's FileStorage or Kalibr's camchain, all YAML.
 
     Raises:
-        CalibrationError: unreadable, a key missing or of another shape, unknown distortion model.
+        CalibrationError: unreadable, a key missing or of another shape, unknown distortion model,
+            or no lens: its principal point or the inverse of its distortion not in the image.
     """
     data = read_mapping(path, CalibrationError, "a ROS camera_info mapping")
+    camera = _of_kalibr(path, data) if "cam0" in data else _of_ros(path, _in_ros_words(data))
+    _check_lens(path, camera)
+    return camera
+
+
+def _of_ros(path: Path, data: dict[str, Any]) -> CameraModel:
     width = _whole(path, data, "image_width")
     height = _whole(path, data, "image_height")
     k = _numbers(path, data, "camera_matrix", {9})
@@ -116,6 +140,89 @@ def load_camera(path: Path) -> CameraModel:
     if k[1] or k[3] or k[6:] != (0.0, 0.0, 1.0):
         raise CalibrationError(f"{path}: camera_matrix: expected [fx 0 cx; 0 fy cy; 0 0 1]")
     return CameraModel(width, height, k[0], k[4], k[2], k[5], d, str(model) in _FISHEYE)
+
+
+def _in_ros_words(data: dict[str, Any]) -> dict[str, Any]:
+    """Return OpenCV's FileStorage with the keys of ROS; what has them already as it is.
+
+    OpenCV writes the coefficients in a row or a column, zeros at the end included, and calls the
+    keys as the program that called it liked.
+    """
+    words = {name: key for key, names in _OPENCV_KEYS.items() for name in names}
+    data = {words.get(str(key).lower(), key): value for key, value in data.items()}
+    block = data.get("distortion_coefficients")
+    values = block.get("data") if isinstance(block, dict) else None
+    if "distortion_model" in data or not isinstance(values, list):
+        return data
+    if data.get("fisheye_model") in (1, True):
+        return {**data, "distortion_model": _FISHEYE[0]}
+    while len(values) > 5 and values[-1] == 0:
+        values = values[:-1]
+    if len(values) in (6, 7):
+        values = values + [0.0] * (8 - len(values))
+    model = "rational_polynomial" if len(values) == 8 else "plumb_bob"
+    return {**data, "distortion_coefficients": {"data": values}, "distortion_model": model}
+
+
+def _of_kalibr(path: Path, data: dict[str, Any]) -> CameraModel:
+    """Return the only camera of Kalibr's camchain.
+
+    Its radtan is plumb_bob without k3.
+    """
+    if "cam1" in data:
+        raise CalibrationError(f"{path}: holds several cameras; keep the block of one, as cam0")
+    block = data["cam0"]
+    block = block if isinstance(block, dict) else {}
+    models = {"radtan": "plumb_bob", "equidistant": _FISHEYE[0], "none": "plumb_bob"}
+    kind, distortion = block.get("camera_model"), block.get("distortion_model")
+    if kind != "pinhole" or distortion not in models:
+        raise CalibrationError(
+            f"{path}: cam0: found {kind!r} with {distortion!r}, "
+            f"expected pinhole with one of {', '.join(models)}"
+        )
+    size, inner = block.get("resolution"), block.get("intrinsics")
+    if not (isinstance(size, list) and len(size) == 2):
+        raise CalibrationError(f"{path}: cam0.resolution: expected [width, height]")
+    if not (isinstance(inner, list) and len(inner) == 4):
+        raise CalibrationError(f"{path}: cam0.intrinsics: expected [fx, fy, cx, cy]")
+    fx, fy, cx, cy = inner
+    ros = {
+        "image_width": size[0],
+        "image_height": size[1],
+        "camera_matrix": {"data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]},
+        "distortion_model": models[distortion],
+        "distortion_coefficients": {"data": block.get("distortion_coeffs", [])},
+    }
+    return _of_ros(path, ros)
+
+
+def _check_lens(path: Path, camera: CameraModel) -> None:
+    """Refuse a calibration whose rays are not those of its pixels.
+
+    Raises:
+        CalibrationError: the principal point is outside the image, or pixels have no ray or share
+            one with others: the distortion folds.
+    """
+    if not (0 <= camera.cx < camera.width and 0 <= camera.cy < camera.height):
+        raise CalibrationError(
+            f"{path}: principal point {camera.cx:.0f}, {camera.cy:.0f} is outside the image of "
+            f"{camera.width}x{camera.height}: is it calibrated for another size?"
+        )
+    columns, rows = _GRID
+    across = np.linspace(0.0, camera.width - 1.0, columns)
+    grid = np.stack(np.meshgrid(across, np.linspace(0.0, camera.height - 1.0, rows)), axis=-1)
+    rays = camera.rays(grid.reshape(-1, 2))
+    back = camera.pixels(np.column_stack([rays, np.ones(len(rays))]))
+    off = np.hypot(*(back - grid.reshape(-1, 2)).T).reshape(rows, columns)
+    at = rays.reshape(rows, columns, 2)
+    is_bad = ~(off < _MAX_INVERSE_PX)
+    is_bad[:, 1:] |= ~(np.diff(at[..., 0], axis=1) > 0.0)
+    is_bad[1:] |= ~(np.diff(at[..., 1], axis=0) > 0.0)
+    if is_bad.any():
+        raise CalibrationError(
+            f"{path}: distortion has no inverse in {is_bad.mean():.1%} of the image: calibrate "
+            "with the board in its corners too, or with the fisheye model"
+        )
 
 
 def camera_info(camera: CameraModel, name: str) -> str:

@@ -7,9 +7,20 @@ markers lie in the plane z = 0. A square's north is its top as its makers print 
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from landerd.section import Finite, Positive, Section, read_mapping
+
+# Dictionaries of squares by OpenCV's names without DICT_, and how many ids each has.
+DICTIONARIES = {
+    **{f"{n}X{n}_{ids}": ids for n in (4, 5, 6, 7) for ids in (50, 100, 250, 1000)},
+    "ARUCO_ORIGINAL": 1024,
+    "ARUCO_MIP_36h12": 250,
+    "APRILTAG_16h5": 30,
+    "APRILTAG_25h9": 35,
+    "APRILTAG_36h10": 2320,
+    "APRILTAG_36h11": 587,
+}
 
 
 class PadError(Exception):
@@ -34,11 +45,31 @@ class Square(Section):
     """An AprilTag or ArUco marker."""
 
     kind: Literal["apriltag", "aruco"]
-    dictionary: str  # OpenCV's name without DICT_: APRILTAG_36h11, 4X4_50, ...
+    # OpenCV's name, with or without DICT_: APRILTAG_36h11, 4X4_50; or the AprilTag project's,
+    # tag36h11. Held as the first.
+    dictionary: str
     id: Annotated[int, Field(ge=0)]
     size_m: Positive  # outer edge of the black border
     position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
     heading_deg: Finite = 0.0  # of the marker's top, clockwise from the pad's north
+
+    @field_validator("dictionary")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        spelt = name.lower().removeprefix("dict_")
+        if spelt.startswith("tag"):
+            spelt = f"april{spelt[:3]}_{spelt[3:]}"
+        for known in DICTIONARIES:
+            if known.lower() == spelt:
+                return known
+        raise ValueError(f"no dictionary {name!r}; known are {', '.join(DICTIONARIES)}")
+
+    @model_validator(mode="after")
+    def _has_id(self) -> Self:
+        if self.id >= DICTIONARIES[self.dictionary]:
+            last = DICTIONARIES[self.dictionary] - 1
+            raise ValueError(f"dictionary {self.dictionary} has no id {self.id}: 0 to {last}")
+        return self
 
 
 class WhyCode(Section):
@@ -144,6 +175,14 @@ class PadLayout(Section):
     def has_heading(self) -> bool:
         """Whether any marker tells the pad's heading."""
         return bool(self.squares or self.whycodes) or len(self.rings) > 1
+
+    @model_validator(mode="after")
+    def _no_square_twice(self) -> Self:
+        seen = [(s.dictionary, s.id) for s in self.squares]
+        for dictionary, number in seen:
+            if seen.count((dictionary, number)) > 1:
+                raise ValueError(f"id {number} of {dictionary} is on the pad twice")
+        return self
 
     @model_validator(mode="after")
     def _no_whycode_twice(self) -> Self:

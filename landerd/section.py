@@ -3,6 +3,7 @@
 Unlike `landerd.config` this may be imported by `hw`.
 """
 
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,6 +22,21 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-05 as a number, which YAML 1.1 does not, and OpenCV's matrices as mappings."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+\Z", re.ASCII),
+    list("-+.0123456789"),
+)
+_Loader.add_constructor(
+    "tag:yaml.org,2002:opencv-matrix",
+    yaml.SafeLoader.construct_yaml_map,  # type: ignore[type-var]
+)
+
+
 def read_mapping(path: Path, error: type[Exception], expected: str) -> dict[str, Any]:
     """Return the mapping in a YAML file.
 
@@ -30,7 +46,9 @@ def read_mapping(path: Path, error: type[Exception], expected: str) -> dict[str,
         expected: what the mapping is, in words.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        # OpenCV's FileStorage begins with a directive that YAML does not know.
+        data = yaml.load(re.sub(r"\A%YAML:1\.0", "", text), Loader=_Loader)
     except (OSError, UnicodeDecodeError) as e:
         reason = e.strerror if isinstance(e, OSError) else "not text"
         raise error(f"{path}: cannot be read: {reason}") from None

@@ -159,3 +159,64 @@ def test_what_is_no_calibration_file_is_told_in_one_line(tmp_path: Path) -> None
     picture = tmp_path / "camera.png"
     picture.write_bytes(b"\x89PNG\xff\xfe")
     assert "not text" in complaint(picture)
+
+
+FILESTORAGE = """\
+%YAML:1.0
+---
+image_width: 640
+image_height: 480
+Camera_Matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 6.1e+02, 0., 320., 0., 6.1e+02, 240., 0., 0., 1. ]
+Distortion_Coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ 1e-02, -2e-02, 1e-05, 0., 0. ]
+"""
+KALIBR = """\
+cam0:
+  camera_model: pinhole
+  distortion_model: radtan
+  distortion_coeffs: [0.01, -0.02, 1e-05, 0.0]
+  intrinsics: [610.0, 610.0, 320.0, 240.0]
+  resolution: [640, 480]
+"""
+
+
+@pytest.mark.parametrize("text", [FILESTORAGE, KALIBR])
+def test_opencvs_and_kalibrs_files_are_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(text)
+    camera = load_camera(path)
+    assert (camera.width, camera.height, camera.fx, camera.cx) == (640, 480, 610.0, 320.0)
+    assert camera.distortion[:3] == (0.01, -0.02, 1e-05)
+
+
+@pytest.mark.parametrize(
+    ("was", "instead", "said"),
+    [
+        ("[610.0, 610.0, 320.0, 240.0]", "[610.0, 610.0, 1224.0, 240.0]", "principal point"),
+        ("[0.01, -0.02, 1e-05, 0.0]", "[-0.9, 0.0, 0.0, 0.0]", "no inverse in"),
+        ("radtan", "fov", "expected pinhole with one of"),
+    ],
+)
+def test_a_lens_that_cannot_be_is_refused_in_one_line(
+    was: str, instead: str, said: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(KALIBR.replace(was, instead))
+    with pytest.raises(CalibrationError, match=said) as refused:
+        load_camera(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_every_pixel_of_a_wide_lens_comes_back_from_its_ray() -> None:
+    wide = CameraModel(1280, 960, 800.0, 800.0, 640.0, 480.0, (-0.28, 0.09, 0.0, 0.0, -0.012))
+    corners = np.array([[0.0, 0.0], [1279.0, 0.0], [0.0, 959.0], [1279.0, 959.0], [640.0, 0.0]])
+    rays = wide.rays(corners)
+    back = wide.pixels(np.column_stack([rays, np.ones(len(rays))]))
+    assert np.abs(back - corners).max() < 1e-3

@@ -73,6 +73,11 @@ def test_help_does_not_wait_for_numpy() -> None:
         (["sim", "--autopilot", "tcp:127.0.0.1:1"], "tcp:127.0.0.1:1: no connection: "),
         (["sim", "--autopilot", "tcp:127.0.0.1:1", "--realtime"], "--realtime: not with --auto"),
         (["sim", "--takeoff", "10"], "--takeoff: only with --autopilot URL"),
+        (
+            ["sim", "--set", "guidance.output=landing_target"],
+            "needs ArduPilot's own prec",
+        ),
+        (["campaign", "hover", "--set", "guidance.output=landing_target"], "needs ArduPilot's own"),
         (["sim", "--takeoff", "high"], "found 'high', expected metres from 2 to 100"),
         (["run"], "required: -c/--config"),
         (["run", "-c", str(config_dir() / "default.yaml")], "camera.driver: sim is only flown by"),

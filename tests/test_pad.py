@@ -1,8 +1,9 @@
 from pathlib import Path
 
+import cv2
 import pytest
 
-from landerd.pad import PadError, PadLayout, load_pad
+from landerd.pad import DICTIONARIES, PadError, PadLayout, Square, load_pad
 
 ROOT = Path(__file__).parents[1]
 PLATE = "plate: {north_m: 1, south_m: 1, east_m: 1, west_m: 1}\n"
@@ -136,3 +137,35 @@ def test_what_is_no_pad_file_is_told_in_one_line(tmp_path: Path) -> None:
     picture = tmp_path / "pad.png"
     picture.write_bytes(b"\x89PNG\xff\xfe")
     assert "not text" in complaint(picture)
+
+
+@pytest.mark.parametrize("name", ["tag36h11", "DICT_APRILTAG_36h11", "APRILTAG_36H11"])
+def test_other_spellings_of_a_dictionary_are_understood(name: str) -> None:
+    square = Square(kind="apriltag", dictionary=name, id=0, size_m=0.2)
+    assert square.dictionary == "APRILTAG_36h11"
+
+
+def test_opencv_has_every_dictionary_with_as_many_ids() -> None:
+    for name, ids in DICTIONARIES.items():
+        number = getattr(cv2.aruco, f"DICT_{name}")
+        assert len(cv2.aruco.getPredefinedDictionary(number).bytesList) == ids
+
+
+@pytest.mark.parametrize(
+    ("dictionary", "number", "said"),
+    [("36h99", 0, "no dictionary '36h99'"), ("4X4_50", 50, "has no id 50: 0 to 49")],
+)
+def test_a_marker_that_does_not_exist_is_refused(dictionary: str, number: int, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        Square(kind="aruco", dictionary=dictionary, id=number, size_m=0.2)
+
+
+def test_a_square_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "pad.yaml"
+    marker = "{kind: apriltag, dictionary: tag36h11, id: 3, size_m: 0.2, position_m: [%s, 0.0]}"
+    path.write_text(
+        f"name: two\nmarkers:\n  - {marker % 0.0}\n  - {marker % 0.5}\n"
+        "plate: {north_m: 1.0, south_m: 1.0, east_m: 1.0, west_m: 1.0}\n"
+    )
+    with pytest.raises(PadError, match="id 3 of APRILTAG_36h11 is on the pad twice"):
+        load_pad(path)

@@ -17,8 +17,8 @@ Pixels = Annotated[float, Field(ge=-50, le=50)]
 class AutoExposureOptions(Section):
     """How the camera finds its exposure."""
 
-    # Mean of the delivered picture it wants, share of full scale.
-    target: Annotated[float, Field(ge=0.05, le=0.95)] = 0.45
+    # Mean of the light that it wants, share of full scale: cameras measure before the tone curve.
+    target: Annotated[float, Field(ge=0.02, le=0.9)] = 0.17
     lag_s: Annotated[float, Field(ge=0.02, le=5)] = 0.3  # time constant, in stops
     longest_s: Annotated[float, Field(gt=0, le=0.05)] = 0.02  # exposure; from there on gain
     gain_max: Annotated[float, Field(ge=1, le=64)] = 16.0

@@ -204,7 +204,7 @@ class EkfOptions(Section):
     vertical_bias_mps: Annotated[float, Field(ge=-1, le=1)] = 0.0  # of the velocity down
     heading_error_deg: Annotated[float, Field(ge=-30, le=30)] = 0.0  # at the start,
     heading_drift_deg_per_min: Annotated[float, Field(ge=-30, le=30)] = 0.0  # and then
-    height_scale_max: Annotated[float, Field(ge=0, le=0.2)] = 0.05  # barometer reads too high
+    height_scale_max: Annotated[float, Field(ge=-0.2, le=0.2)] = 0.05  # barometer reads too high
 
 
 class SimOptions(Section):

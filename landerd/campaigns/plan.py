@@ -1,11 +1,13 @@
 """Which landings a campaign flies, and what is asked of them; read from config/campaigns/."""
 
 import difflib
-from collections.abc import Mapping
+import itertools
+import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field, field_validator
+from pydantic import Field, model_validator
 
 from landerd.config.files import ConfigError, config_files, read_model
 from landerd.section import Positive, Section
@@ -24,24 +26,53 @@ class Needed(Section):
 
 
 class Row(Section):
-    """One scenario, flown with every seed."""
+    """One scenario with settings of its own, flown with every seed."""
 
     scenario: str
+    settings: tuple[str, ...] = ()  # KEY=VALUE, as of --set
+    days: bool = False  # every seed is another day: tell what those that fail have in common
     needed: Needed = Needed()
+
+    @property
+    def name(self) -> str:
+        """What `landerd sim` takes to fly it."""
+        return " ".join([self.scenario, *(f"--set '{each}'" for each in self.settings)])
+
+
+class Sweep(Section):
+    """One key with several values, each a row in each of the scenarios."""
+
+    scenarios: tuple[str, ...]
+    key: str
+    values: tuple[Any, ...]
+    settings: tuple[str, ...] = ()  # the same for all values
+
+    def rows(self) -> Iterator[Row]:
+        """Return a row for each scenario and value."""
+        for scenario, value in itertools.product(self.scenarios, self.values):
+            setting = f"{self.key}={json.dumps(value)}"
+            yield Row(scenario=scenario, settings=(*self.settings, setting))
 
 
 class Campaign(Section):
     """Rows, and with how many seeds each is flown: 1, 2, 3 and so on."""
 
     runs: Annotated[int, Field(ge=1)] = 50
-    rows: tuple[Row, ...]
+    longest_s: Annotated[float, Field(gt=0, le=3600)] = 150.0  # what is not over then is ended
+    rows: tuple[Row, ...] = ()
+    sweeps: tuple[Sweep, ...] = ()
 
-    @field_validator("rows")
-    @classmethod
-    def _some(cls, rows: tuple[Row, ...]) -> tuple[Row, ...]:
-        if not rows:
+    @model_validator(mode="after")
+    def _some(self) -> "Campaign":
+        if not self.all_rows:
             raise ValueError("found no rows, expected at least one")
-        return rows
+        return self
+
+    @property
+    def all_rows(self) -> list[Row]:
+        """The rows, and those of the sweeps after them."""
+        swept = itertools.chain.from_iterable(sweep.rows() for sweep in self.sweeps)
+        return [*self.rows, *swept]
 
 
 def load_campaign(name: str) -> Campaign:
@@ -67,7 +98,7 @@ def load_campaign(name: str) -> Campaign:
 
 
 def _check_scenarios(campaign: Campaign, scenarios: Mapping[str, Path], path: Path) -> None:
-    unknown = [row.scenario for row in campaign.rows if row.scenario not in scenarios]
+    unknown = [row.scenario for row in campaign.all_rows if row.scenario not in scenarios]
     if unknown:
         raise ConfigError(
             [f"{path.name}: scenario {name!r} is not known" for name in dict.fromkeys(unknown)]

@@ -14,8 +14,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-RunOne = Callable[[str, int], dict[str, Any]]  # scenario and seed to what `sim --json` prints
-Task = tuple[str, int]
+RunOne = Callable[[str, int], dict[str, Any]]  # a task to what `sim --json` prints
+Task = tuple[str, int]  # name of a row (its scenario, with settings of its own), and seed
 
 _CONTEXT = multiprocessing.get_context("spawn")  # forked, threads of OpenCV's would be missing
 
@@ -24,7 +24,7 @@ _CONTEXT = multiprocessing.get_context("spawn")  # forked, threads of OpenCV's w
 class Run:
     """What came of one run: a result, or an error in one line."""
 
-    scenario: str
+    scenario: str  # with the row's own settings, as `landerd sim` takes them
     seed: int
     result: dict[str, Any] | None
     error: str | None = None

@@ -25,7 +25,7 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
     yaw = _values(results, "yaw_error_deg")
     nis = _mean(_values(results, "nis_ratio"))
     figures: dict[str, Any] = {
-        "scenario": row.scenario,
+        "scenario": row.name,
         "runs": len(runs),
         "landed": len(landings),
         "time_s_mean": _mean(_values(landings, "time_s")),

@@ -16,12 +16,13 @@ from typing import Any
 from landerd.camera_model import CalibrationError, load_camera
 from landerd.campaigns.failures import as_lines, summary
 from landerd.campaigns.journal import Journal, JournalError
-from landerd.campaigns.plan import Campaign, load_campaign
+from landerd.campaigns.plan import Campaign, Row, load_campaign
 from landerd.campaigns.pool import Run, Task, run_all
 from landerd.campaigns.table import as_text, has_failed, make_row
 from landerd.commands.shared import (
     add_config,
     add_json,
+    check_stand_in_flies,
     config_path,
     print_json,
     refusing,
@@ -37,24 +38,26 @@ from landerd.pad import PadError, load_pad
 class _SimulatedLanding:
     """Flies one landing; what `landerd.campaigns` is handed."""
 
+    campaign: Campaign
     config: Path
     overrides: tuple[str, ...]
 
-    def __call__(self, scenario: str, seed: int) -> dict[str, Any]:
+    def __call__(self, name: str, seed: int) -> dict[str, Any]:
         from landerd.simulation.flight import simulate
 
         logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
+        row = next(row for row in self.campaign.all_rows if row.name == name)
+        longest_s = self.campaign.longest_s
         try:
-            return simulate(self.load(scenario, seed), scenario, seed)
+            return simulate(self.load(row, seed), name, seed, longest_s=longest_s)
         finally:
             gc.collect()  # flights are circles of objects, and large
 
-    def load(self, scenario: str, seed: int = 0) -> Loaded:
-        """Return the configuration of a scenario as a seed draws it. Raises ConfigError."""
-        overlays = [config_files("scenarios")[scenario]]
-        return read_configuration(
-            self.config, overlays=overlays, overrides=self.overrides, seed=seed
-        )
+    def load(self, row: Row, seed: int = 1) -> Loaded:
+        """Return the configuration of a row as a seed draws it. Raises ConfigError."""
+        overlays = [config_files("scenarios")[row.scenario]]
+        overrides = (*row.settings, *self.overrides)
+        return read_configuration(self.config, overlays=overlays, overrides=overrides, seed=seed)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,10 +82,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly the campaign; return 0, or 1 if a row misses what it needs."""
-    landing = _SimulatedLanding(config_path(args), tuple(args.set))
     with refusing(ConfigError, CalibrationError, PadError, JournalError):
         campaign = load_campaign(args.name)
-        loaded = [landing.load(row.scenario) for row in campaign.rows]
+        landing = _SimulatedLanding(campaign, config_path(args), tuple(args.set))
+        loaded = [landing.load(row) for row in campaign.all_rows]
+        for each in loaded:
+            check_stand_in_flies(each)
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
         journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
@@ -108,7 +113,9 @@ def _fly(
 ) -> int:
     started = time.monotonic()
     count = args.runs or campaign.runs
-    tasks = [(row.scenario, seed) for row in campaign.rows for seed in range(1, count + 1)]
+    seeds = range(1, count + 1)
+    # Seed by seed: what is stopped early has flown as much of every row.
+    tasks = [(row.name, seed) for seed in seeds for row in campaign.all_rows]
     runs = [journal.runs[task] for task in tasks if task in journal.runs] if journal else []
     kept = {(run.scenario, run.seed) for run in runs}
     waiting = [task for task in tasks if task not in kept]
@@ -156,15 +163,15 @@ def _fly_all(
 
 
 def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
-    of: dict[str, list[Run]] = {row.scenario: [] for row in campaign.rows}
+    of: dict[str, list[Run]] = {row.name: [] for row in campaign.all_rows}
     for ended in runs:
         of[ended.scenario].append(ended)
     rows = []
-    for row in campaign.rows:
-        flown = sorted(of[row.scenario], key=lambda r: r.seed)
+    for row in campaign.all_rows:
+        flown = sorted(of[row.name], key=lambda r: r.seed)
         if flown:
             made = make_row(row, flown)
-            if any(run.result and run.result["world"] for run in flown):
+            if row.days:
                 made["days"] = summary(flown)
             rows.append(made)
     return rows

@@ -120,6 +120,19 @@ def load_with_saved(args: argparse.Namespace) -> tuple["Loaded", Path]:
     return load_config(args, [overlay] if overlay.exists() else []), overlay
 
 
+def check_stand_in_flies(loaded: "Loaded") -> None:
+    """Refuse a configuration in which the autopilot itself lands: the stand-in for it cannot.
+
+    Raises:
+        InputError: it is one.
+    """
+    if loaded.config.guidance.output == "landing_target":
+        raise InputError(
+            "guidance.output: landing_target needs ArduPilot's own precision landing, which the "
+            "simulated autopilot has not; fly an ArduCopter in SITL (landerd sim --autopilot URL)"
+        )
+
+
 # ---- output ------------------------------------------------------------------------------------
 
 

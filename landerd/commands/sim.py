@@ -16,6 +16,7 @@ from landerd.commands.shared import (
     add_config,
     add_json,
     check_output,
+    check_stand_in_flies,
     load_config,
     print_json,
     refusing,
@@ -92,7 +93,10 @@ def _load(args: argparse.Namespace) -> Loaded:
         raise InputError("--takeoff: only with --autopilot URL; the stand-in flies already")
     if args.autopilot is not None and args.realtime:
         raise InputError("--realtime: not with --autopilot; the autopilot keeps the clock")
-    return load_config(args, [known[args.scenario]], args.seed)
+    loaded = load_config(args, [known[args.scenario]], args.seed)
+    if args.autopilot is None:
+        check_stand_in_flies(loaded)
+    return loaded
 
 
 def _fly(

@@ -7,6 +7,9 @@ from typing import Literal
 from landerd.config.models import Config
 from landerd.preflight.finding import Finding
 
+# ArduCopter 4.7 has the second for the first: a mask of what is left out for one of what is done.
+_SUCCESSORS = {"ARMING_CHECK": "ARMING_SKIPCHK"}
+
 
 @dataclass(frozen=True)
 class _Rule:
@@ -42,6 +45,10 @@ def judged_parameters(config: Config) -> Mapping[str, _Rule]:
             lambda v: v != 0, "warn", "the autopilot arms whatever is wrong with it",
             "set ARMING_CHECK 1",
         ),
+        "ARMING_SKIPCHK": _Rule(
+            lambda v: v == 0, "warn", "the autopilot arms although something is wrong with it",
+            "set ARMING_SKIPCHK 0",
+        ),
     }  # fmt: skip
     if config.guidance.output == "landing_target":
         for name in ("PLND_ENABLED", "PLND_TYPE"):
@@ -58,8 +65,16 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
         if name in values and not rule.good(values[name]):
             what = f"{name} is {values[name]:g}: {rule.why}"
             found.append(Finding(rule.level, "parameters", what, rule.mend))
-    missing = [name for name in rules if name not in values]
+    told = {*values, *(old for old, new in _SUCCESSORS.items() if new in values)}
+    told |= {new for old, new in _SUCCESSORS.items() if old in values}
+    missing = [name for name in rules if name not in told]
     if missing:
         what = f"the autopilot did not tell {', '.join(missing)}"
         found.append(Finding("warn", "parameters", what, "compare them with docs/ardupilot.md"))
-    return found or [Finding("ok", "parameters", f"{len(rules)} looked at, none fights landerd")]
+    return found or [
+        Finding(
+            "ok",
+            "parameters",
+            f"{len(rules.keys() & values.keys())} looked at, none fights landerd",
+        )
+    ]

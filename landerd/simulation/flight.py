@@ -31,6 +31,7 @@ from landerd.pad import load_pad
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
 from landerd.simulation.companion import Companion
+from landerd.simulation.drawn import seed_draws
 from landerd.simulation.judge import Judge
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
@@ -101,10 +102,12 @@ class Simulation:
         self.camera = simulated_camera(loaded, pad, lens, world, seed, self._judge.on_delivered)
         autopilot = make_autopilot(config, link, ParameterSet(config))
         assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
-        stand_in = self.autopilot if surroundings is None else None
-        gimbal = simulated_gimbal(loaded, world, seed, autopilot, stand_in, realtime=realtime)
+        flown_by = self.autopilot if surroundings is None else None
+        gimbal = simulated_gimbal(loaded, world, seed, autopilot, flown_by, realtime=realtime)
         self.gimbal, self.gimbal_model = gimbal.driver, gimbal.model
         self._judge.watch(gimbal.mount)
+        ekf = self.stand_in.ekf if surroundings is None else None
+        self.drawn = {**loaded.world, **seed_draws(world, gimbal.mount, ekf)}
         if gimbal.model is not None:
             self._beside.append(gimbal.model.run)
 
@@ -211,6 +214,7 @@ def simulate(
     scenario: str,
     seed: int,
     *,
+    longest_s: float = LONGEST_S,
     realtime: bool = False,
     picture: Path | None = None,
     log: Path | None = None,
@@ -229,13 +233,13 @@ def simulate(
     gc.freeze()  # collections then look only at what the flight makes
     try:
         run = run_realtime if realtime else run_virtual
-        run(simulation.run())
+        run(simulation.run(longest_s=longest_s))
     finally:
         gc.unfreeze()
         if simulation.recorder is not None:
             simulation.recorder.close()
     result = result_of(simulation.flown(), scenario, seed)
-    result["world"] = dict(loaded.world)
+    result["world"] = simulation.drawn
     result["infeasible"] = infeasible(sim_options(loaded))
     if picture is not None:
         write_picture(trace_of(simulation.recording, simulation.layout, result), picture)

@@ -43,6 +43,7 @@ class StandIn:
     Attributes:
         link: landerd's end.
         autopilot_end: the other one.
+        ekf: the autopilot's.
     """
 
     def __init__(self, world: World, config: Config, seed: int) -> None:
@@ -55,10 +56,11 @@ class StandIn:
             self.link.faults = link_faults(link, link.delay_up_s, stream(seed, "up"))
             self.autopilot_end.faults = link_faults(link, link.delay_down_s, stream(seed, "down"))
         ground_end, autopilot_ground_end = memory_pair()
+        self.ekf = Ekf(world, options.ekf, stream(seed, "ekf"))
         self.autopilot = SimAutopilot(
             world,
             [self.autopilot_end, autopilot_ground_end],
-            ekf=Ekf(world, options.ekf, stream(seed, "ekf")),
+            ekf=self.ekf,
             rng=stream(seed, "autopilot"),
             parameters=CopterParameters(guid_timeout_s=options.autopilot.guid_timeout_s),
             options=options.autopilot,

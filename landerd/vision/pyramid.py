@@ -16,6 +16,9 @@ U8 = NDArray[np.uint8]
 _COARSEST_PX = 100.0  # side of the smallest level: a ring that fills it is what segmentation can do
 _SEARCH_DIAMETER_PX = 28.0  # rings whose size in the image is known are searched at about this
 _SMALLEST_SIDE_PX = 8
+# Levels but the coarsest are searched for rings of up to the first of these, and the finest of the
+# second: the next coarser one shows them well, and the finest takes three quarters of the time.
+_LARGEST_PX, SMALL_PX = 40.0, 24.0
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,9 @@ class Level:
 
     image: U8
     camera: CameraModel
+    corner: tuple[int, int]  # of the part: column and row, px of the image
+    reduction: float  # pixels of the image along one of the level
+    largest_px: float  # diameter in the level of the rings to look for: larger ones are in another
 
 
 def levels(
@@ -58,7 +64,9 @@ def levels(
             small = _resized(whole, small_w, small_h, cv2.INTER_AREA)
         elif n < 0:
             small = _resized(crop, small_w, small_h, cv2.INTER_CUBIC)
-        yield Level(small, _seeing(camera, part, small.shape, k))
+        seeing = _seeing(camera, part, small.shape, k)
+        largest_px = math.inf if n == halvings[0] else _LARGEST_PX if n > 0 else SMALL_PX
+        yield Level(small, seeing, (part.x0, part.y0), k, largest_px)
 
 
 def _resized(image: U8, width: int, height: int, interpolation: int) -> U8:

@@ -11,6 +11,7 @@ from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
 from landerd.vision.expected import Expected
 from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_from
+from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image, SquareFinder
 from landerd.vision.square_fit import SquarePrint
@@ -43,11 +44,7 @@ class Search:
         min_ring_px: float,
         prints: dict[Square, SquarePrint],
     ) -> None:
-        """Prepare the search; rings smaller than min_ring_px across are not reported.
-
-        Raises:
-            ValueError: the pad has a square that OpenCV's dictionaries lack.
-        """
+        """Prepare the search; rings smaller than min_ring_px across are not reported."""
         self._layout = layout
         self._camera = camera
         self._focal = 0.5 * (camera.fx + camera.fy)
@@ -55,6 +52,7 @@ class Search:
         self._finder = SquareFinder(layout)
         self._prints = prints
         self._state = policy.SearchState()
+        self._ring_work = {ring: RingWork() for ring in layout.rings}
 
     def find(
         self, image: Image, expected: Expected | None, down: Vec3 | None, *, holds_heading: bool
@@ -81,9 +79,10 @@ class Search:
                 rings = self._rings_expected(image, expected, down, which)
         seen = Seen(bool(rings), bool(squares), ring_only)
         elsewhere = policy.elsewhere(self._state, seen, is_expected=expected is not None)
-        self._state = policy.after(self._state, seen)
         if elsewhere.rings is not RingSearch.NONE:
             rings = self._rings_anywhere(image, down, elsewhere.rings)
+        was_cut = not rings and any(w.was_cut for w in self._ring_work.values())
+        self._state = policy.after(self._state, seen, was_cut=was_cut)
         if elsewhere.squares is not SquareSearch.NONE and self._layout.squares:
             squares = self._squares_elsewhere(image, rings, elsewhere.squares)
         return rings, squares
@@ -125,7 +124,8 @@ class Search:
         thorough = how is RingSearch.THOROUGH
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
-            found = find_rings(image, ring, self._camera, down=down, thorough=thorough)
+            work = self._ring_work[ring]
+            found = find_rings(image, ring, self._camera, down=down, thorough=thorough, work=work)
             rings += [(ring, s) for s in self._large_enough(found)]
         return rings
 

@@ -22,8 +22,13 @@ searched thoroughly, and every fifth after it.
 | only rings, by step 3      | not looked for            | round them                            |
 | nothing, thorough frame    | all thresholds; shadow    | round the rings found; if none, in    |
 |                            | and motion in the model   | the whole image                       |
+| nothing, the search of the | all thresholds; shadow    | round the rings found                 |
+| frame before was cut short | and motion in the model   |                                       |
 | nothing, pad not expected  | the first threshold       | round the rings found                 |
 | nothing, pad expected      | not looked for            | not looked for                        |
+
+What a search of the whole image for rings may cost is counted (`ring_work.py`): one that comes to
+the end of it is cut short, and the next frame goes on with what was not tried.
 
 WhyCodes are not under this policy: `WhyCodeFinder` tracks those whose heading is known where they
 are expected, up to the first one over 60 px, and searches the whole image with all thresholds in
@@ -88,6 +93,7 @@ class SearchState:
 
     ring_only_frames: int = 0  # that may follow
     lost_frames: int = 0  # in a row
+    was_cut: bool = False  # the search of the whole image for rings
 
 
 def is_ring_enough(state: SearchState, *, holds_heading: bool) -> bool:
@@ -127,15 +133,23 @@ def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool) -> Elsewhere
         return Elsewhere(squares=SquareSearch.ROUND_RINGS)
     if state.lost_frames % THOROUGH_EVERY == 0:
         return Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
+    if state.was_cut:
+        return Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
     if not is_expected:
         return Elsewhere(RingSearch.QUICK, SquareSearch.ROUND_RINGS)
     return Elsewhere()
 
 
-def after(state: SearchState, seen: Seen) -> SearchState:
-    """Return the state for the next frame."""
+def after(state: SearchState, seen: Seen, *, was_cut: bool = False) -> SearchState:
+    """Return the state for the next frame.
+
+    Args:
+        state: before this one.
+        seen: where the pad is expected.
+        was_cut: whether a search of the whole image for rings came to the end of its work first.
+    """
     ring_only_frames = max(0, state.ring_only_frames - 1)
     if seen.rings and not seen.ring_only:
         ring_only_frames = RING_ONLY_FRAMES
     is_lost = not (seen.rings or seen.squares)
-    return SearchState(ring_only_frames, state.lost_frames + 1 if is_lost else 0)
+    return SearchState(ring_only_frames, state.lost_frames + 1 if is_lost else 0, was_cut)

@@ -37,11 +37,7 @@ class Vision:
     """
 
     def __init__(self, layout: PadLayout, camera: CameraModel, options: VisionSection) -> None:
-        """Prepare to find one pad with one camera.
-
-        Raises:
-            ValueError: the pad has a square that OpenCV's dictionaries lack.
-        """
+        """Prepare to find one pad with one camera."""
         self._layout = layout
         self._camera = camera
         self._options = options

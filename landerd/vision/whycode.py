@@ -26,13 +26,17 @@ from landerd.vision.pose import (
     rotation_from,
 )
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit
+from landerd.vision.pyramid import SMALL_PX, levels
 from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
-from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
+from landerd.vision.ring_segment import ring_candidates
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
 
 _PLAIN_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
+_THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
+_CLEAR_SHARE = 0.9  # of a ring's spokes from which it is read at once: plain ones gave 1.0
+_MAX_LATER = 8  # of the others that are read, of a whole image
 _SAMPLES_PER_BIT = 16  # samples of the band along a cell
 _BAND_RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
 _SINE = np.sin((np.arange(_SAMPLES_PER_BIT) + 0.5) * (2.0 * math.pi / _SAMPLES_PER_BIT))
@@ -103,19 +107,43 @@ class WhyCodeFinder:
         return found or self._anywhere(image, last_normal)
 
     def _anywhere(self, image: Image, last_normal: Vec3 | None) -> list[FoundCode]:
-        """Look in ever larger images; return the codes of the first that shows any."""
-        for threshold in THRESHOLDS:
-            for halvings in range(max(0, math.ceil(math.log2(max(image.shape) / 100.0))), -1, -1):
-                found: dict[WhyCode, tuple[Pose, ...]] = {}
-                for outline in _outlines(image, halvings, threshold):
-                    start = self._recognised(image, outline)
-                    if start is not None and start[0] not in found:
-                        poses = self._poses(image, *start, last_normal)
-                        if poses:
-                            found[start[0]] = poses
+        """Look in ever larger images; return the codes of the first that shows any.
+
+        What is not clearly bright, dark and bright comes last, the likeliest first and only so
+        much of it, whatever there is in the image.
+        """
+        later: list[tuple[float, float, F64]] = []
+        parts = list(levels(image, self._camera, None, None))
+        for threshold in _THRESHOLDS:
+            for level in parts:
+                # The largest image takes most of the time, and the higher threshold shows more.
+                if threshold == _THRESHOLDS[0] and level.largest_px <= SMALL_PX:
+                    continue
+                clear = []
+                for c in ring_candidates(level.image, _PLAIN_RATIO, threshold, level.largest_px):
+                    outline = (c.outline.points() + 0.5) * level.reduction - 0.5
+                    if c.share >= _CLEAR_SHARE:
+                        clear.append(outline)
+                    else:
+                        later.append((-c.share, -c.score, outline))
+                found = self._among(image, clear, last_normal)
                 if found:
-                    return [FoundCode(code, poses) for code, poses in found.items()]
-        return []
+                    return found
+        later.sort(key=lambda one: one[:2])
+        return self._among(image, [outline for *_, outline in later[:_MAX_LATER]], last_normal)
+
+    def _among(
+        self, image: Image, outlines: list[F64], last_normal: Vec3 | None
+    ) -> list[FoundCode]:
+        """Return the pad's codes among outlines (16, 2), px."""
+        found: dict[WhyCode, tuple[Pose, ...]] = {}
+        for outline in outlines:
+            start = self._recognised(image, outline)
+            if start is not None and start[0] not in found:
+                poses = self._poses(image, *start, last_normal)
+                if poses:
+                    found[start[0]] = poses
+        return [FoundCode(code, poses) for code, poses in found.items()]
 
     def _recognised(self, image: Image, outline: F64) -> tuple[WhyCode, Pose] | None:
         """Return the code that an outline carries, and its pose; None if it carries none."""
@@ -175,16 +203,6 @@ class WhyCodeFinder:
     def _size_px(self, code: WhyCode, pose: Pose) -> float:
         """Return a code's diameter in the image."""
         return self._focal * code.outer_diameter_m / max(float(pose.t[2]), MIN_DEPTH_M)
-
-
-def _outlines(image: Image, halvings: int, threshold: float) -> list[F64]:
-    """Return outlines (16, 2), px, of what may be a code's ring in an image halved so often."""
-    size = (image.shape[1] >> halvings, image.shape[0] >> halvings)
-    if halvings > 0:
-        whole = image[: size[1] << halvings, : size[0] << halvings]
-        image = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    candidates = ring_candidates(image, _PLAIN_RATIO, threshold)
-    return [(ellipse.points() + 0.5) * 2**halvings - 0.5 for ellipse in candidates]
 
 
 def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int) -> Reading | None:

@@ -1,5 +1,8 @@
 """WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
 
+import math
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +11,11 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
-from landerd.vision.pyramid import Level, levels
-from landerd.vision.ring_explained import explained, has_rings_within, is_toned
+from landerd.vision.pyramid import SMALL_PX, Level, levels
+from landerd.vision.ring_explained import Explained, explained, has_rings_within, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pose import F64
-from landerd.vision.ring_segment import THRESHOLDS, ring_candidates
+from landerd.vision.ring_segment import THRESHOLDS, Candidate, ring_candidates
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import (
     full_fits,
@@ -22,12 +25,21 @@ from landerd.vision.ring_stages import (
     rough_fit,
     tracked_fits,
 )
+from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Place, RingWork
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
 
-_EDGE_TRIES = 6  # best doubtful fits whose edges are looked at
-_HARD_TRIES = 3  # of these, those that are tried again with shadow and motion
+# Share of the spokes from which an outline is fitted before all levels are searched: plain rings
+# gave 1.0, and 0.1 of the outlines in a photograph of the ground.
+_CLEAR_SHARE = 0.9
+_CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows it better
+# Share from which shadow and motion are tried at once, not in the next image: four of ten of the
+# doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
+_HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
+# Whose edges are looked at: so many doubtful fits in an image, the best of candidates with this
+# share.
+_EDGE_TRIES, _EDGE_SHARE = 3, 0.5
 
 
 def find_rings(
@@ -39,6 +51,7 @@ def find_rings(
     down: Vec3 | None = None,
     expected_diameter_px: float | None = None,
     thorough: bool = True,
+    work: RingWork | None = None,
 ) -> list[MarkerSighting]:
     """Return the rings seen in an image, or in a window of it, nearest first.
 
@@ -51,64 +64,171 @@ def find_rings(
             ring apart, the pose that lies more level is put first.
         expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
         thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
+        work: what remembers where the search of the image before was cut short; None: nothing does.
     """
+    work = work or RingWork()
+    work.begin()
+    search = _RingSearch(image, ring, camera, down, work)
     parts = list(levels(image, camera, window, expected_diameter_px))
     for threshold in THRESHOLDS if thorough else THRESHOLDS[:1]:
-        found, doubtful = _plain_pass(image, ring, camera, parts, threshold, down)
-        if thorough and not found:
-            found = _hard_pass(image, ring, camera, doubtful, down)
-        if found:
-            return sorted(found, key=lambda s: s.solutions[0].position[2])
-    return []
+        for level in parts:
+            is_wanted = threshold == THRESHOLDS[0] or level.largest_px > SMALL_PX
+            if is_wanted and search.find_clear(level, threshold):
+                return search.nearest_first()
+    search.find_doubtful()
+    if thorough and not search.found:
+        search.find_hard()
+    return search.nearest_first()
 
 
-def _plain_pass(
-    image: U8,
-    ring: Ring,
-    camera: CameraModel,
-    parts: list[Level],
-    threshold: float,
-    down: Vec3 | None,
-) -> tuple[list[MarkerSighting], list[list[RingFit]]]:
-    """Return the rings of the first level that shows any, and the doubtful fits until then."""
-    found: list[MarkerSighting] = []
-    doubtful: list[list[RingFit]] = []
-    for level in parts:
-        for candidate in ring_candidates(level.image, ring.inner_ratio, threshold):
-            rough = rough_fit(level, candidate, ring)
-            if rough is None or any(_covers(s, camera, rough.position) for s in found):
+@dataclass(frozen=True)
+class _Try:
+    """A candidate that is worth a fit."""
+
+    level: Level
+    candidate: Candidate
+    place: Place
+
+
+@dataclass(frozen=True)
+class _Doubtful:
+    """Fits that may be those of a ring in shadow or motion."""
+
+    place: Place
+    share: float  # of the candidate's spokes
+    fits: list[RingFit]
+
+
+class _RingSearch:
+    """The search of one image: what was found, what is left to try and what was doubtful."""
+
+    def __init__(
+        self, image: U8, ring: Ring, camera: CameraModel, down: Vec3 | None, work: RingWork
+    ) -> None:
+        self._image, self._ring, self._camera, self._down = image, ring, camera, down
+        self._work = work
+        self._later: list[_Try] = []
+        self._doubtful: list[_Doubtful] = []
+        self._level_found: Level | None = None
+        self.found: list[MarkerSighting] = []
+
+    def nearest_first(self) -> list[MarkerSighting]:
+        """Return what was found."""
+        return sorted(self.found, key=lambda s: s.solutions[0].position[2])
+
+    def find_clear(self, level: Level, threshold: float) -> bool:
+        """Fit what is clearly bright, dark and bright in a level; the rest is left for later."""
+        ratio = self._ring.inner_ratio
+        for candidate in ring_candidates(level.image, ratio, threshold, level.largest_px):
+            one = _Try(level, candidate, _place(level, candidate))
+            is_clear = candidate.share >= _CLEAR_SHARE and (
+                level.reduction <= 1.0 or one.place.size_px >= _CLEAR_PX * level.reduction
+            )
+            if is_clear and not self._work.is_refused(one.place):
+                self._try(one)
+            else:
+                self._later.append(one)
+        return bool(self.found)
+
+    def find_doubtful(self) -> None:
+        """Fit what was left, the likeliest first, until a level shows a ring or work is over."""
+        later = sorted(self._later, key=lambda t: (-t.candidate.share, -t.candidate.score))
+        again = []
+        for one in later:
+            if self._is_known(one.place):
+                again.append(one)
+            elif not self._try_of_level(one):
+                return
+        for one in again:
+            if not self._try_of_level(one):
+                return
+
+    def find_hard(self) -> None:
+        """Look at the edges of the best doubtful ones; then fit with shadow and motion."""
+        unclear = self._find_by_edges()
+        if not self.found:
+            self._find_shaded_or_moving()
+        if unclear is not None and not self.found:
+            self._report(unclear.fits)
+
+    def _find_by_edges(self) -> Explained | None:
+        """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
+        tried: list[_Doubtful] = []
+        unclear = None
+        for one in sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast):
+            is_new = not any(t.place.is_same(one.place) for t in tried)
+            if one.share < _EDGE_SHARE or not is_new or len(tried) == _EDGE_TRIES:
                 continue
-            fits = full_fits(image, camera, ring, rough, camera.fx / level.camera.fx)
-            if fits and _is_ours(image, camera, ring, fits[0]):
-                fits = _untoned(image, camera, ring, fits)
-                found.append(ring_sighting(fits, ring, camera, down))
-            elif fits and is_poor(fits[0]):
-                doubtful.append(fits)
-        if found:
-            break
-    return found, doubtful
+            tried.append(one)
+            by_edges = explained(self._image, self._camera, self._ring, one.fits)
+            if by_edges is not None and by_edges.is_toned:
+                self._report(by_edges.fits)
+                return None
+            unclear = unclear or by_edges
+        return unclear
+
+    def _report(self, fits: list[RingFit]) -> None:
+        self.found.append(ring_sighting(fits, self._ring, self._camera, self._down))
+
+    def _find_shaded_or_moving(self) -> None:
+        """Fit the best doubtful one with shadow and motion, now or in the next image."""
+        hard = self._hard_now()
+        if not hard or not self._work.affords(HARD_COST):
+            if any(d.share >= _CONTINUED_HARD_SHARE for d in self._doubtful):
+                self._work.cut()
+            return
+        best = min(hard, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
+        fits = hard_fits(self._image, self._camera, self._ring, best.fits)
+        if _is_ours(self._image, self._camera, self._ring, fits[0]):
+            self._report(fits)
+            return
+        self._work.refuse(best.place)
+        if not all(d.place.is_same(best.place) for d in self._doubtful):
+            self._work.cut()
+
+    def _hard_now(self) -> list[_Doubtful]:
+        """Return the doubtful ones that may be tried with shadow and motion in this image."""
+        least = _CONTINUED_HARD_SHARE if self._work.is_continued else _HARD_SHARE
+        return [d for d in self._doubtful if d.share >= least]
+
+    def _is_known(self, place: Place) -> bool:
+        """Tell whether a place was tried and showed no ring by a plain fit."""
+        return self._work.is_refused(place) or any(d.place.is_same(place) for d in self._doubtful)
+
+    def _try_of_level(self, one: _Try) -> bool:
+        """Fit a candidate if none was found in another level; False: there is no work left."""
+        is_wanted = self._level_found is None or self._level_found is one.level
+        return self._try(one) if is_wanted else True
+
+    def _try(self, one: _Try) -> bool:
+        """Fit a candidate; False: there is no work left for it."""
+        reserve = HARD_COST if self._hard_now() and self._work.has(HARD_COST) else 0
+        if not self._work.affords(ROUGH_COST, reserve):
+            return False
+        rough = rough_fit(one.level, one.candidate.outline, self._ring)
+        if rough is None or any(_covers(s, self._camera, rough.position) for s in self.found):
+            self._work.refuse(one.place)
+            return True
+        if not self._work.affords(FULL_COST, reserve):
+            return False
+        reduction = self._camera.fx / one.level.camera.fx
+        fits = full_fits(self._image, self._camera, self._ring, rough, reduction)
+        if fits and _is_ours(self._image, self._camera, self._ring, fits[0]):
+            self._report(_untoned(self._image, self._camera, self._ring, fits))
+            self._level_found = one.level
+        elif fits and is_poor(fits[0]):
+            self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
+        else:
+            self._work.refuse(one.place)
+        return True
 
 
-def _hard_pass(
-    image: U8,
-    ring: Ring,
-    camera: CameraModel,
-    doubtful: list[list[RingFit]],
-    down: Vec3 | None,
-) -> list[MarkerSighting]:
-    """Try the best doubtful fits by their edges, with shadow and motion; return the first ring."""
-    doubtful = sorted(doubtful, key=lambda fits: fits[0].noise / fits[0].contrast)
-    unclear = None
-    for plain in doubtful[:_EDGE_TRIES]:
-        by_edges = explained(image, camera, ring, plain)
-        if by_edges is not None and by_edges.is_toned:
-            return [ring_sighting(by_edges.fits, ring, camera, down)]
-        unclear = unclear or by_edges
-    for plain in doubtful[:_HARD_TRIES]:
-        fits = hard_fits(image, camera, ring, plain)
-        if _is_ours(image, camera, ring, fits[0]):
-            return [ring_sighting(fits, ring, camera, down)]
-    return [] if unclear is None else [ring_sighting(unclear.fits, ring, camera, down)]
+def _place(level: Level, candidate: Candidate) -> Place:
+    """Return where in the whole image a candidate of a level is."""
+    outline = candidate.outline
+    k = level.reduction
+    size = 2.0 * k * math.sqrt(abs(float(np.linalg.det(outline.axes))))
+    return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size)
 
 
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:

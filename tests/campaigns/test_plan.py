@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from landerd.campaigns import plan
-from landerd.campaigns.plan import load_campaign
+from landerd.campaigns.plan import Campaign, Sweep, load_campaign
 from landerd.config.files import ConfigError, config_dir, config_files
 from landerd.config.models import Config
 from landerd.drivers import read_configuration
@@ -12,8 +12,32 @@ from landerd.drivers import read_configuration
 @pytest.mark.parametrize("name", list(config_files("campaigns")))
 def test_every_campaign_can_be_flown(name: str) -> None:
     campaign = load_campaign(name)
-    scenarios = [row.scenario for row in campaign.rows]
-    assert len(set(scenarios)) == len(scenarios)
+    names = [row.name for row in campaign.all_rows]
+    assert len(set(names)) == len(names)
+    overlays = config_files("scenarios")
+    for row in campaign.all_rows:
+        read_configuration(
+            config_dir() / "default.yaml",
+            overlays=[overlays[row.scenario]],
+            overrides=row.settings,
+            seed=1,
+        )
+
+
+def test_a_sweep_is_a_row_for_every_value_in_every_scenario() -> None:
+    sweep = Sweep(
+        scenarios=("hover", "moving"),
+        key="sim.camera.tone.curve",
+        values=("srgb", 2),
+        settings=("a=1",),
+    )
+    rows = Campaign(sweeps=(sweep,)).all_rows
+    assert [row.name for row in rows] == [
+        "hover --set 'a=1' --set 'sim.camera.tone.curve=\"srgb\"'",
+        "hover --set 'a=1' --set 'sim.camera.tone.curve=2'",
+        "moving --set 'a=1' --set 'sim.camera.tone.curve=\"srgb\"'",
+        "moving --set 'a=1' --set 'sim.camera.tone.curve=2'",
+    ]
 
 
 def test_scenarios_leave_landerds_own_configuration_as_it_is() -> None:
@@ -38,7 +62,7 @@ def test_an_unknown_campaign_is_told_with_the_nearest() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("rows: []", "mine.yaml:1: rows: found no rows, expected at"),
+        ("rows: []", "mine.yaml:1: found no rows, expected at least one"),
         ("runs: 0\nrows: [{scenario: hover}]", "mine.yaml:1: runs: found 0, expected a whole"),
         ("rows: [{scenario: hoover}]", "mine.yaml: scenario 'hoover' is not known"),
         (

@@ -118,3 +118,11 @@ def test_the_first_frame_after_a_loss_is_searched_thoroughly(seen: Seen) -> None
 def test_frames_without_expectation_count_as_lost_like_those_with() -> None:
     frames = [(NOTHING, False), (NOTHING, True), (NOTHING, False)]
     assert searches(frames) == [THOROUGH, NOWHERE, QUICK]
+
+
+@pytest.mark.parametrize("is_expected", [True, False])
+def test_a_search_that_was_cut_short_goes_on_in_the_next_frame(is_expected: bool) -> None:
+    state = after(after(SearchState(), NOTHING), NOTHING, was_cut=True)
+    goes_on = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
+    assert elsewhere(state, NOTHING, is_expected=is_expected) == goes_on
+    assert elsewhere(after(state, NOTHING), NOTHING, is_expected=True) == NOWHERE

@@ -55,12 +55,6 @@ def test_other_ids_are_not_reported() -> None:
     assert SquareFinder(pad_of(tag(number=5))).find(image) == []
 
 
-@pytest.mark.parametrize("square", [tag("9X9_50"), tag("4X4_50", 50)])
-def test_markers_that_do_not_exist_are_refused(square: Square) -> None:
-    with pytest.raises(ValueError, match="dictionary"):
-        SquareFinder(pad_of(square))
-
-
 def test_both_solutions_of_the_planar_ambiguity() -> None:
     # Exact corners of a far tag: the true pose and its mirror both explain them to a tenth of a
     # pixel, the true one exactly.

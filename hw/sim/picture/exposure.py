@@ -23,7 +23,7 @@ class Exposure:
 
 
 class AutoExposure:
-    """Brings the pictures' mean to its target, first order in stops."""
+    """Brings the light of the pictures' mean to its target, first order in stops."""
 
     def __init__(self, options: SimCameraOptions) -> None:
         """Begin at the fixed exposure and gain 1."""
@@ -35,7 +35,7 @@ class AutoExposure:
         self._least = math.log2(SHORTEST_S / options.exposure_s)
         self._levels = tone_levels(options.tone, options.black_level)
         self._lights = np.linspace(0.0, 1.0, STEPS)
-        self._wanted = self._light(o.target)
+        self._wanted = o.target
 
     @property
     def exposure(self) -> Exposure:

@@ -2,9 +2,9 @@
 
 Each is one texture that repeats without a seam. Grey levels are reflectances against the pad's
 white (linear light; a camera's tone curve lifts the dark ones). Means, contrasts and spectra were
-set by photographs of such grounds at 5 to 50 mm a pixel (docs/simulator.md). The reflectances are
-those of photographs with a white pad in them (grass 0.14 of the white), and of Oke, "Boundary
-Layer Climates" (1987), table 1.1.
+set by photographs of such grounds at 5 to 50 mm a pixel. The reflectances are those of
+photographs with a white pad in them (grass 0.14 of the white), and of Oke, "Boundary Layer
+Climates" (1987), table 1.1.
 """
 
 import math

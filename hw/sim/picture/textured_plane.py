@@ -28,7 +28,6 @@ class Tile:
         texel_m: side of a texel of the finest level.
         size_m: of the tile, rows to the north, columns to the east.
         corner_m: north, east of the first texel's outer corner.
-        grey: mean of the texture.
         levels: the texture, repeated so often that samples seldom lie beyond it: they are slow.
     """
 
@@ -39,7 +38,6 @@ class Tile:
         self.texel_m = texel_m
         self.size_m = np.array(texture.shape) * texel_m
         self.corner_m = np.array(corner_m)
-        self.grey = round(float(texture.mean()))
         repeats = 2 if max(texture.shape) <= LARGEST else 1
         self.levels: list[U8] = []
         for level in range(LEVELS):
@@ -91,9 +89,6 @@ class TexturedPlane:
                 that makes up for the time.
         """
         self._tile, self._fine = tile, fine
-        # What lies beyond a texture that is repeated is near the horizon.
-        is_repeated = tile.levels[0].shape[0] > tile.size_m[0] / tile.texel_m + 0.5
-        self._border = cv2.BORDER_CONSTANT if fine and is_repeated else cv2.BORDER_WRAP
         reduced, self._spacing = (1, SPACING) if fine else (2, 1)
         self.shape = (-(-camera.height // reduced), -(-camera.width // reduced))
         rows, columns = self.shape
@@ -115,11 +110,9 @@ class TexturedPlane:
         det = float(np.linalg.det(H))
         plane = H[2].astype(np.float32)
         image = np.full(self.shape, beyond, np.uint8)
-        s = self._spacing
         for top in range(0, self.shape[0], self._step):
             band = image[top : top + self._step]
-            # Where places are interpolated, the array of rays begins outside of the picture.
-            seen = rays[top // s : math.ceil((top + len(band)) / s) + (2 if s > 1 else 0)]
+            seen = self._rows(rays, top, top + len(band))
             corners = seen[:: seen.shape[0] - 1, :: seen.shape[1] - 1].reshape(-1, 2)
             descents = corners @ plane[:2] + plane[2]
             if descents.max() < LEAST_DESCENT:
@@ -131,7 +124,7 @@ class TexturedPlane:
             to_texels = self._tile.to_texels(sampling.level, centre[:2] / descent)
             self._draw_band(band, seen, to_texels @ H, sampling)
             if descents.min() < LEAST_DESCENT:
-                every = _spread(seen @ plane[:2] + plane[2], s, band.shape)
+                every = _spread(seen @ plane[:2] + plane[2], self._spacing, band.shape)
                 np.copyto(band, np.uint8(beyond), where=every < LEAST_DESCENT)
         return image
 
@@ -165,8 +158,7 @@ class TexturedPlane:
             NO_SECOND_MAP,
             sampling.interpolation,
             dst=target,
-            borderMode=self._border,
-            borderValue=(self._tile.grey,),
+            borderMode=cv2.BORDER_WRAP,
         )
         if target is not band:
             cv2.resize(target, band.shape[::-1], dst=band, interpolation=cv2.INTER_LINEAR)

@@ -27,6 +27,10 @@ class Ekf:
 
     Heights over the local origin are off by the barometer's scale, velocities by a constant bias.
     Where the options say so, level positions wander and jump, and the heading is off and drifts.
+
+    Attributes:
+        velocity_bias: local, m/s.
+        height_scale: heights over the local origin come out so many times too large.
     """
 
     def __init__(self, world: World, options: EkfOptions, rng: Random) -> None:
@@ -36,12 +40,12 @@ class Ekf:
         self._rng = rng
         least, most = options.velocity_bias_mps
         bias, heading = rng.uniform(least, most), rng.uniform(-math.pi, math.pi)
-        self._velocity_bias: Vec3 = (
+        self.velocity_bias: Vec3 = (
             bias * math.cos(heading),
             bias * math.sin(heading),
             options.vertical_bias_mps,
         )
-        self._height_scale = 1.0 + rng.uniform(0.0, options.height_scale_max)
+        self.height_scale = 1.0 + rng.uniform(0.0, options.height_scale_max)
         self._drift = PositionDrift(options, Random(rng.random())) if _drifts(options) else None
         self._heading_error = math.radians(options.heading_error_deg)
         self._heading_drift = math.radians(options.heading_drift_deg_per_min) / 60.0
@@ -60,8 +64,8 @@ class Ekf:
         sigma = math.radians(options.attitude_noise_deg)
         return Estimate(
             t,
-            self._noisy((n, e, d * self._height_scale), options.position_noise_m),
-            self._noisy(add(s.velocity, self._velocity_bias), options.velocity_noise_mps),
+            self._noisy((n, e, d * self.height_scale), options.position_noise_m),
+            self._noisy(add(s.velocity, self.velocity_bias), options.velocity_noise_mps),
             s.roll + rng.gauss(0.0, sigma),
             s.pitch + rng.gauss(0.0, sigma),
             wrap(s.yaw + heading_error + rng.gauss(0.0, sigma)),

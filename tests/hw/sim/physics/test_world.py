@@ -1,17 +1,18 @@
 import math
 import statistics
-from pathlib import Path
 
 import pytest
-import yaml
 from pydantic import ValidationError
 
 from hw.sim.options import SimOptions
 from hw.sim.physics.world import World
+from landerd.config.files import config_dir, config_files
+from landerd.devices import sim_options
+from landerd.drivers import read_configuration
 from landerd.geometry import Vec3, cross, dot, norm, rotate, scale, sub, transpose
 from tests.hw.sim.worlds import PLATE, over_pad, world
 
-REFERENCE = Path(__file__).parents[4] / "config" / "sim" / "reference.yaml"
+DEFAULT = config_dir() / "default.yaml"
 
 
 def path(w: World, until_s: float) -> list[Vec3]:
@@ -200,13 +201,19 @@ def test_the_thesis_wind_blows_as_described() -> None:
 
 
 def test_the_reference_world_has_the_stated_flaws() -> None:
-    options = SimOptions.model_validate(yaml.safe_load(REFERENCE.read_text())["sim"])
-    assert options.camera.latency_s == 0.06
-    assert options.camera.exposure_s == 0.008
-    assert options.camera.clock_offset_s == 0.005
-    assert options.gimbal.lag_s == 0.08
-    assert options.gimbal.bias_deg == 0.5
-    assert options.ekf.height_scale_max == 0.05
+    days = [
+        read_configuration(DEFAULT, overlays=[config_files("scenarios")["hover"]], seed=seed)
+        for seed in range(1, 9)
+    ]
+    options = [sim_options(day) for day in days]
+    for each in options:
+        assert each.camera.latency_s == 0.06
+        assert each.camera.exposure_s == 0.008
+        assert each.gimbal.lag_s == 0.08
+        assert each.gimbal.bias_deg == 0.5
+        assert each.autopilot.guid_timeout_s == 1.0
+    assert {each.camera.clock_offset_s for each in options} == {-0.005, 0.005}
+    assert {each.ekf.height_scale_max for each in options} == {-0.05, 0.05}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,76 @@
+"""What a search for rings may still cost in a frame, and where earlier ones stopped.
+
+Costs are counted, never timed, so that the same images give the same sightings on any machine.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.camera_model import F64
+
+# In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take. With
+# these a search of any ground takes about three times the AprilTag 3 library's time at most
+# (`bench.vision_negatives`).
+ROUGH_COST, FULL_COST, HARD_COST = 1, 2, 6
+_FRAME_COST = 9
+_SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in an image a ring could be."""
+
+    centre: F64  # (2,), px
+    size_px: float
+
+    def is_same(self, other: "Place") -> bool:
+        """Tell whether two places are about the same."""
+        small, large = sorted((self.size_px, other.size_px))
+        apart = float(np.hypot(*(self.centre - other.centre)))
+        return apart < _SAME_MIDDLE * small and large < _SAME_SIZE * small
+
+
+class RingWork:
+    """The counted work of the searches of one image after another for one ring.
+
+    A search that would cost more than a frame may is cut short. The next one begins with what was
+    not tried: places that were refused come last until none is left to try.
+    """
+
+    def __init__(self) -> None:
+        self._left = _FRAME_COST
+        self._refused: list[Place] = []
+        self.was_cut = False
+        self.is_continued = False  # the image before was not searched to the end
+
+    def begin(self) -> None:
+        """Begin the search of another image."""
+        self.is_continued = self.was_cut
+        if not self.is_continued:
+            self._refused = []
+        self._left, self.was_cut = _FRAME_COST, False
+
+    def has(self, cost: int) -> bool:
+        """Tell whether a cost is left to spend."""
+        return cost <= self._left
+
+    def affords(self, cost: int, reserve: int = 0) -> bool:
+        """Spend a cost if a reserve is left then; else the search is cut."""
+        if not self.has(cost + reserve):
+            self.cut()
+            return False
+        self._left -= cost
+        return True
+
+    def cut(self) -> None:
+        """End the search of this image: it goes on in the next."""
+        self.was_cut = True
+
+    def refuse(self, place: Place) -> None:
+        """Remember that no ring is at a place."""
+        self._refused.append(place)
+
+    def is_refused(self, place: Place) -> bool:
+        """Tell whether no ring was found at a place, in this image or since searches are cut."""
+        return any(place.is_same(r) for r in self._refused)
