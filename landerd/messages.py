@@ -84,6 +84,9 @@ class MarkerSighting:
     id: int | None  # None for plain rings
     solutions: tuple[PoseSolution, ...]  # of the marker, best first; one or two
     outline_px: tuple[tuple[float, float], ...]  # polygon in image pixels, for drawing
+    # What the pose was fitted to: "grey" levels, or the places of "edges" alone where a tone curve,
+    # clipped white, shade or dirt leaves the levels unexplained: less exact, and sigma says so.
+    stage: str = "grey"
 
 
 @dataclass(frozen=True, slots=True)

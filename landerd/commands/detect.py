@@ -246,6 +246,7 @@ def _marker(marker: MarkerSighting) -> dict[str, Any]:
         "kind": marker.kind,
         "id": marker.id,
         **_pose(marker.solutions[0]),
+        "stage": marker.stage,
         "outline_px": [[round(x, 3), round(y, 3)] for x, y in marker.outline_px],
     }
 
