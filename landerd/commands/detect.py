@@ -24,6 +24,7 @@ from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
 from landerd.vision.draw import draw
 
+_MOST_SEARCHES = 30  # of a still
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 
 
@@ -117,7 +118,7 @@ def _detect(
                 raise error from None
             vision = _new_vision(layout, fitting)
         start = time.perf_counter()
-        sightings = vision.process(Frame(picture.t, seq, picture.image))
+        sightings = _searched(vision, Frame(picture.t, seq, picture.image), picture)
         ms = 1e3 * (time.perf_counter() - start)
         wrong = vision.disagreement()
         if args.json:
@@ -128,6 +129,16 @@ def _detect(
             drawn = args.draw / f"{Path(picture.name).name.replace('#', '_')}.png"
             if not cv2.imwrite(str(drawn), draw(picture.image, sightings, fitting, layout)):
                 raise SourceError(f"{drawn}: cannot be written")
+
+
+def _searched(vision: Vision, frame: Frame, picture: Picture) -> Sightings:
+    """Search a frame; what a film would show again in the next one is searched for in a still."""
+    sightings = vision.process(frame)
+    for _ in range(_MOST_SEARCHES if picture.is_still else 0):
+        if sightings.pad or not vision.was_cut:
+            break
+        sightings = vision.process(frame)
+    return sightings
 
 
 def _new_vision(layout: PadLayout, camera: CameraModel) -> Vision:

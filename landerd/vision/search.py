@@ -54,6 +54,11 @@ class Search:
         self._state = policy.SearchState()
         self._ring_work = {ring: RingWork() for ring in layout.rings}
 
+    @property
+    def was_cut(self) -> bool:
+        """Whether the search of the last image came to the end of its work before its end."""
+        return self._state.was_cut
+
     def find(
         self, image: Image, expected: Expected | None, down: Vec3 | None, *, holds_heading: bool
     ) -> tuple[list[FoundRing], list[FoundSquare]]:

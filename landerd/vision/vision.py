@@ -104,6 +104,11 @@ class Vision:
         shown = light(image, self._camera, self._layout.plate, seen) if self._meters else None
         return Sightings(frame.t, frame.seq, markers, pad, shown)
 
+    @property
+    def was_cut(self) -> bool:
+        """Whether the search of the last frame goes on in the next: it would have cost too much."""
+        return self._search.was_cut
+
     def disagreement(self) -> Disagreement | None:
         """Return how the markers of the last frame contradict each other, None if they do not."""
         return disagreement(self._found, self._errors, self._layout)
