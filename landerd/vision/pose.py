@@ -21,7 +21,9 @@ from landerd.messages import PoseSolution
 # camera less; and of two fits that are one solution.
 SAME_SOLUTION_COS = math.cos(math.radians(5.0))
 EQUAL_NORMALS_COS = math.cos(math.radians(1.0))
-_LEVEL_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
+# Of a pad's normal about gravity: decks heave and roll; and gravity itself is as uncertain as
+# attitude, gimbal and mounting.
+_LEVEL_SIGMA = math.radians(math.hypot(5.0, 2.0))
 MIN_DEPTH_M = 0.05  # what is nearer to the lens is not projected into the image
 
 

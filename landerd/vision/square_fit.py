@@ -18,8 +18,9 @@ _MARGIN_CELLS = 2  # white round the print
 _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
 
 # Between two solutions the errors of light, blur and motion in the model tell as much as the pixels
-# do: their difference in chi-square is worth a tenth, and gravity decides where that is not enough.
-_AMBIGUITY_CHI2 = 10.0
+# do: their difference in chi-square is worth a sixth, and less where neighbouring residuals are
+# alike. Gravity decides where that is not enough.
+_AMBIGUITY_CHI2 = 6.0
 # Of the corners, rms, from those of the first fit: a solution that is farther off needs no fit to
 # its pixels to be told from the first.
 _MAX_RIVAL_ERROR_PX = 0.5
@@ -63,8 +64,9 @@ class SquarePrint(MarkerPrint):
             corners: (4, 2) pixels, top left first, clockwise as printed.
             down: unit vector of gravity, camera frame; a second solution far from level is not
                 worth its fit.
-            known_normal: into the pad as the frame before or a ring told it, camera frame; a pose
-                that agrees needs no second one beside it.
+            known_normal: into the pad as the frame before or a ring told it, camera frame; a level
+                pose that agrees needs no second one beside it. One that leans is looked at anew:
+                the frame before may have been wrong.
             first: a fit that found the square; None: it is made from the corners.
         """
         if first is None:
@@ -72,10 +74,7 @@ class SquarePrint(MarkerPrint):
             first = self.fit(image, camera, starts[0][0]) if starts else None
         if first is None or first.explained < MIN_EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
-        if (
-            known_normal is not None
-            and first.pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS
-        ):
+        if known_normal is not None and _agrees(first.pose, np.array(known_normal), down):
             return [first.pose]
         return _ranked([first, *self._rivals(image, camera, first.pose, down)])
 
@@ -109,11 +108,19 @@ class SquarePrint(MarkerPrint):
 def _ranked(fits: list[Fit]) -> list[Pose]:
     """Return the poses, best first; its cost is 0, another's how much worse it explains them."""
     fits = sorted(fits, key=lambda f: f.squares)
-    unit = _AMBIGUITY_CHI2 * fits[0].variance
+    # Of residuals that correlate so, n tell as much as n (1 - c) / (1 + c) independent ones.
+    c = fits[0].correlation
+    unit = _AMBIGUITY_CHI2 * fits[0].variance * (1.0 + c) / (1.0 - c)
     return [
         Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
         for f in fits
     ]
+
+
+def _agrees(pose: Pose, known_normal: F64, down: Vec3 | None) -> bool:
+    if down is not None and float(pose.normal @ np.array(down)) < _LEVEL_COS:
+        return False
+    return bool(pose.normal @ known_normal > SAME_SOLUTION_COS)
 
 
 def _is_settled_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:
