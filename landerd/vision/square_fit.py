@@ -64,9 +64,8 @@ class SquarePrint(MarkerPrint):
             corners: (4, 2) pixels, top left first, clockwise as printed.
             down: unit vector of gravity, camera frame; a second solution far from level is not
                 worth its fit.
-            known_normal: into the pad as the frame before or a ring told it, camera frame; a level
-                pose that agrees needs no second one beside it. One that leans is looked at anew:
-                the frame before may have been wrong.
+            known_normal: into the pad as the frame before or a ring told it, camera frame; a pose
+                that agrees needs no second one beside it.
             first: a fit that found the square; None: it is made from the corners.
         """
         if first is None:
@@ -74,7 +73,10 @@ class SquarePrint(MarkerPrint):
             first = self.fit(image, camera, starts[0][0]) if starts else None
         if first is None or first.explained < MIN_EXPLAINED:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX)
-        if known_normal is not None and _agrees(first.pose, np.array(known_normal), down):
+        if (
+            known_normal is not None
+            and first.pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS
+        ):
             return [first.pose]
         return _ranked([first, *self._rivals(image, camera, first.pose, down)])
 
@@ -115,12 +117,6 @@ def _ranked(fits: list[Fit]) -> list[Pose]:
         Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
         for f in fits
     ]
-
-
-def _agrees(pose: Pose, known_normal: F64, down: Vec3 | None) -> bool:
-    if down is not None and float(pose.normal @ np.array(down)) < _LEVEL_COS:
-        return False
-    return bool(pose.normal @ known_normal > SAME_SOLUTION_COS)
 
 
 def _is_settled_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:
