@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
+from hw.autopilots.heartbeats import heartbeat_of
 from hw.autopilots.signing import Signing
 from hw.links import open_link
 from hw.links.tapped import TappedLink
@@ -23,8 +24,10 @@ from landerd.ports import (
     Autopilot,
     AutopilotFactory,
     ByteLink,
+    Camera,
     CameraFactory,
     CameraOptions,
+    ExposureControl,
     Gimbal,
     GimbalBehindAutopilotFactory,
     GimbalFactory,
@@ -106,20 +109,38 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
     camera = cast(CameraFactory, _factory("camera", config.camera.driver))
     gimbal = _factory("gimbal", config.gimbal.driver)
     try:
-        link = open_link(config.autopilot.url)
+        signing = _signing(config)
+        is_peer = heartbeat_of(config.autopilot.system_id, signing)
+        link = open_link(config.autopilot.url, is_peer)
         autopilot = make_autopilot(
             config,
             link if recorder is None else TappedLink(link, recorder.raw),
             ParameterSet(config, overlay),
-            _signing(config),
+            signing,
         )
         return Devices(
-            camera(options=loaded.options[f"camera.{config.camera.driver}"]),
+            _make_camera(camera, loaded),
             _make_gimbal(gimbal, loaded, autopilot),
             autopilot,
         )
     except ValueError as e:
         raise SetUpError(str(e)) from None
+
+
+def _make_camera(factory: CameraFactory, loaded: Loaded) -> Camera:
+    section = loaded.config.camera
+    options = loaded.options[f"camera.{section.driver}"]
+    if section.exposure == "auto" and getattr(options, "exposure_s", None) is not None:
+        raise ValueError(
+            f"camera.exposure: auto, but camera.{section.driver}.exposure_s is set; expected null"
+        )
+    camera = factory(options=options)
+    if section.exposure == "pad" and not isinstance(camera, ExposureControl):
+        raise ValueError(
+            f"camera.exposure: the exposure of driver {section.driver} cannot be ordered; "
+            "expected fixed or auto"
+        )
+    return camera
 
 
 def make_autopilot(
@@ -216,8 +237,15 @@ def simulated_camera(
     from hw.sim.picture.renderer import Renderer
 
     options = sim_options(loaded)
-    renderer = Renderer(layout, camera_model, options.render, seed, options.camera, options.pad)
-    return SimCamera(renderer, world.snapshot, options.camera, delivered, seed)
+    camera = options.camera
+    # Under `fixed` the simulated camera is as its own options say.
+    match loaded.config.camera.exposure:
+        case "auto":
+            camera = camera.model_copy(update={"exposure": "auto"})
+        case "pad":
+            camera = camera.model_copy(update={"exposure": "ordered"})
+    renderer = Renderer(layout, camera_model, options.render, seed, camera, options.pad)
+    return SimCamera(renderer, world.snapshot, camera, delivered, seed)
 
 
 def simulated_gimbal(

@@ -5,21 +5,26 @@ the set-points. It only routes: where things are is decided in `estimation`, who
 guidance.gate, what is flown in guidance.landing, where the camera looks in guidance.aim.
 """
 
+import math
+
 from landerd.config.models import Config
 from landerd.config.parameters import with_value
 from landerd.estimation.estimator import Estimator
+from landerd.estimation.pad_filter import SensorErrors
 from landerd.geometry import Vec3
 from landerd.guidance.aim import Aim
 from landerd.guidance.gate import Gate
 from landerd.guidance.landing import Landing
 from landerd.guidance.landing_target import landing_target
+from landerd.guidance.last_orders import LastOrders
+from landerd.guidance.metering import Metering
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import State
 from landerd.guidance.view import View
 from landerd.messages import (
     Attitude,
     AutopilotRestarted,
-    Battery,
+    ClockSync,
     Command,
     GimbalState,
     Heartbeat,
@@ -45,11 +50,11 @@ class Lander:
         self._config = config
         self._estimator = Estimator(config)
         self._gate = Gate(config.rc, config.freshness)
-        self._landing = Landing(
-            config, self._gate, self._estimator, pad_has_heading=layout.has_heading
-        )
+        self._landing = Landing(config, layout, self._gate, self._estimator)
         self._aim = Aim(config.aim, config.gimbal)
         self._view = View(layout)
+        is_metered = config.camera.exposure == "pad"
+        self._metering = Metering(config.camera.metering) if is_metered else None
         self._tick_t: float | None = None
 
     # ---- what others look at -------------------------------------------------------------------
@@ -94,8 +99,20 @@ class Lander:
         """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
         return self._estimator.nis
 
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """What is wrong about camera and gimbal, as far as it is known."""
+        return self._estimator.sensor_errors
+
+    @property
+    def last_orders(self) -> LastOrders | None:
+        """What is to be streamed should this core fail now; None while it flies nothing."""
+        return self._landing.last_orders
+
     def prior(self, t: float) -> Prior:
         """Return what is known of a picture exposed at time t (s) before it is searched."""
+        if not math.isfinite(t):
+            return Prior()
         return self._estimator.prior(t)
 
     def relative_state(self, now: float) -> RelativeState | None:
@@ -119,6 +136,9 @@ class Lander:
                 self._gate.on_rc(message)
             case LandedState():
                 self._landing.on_landed_state(message.state)
+            case ClockSync():
+                self._estimator.on_clock(message)
+                self._gate.on_clock(message)
             case AutopilotRestarted():
                 self._gate.on_restart()
                 self._estimator.on_restart()
@@ -127,15 +147,13 @@ class Lander:
                 self._gate.end()
             case ParameterChange():
                 self._configure(with_value(self._config, message.key, message.value))
-            case Battery():
-                pass
-        return []
+        return []  # a Battery is for the log only
 
     def _configure(self, config: Config) -> None:
-        """Go on with changed parameters; only `guidance` and `rc` have any."""
+        """Go on with changed numbers; only `guidance`, `rc` and `autopilot` have any."""
         self._config = config
         self._gate.configure(config.rc)
-        self._landing.configure(config.guidance)
+        self._landing.configure(config)
 
     def _on_sightings(self, sightings: Sightings) -> list[Command]:
         observations = self._estimator.on_sightings(sightings)
@@ -143,10 +161,14 @@ class Lander:
             return []  # late, twice or no number: never flown on
         if self.needs_sight and self._config.aim.method == "increment":
             self._aim.on_sightings(sightings, self._estimator.poses.gimbal.at(sightings.t))
-        if not observations or self._config.guidance.output != "landing_target":
-            return []
-        target = landing_target(self._estimator, observations)
-        return [target] if target is not None else []
+        commands: list[Command] = []
+        if self._metering is not None and self._tick_t is not None:
+            order = self._metering.on_sightings(self._tick_t, sightings)
+            commands += [order] if order is not None else []
+        if observations and self._config.guidance.output == "landing_target":
+            target = landing_target(self._estimator, observations)
+            commands += [target] if target is not None else []
+        return commands
 
     def _on_tick(self, now: float) -> list[Command]:
         dt = now - self._tick_t if self._tick_t is not None else 0.0

@@ -50,8 +50,21 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
+class SystematicError:
+    """The part of a pose's uncertainty that is alike in all frames: print, placing, bend, lens."""
+
+    covariance: Mat3  # of position, m^2
+    sigma_yaw: float  # rad
+    sigma_tilt: float  # rad
+
+
+@dataclass(frozen=True, slots=True)
 class PoseSolution:
-    """One pose of a marker or of the pad that explains the image, camera frame."""
+    """One pose of a marker or of the pad that explains the image, camera frame.
+
+    A pad's uncertainty is all there is, and tells how much of it is systematic; a marker's is that
+    of the picture, the marker taken to be as the pad file has it.
+    """
 
     position: Vec3  # the marker's centre or the pad's landing point, m
     normal: Vec3  # unit vector into the pad (its z), away from the camera
@@ -60,6 +73,7 @@ class PoseSolution:
     sigma_yaw: float | None  # of the rotation about the normal, rad; None without north
     sigma_tilt: float  # of the normal, rad
     cost: float  # chi-square of the fit; of two solutions the lower is the likelier
+    systematic: SystematicError | None = None  # part of the above; None: none
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +84,17 @@ class MarkerSighting:
     id: int | None  # None for plain rings
     solutions: tuple[PoseSolution, ...]  # of the marker, best first; one or two
     outline_px: tuple[tuple[float, float], ...]  # polygon in image pixels, for drawing
+    # What the pose was fitted to: "grey" levels, or the places of "edges" alone where a tone curve,
+    # clipped white, shade or dirt leaves the levels unexplained: less exact, and sigma says so.
+    stage: str = "grey"
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """How bright a frame shows what its exposure goes by, grey levels from 0 to 255."""
+
+    level: float  # of the pad's white, or of the ordinary in the whole picture
+    on_pad: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +105,7 @@ class Sightings:
     seq: int
     markers: tuple[MarkerSighting, ...]
     pad: tuple[PoseSolution, ...]  # of the landing point from all markers, best first; 0 to 2
+    light: Light | None = None  # None: nobody exposes by it
 
 
 # ---- from the autopilot ------------------------------------------------------------------------
@@ -100,6 +126,14 @@ class AutopilotRestarted:
     """The autopilot's boot time went back."""
 
     t: float
+
+
+@dataclass(frozen=True, slots=True)
+class ClockSync:
+    """How well the autopilot's clock is known: its data are older than they seem by as much."""
+
+    t: float
+    uncertainty_s: float  # half the round trip of the exchange, and what the filter adds
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +184,10 @@ class LandedState:
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """The ground station has changed a number of the configuration; it was found good."""
+    """A number of the configuration has changed, and was found good.
+
+    The ground station has changed it, or the autopilot told what is its own (GUID_TIMEOUT).
+    """
 
     t: float
     key: str  # dotted, as "guidance.pid.up.kp"
@@ -231,6 +268,14 @@ class GimbalCommand:
     pitch: float
 
 
+@dataclass(frozen=True, slots=True)
+class ExposureOrder:
+    """How the camera is to expose from now on; it takes what is nearest of what it can."""
+
+    time_s: float
+    gain: float  # 1: the sensor's own, without amplification
+
+
 class Severity(IntEnum):
     """MAV_SEVERITY, the part used."""
 
@@ -295,6 +340,7 @@ class PhaseChange:
 AutopilotMessage = (
     Heartbeat
     | AutopilotRestarted
+    | ClockSync
     | Attitude
     | LocalPosition
     | RcChannels
@@ -303,4 +349,13 @@ AutopilotMessage = (
     | ParameterChange
 )
 Input = AutopilotMessage | GimbalState | Sightings | Tick | Shutdown
-Command = Setpoint | PressDown | LandingTarget | GimbalCommand | StatusText | Disarm | PhaseChange
+Command = (
+    Setpoint
+    | PressDown
+    | LandingTarget
+    | GimbalCommand
+    | ExposureOrder
+    | StatusText
+    | Disarm
+    | PhaseChange
+)

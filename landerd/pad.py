@@ -155,6 +155,13 @@ class PadLayout(Section):
     name: str
     markers: Annotated[tuple[Marker, ...], Field(min_length=1)]
     plate: Plate
+    # How true the pad is to this file, 1 sigma. Printers and shops that cut vinyl keep half a per
+    # cent, and an edge of ink or paint a millimetre; markers are laid with a tape measure; plywood
+    # and composite plates of this size warp by a degree or two.
+    print_scale_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.007  # share of a marker's size
+    placement_sigma_m: Annotated[float, Field(ge=0, le=0.1)] = 0.003  # of a marker's centre
+    # between the planes of landing point and marker
+    flatness_deg: Annotated[float, Field(ge=0, le=10)] = 1.5
 
     @property
     def rings(self) -> tuple[Ring, ...]:

@@ -14,6 +14,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from landerd.messages import (
     AutopilotMessage,
+    ExposureOrder,
     Frame,
     GimbalCommand,
     GimbalState,
@@ -45,6 +46,14 @@ class Camera(Protocol):
 
     async def close(self) -> None:
         """Stop the stream; safe to call twice."""
+
+
+@runtime_checkable
+class ExposureControl(Protocol):
+    """What a camera has, too, whose exposure can be ordered while it runs."""
+
+    def expose(self, order: ExposureOrder) -> None:
+        """Expose so from the next pictures on; a lost device drops the order silently."""
 
 
 class Feedback(Enum):

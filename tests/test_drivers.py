@@ -1,9 +1,20 @@
 """Every line of the table leads to a driver with what landerd.ports asks of it."""
 
+from pathlib import Path
+
 import pytest
 
 from hw.autopilots.mavlink import MavlinkAutopilot
-from landerd.drivers import DRIVERS, Driver, gimbal_speaks_over, import_named, options_models
+from landerd.config.files import config_dir
+from landerd.devices import SetUpError, make_devices
+from landerd.drivers import (
+    DRIVERS,
+    Driver,
+    gimbal_speaks_over,
+    import_named,
+    options_models,
+    read_configuration,
+)
 from landerd.ports import AutopilotFactory, CameraOptions, GimbalOptions, LinkOptions
 
 AUTOPILOT: AutopilotFactory = MavlinkAutopilot  # checked by mypy
@@ -20,6 +31,31 @@ def test_what_a_driver_names_is_there(section: str, name: str, driver: Driver) -
     for path in (driver.factory, driver.model):
         assert path is None or callable(import_named(path))
     assert (driver.options is not None) == (f"{section}.{name}" in options_models())
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (("exposure=pad", "driver=gstreamer"), "camera.exposure: .*gstreamer cannot be ordered"),
+        (
+            ("exposure=auto", "driver=v4l2", "v4l2.exposure_s=0.004"),
+            "camera.exposure: auto, but camera.v4l2.exposure_s is set; expected null",
+        ),
+    ],
+)
+def test_an_exposure_that_a_camera_does_not_have_is_refused(
+    overrides: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    loaded = read_configuration(
+        config_dir() / "default.yaml",
+        overrides=[
+            *(f"camera.{o}" for o in overrides),
+            "gimbal.driver=fixed",
+            "autopilot.url=udpin:127.0.0.1:14999",
+        ],
+    )
+    with pytest.raises(SetUpError, match=said):
+        make_devices(loaded, tmp_path / "overlay.yaml")
 
 
 @pytest.mark.parametrize(("section", "name", "driver"), ALL)

@@ -150,10 +150,12 @@ def test_when_guided_is_left_or_it_is_disarmed_nothing_is_sent_from_the_next_tic
     assert flight.run(0.5) != []
 
 
-def test_without_heartbeats_it_falls_silent_after_3_s_and_goes_on_with_them() -> None:
+def test_without_heartbeats_for_3_s_it_stops_falls_silent_and_goes_on_with_them() -> None:
     flight = Flight(position=(-30.0, 0.0, -8.0)).engaged()
     flight.silent = {Heartbeat}
     flight.run(3.0)
+    assert set(flight.run(0.9)) == {STOP}
+    flight.run(0.2)
     assert flight.run(2.0) == []
     flight.silent = set()
     assert flight.run(1.5) != []
@@ -492,9 +494,23 @@ def test_after_commit_it_does_not_give_way_to_a_deck_that_comes_up() -> None:
     assert all(order.velocity[2] > 0.0 for order in flight.run(1.0))
 
 
-def test_after_commit_refused_sightings_are_no_reason_to_climb() -> None:
+def seen_elsewhere(true: PoseSolution) -> PoseSolution:
+    return replace(true, position=add(true.position, (0.0, 0.0, 2.0)))
+
+
+def test_after_commit_a_pad_that_is_seen_elsewhere_is_climbed_away_from() -> None:
     flight = Flight().engaged().until(Phase.LANDED)
-    flight.distort = lambda true: replace(true, position=add(true.position, (0.0, 0.0, 2.0)))
+    flight.distort = seen_elsewhere
+    flight.run(0.25)
+    assert flight.lander.phase is Phase.NOT_LANDING
+    assert "pad missed, climbing away" in flight.lander.reason
+    assert flight.run(0.3)[-1].velocity[2] < -0.3
+
+
+def test_refused_sightings_with_the_feet_at_the_pad_are_no_reason_to_climb() -> None:
+    # The touch turns the airframe faster than the lens's direction is known.
+    flight = Flight().engaged().until_contact()
+    flight.distort = seen_elsewhere
     orders = flight.run(0.5)
     assert flight.lander.phase is Phase.LANDED
     assert all(order.velocity[2] > 0.0 for order in orders)
@@ -609,7 +625,7 @@ def test_an_autopilot_that_restarts_during_touch_down_is_not_called_landed() -> 
     flight.silent = {Heartbeat}
     flight.restart_autopilot()
     flight.run(1.0)
-    assert flight.lander.outcome == "taken over"
+    assert flight.lander.outcome == "released"
 
 
 # ---- a moving pad ------------------------------------------------------------------------------

@@ -2,36 +2,69 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
-_WINDOW_S = 10.0  # the quickest exchange of this long counts: clocks drift
+_WINDOW_S = 10.0  # over which the link's quickest round trip is looked for
 _LONGEST_ROUND_TRIP_S = 1.0  # slower exchanges say too little
-_OFFSET_TOLERANCE_S = 0.003  # resolution of the stamps and drift within the window
-
-
-@dataclass(frozen=True, slots=True)
-class _Exchange:
-    received: float
-    round_trip: float
-    offset: float  # loop time minus boot time, within +- round_trip / 2
+_SIGMA_STAMP_S = 0.001  # resolution of the stamps, and the autopilot's main loop
+# Crystals are off by up to 50e-6 and drift with temperature by 1e-6 in some seconds.
+_SIGMA_DRIFT, _DRIFT_RANDOM_WALK = 100e-6, 1e-6  # s/s; s/s per sqrt(s)
+_OFFSET_RANDOM_WALK = 50e-6  # s per sqrt(s): what the loop's own clock is slewed by
+_TOLERANCE_S = 0.003  # beside the round trips, before two exchanges cannot both be true
+_WRAP_S = 2.0**32 / 1e3  # of time_boot_ms
+_WRAP_TOLERANCE_S = 60.0  # a stamp this near to the one expected is of the same boot
 
 
 class BootClock:
-    """Finds loop time minus boot time from TIMESYNC exchanges, the quickest one counting.
+    """Finds loop time minus boot time from TIMESYNC exchanges.
+
+    A Kalman filter of offset and drift (as in chrony, after Mills' NTP): an exchange weighs by how
+    much longer it took than the quickest one, for that is how wrong its middle may be. What the
+    quickest one took on its way there rather than back cannot be told: half of it is the
+    uncertainty that stays.
 
     Until the first exchange the earliest arrival of a stamped message stands in: it is late by
     the link's shortest delay.
     """
 
     def __init__(self) -> None:
-        self._exchanges: deque[_Exchange] = deque()
         self._earliest_arrival = math.inf
-        self._offset: float | None = None
+        self._round_trips: deque[tuple[float, float]] = deque()  # received, round trip; s
+        self._t: float | None = None  # of the state; None: no exchange yet
+        self._offset = self._drift = 0.0
+        self._P = (0.0, 0.0, 0.0)  # covariance: of offset, offset with drift, drift
+        self._boot: tuple[float, float] | None = None  # newest boot time, and when it was heard
+
+    @property
+    def uncertainty_s(self) -> float | None:
+        """Half the quickest round trip and the filter's own sigma; None before any exchange."""
+        if self._t is None:
+            return None
+        return 0.5 * self._quickest + math.sqrt(self._P[0])
+
+    @property
+    def _quickest(self) -> float:
+        return min(round_trip for _, round_trip in self._round_trips)
+
+    def unwrapped(self, boot_ms: int, now: float) -> float:
+        """Return the boot time (s) of a stamp of 32 bits, which begins anew after 49.7 days."""
+        boot_s = 1e-3 * boot_ms
+        if self._boot is None:
+            return boot_s
+        expected = self._boot[0] + now - self._boot[1]
+        same_boot = boot_s + _WRAP_S * round((expected - boot_s) / _WRAP_S)
+        return same_boot if abs(same_boot - expected) < _WRAP_TOLERANCE_S else boot_s
+
+    def heard(self, boot_s: float, now: float) -> None:
+        """Note a boot time: `unwrapped` goes by the newest."""
+        if self._boot is None or boot_s > self._boot[0]:
+            self._boot = (boot_s, now)
 
     def place(self, boot_s: float, now: float) -> float:
         """Return the loop time of a message stamped with this boot time that arrives now."""
         self._earliest_arrival = min(self._earliest_arrival, now - boot_s)
-        offset = self._earliest_arrival if self._offset is None else self._offset
+        offset = self._earliest_arrival
+        if self._t is not None:
+            offset = self._offset + self._drift * min(now - self._t, _WINDOW_S)
         return min(boot_s + offset, now)
 
     def exchanged(self, sent: float, boot_s: float, received: float) -> None:
@@ -39,14 +72,39 @@ class BootClock:
         round_trip = received - sent
         if not 0.0 <= round_trip <= _LONGEST_ROUND_TRIP_S:
             return
-        new = _Exchange(received, round_trip, 0.5 * (sent + received) - boot_s)
-        exchanges = self._exchanges
-        if exchanges:
-            best = min(exchanges, key=lambda e: e.round_trip)
-            bound = 0.5 * (best.round_trip + round_trip) + _OFFSET_TOLERANCE_S
-            if abs(new.offset - best.offset) > bound:  # cannot both be true: a clock was stepped
-                exchanges.clear()
-        exchanges.append(new)
-        while received - exchanges[0].received > _WINDOW_S:
-            exchanges.popleft()
-        self._offset = min(exchanges, key=lambda e: e.round_trip).offset
+        offset = 0.5 * (sent + received) - boot_s
+        if self._t is None or self._is_stepped(received, offset, round_trip):
+            self._round_trips.clear()
+            self._start(received, offset, round_trip)
+        elif round_trip < self._quickest:  # those before were as wrong as they took longer
+            a, b, c = self._P
+            self._P = (a + (0.5 * (self._quickest - round_trip)) ** 2, b, c)
+        self._round_trips.append((received, round_trip))
+        while received - self._round_trips[0][0] > _WINDOW_S:
+            self._round_trips.popleft()
+        self._correct(received, offset, 0.5 * (round_trip - self._quickest))
+
+    def _is_stepped(self, t: float, offset: float, round_trip: float) -> bool:
+        """Tell whether this exchange and those before cannot both be true."""
+        assert self._t is not None
+        bound = 0.5 * (self._quickest + round_trip) + _TOLERANCE_S
+        return abs(offset - self._offset - self._drift * (t - self._t)) > bound
+
+    def _start(self, t: float, offset: float, round_trip: float) -> None:
+        self._t, self._offset, self._drift = t, offset, 0.0
+        self._P = ((0.5 * round_trip) ** 2 + _SIGMA_STAMP_S**2, 0.0, _SIGMA_DRIFT**2)
+
+    def _correct(self, t: float, offset: float, sigma: float) -> None:
+        """Go on to time t and take an offset in; s."""
+        assert self._t is not None
+        dt, self._t = t - self._t, t
+        a, b, c = self._P
+        a += dt * (2.0 * b + dt * c) + _OFFSET_RANDOM_WALK**2 * dt
+        b += dt * c
+        c += _DRIFT_RANDOM_WALK**2 * dt
+        predicted = self._offset + self._drift * dt
+        s = a + sigma * sigma + _SIGMA_STAMP_S**2
+        k, k_drift = a / s, b / s
+        self._offset = predicted + k * (offset - predicted)
+        self._drift += k_drift * (offset - predicted)
+        self._P = (a - k * a, b - k * b, c - k_drift * b)

@@ -19,7 +19,9 @@ from hw.autopilots.streams import Streams
 from landerd.messages import (
     AutopilotMessage,
     AutopilotRestarted,
+    ClockSync,
     LandingTarget,
+    ParameterChange,
     PressDown,
     Setpoint,
     Severity,
@@ -34,7 +36,10 @@ COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _TIMESYNC_PERIOD_S = 0.2
 _RESTART_S = 1.0  # boot time going back by more than this is a restart
 _HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
+_HEADING_AHEAD_S = 0.2  # how far a turn is carried on from the last attitude
 _STATUSTEXT_LENGTH = 50
+_GUIDED_TIMEOUT = "GUID_TIMEOUT"  # what the core needs to know of the autopilot's parameters
+_ASK_S = 5.0  # it is asked for again until it is told
 _TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry
 
 _GROUND_STATION_MESSAGES = frozenset(
@@ -113,13 +118,13 @@ class MavlinkAutopilot:
         self._logged: dict[str, float] = {}
         self._refusals = Refusals()
         self._texts_left, self._texts_t = _TEXTS_AT_ONCE, 0.0
-        self._yaw: float | None = None
+        self._yaw: tuple[float, float, float] | None = None  # loop time, rad, rad/s
         self._disarmed_until = -math.inf
         self._clock = BootClock()
         self._last_boot_s = -math.inf
         self._last_t: dict[int, float] = {}  # by message id
         self._timesync_sent: deque[int] = deque(maxlen=10)  # ns, the newest requests
-        self._timesync_due = 0.0
+        self._timesync_due = self._ask_due = 0.0
 
     async def open(self) -> None:
         """Open the link. Raises DeviceLost."""
@@ -216,7 +221,7 @@ class MavlinkAutopilot:
     def _note(self, m: Message, kind: int, now: float) -> None:
         """Take what the driver itself needs to know."""
         if kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
-            self._yaw = m.yaw
+            self._yaw = (self._last_t.get(kind, now), m.yaw, m.yawspeed)
         elif kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             is_armed = m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
             self._disarmed_until = -math.inf if is_armed else now + _HEARTBEAT_S
@@ -227,7 +232,7 @@ class MavlinkAutopilot:
         elif kind == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             self._on_command_ack(m)
         elif kind == mavlink.MAVLINK_MSG_ID_PARAM_VALUE and math.isfinite(m.param_value):
-            self.vehicle_parameters[m.param_id] = m.param_value
+            self._on_parameter(m.param_id, m.param_value, now)
 
     def _on_timesync(self, m: Message, now: float) -> None:
         if m.tc1 == 0:  # the autopilot asks for our time
@@ -236,6 +241,16 @@ class MavlinkAutopilot:
             boot_s = 1e-9 * m.tc1
             self._watch_restart(boot_s, now)
             self._clock.exchanged(1e-9 * m.ts1, boot_s, now)
+            uncertainty_s = self._clock.uncertainty_s
+            if uncertainty_s is not None:
+                self._pending.append(ClockSync(now, uncertainty_s))
+
+    def _on_parameter(self, name: str, value: float, now: float) -> None:
+        """Keep one of the autopilot's parameters; pass on the one that the core goes by."""
+        if name == _GUIDED_TIMEOUT and value != self.vehicle_parameters.get(name):
+            timeout_s = min(max(float(value), 0.1), 10.0)  # what the configuration may say
+            self._pending.append(ParameterChange(now, "autopilot.guided_timeout_s", timeout_s))
+        self.vehicle_parameters[name] = value
 
     def _on_command_ack(self, m: Message) -> None:
         """Say once what the autopilot does not do."""
@@ -254,17 +269,20 @@ class MavlinkAutopilot:
             return  # to the autopilot, or to another vehicle
         if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
             if m.target_component == COMPONENT:  # not what is meant for every component
-                self._on_command(m)
+                self._on_command(m, disarmed=now < self._disarmed_until)
         elif self._parameters is not None:
             disarmed = now < self._disarmed_until
             change = self._parameters.take(m, now, disarmed=disarmed)
             if change is not None:
                 self._pending.append(change)
 
-    def _on_command(self, m: Message) -> None:
+    def _on_command(self, m: Message, *, disarmed: bool) -> None:
         result: int = mavlink.MAV_RESULT_UNSUPPORTED
         if m.command == mavlink.MAV_CMD_PREFLIGHT_STORAGE and self._parameters is not None:
-            result = self._parameters.save(m.param1)
+            # A slow disk would hold up the set-points.
+            result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+            if disarmed:
+                result = self._parameters.save(m.param1)
         self.send(
             mavlink.MAVLink_command_ack_message(
                 m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()
@@ -275,7 +293,7 @@ class MavlinkAutopilot:
 
     def _place(self, m: Message, now: float) -> float | None:
         """Return the loop time of a stamped message; None: not newer than the last of its kind."""
-        boot_s = 1e-3 * m.time_boot_ms
+        boot_s = self._clock.unwrapped(m.time_boot_ms, now)
         self._watch_restart(boot_s, now)
         t = self._clock.place(boot_s, now)
         if t <= self._last_t.get(m.get_msgId(), -math.inf):
@@ -291,8 +309,10 @@ class MavlinkAutopilot:
             self._clock = BootClock()
             self._streams.restart()
             self._refusals.restart()
+            self.vehicle_parameters.clear()
             self._last_boot_s = boot_s
         self._last_boot_s = max(self._last_boot_s, boot_s)
+        self._clock.heard(boot_s, now)
 
     def _request_missing(self, now: float) -> None:
         """Ask for the time when it is due, and for the streams that do not come."""
@@ -302,6 +322,9 @@ class MavlinkAutopilot:
             self._timesync_sent.append(stamp)
             self.send(mavlink.MAVLink_timesync_message(0, stamp))
         self._streams.request_missing(now)
+        if _GUIDED_TIMEOUT not in self.vehicle_parameters and now >= self._ask_due:
+            self._ask_due = now + _ASK_S
+            self.ask_parameter(_GUIDED_TIMEOUT)
 
     def _ask_stream(self, message_id: int, rate_hz: float) -> None:
         self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)
@@ -324,7 +347,9 @@ class MavlinkAutopilot:
     def fly(self, setpoint: Setpoint) -> None:
         """Send one velocity and yaw-rate set-point; one that is not finite is refused."""
         self._order(
-            lambda now: orders.velocity_target(setpoint, self._system, now, self._frame, self._yaw)
+            lambda now: orders.velocity_target(
+                setpoint, self._system, now, self._frame, self._heading(now)
+            )
         )
 
     def press_down(self, order: PressDown) -> None:
@@ -334,6 +359,13 @@ class MavlinkAutopilot:
     def show_target(self, target: LandingTarget) -> None:
         """Tell the autopilot where the pad is."""
         self._order(lambda now: orders.landing_target(target))
+
+    def _heading(self, now: float) -> float | None:
+        """Return the heading at time now, rad: one that goes on by steps makes velocities jump."""
+        if self._yaw is None:
+            return None
+        t, yaw, rate = self._yaw
+        return yaw + rate * min(max(now - t, 0.0), _HEADING_AHEAD_S)
 
     def _order(self, make: Callable[[float], Message]) -> None:
         now = asyncio.get_running_loop().time()

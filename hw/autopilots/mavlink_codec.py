@@ -76,6 +76,11 @@ class MavlinkCodec:
                 at += 1
                 continue
             message = self._decode_frame(buffer[at : at + size])
+            if message is not None and message.get_msgId() < 0:
+                # Not in the dialect: its checksum cannot be verified, nor can its length be
+                # trusted. In a frame still on its way it is no message at all.
+                self.counters["unknown"] += unfinished is None
+                message = None
             if message is None:
                 at += 1
                 continue
@@ -108,14 +113,9 @@ class MavlinkCodec:
 
     def _decode_frame(self, frame: bytearray) -> Message | None:
         try:
-            message = self._parser.decode(frame)
+            return self._parser.decode(frame)
         except mavlink.MAVError:
             return None
-        if message.get_msgId() < 0:
-            # Not in the dialect: its checksum cannot be verified, nor can its length be trusted.
-            self.counters["unknown"] += 1
-            return None
-        return message
 
     def _note_sequence(self, message: Message) -> None:
         source = (message.get_srcSystem(), message.get_srcComponent())

@@ -8,6 +8,7 @@ import hashlib
 import hmac
 import logging
 import stat
+import threading
 import time
 from pathlib import Path
 
@@ -54,11 +55,7 @@ class Signing:
         started, base = self._begin
         self._last = max(self._last + 1, base + int((now - started) * _TICKS_PER_S))
         if self._last > self._saved - _REST:
-            try:
-                self._save_time()
-            except OSError as e:
-                self._saved = self._last + _AHEAD  # do not try at every message
-                log.warning("%s: cannot be written: %s", self._time_file, e.strerror)
+            self._save_time_aside()
         return self._last
 
     def accepts(self, frame: bytes, system: int, component: int) -> bool:
@@ -66,17 +63,34 @@ class Signing:
 
         Frames without signature are not accepted.
         """
-        if frame[0] != 0xFD or not frame[2] & 0x01:
+        if not self.is_genuine(frame):
             return False
         link, stamp = frame[-LENGTH], int.from_bytes(frame[-LENGTH + 1 : -6], "little")
         sender = (link, system, component)
         oldest = self._streams.get(sender, self._last - _MOST_BEHIND)
-        expected = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
-        if stamp <= oldest or not hmac.compare_digest(expected, frame[-6:]):
+        if stamp <= oldest:
             return False
         self._streams[sender] = stamp
         self._last = max(self._last, stamp)
         return True
+
+    def is_genuine(self, frame: bytes) -> bool:
+        """Tell whether a frame is signed with the key; it may be a repetition."""
+        if frame[0] != 0xFD or not frame[2] & 0x01:
+            return False
+        expected = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
+        return hmac.compare_digest(expected, frame[-6:])
+
+    def _save_time_aside(self) -> None:
+        """Write it in a thread: a slow disk would hold up the set-points."""
+        self._saved = self._last + _AHEAD  # do not try at every message
+        threading.Thread(target=self._try_to_save, name="signing", daemon=True).start()
+
+    def _try_to_save(self) -> None:
+        try:
+            self._save_time()
+        except OSError as e:
+            log.warning("%s: cannot be written: %s", self._time_file, e.strerror)
 
     def _save_time(self) -> None:
         new = self._time_file.with_name(f".{self._time_file.name}.new")

@@ -11,6 +11,8 @@ log = logging.getLogger(__name__)
 
 # Asked of the autopilot, Hz.
 STREAMS_HZ = {
+    # Armed and mode come with it alone: at its usual 1 Hz three lost in a row make it stale.
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: 4.0,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 20.0,

@@ -20,7 +20,7 @@ from landerd.messages import (
 FARTHEST_M = 1e5
 FASTEST_MPS = 100.0
 FASTEST_TURN_RADPS = 35.0
-_PULSE_US = (800, 2200)  # ArduPilot's own limits of a valid pulse
+_PULSE_US = (900, 2200)  # beyond these a pulse is no signal
 _CHANNELS = 18
 
 
@@ -62,13 +62,14 @@ def local_position(m: Message, t: float) -> LocalPosition:
 
 
 def rc_channels(m: Message, t: float) -> RcChannels:
-    """RC_CHANNELS; a channel without a sound pulse reads 0."""
+    """RC_CHANNELS; a channel without a sound pulse reads 0.
+
+    Whatever chancount says: that is the receiver's, and channels beyond it that are overridden over
+    MAVLink carry pulses all the same.
+    """
     raw = [getattr(m, f"chan{i}_raw") for i in range(1, _CHANNELS + 1)]
     low, high = _PULSE_US
-    return RcChannels(
-        t,
-        tuple(us if i < m.chancount and low <= us <= high else 0 for i, us in enumerate(raw)),
-    )
+    return RcChannels(t, tuple(us if low <= us <= high else 0 for us in raw))
 
 
 def landed_state(m: Message, t: float) -> LandedState:

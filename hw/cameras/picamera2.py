@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from hw.cameras.newest import NewestFrame
-from landerd.messages import Frame
+from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 from landerd.section import Section
 
@@ -53,6 +53,17 @@ class Picamera2Camera:
         if self._newest is None:
             raise DeviceLost("camera (picamera2) is closed")
         return await self._newest.get()
+
+    def expose(self, order: ExposureOrder) -> None:
+        """Expose so from the next pictures on; libcamera takes what is nearest."""
+        if self._camera is not None:
+            self._camera.set_controls(
+                {
+                    "AeEnable": False,
+                    "ExposureTime": round(1e6 * order.time_s),
+                    "AnalogueGain": order.gain,
+                }
+            )
 
     async def close(self) -> None:
         """Stop the stream; safe to call twice."""

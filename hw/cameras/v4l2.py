@@ -20,8 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from hw.cameras.v4l2_exposure import (
+    ANALOGUE_GAIN,
+    AUTOGAIN,
+    EXPOSURE,
+    EXPOSURE_AUTO,
+    EXPOSURE_PRIORITY,
+    EXPOSURE_UNIT_S,
+    GAIN,
+    MANUAL_EXPOSURE,
+    carry_out,
+)
 from hw.cameras.v4l2_node import Filled, Layout, Mode, Stamp, VideoNode
-from landerd.messages import Frame
+from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 from landerd.section import Section
 
@@ -33,12 +44,8 @@ _FIRST_FRAME_S = 4.0  # USB cameras take their time to start
 _STALL_S = 1.0
 _EMPTY_WAKE_UPS = 100  # readable without a picture this often in a row: an error state
 
-# linux/v4l2-controls.h
-_AUTOGAIN, _GAIN, _ANALOGUE_GAIN = 0x00980912, 0x00980913, 0x009E0903
-_EXPOSURE_AUTO, _EXPOSURE, _EXPOSURE_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
-_FOCUS, _FOCUS_AUTO = 0x009A090A, 0x009A090C
-_EXPOSURE_UNIT_S = 1e-4
-_MANUAL_EXPOSURE, _AUTOMATIC_EXPOSURES = 1, (3, 0)  # aperture priority is what UVC cameras have
+_FOCUS, _FOCUS_AUTO = 0x009A090A, 0x009A090C  # linux/v4l2-controls.h
+_AUTOMATIC_EXPOSURES = (3, 0)  # aperture priority is what UVC cameras have
 
 _REASONS = {
     errno.ENOENT: "is not there",
@@ -61,6 +68,8 @@ class V4l2Options(Section):
     format: Literal["auto", "GREY", "NV12", "YUYV", "MJPG"] = "auto"
     exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = None  # null: automatic
     gain: int | None = None  # in the camera's own units; null: left as it is
+    # How many times brighter the highest gain is than the lowest; for camera.exposure: pad.
+    gain_most: Annotated[float, Field(gt=1, le=1000)] = 16.0
     focus: int | None = None  # in the camera's own units; null: left as it is
     # Added to the middle of the exposure as the kernel's time stamp gives it.
     time_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
@@ -98,6 +107,9 @@ class V4l2Camera:
         self._buffers = 0
         self._was_full = False
         self._decoder: ThreadPoolExecutor | None = None
+        self._order: ExposureOrder | None = None  # the newest
+        self._is_new_order = False
+        self._ordering: asyncio.Task[None] | None = None
 
     # ---- open and close ----
 
@@ -112,10 +124,15 @@ class V4l2Camera:
         for remark in self.remarks:
             log.warning("camera %s: %s", self._options.device, remark)
         asyncio.get_running_loop().add_reader(self._node.fileno(), self._drain)
+        if self._order is not None:
+            self.expose(self._order)  # it was away, and begins as it was set up
 
     async def close(self) -> None:
         """Stop the stream; safe to call twice."""
         node, self._node = self._node, None
+        if self._ordering is not None:
+            await self._ordering  # it uses the node
+            self._ordering = None
         self._held = None
         if node is not None:
             asyncio.get_running_loop().remove_reader(node.fileno())
@@ -162,25 +179,25 @@ class V4l2Camera:
     def _set_controls(self, node: VideoNode) -> None:
         options = self._options
         self._exposure_s = 0.0
-        if node.range(_EXPOSURE_PRIORITY) is not None:
-            self._set(node, "constant rate", _EXPOSURE_PRIORITY, 0)
+        if node.range(EXPOSURE_PRIORITY) is not None:
+            self._set(node, "constant rate", EXPOSURE_PRIORITY, 0)
         if options.exposure_s is None:
-            if node.range(_EXPOSURE_AUTO) is not None:
+            if node.range(EXPOSURE_AUTO) is not None:
                 self._set_automatic(node)
             self.remarks.append(
                 "exposure is automatic, so its middle is not known: set camera.v4l2.exposure_s"
             )
         else:
-            if node.range(_EXPOSURE_AUTO) is not None:
-                self._set(node, "manual exposure", _EXPOSURE_AUTO, _MANUAL_EXPOSURE)
-            wanted = max(1, round(options.exposure_s / _EXPOSURE_UNIT_S))
-            taken = self._set(node, "exposure (0.1 ms)", _EXPOSURE, wanted)
-            self._exposure_s = _EXPOSURE_UNIT_S * taken if taken else options.exposure_s
+            if node.range(EXPOSURE_AUTO) is not None:
+                self._set(node, "manual exposure", EXPOSURE_AUTO, MANUAL_EXPOSURE)
+            wanted = max(1, round(options.exposure_s / EXPOSURE_UNIT_S))
+            taken = self._set(node, "exposure (0.1 ms)", EXPOSURE, wanted)
+            self._exposure_s = EXPOSURE_UNIT_S * taken if taken else options.exposure_s
         if options.gain is not None:
-            if node.range(_AUTOGAIN) is not None:
-                self._set(node, "manual gain", _AUTOGAIN, 0)
-            has_gain = node.range(_GAIN) is not None
-            self._set(node, "gain", _GAIN if has_gain else _ANALOGUE_GAIN, options.gain)
+            if node.range(AUTOGAIN) is not None:
+                self._set(node, "manual gain", AUTOGAIN, 0)
+            has_gain = node.range(GAIN) is not None
+            self._set(node, "gain", GAIN if has_gain else ANALOGUE_GAIN, options.gain)
         if options.focus is not None:
             if node.range(_FOCUS_AUTO) is not None:
                 self._set(node, "manual focus", _FOCUS_AUTO, 0)
@@ -212,12 +229,35 @@ class V4l2Camera:
     def _set_automatic(self, node: VideoNode) -> None:
         for value in _AUTOMATIC_EXPOSURES:
             try:
-                node.set_control(_EXPOSURE_AUTO, value)
+                node.set_control(EXPOSURE_AUTO, value)
             except OSError as e:
                 if e.errno == errno.ENODEV:
                     raise
             else:
                 return
+
+    # ---- exposure ----
+
+    def expose(self, order: ExposureOrder) -> None:
+        """Expose so from the next pictures on; the newest order counts."""
+        self._order, self._is_new_order = order, True
+        if self._node is not None and (self._ordering is None or self._ordering.done()):
+            self._ordering = asyncio.get_running_loop().create_task(self._carry_out_orders())
+
+    async def _carry_out_orders(self) -> None:
+        options = self._options
+        while self._is_new_order and self._order is not None and self._node is not None:
+            self._is_new_order = False
+            try:
+                # Control transfers over USB take tens of milliseconds each.
+                self._exposure_s = await asyncio.to_thread(
+                    carry_out, self._node, self._order, options.gain_most, 0.9 / options.fps
+                )
+            except OSError as e:
+                remark = f"exposure: it does not take orders: {e.strerror or e}"
+                if remark not in self.remarks:
+                    self.remarks.append(remark)
+                    log.warning("camera %s: %s", options.device, remark)
 
     # ---- pictures ----
 

@@ -6,7 +6,9 @@ own set, in hundredths of a degree. ArduPilot up to 4.2 knows MOUNT_STATUS only;
 driver `mavlink`. ArduPilot 4.1 mistakes the units of the order and of the report for gimbals of
 servos: use 4.3 or newer with those.
 
-Pitch and roll are against the horizon, yaw against the airframe.
+Pitch and roll are against the horizon, yaw against the airframe. ArduPilot composes them as yaw,
+pitch, roll (Quaternion::from_euler and to_euler: Rz Ry Rx), landerd as yaw, roll, pitch: they are
+converted, or straight down a roll of 3 degrees would be 3 degrees of lens direction.
 """
 
 import math
@@ -18,6 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import Message
 from hw.gimbals.behind_autopilot import BehindAutopilotGimbal, BehindAutopilotOptions
+from landerd.geometry import angles_zxy, rot_zyx
 
 _REPORTS = {
     "mount_orientation": mavlink.MAVLINK_MSG_ID_MOUNT_ORIENTATION,
@@ -55,4 +58,4 @@ class MavlinkMountGimbal(BehindAutopilotGimbal):
             yaw, pitch, roll = m.yaw, m.pitch, m.roll
         else:
             yaw, pitch, roll = 0.01 * m.pointing_c, 0.01 * m.pointing_a, 0.01 * m.pointing_b
-        return math.radians(yaw), math.radians(pitch), math.radians(roll)
+        return angles_zxy(rot_zyx(math.radians(yaw), math.radians(pitch), math.radians(roll)))

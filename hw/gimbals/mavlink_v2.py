@@ -6,6 +6,10 @@ newer is the manager of whatever its MNT1_TYPE names, and tells the attitude of 
 gimbal of servos that is what was ordered (`feedback: false`). It takes a pitch-and-yaw order only
 if both are numbers and the rates are not.
 
+The attitude is taken as the quaternion says. Where ArduPilot makes it of a gimbal's own angles it
+composes them as yaw, pitch, roll; of a gimbal that rolls under its yaw axis that is wrong by the
+roll while it looks straight down, and cannot be told from outside: keep the roll at 0.
+
 Pitch and roll are against the horizon, yaw against the airframe.
 """
 

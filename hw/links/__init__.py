@@ -1,5 +1,6 @@
 """Byte links, chosen by URL: serial, UDP, TCP; the in-memory pair is `hw.links.memory`."""
 
+from collections.abc import Callable
 from urllib.parse import parse_qsl, urlsplit
 
 from hw.links.serial import SerialLink
@@ -14,8 +15,12 @@ _FORMS = (
 )
 
 
-def open_link(url: str) -> ByteLink:
+def open_link(url: str, is_peer: Callable[[bytes], bool] | None = None) -> ByteLink:
     """Return the link that a URL names; its own `open` connects it.
+
+    Args:
+        url: one of the forms above.
+        is_peer: who is listened to by `udpin`; see UdpLink.
 
     `udpin` and `tcpin` listen, `udpout` and `tcp` call. Hosts are best given as numbers: a name
     is looked up in a thread of the event loop's.
@@ -29,7 +34,9 @@ def open_link(url: str) -> ByteLink:
     if kind in ("udpin", "udpout", "tcp", "tcpin"):
         host, port = _host_and_port(url, rest)
         listen = kind in ("udpin", "tcpin")
-        return (UdpLink if kind.startswith("udp") else TcpLink)(host, port, listen=listen)
+        if kind.startswith("udp"):
+            return UdpLink(host, port, listen=listen, is_peer=is_peer)
+        return TcpLink(host, port, listen=listen)
     if kind == "memory":
         raise ValueError("memory: is the simulator's own link and cannot be opened by its URL")
     raise ValueError(f"link {url!r}: expected {_FORMS}")

@@ -1,19 +1,43 @@
 """MAVLink's two UDP roles: wait for a peer on a port, or speak first to a known one."""
 
 import asyncio
+import logging
+import math
+from collections.abc import Callable
 from typing import Any, cast
 
 from hw.links.inbox import Inbox
 from hw.links.reasons import in_words
 from landerd.ports import DeviceLost
 
+log = logging.getLogger(__name__)
+
+SILENT_S = 3.0  # a peer silent for so long may come back from another address: a heartbeat's age
+
 
 class UdpLink(asyncio.DatagramProtocol):
-    """Datagrams as a ByteLink. There is no connection: a silent peer is not a lost link."""
+    """Datagrams as a ByteLink. There is no connection: a silent peer is not a lost link.
 
-    def __init__(self, host: str, port: int, *, listen: bool) -> None:
-        """With listen, bind host:port and answer whoever spoke last; else speak to host:port."""
+    Attributes:
+        strangers: datagrams of others than the peer, which were dropped.
+    """
+
+    def __init__(
+        self, host: str, port: int, *, listen: bool, is_peer: Callable[[bytes], bool] | None = None
+    ) -> None:
+        """With listen, bind host:port and wait for a peer; else speak to host:port.
+
+        Args:
+            host: a name or number.
+            port: of it.
+            listen: see above.
+            is_peer: tells by a datagram that its sender is the peer, who is the only one listened
+                to until he has been silent for SILENT_S; None: whoever spoke last.
+        """
         self._address = (host, port)
+        self._is_peer = is_peer
+        self._heard_t = -math.inf
+        self.strangers = 0
         self._listen = listen
         self._inbox = Inbox()
         self._transport: asyncio.DatagramTransport | None = None
@@ -23,7 +47,7 @@ class UdpLink(asyncio.DatagramProtocol):
         """Bind the socket. Raises DeviceLost."""
         await self.close()
         self._inbox.clear()
-        self._peer = None
+        self._peer, self._heard_t = None, -math.inf
         local, remote = (self._address, None) if self._listen else (None, self._address)
         try:
             await asyncio.get_running_loop().create_datagram_endpoint(
@@ -57,9 +81,22 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take a datagram."""
-        if self._listen:
-            self._peer = addr
+        if self._listen and not self._accepts(data, addr):
+            self.strangers += 1
+            if self.strangers == 1:
+                log.warning("udp: %s:%s is not the autopilot and not listened to", *addr[:2])
+            return
         self._inbox.put(data)
+
+    def _accepts(self, data: bytes, addr: Any) -> bool:
+        """Tell whether a datagram is the peer's; keep who that is."""
+        now = asyncio.get_running_loop().time()
+        if self._is_peer is not None and addr != self._peer:
+            if now - self._heard_t <= SILENT_S or not self._is_peer(data):
+                return False
+            log.info("udp: the autopilot is at %s:%s", *addr[:2])
+        self._peer, self._heard_t = addr, now
+        return True
 
     def error_received(self, exc: Exception) -> None:
         """Ignore: a refused datagram says only that the peer is not there yet."""

@@ -68,7 +68,7 @@ class SimCameraOptions(Section):
     clock_jitter_s: Annotated[float, Field(ge=0, le=0.05)] = 0.0  # sd
     drop: Share = 0.0  # probability that a picture is lost
     readout_s: Annotated[float, Field(ge=0, le=0.05)] = 0.0  # from the first row to the last
-    exposure: Literal["fixed", "auto"] = "fixed"
+    exposure: Literal["fixed", "auto", "ordered"] = "fixed"  # ordered: as landerd has it
     auto_exposure: AutoExposureOptions = AutoExposureOptions()
     tone: ToneOptions = ToneOptions()
     black_level: Annotated[float, Field(ge=0, le=100)] = 0.0  # grey level of no light

@@ -59,6 +59,9 @@ class OrdersVideo:
         self._writer.write(picture)
         self._frames += 1
 
+    def on_vision_reset(self) -> None:
+        """Nothing to keep of it."""
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Note the order that the next picture shows."""
         if isinstance(message, Tick):

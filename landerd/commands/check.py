@@ -26,7 +26,9 @@ from landerd.preflight.autopilot import AutopilotCheck
 from landerd.preflight.camera import check_camera
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
+from landerd.preflight.sensors import read_sensors, sensor_findings, sensors_file
 from landerd.runtime.daemon import Devices
+from landerd.vision import Vision
 
 _STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
 _LEAST_FREE_MB = 500.0  # of the logs' disk
@@ -92,7 +94,11 @@ async def check(loaded: Loaded, devices: Devices, state: Path) -> list[Finding]:
 
     parts = await asyncio.gather(autopilot.run(devices.autopilot, gimbal_done), camera(), gimbal())
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
-    return [*calibration, *(f for part in parts for f in part), *cut, disk(loaded, state)]
+    notes = sensors_file()
+    found = read_sensors(notes) if notes is not None else None
+    learned = sensor_findings(config, found) if found is not None else []
+    of_devices = [finding for part in parts for finding in part]
+    return [*calibration, *of_devices, *cut, *learned, disk(loaded, state)]
 
 
 def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
@@ -106,7 +112,10 @@ def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
 
 async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:
     options = camera_options(loaded)
-    found = await check_camera(camera, model, options.fps if options is not None else None)
+    layout = load_pad(loaded.config.pad.layout)
+    vision = Vision(layout, model, loaded.config.vision)
+    fps = options.fps if options is not None else None
+    found = await check_camera(camera, vision, model, fps)
     if any(f.item == "camera" and f.level == "fail" for f in found):
         found += [
             Finding("ok", "camera", f"there is {path}, {name}: {v4l2.in_words(modes)}")

@@ -19,8 +19,9 @@ from landerd.commands.shared import InputError, refusing, tell
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, cross, dot, scale, sub
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Sightings
-from landerd.pad import PadError, PadLayout, load_pad
+from landerd.pad import PadError, PadLayout, Ring, load_pad
 from landerd.vision import Vision
+from landerd.vision.disagreement import Disagreement
 from landerd.vision.draw import draw
 
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
@@ -118,10 +119,11 @@ def _detect(
         start = time.perf_counter()
         sightings = vision.process(Frame(picture.t, seq, picture.image))
         ms = 1e3 * (time.perf_counter() - start)
+        wrong = vision.disagreement()
         if args.json:
-            print(json.dumps(as_json(picture.name, sightings, ms)), flush=True)
+            print(json.dumps(as_json(picture.name, sightings, ms, wrong)), flush=True)
         else:
-            print(_in_words(picture.name, sightings, ms), flush=True)
+            print(_in_words(picture.name, sightings, ms, wrong), flush=True)
         if args.draw is not None:
             drawn = args.draw / f"{Path(picture.name).name.replace('#', '_')}.png"
             if not cv2.imwrite(str(drawn), draw(picture.image, sightings, fitting, layout)):
@@ -211,13 +213,31 @@ def _frames(source: str) -> Iterator[Picture]:
 # ---- what was seen -----------------------------------------------------------------------------
 
 
-def as_json(name: str, sightings: Sightings, ms: float) -> dict[str, Any]:
+def as_json(
+    name: str, sightings: Sightings, ms: float, wrong: Disagreement | None = None
+) -> dict[str, Any]:
     """Return the object that `--json` prints for one picture."""
     return {
         "image": name,
         "markers": [_marker(m) for m in sightings.markers],
         "pad": _pose(sightings.pad[0]) if sightings.pad else None,
+        "disagreement": None if wrong is None else _disagreement(wrong),
         "ms": round(ms, 3),
+    }
+
+
+def _disagreement(wrong: Disagreement) -> dict[str, Any]:
+    """Return what would explain that markers contradict each other; angles in degrees."""
+    marker, by = wrong.marker, wrong.by
+    if wrong.what in ("tilt", "heading"):
+        by = math.degrees(by)
+    number = None if isinstance(marker, Ring) else marker.id
+    return {
+        "kind": marker.kind,
+        "id": number,
+        "what": wrong.what,
+        "by": by,
+        "text": wrong.text,
     }
 
 
@@ -226,6 +246,7 @@ def _marker(marker: MarkerSighting) -> dict[str, Any]:
         "kind": marker.kind,
         "id": marker.id,
         **_pose(marker.solutions[0]),
+        "stage": marker.stage,
         "outline_px": [[round(x, 3), round(y, 3)] for x, y in marker.outline_px],
     }
 
@@ -247,13 +268,15 @@ def yaw_deg(normal: Vec3, north: Vec3) -> float:
     return math.degrees(math.atan2(dot(normal, cross(up, north)), dot(up, north)))
 
 
-def _in_words(name: str, sightings: Sightings, ms: float) -> str:
+def _in_words(name: str, sightings: Sightings, ms: float, wrong: Disagreement | None) -> str:
     parts = []
     for m in sightings.markers:
         label = m.kind if m.id is None else f"{m.kind} {m.id}"
         parts.append(f"{label} at {_place(m.solutions[0])}")
     if sightings.pad:
         parts.append(f"pad at {_place(sightings.pad[0])}")
+    if wrong is not None:
+        parts.append(f"markers disagree: {wrong.text}")
     return f"{name}: {'; '.join(parts) or 'nothing found'} ({ms:.1f} ms)"
 
 

@@ -16,11 +16,42 @@ from landerd.config.models import Config
 from landerd.devices import SetUpError, fitting_camera, make_devices
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
+from landerd.lander import Lander
+from landerd.messages import Command, Frame, Input, Prior, Sightings
 from landerd.pad import PadError, PadLayout, load_pad
-from landerd.runtime.daemon import Daemon
+from landerd.preflight.sensors import sensors_file, write_sensors
+from landerd.runtime.daemon import CoreFailed, Daemon, Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
 
 log = logging.getLogger("landerd")
+
+
+class SensorNotes:
+    """Keeps what each landing has found of camera and gimbal, for `landerd check`; an Observer."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._outcome: str | None = None
+
+    def on_flight(self, lander: Lander) -> None:
+        """A flight begins."""
+        self._lander = lander
+
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
+        """A frame was searched."""
+
+    def on_vision_reset(self) -> None:
+        """Nothing to keep of it."""
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        """Write it when a landing has ended."""
+        outcome, self._outcome = self._outcome, self._lander.outcome
+        if self._outcome is None or self._outcome == outcome:
+            return
+        try:
+            write_sensors(self._path, self._lander.sensor_errors)
+        except OSError as e:
+            log.warning("what was found of camera and gimbal is not kept: %s", e)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly until SIGTERM or SIGINT; return 0."""
+    """Fly until SIGTERM or SIGINT and return 0, or until the core fails and return 1."""
     loaded, overlay = load_with_saved(args)
     config = loaded.config
     with refusing(CalibrationError, PadError, SetUpError):
@@ -45,11 +76,19 @@ def run(args: argparse.Namespace) -> int:
         log.warning("flights are not recorded: log.folder is not set")
 
     async def fly() -> None:
-        observers = (ServiceNotifier(),) if recorder is None else (ServiceNotifier(), recorder)
-        await _run_until_signal(Daemon(config, layout, camera_model, devices, observers=observers))
+        observers: list[Observer] = [ServiceNotifier()]
+        if recorder is not None:
+            observers.append(recorder)
+        if (notes := sensors_file()) is not None:
+            observers.append(SensorNotes(notes))
+        await _run_until_signal(
+            Daemon(config, layout, camera_model, devices, observers=tuple(observers))
+        )
 
     try:
         asyncio.run(fly())
+    except CoreFailed:
+        return 1  # systemd starts it again
     finally:
         if recorder is not None:
             recorder.close()

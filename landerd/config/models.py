@@ -5,7 +5,7 @@ bring models of their own (landerd.drivers); they appear under the section they 
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -28,11 +28,31 @@ class VehicleSection(Section):
     footprint_m: tuple[Positive, Positive] = (0.44, 0.26)  # between the feet: along x, along y
 
 
+class MeteringSection(Section):
+    """How pictures are exposed where landerd does it (`camera.exposure: pad`)."""
+
+    shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4
+    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008  # against blur: gain before a longer one
+    longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # once there is no more gain
+    gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if not self.shortest_s <= self.short_s <= self.longest_s:
+            raise ValueError("expected shortest_s <= short_s <= longest_s")
+        return self
+
+
 class CameraSection(Section):
     """Which camera, and its calibration."""
 
     driver: str = "sim"
+    # fixed: as the driver's block says; auto: by the camera itself; pad: landerd by what it sees
+    exposure: Literal["fixed", "auto", "pad"] = "fixed"
+    metering: MeteringSection = MeteringSection()
     calibration: Path = Path("cameras/thesis.yaml")
+    # How much later a picture is stamped than its middle row was exposed; earlier: negative.
+    clock_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
 
 
 class GimbalSection(Section):
@@ -53,6 +73,8 @@ class AutopilotSection(Section):
     url: str = "memory:"
     setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
+    guided_timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
@@ -81,6 +103,9 @@ class VisionSection(Section):
 
     min_ring_px: Positive = 8.0  # smallest outer diameter of a ring that is searched for
     max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
+    # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
+    # by hand is good for, and what focus and warmth move.
+    focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005
 
 
 class EstimationSection(Section):
@@ -89,8 +114,8 @@ class EstimationSection(Section):
     pad_acceleration_mps2: Positive = 0.3  # how a pad may change its velocity, to begin with
     gimbal_sigma_deg: NotNegative = 1.0  # error of the lens's direction, slowly varying
     bearing_noise_deg: NotNegative = 0.05  # and from frame to frame
-    gimbal_late_s: NotNegative = 0.01  # a turning gimbal is so much behind what it says
-    clock_sigma_s: NotNegative = 0.01  # of the pictures' time against the telemetry's
+    gimbal_late_s: NotNegative = 0.002  # jitter of the times of attitude and gimbal angles
+    clock_sigma_s: NotNegative = 0.02  # of the pictures' time against the telemetry's
     position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
     gate_sigma: Positive = 4.0  # innovations beyond this are not accepted
 
@@ -178,6 +203,8 @@ class LostSection(Section):
     climb_mps: Annotated[float, Field(ge=0, le=3)] = 0.5
     climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # at most this far up; 0: do not climb
     give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # then hand back to the pilot
+    # handed back, too, when a landing has not come to commit in this time
+    total_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
     retries: Annotated[int, Field(ge=0, le=100)] = 5  # descents that may be broken off before that
 
 
@@ -219,6 +246,7 @@ class LogSection(Section):
     folder: Path | None = None  # None: $STATE_DIRECTORY/logs, which systemd sets
     images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
     every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
+    disarmed_images: bool = False  # also while the vehicle is disarmed
     most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
     keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
 

@@ -129,9 +129,14 @@ class PoseHistory:
         R_local_gimbal = gimbal_frames.look(self._reference, (roll, pitch, yaw), angles)
         return matmul(R_local_gimbal, self._R_gimbal_camera)
 
-    def down(self, t: float) -> Vec3 | None:
+    def velocity(self, t: float) -> Vec3:
+        """Return the vehicle's velocity at time t, local NED, m/s; zero where it is not known."""
+        p = self.position.at(t)
+        return (p[3], p[4], p[5]) if p is not None else (0.0, 0.0, 0.0)
+
+    def down(self, t: float, *, gimbal_back_s: float = 0.0) -> Vec3 | None:
         """Return gravity's direction in the camera frame at time t, None as `camera_rotation`."""
-        R = self.camera_rotation(t)
+        R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
         return None if R is None else rotate(transpose(R), DOWN)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:

@@ -1,16 +1,19 @@
 """What is known of vehicle, camera and pad: telemetry and sightings in, estimates out."""
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 from landerd.config.models import Config
 from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import ObservationModel, PadObservation
-from landerd.estimation.pad_filter import PadEstimate, PadFilter
+from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, vehicle_state
 from landerd.geometry import add, rotate, sub, transpose
 from landerd.messages import (
     Attitude,
+    ClockSync,
     GimbalState,
     LocalPosition,
     PadPrior,
@@ -31,17 +34,20 @@ class Estimator:
     Attributes:
         poses: position, attitude and gimbal angles of the last second.
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
+        refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
     """
 
     def __init__(self, config: Config) -> None:
         self._vehicle = config.vehicle
         self._freshness = config.freshness
+        self._clock_offset_s = config.camera.clock_offset_s
         self.poses = PoseHistory(config)
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
-        self.sighting_t = -math.inf
+        self.sighting_t = self.refused_t = -math.inf
         self.frame_t = -math.inf
+        self._clock_s = 0.0  # how wrong the times of the autopilot's data may be
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -50,6 +56,11 @@ class Estimator:
         jump = self.poses.add(message)
         if jump is not None:
             self._filter.shift(jump)
+
+    def on_clock(self, clock: ClockSync) -> None:
+        """Take how well the autopilot's clock is known: its data may be so much older."""
+        self._clock_s = clock.uncertainty_s
+        self._filter.on_clock(clock.uncertainty_s)
 
     def on_sightings(self, sightings: Sightings) -> list[PadObservation] | None:
         """Take what one frame shows of the pad.
@@ -61,15 +72,19 @@ class Estimator:
         if not sightings.t > self.frame_t:
             return None
         self.frame_t = sightings.t
+        t = sightings.t - self._clock_offset_s
+        clocks = self._filter.clocks
         observations = [
-            observation
+            o
             for solution in sightings.pad
             if _is_plausible(solution)
-            and (observation := self._observations.observe(sightings.t, solution)) is not None
+            and (o := self._observations.observe(t, solution, clocks)) is not None
         ]
         if not self._filter.update(observations):
+            if observations:
+                self.refused_t = t
             return []
-        self.sighting_t = sightings.t
+        self.sighting_t = t
         return observations
 
     def on_restart(self) -> None:
@@ -85,6 +100,12 @@ class Estimator:
         """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
         return self._filter.nis
 
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """What the filter has found of camera and gimbal, beside what the configuration says."""
+        found = self._filter.sensor_errors
+        return replace(found, clock_s=self._clock_offset_s + found.clock_s)
+
     def pad(self, t: float) -> PadEstimate | None:
         """Return the pad at time t, None while none is confirmed."""
         return self._filter.estimate(t)
@@ -99,17 +120,14 @@ class Estimator:
 
     def has_fresh_vehicle(self, now: float) -> bool:
         """Tell whether position and attitude are young enough to be flown on (rule 5)."""
-        fresh, poses = self._freshness, self.poses
-        if poses.position.age(now) > fresh.position_s:
-            return False
-        return not poses.attitude.age(now) > fresh.attitude_s
+        return self.stale(now) not in ("attitude", "position")
 
     def stale(self, now: float) -> Literal["attitude", "position", "gimbal"] | None:
         """Return the first of the sources that is too old to be flown on, None if none is."""
         fresh, poses = self._freshness, self.poses
-        if poses.attitude.age(now) > fresh.attitude_s:
+        if poses.attitude.age(now) + self._clock_s > fresh.attitude_s:
             return "attitude"
-        if poses.position.age(now) > fresh.position_s:
+        if poses.position.age(now) + self._clock_s > fresh.position_s:
             return "position"
         if poses.gimbal.age(now) > fresh.gimbal_s:
             return "gimbal"
@@ -117,9 +135,12 @@ class Estimator:
 
     def prior(self, t: float) -> Prior:
         """Return what is known of a picture exposed at time t (s) before it is searched."""
-        down = self.poses.down(t)
-        camera = self.poses.camera_pose(t)
-        pad = self.pad(t)
+        t -= self._clock_offset_s
+        clocks = self._filter.clocks
+        t_true, back = t - clocks.pictures_s, clocks.gimbal_s
+        down = self.poses.down(t_true, gimbal_back_s=back)
+        camera = self.poses.camera_pose(t_true, gimbal_back_s=back)
+        pad = self.pad(t_true)
         if camera is None or pad is None or t - self.sighting_t > PRIOR_KEEP_S:
             return Prior(down=down)
         R_camera_local = transpose(camera.R_local_camera)
@@ -127,9 +148,9 @@ class Estimator:
         if pad.heading is not None:
             north = rotate(R_camera_local, (math.cos(pad.heading), math.sin(pad.heading), 0.0))
         position = rotate(R_camera_local, sub(pad.position, camera.position))
-        # Where it will be seen is not where it is: lens and clock err in the next frame too.
-        B = self._observations.bias_jacobian(t, camera, position)
-        shown = rotate(R_camera_local, rotate(B, self._filter.bias))
+        # Where it will be seen is not where it is: the lens errs in the next frame too.
+        B = self._observations.bias_jacobian(camera, position, ZERO, ZERO, 0.0)
+        shown = rotate(R_camera_local, self._filter.shown(B))
         normal = rotate(R_camera_local, pad.normal)
         return Prior(down=down, pad=PadPrior(add(position, shown), pad.sigma_m, north, normal))
 

@@ -1,9 +1,11 @@
 """Kalman filter of a moving point seen through biases, errors that all frames have in common.
 
-State: position and velocity of the point (local NED), and three biases of what shows it: the
-lens's direction about the camera's x and y (rad), and the clock of the pictures (s). Constant
-velocity that turns with the pad's heading, driven by white acceleration; the biases are
-Gauss-Markov. A 9x9 covariance as six 3x3 blocks in plain floats: the same bits on every machine.
+State in four blocks of three: position and velocity of the point (local NED), and what shows it
+wrongly (estimation.observation says what each is): the lens's direction about the camera's x and y
+(rad) with the clock of the pictures (s), and the clock of the gimbal (s), the lens's scale and the
+autopilot's heading (rad). Constant velocity that turns with the pad's heading, driven by white
+acceleration; the biases are Gauss-Markov. The 12x12 covariance is kept as 3x3 blocks in plain
+floats: the same bits on every machine.
 """
 
 import math
@@ -19,6 +21,7 @@ from landerd.geometry import (
     matadd,
     matmul,
     matscale,
+    outer,
     rot_z,
     rotate,
     scale,
@@ -28,6 +31,8 @@ from landerd.geometry import (
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 ZEROS: Mat3 = (ZERO, ZERO, ZERO)
+Biases = tuple[Vec3, Vec3]
+Jacobian = tuple[Mat3, Mat3]  # of a position by the two blocks of biases
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,57 +42,75 @@ class Innovation:
     vector: Vec3  # m
     S: Mat3  # its covariance, m^2
     S_inverse: Mat3
-    PHt: tuple[Mat3, Mat3, Mat3]  # P H^T by blocks: position, velocity, biases
+    PHt: tuple[Mat3, Mat3, Mat3, Mat3]  # P H^T by blocks: position, velocity, biases
 
     @property
     def nis(self) -> float:
         """Normalised innovation squared, its squared Mahalanobis distance: chi-square of 3."""
         return dot(self.vector, rotate(self.S_inverse, self.vector))
 
+    def with_noise(self, more: Mat3) -> "Innovation":
+        """Return the same of a measurement with so much more white noise, m^2."""
+        S = matadd(self.S, more)
+        return Innovation(self.vector, S, inverse(S), self.PHt)
+
 
 class MotionFilter:
-    """Measured is position + B bias + noise; the 3x3 Jacobian B comes with every measurement."""
+    """Measured is position + B biases + noise; the Jacobian B comes with every measurement."""
 
-    def __init__(self, sigma_bias: Vec3, bias_time_constant_s: float) -> None:
+    def __init__(self, sigma_biases: Biases, time_constants_s: Biases) -> None:
         """Make a filter that knows nothing; call `start` first, after setting `q`.
 
         Args:
-            sigma_bias: of the biases while nothing is known of them: rad, rad, s.
-            bias_time_constant_s: their correlation time.
+            sigma_biases: while nothing is known of them, in the units above.
+            time_constants_s: their correlation times.
         """
         self.q: Vec3 = ZERO  # spectral density of the acceleration along local axes, m^2/s^3
-        self._initial_Pbb = diagonal(*(sigma * sigma for sigma in sigma_bias))
-        self._bias_time_constant_s = bias_time_constant_s
+        b, g = sigma_biases
+        self._initial_Pbb = diagonal(b[0] * b[0], b[1] * b[1], b[2] * b[2])
+        self._initial_Pgg = diagonal(g[0] * g[0], g[1] * g[1], g[2] * g[2])
+        self._time_constants_s = time_constants_s
         self.t = -math.inf
         self.turn_rate = 0.0  # of the velocity, rad/s
         self.position = self.velocity = ZERO
         self.Ppp = self.Ppv = self.Pvv = ZEROS
-        self._Ppb = self._Pvb = ZEROS
+        self._Ppb = self._Ppg = self._Pvb = self._Pvg = ZEROS
         self.forget_bias()
 
     def forget_bias(self) -> None:
         """Take the biases back to what is assumed of them."""
-        self.bias = ZERO
-        self.Pbb = self._initial_Pbb
+        self.biases: Biases = (ZERO, ZERO)
+        self.Pbb, self.Pgg, self._Pbg = self._initial_Pbb, self._initial_Pgg, ZEROS
 
-    def start(self, t: float, measured: Vec3, R: Mat3, B: Mat3, sigma_velocity: Vec3) -> None:
+    def assume_clock(self, sigma_s: float) -> None:
+        """Assume this of the pictures' clock from now on; what was learned of it is kept."""
+        P = self._initial_Pbb
+        learned = self.Pbb != P
+        self._initial_Pbb = diagonal(P[0][0], P[1][1], sigma_s * sigma_s)
+        if not learned:
+            self.Pbb = self._initial_Pbb
+
+    def start(self, t: float, measured: Vec3, R: Mat3, B: Jacobian, sigma_velocity: Vec3) -> None:
         """Begin from one measurement; what is known of the biases is kept.
 
         Args:
             t: s.
             measured: m.
             R: its white noise's covariance, m^2.
-            B: its Jacobian by the biases: m/rad, m/rad, m/s.
+            B: its Jacobian by the biases: m, or m/s for a clock, per unit of each.
             sigma_velocity: of a velocity that is not known, along the axes, m/s.
         """
         self.t = t
-        BP = matmul(B, self.Pbb)
-        self.position = sub(measured, rotate(B, self.bias))
+        b, g = B
+        by_b = matadd(matmul(b, self.Pbb), matmul(g, transpose(self._Pbg)))
+        by_g = matadd(matmul(b, self._Pbg), matmul(g, self.Pgg))
+        self.position = sub(measured, self._shown(B))
         self.velocity = ZERO
-        self.Ppp = matadd(R, matmul(BP, transpose(B)))
-        self.Ppv = self._Pvb = ZEROS
+        through = matadd(matmul(by_b, transpose(b)), matmul(by_g, transpose(g)))
+        self.Ppp = _symmetric(matadd(R, through))
+        self.Ppv = self._Pvb = self._Pvg = ZEROS
         self.Pvv = diagonal(*(sigma * sigma for sigma in sigma_velocity))
-        self._Ppb = matscale(BP, -1.0)
+        self._Ppb, self._Ppg = matscale(by_b, -1.0), matscale(by_g, -1.0)
 
     @property
     def sigma_velocity(self) -> Vec3:
@@ -98,6 +121,10 @@ class MotionFilter:
     def shift(self, by: Vec3) -> None:
         """The local frame jumped: what was at x is now at x + by."""
         self.position = add(self.position, by)
+
+    def loosen(self, covariance: Mat3) -> None:
+        """Know the position less well by this, m^2: something stepped, nobody knows what."""
+        self.Ppp = matadd(self.Ppp, covariance)
 
     def at(self, dt: float) -> tuple[Vec3, Vec3, Mat3]:
         """Return position, velocity and the position's covariance dt after the last step."""
@@ -113,47 +140,96 @@ class MotionFilter:
         dt = t - self.t
         self.t = t
         self.position, self.velocity, self.Ppp = self.at(dt)
-        keep = math.exp(-dt / self._bias_time_constant_s)
-        self._Ppb = matscale(matadd(self._Ppb, matscale(self._Pvb, dt)), keep)
-        self._Pvb = matscale(self._Pvb, keep)
         self.Ppv = matadd(
             matadd(self.Ppv, matscale(self.Pvv, dt)), diagonal(*scale(self.q, 0.5 * dt * dt))
         )
         self.Pvv = matadd(self.Pvv, diagonal(*scale(self.q, dt)))
-        self.bias = scale(self.bias, keep)
-        keep *= keep
-        self.Pbb = matadd(matscale(self.Pbb, keep), matscale(self._initial_Pbb, 1.0 - keep))
+        self._Ppb = matadd(self._Ppb, matscale(self._Pvb, dt))
+        self._Ppg = matadd(self._Ppg, matscale(self._Pvg, dt))
+        self._fade_biases(dt)
 
-    def innovation(self, measured: Vec3, R: Mat3, B: Mat3) -> Innovation:
+    def _fade_biases(self, dt: float) -> None:
+        """Let the Gauss-Markov biases go back to what is assumed of them."""
+        b_constants, g_constants = self._time_constants_s
+        keep_b, keep_g = _decay(b_constants, dt), _decay(g_constants, dt)
+        b, g = self.biases
+        self.biases = _times(b, keep_b), _times(g, keep_g)
+        self._Ppb, self._Pvb = _columns(self._Ppb, keep_b), _columns(self._Pvb, keep_b)
+        self._Ppg, self._Pvg = _columns(self._Ppg, keep_g), _columns(self._Pvg, keep_g)
+        self._Pbg = _product(self._Pbg, outer(keep_b, keep_g))
+        self.Pbb = _faded(self.Pbb, outer(keep_b, keep_b), self._initial_Pbb)
+        self.Pgg = _faded(self.Pgg, outer(keep_g, keep_g), self._initial_Pgg)
+
+    def innovation(self, measured: Vec3, R: Mat3, B: Jacobian) -> Innovation:
         """Return what a measurement at the filter's own time, with covariance R, would change."""
-        Bt = transpose(B)
-        Up = matadd(self.Ppp, matmul(self._Ppb, Bt))
-        Uv = matadd(transpose(self.Ppv), matmul(self._Pvb, Bt))
-        Ub = matadd(transpose(self._Ppb), matmul(self.Pbb, Bt))
-        S = matadd(matadd(Up, matmul(B, Ub)), R)
-        vector = sub(sub(measured, self.position), rotate(B, self.bias))
-        return Innovation(vector, S, inverse(S), (Up, Uv, Ub))
+        b, g = B
+        bt, gt = transpose(b), transpose(g)
+
+        def through(P0: Mat3, Pb: Mat3, Pg: Mat3) -> Mat3:
+            return matadd(matadd(P0, matmul(Pb, bt)), matmul(Pg, gt))
+
+        Up = through(self.Ppp, self._Ppb, self._Ppg)
+        Uv = through(transpose(self.Ppv), self._Pvb, self._Pvg)
+        Ub = through(transpose(self._Ppb), self.Pbb, self._Pbg)
+        Ug = through(transpose(self._Ppg), transpose(self._Pbg), self.Pgg)
+        S = matadd(matadd(matadd(Up, matmul(b, Ub)), matmul(g, Ug)), R)
+        vector = sub(sub(measured, self.position), self._shown(B))
+        return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug))
 
     def correct(self, innovation: Innovation) -> None:
         """Take a measurement in."""
         vector, S_inverse = innovation.vector, innovation.S_inverse
-        Up, Uv, Ub = innovation.PHt
-        Kp, Kv, Kb = matmul(Up, S_inverse), matmul(Uv, S_inverse), matmul(Ub, S_inverse)
+        Up, Uv, Ub, Ug = innovation.PHt
+        Kp, Kv = matmul(Up, S_inverse), matmul(Uv, S_inverse)
+        Kb, Kg = matmul(Ub, S_inverse), matmul(Ug, S_inverse)
         self.position = add(self.position, rotate(Kp, vector))
         self.velocity = add(self.velocity, rotate(Kv, vector))
-        self.bias = add(self.bias, rotate(Kb, vector))
-        Up, Uv, Ub = transpose(Up), transpose(Uv), transpose(Ub)
+        b, g = self.biases
+        self.biases = add(b, rotate(Kb, vector)), add(g, rotate(Kg, vector))
+        Up, Uv, Ub, Ug = transpose(Up), transpose(Uv), transpose(Ub), transpose(Ug)
         self.Ppp = _symmetric(_minus(self.Ppp, matmul(Kp, Up)))
         self.Ppv = _minus(self.Ppv, matmul(Kp, Uv))
         self.Pvv = _symmetric(_minus(self.Pvv, matmul(Kv, Uv)))
         self._Ppb = _minus(self._Ppb, matmul(Kp, Ub))
         self._Pvb = _minus(self._Pvb, matmul(Kv, Ub))
         self.Pbb = _symmetric(_minus(self.Pbb, matmul(Kb, Ub)))
+        self._Ppg = _minus(self._Ppg, matmul(Kp, Ug))
+        self._Pvg = _minus(self._Pvg, matmul(Kv, Ug))
+        self._Pbg = _minus(self._Pbg, matmul(Kb, Ug))
+        self.Pgg = _symmetric(_minus(self.Pgg, matmul(Kg, Ug)))
+
+    def _shown(self, B: Jacobian) -> Vec3:
+        """Return how far from where it is the biases show the point, m."""
+        return add(rotate(B[0], self.biases[0]), rotate(B[1], self.biases[1]))
 
     def _position_covariance_after(self, dt: float) -> Mat3:
         cross = matadd(self.Ppv, transpose(self.Ppv))
         grown = matadd(matadd(self.Ppp, matscale(cross, dt)), matscale(self.Pvv, dt * dt))
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
+
+
+def _decay(time_constants_s: Vec3, dt: float) -> Vec3:
+    x, y, z = time_constants_s
+    return (math.exp(-dt / x), math.exp(-dt / y), math.exp(-dt / z))
+
+
+def _times(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
+
+
+def _columns(m: Mat3, k: Vec3) -> Mat3:
+    """Return m diag(k)."""
+    return (_times(m[0], k), _times(m[1], k), _times(m[2], k))
+
+
+def _product(a: Mat3, b: Mat3) -> Mat3:
+    """Return the product element by element."""
+    return (_times(a[0], b[0]), _times(a[1], b[1]), _times(a[2], b[2]))
+
+
+def _faded(P: Mat3, keep: Mat3, initial: Mat3) -> Mat3:
+    """Return a covariance of Gauss-Markov errors later on, of which `initial` is the stationary."""
+    return matadd(initial, _product(_minus(P, initial), keep))
 
 
 def _minus(a: Mat3, b: Mat3) -> Mat3:

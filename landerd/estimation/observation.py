@@ -6,10 +6,12 @@ which the pad filter estimates.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
+from landerd.estimation.motion_filter import Jacobian
 from landerd.geometry import (
     Mat3,
     Vec3,
@@ -27,12 +29,32 @@ from landerd.geometry import (
     scale,
     sub,
     transpose,
+    unit,
 )
 from landerd.messages import PoseSolution
 
 # How far back the camera's pose is differenced to tell its motion, s: one period of the attitude
 # at the 50 Hz that hw/autopilots/streams.py asks for.
-DIFFERENCE_S = 0.02
+DIFFERENCE_S = 0.04
+# Ranges err alike from frame to frame: by the lens's scale and the print's size, and by so many of
+# the standard deviations that vision states (a small ring's outline lies on the same pixels).
+SIGMA_SCALE = 0.005
+MIN_RANGE_M = 0.01  # nearer than this nothing has a direction
+RANGE_CORRELATED = 2.0
+# Step in the telemetry's time (s) and position (m^2), 1 sigma, that sightings are taken through.
+# SITL beside a load of four processes steps by 3 to 10 ms (beyond 20 ms it is 4 sigma), GPS by cm.
+HICCUP_S = 0.005
+HICCUP = diagonal(0.02**2, 0.02**2, 0.02**2)
+
+
+class Clocks(NamedTuple):
+    """What clocks say more than the autopilot's, s."""
+
+    pictures_s: float = 0.0  # positive: pictures are stamped late
+    gimbal_s: float = 0.0  # of the gimbal's angles, less the pictures'
+
+
+AS_STAMPED = Clocks()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +64,11 @@ class PadObservation:
     t: float  # exposure, s
     position: Vec3  # landing point, m
     range_m: float  # from the camera
-    covariance: Mat3  # of what is new in every frame, m^2
-    bias_jacobian: Mat3  # of the position by the biases: lens about x and y, m/rad; clock, m/s
+    sight: Vec3  # unit vector from the camera to the landing point, local NED
+    covariance: Mat3  # of what is new in every frame by vision and gimbal noise, m^2
+    telemetry_noise: Mat3  # of what the telemetry's timing adds, however quiet it seems, m^2
+    bias_jacobian: Jacobian  # of the position by the biases
+    hiccup: Mat3  # covariance of what a step in the telemetry's time or position may bring, m^2
     heading: float | None  # rad
     sigma_heading: float  # rad; infinite without heading
     normal: Vec3  # unit vector into the pad
@@ -65,60 +90,98 @@ class ObservationModel:
         self._sigma_position = options.position_sigma_m
         self._poses = poses
 
-    def observe(self, t: float, solution: PoseSolution) -> PadObservation | None:
-        """Return the pad in local NED, or None where position, attitude or gimbal is missing.
+    def observe(
+        self, t: float, solution: PoseSolution, clocks: Clocks = AS_STAMPED
+    ) -> PadObservation | None:
+        """Return the pad in local NED, or None without position, attitude, gimbal or a distance.
 
         Args:
-            t: exposure, s.
+            t: exposure as the camera says, s.
             solution: the landing point's pose in the camera frame.
+            clocks: as far as they are known.
         """
-        camera = self._poses.camera_pose(t)
+        camera = self._poses.camera_pose(t - clocks.pictures_s, gimbal_back_s=clocks.gimbal_s)
         if camera is None:
             return None
         R = camera.R_local_camera
+        noise = _without_systematic(solution)
         arm = rotate(R, solution.position)
-        position = add(camera.position, arm)
-        gimbal_earlier = self._poses.camera_pose(t, gimbal_back_s=DIFFERENCE_S)
-        sweep = _sweep(position, gimbal_earlier, solution.position)
+        if norm(arm) < MIN_RANGE_M:
+            return None
         heading, sigma_heading = None, math.inf
         if solution.north is not None and solution.sigma_yaw is not None:
             heading = heading_of(rotate(R, solution.north))
-            sigma_heading = math.hypot(solution.sigma_yaw, self._sigma_bearing)
+            sigma_heading = math.hypot(noise.sigma_yaw or 0.0, self._sigma_bearing)
+        sigma_range = math.sqrt(max(0.0, noise.covariance[2][2]))
+        t_true = t - clocks.pictures_s
+        turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, solution.position)
+        # Positions differenced over so short a time would be noise; the velocity is not.
+        by_clock = add(self._poses.velocity(t_true), turning)
+        # The filter takes errors as they show without a correction.
+        shown = add(scale(by_clock, clocks.pictures_s), scale(by_gimbal, clocks.gimbal_s))
         return PadObservation(
             t=t,
-            position=position,
+            position=add(add(camera.position, arm), shown),
             range_m=norm(arm),
-            covariance=matadd(
-                rotate_covariance(R, solution.covariance),
-                matadd(
-                    self._pointing_noise(arm), matscale(outer(sweep, sweep), self._sigma_late**2)
-                ),
+            sight=unit(arm),
+            covariance=matadd(rotate_covariance(R, noise.covariance), self._pointing_noise(arm)),
+            telemetry_noise=self._telemetry_noise(sub(turning, by_gimbal), by_gimbal),
+            bias_jacobian=self.bias_jacobian(
+                camera, solution.position, by_clock, by_gimbal, sigma_range
             ),
-            bias_jacobian=self.bias_jacobian(t, camera, solution.position),
+            hiccup=matadd(HICCUP, matscale(outer(by_clock, by_clock), HICCUP_S**2)),
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
-            sigma_tilt=solution.sigma_tilt,
+            sigma_tilt=noise.sigma_tilt,
             cost=solution.cost,
         )
 
-    def bias_jacobian(self, t: float, camera: CameraPose, point: Vec3) -> Mat3:
-        """Return how the biases move what is seen at a point of the camera frame.
+    def bias_jacobian(
+        self, camera: CameraPose, point: Vec3, by_clock: Vec3, by_gimbal: Vec3, sigma_range: float
+    ) -> Jacobian:
+        """Return how the biases move what is seen at a point of the camera frame, local NED.
 
-        Columns: the lens's direction about camera x and y (m/rad), the clock (m/s); local NED.
+        Columns of the first block: the lens's direction about camera x and y (m/rad), the clock of
+        the pictures (m/s); of the second: the clock of the gimbal's angles (m/s), the range (m,
+        times its standard deviation), the autopilot's heading (m/rad).
 
         Args:
-            t: exposure, s.
-            camera: its pose then.
+            camera: its pose at the exposure.
             point: camera frame, m.
+            by_clock: as `_sweeps`; zero where clocks are of no matter.
+            by_gimbal: the same.
+            sigma_range: of the point's distance as vision says, m.
         """
         R = camera.R_local_camera
         x, y, z = point
         # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
         about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
-        position = add(camera.position, rotate(R, point))
-        by_clock = _sweep(position, self._poses.camera_pose(t - DIFFERENCE_S), point)
-        return transpose((about_x, about_y, by_clock))
+        arm = rotate(R, point)
+        distance = max(norm(arm), MIN_RANGE_M)
+        by_range = scale(arm, math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / distance))
+        return (
+            transpose((about_x, about_y, by_clock)),
+            transpose((by_gimbal, by_range, (-arm[1], arm[0], 0.0))),
+        )
+
+    def _sweeps(self, t: float, gimbal_back_s: float, point: Vec3) -> tuple[Vec3, Vec3]:
+        """Return how fast a point of the camera frame is swept through local NED, m/s.
+
+        Args:
+            t: when the picture was exposed as far as the clocks are known, s.
+            gimbal_back_s: how much older the gimbal's angles are to be.
+            point: camera frame, m.
+
+        Returns:
+            as the camera turns with airframe and gimbal; as the gimbal alone turns.
+        """
+        half, back = 0.5 * DIFFERENCE_S, gimbal_back_s
+        turn = self._poses.camera_rotation
+        return (
+            _sweep(turn(t + half, gimbal_back_s=back), turn(t - half, gimbal_back_s=back), point),
+            _sweep(turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point),
+        )
 
     def _pointing_noise(self, arm: Vec3) -> Mat3:
         """Return the covariance (m^2) of lens direction (across the arm) and vehicle position."""
@@ -126,16 +189,41 @@ class ObservationModel:
         across = along * dot(arm, arm) + self._sigma_position**2
         return matadd(diagonal(across, across, across), matscale(outer(arm, arm), -along))
 
+    def _telemetry_noise(self, by_turning: Vec3, by_gimbal: Vec3) -> Mat3:
+        """Return the covariance (m^2) of angles whose times jitter, by how fast they turn (m/s)."""
+        late = self._sigma_late**2
+        gimbal = outer(by_gimbal, by_gimbal)
+        return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
 
-def _sweep(position: Vec3, earlier: CameraPose | None, point: Vec3) -> Vec3:
-    """Return how fast a fixed point of the camera frame moves through local NED, m/s.
+def _without_systematic(s: PoseSolution) -> PoseSolution:
+    """Return a pose with the uncertainty of what is new in every frame.
+
+    What is alike in all moves pad and prediction together: it is no noise that a filter averages.
+    """
+    if s.systematic is None:
+        return s
+    # The rest is positive but for rounding.
+    yaw = None if s.sigma_yaw is None else _rest(s.sigma_yaw, s.systematic.sigma_yaw)
+    return replace(
+        s,
+        covariance=matadd(s.covariance, matscale(s.systematic.covariance, -1.0)),
+        sigma_yaw=yaw,
+        sigma_tilt=_rest(s.sigma_tilt, s.systematic.sigma_tilt),
+    )
+
+
+def _rest(sigma: float, part: float) -> float:
+    return math.sqrt(max(sigma * sigma - part * part, 0.0))
+
+
+def _sweep(after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:
+    """Return how fast a fixed point of the camera frame moves as the camera turns, local NED, m/s.
 
     Args:
-        position: where it is now, local NED, m.
-        earlier: the camera's pose DIFFERENCE_S ago; None: not known, taken for no motion.
+        after: R_local_camera; None: not known, taken for no motion.
+        before: the same DIFFERENCE_S earlier.
         point: camera frame, m.
     """
-    if earlier is None:
+    if after is None or before is None:
         return (0.0, 0.0, 0.0)
-    before = add(earlier.position, rotate(earlier.R_local_camera, point))
-    return scale(sub(position, before), 1.0 / DIFFERENCE_S)
+    return scale(sub(rotate(after, point), rotate(before, point)), 1.0 / DIFFERENCE_S)

@@ -14,16 +14,35 @@ from dataclasses import dataclass, replace
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.heading_filter import HeadingFilter
-from landerd.estimation.motion_filter import Innovation, MotionFilter
-from landerd.estimation.observation import PadObservation
-from landerd.geometry import Mat3, Vec3, add, clamp, matscale, scale, unit
+from landerd.estimation.motion_filter import Innovation, Jacobian, MotionFilter
+from landerd.estimation.observation import Clocks, PadObservation
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    clamp,
+    dot,
+    matadd,
+    matscale,
+    norm,
+    outer,
+    rotate,
+    scale,
+    sub,
+    unit,
+)
 
 # ---- when a pad is known -----------------------------------------------------------------------
 SIGHTINGS_TO_CONFIRM = 3  # consistent ones before a pad counts: one false alarm must not fly
 # Between those, s. With 2 s, one false alarm and the pad made a pad that flew at 3 to 6 m/s.
 MAX_CONFIRM_GAP_S = 0.3
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
-REJECTIONS_TO_RESTART = 5  # in a row, after which the filter starts again from what it refused
+REJECTIONS_TO_RESTART = 5  # in a row and together: the pad is there, and not where it was thought
+# How far a sighting may jump from the last one and be of the same thing: the fastest pad, seen from
+# a vehicle that does not know its speed.
+FASTEST_PAD_MPS = 15.0
+# Steps of the autopilot's position are smaller (GPS glitches that its EKF takes are), and rare.
+MAX_STEP_M, STEP_GAP_S = 0.5, 1.0
 MAX_SIGMA_HEADING = math.radians(5.0)  # rad; a heading less certain than this is not known
 
 # ---- what is assumed of pads -------------------------------------------------------------------
@@ -34,6 +53,9 @@ SIGMA_INITIAL_TILT = math.radians(6.0)  # rad, from level
 TILT_RANDOM_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
 
 # ---- what is assumed of the measurement --------------------------------------------------------
+SIGMA_GIMBAL_CLOCK_S = 0.015  # of the gimbal's angles against the pictures, beside the autopilot's
+SIGMA_HEADING = math.radians(2.0)  # rad, of the autopilot's heading
+RANGE_TIME_CONSTANT_S = 2.0  # of the errors of ranges, which change as the pad comes nearer
 BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and clock
 ADAPTATION_RATE = 0.05  # per frame: how fast the assumed noises follow the innovations
 NOISE_SCALE_RANGE = (0.05, 100.0)  # of the white noise's variance, times what is said of it
@@ -69,6 +91,24 @@ class PadEstimate:
         return math.sqrt(max(c[0][0], c[1][1], c[2][2]))
 
 
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """What is wrong about camera and gimbal in all frames alike, as far as it is known.
+
+    An error of the camera's clock cannot be told from one of TIMESYNC, nor one of the mounting from
+    one of the gimbal's angles: these are their sums.
+    """
+
+    clock_s: float  # pictures are stamped so much late
+    sigma_clock_s: float
+    gimbal_clock_s: float  # the gimbal's angles are stamped so much earlier than the attitude
+    sigma_gimbal_clock_s: float
+    up: float  # the lens looks so much higher than is said, rad
+    right: float  # and so much farther to the right
+    sigma_up: float
+    sigma_right: float
+
+
 class PadFilter:
     """One pad's state. Call `update` with every frame's observations in the order of exposure.
 
@@ -80,30 +120,73 @@ class PadFilter:
 
     def __init__(self, options: EstimationSection) -> None:
         bearing = math.radians(options.gimbal_sigma_deg)
-        self._motion = MotionFilter((bearing, bearing, options.clock_sigma_s), BIAS_TIME_CONSTANT_S)
+        self._motion = MotionFilter(
+            (
+                (bearing, bearing, options.clock_sigma_s),
+                (SIGMA_GIMBAL_CLOCK_S, 1.0, SIGMA_HEADING),
+            ),
+            (
+                (BIAS_TIME_CONSTANT_S,) * 3,
+                (BIAS_TIME_CONSTANT_S, RANGE_TIME_CONSTANT_S, BIAS_TIME_CONSTANT_S),
+            ),
+        )
         self._q = options.pad_acceleration_mps2**2
         self._heading = HeadingFilter(options.gate_sigma)
-        self._sigma_bearing = bearing
+        self._sigma_bearing, self._sigma_clock = bearing, options.clock_sigma_s
         self._nis_limit = options.gate_sigma**2
         self._accepted = 0  # sightings since the filter began; 0: nothing is known
-        self._rejections = 0  # in a row
+        self._accepted_t = -math.inf
+        self._rejections = 0  # in a row, lying together
+        self._refused_t = self._stepped_t = -math.inf
+        self._refused_step: Vec3 = (0.0, 0.0, 0.0)  # innovation of the last one refused, m
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._tilt_variance = SIGMA_INITIAL_TILT**2
-        self._noise_scale = 1.0  # white noise's variance over what it is said to be
+        # White noise's variance over what it is said to be: across the line of sight, and along it.
+        self._noise_scale = (1.0, 1.0)
         self._last_innovation: Vec3 = (0.0, 0.0, 0.0)  # the position's, m
         self.rejected = 0
         self.nis = math.nan
 
     @property
-    def bias(self) -> Vec3:
-        """Errors common to all frames: lens about camera x and y (rad), clock (s)."""
-        return self._motion.bias
+    def clocks(self) -> Clocks:
+        """The clocks as far as they are known."""
+        (_, _, pictures), (gimbal, _, _) = self._motion.biases
+        return Clocks(pictures, gimbal)
+
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """What the biases are, of the clock's beside what pictures were put right by."""
+        motion = self._motion
+        (about_x, about_y, clock), (gimbal, _, _) = motion.biases
+        b, g = motion.Pbb, motion.Pgg
+        return SensorErrors(
+            clock_s=clock,
+            sigma_clock_s=math.sqrt(b[2][2]),
+            gimbal_clock_s=gimbal,
+            sigma_gimbal_clock_s=math.sqrt(g[0][0]),
+            up=-about_x,
+            right=-about_y,
+            sigma_up=math.sqrt(b[0][0]),
+            sigma_right=math.sqrt(b[1][1]),
+        )
+
+    def shown(self, B: Jacobian) -> Vec3:
+        """Return how far from where it is the errors common to all frames show the pad, m.
+
+        But those of the clocks, which are put right where pictures are placed.
+        """
+        (x, y, _), (_, range_, heading) = self._motion.biases
+        return add(rotate(B[0], (x, y, 0.0)), rotate(B[1], (0.0, range_, heading)))
 
     def reset(self) -> None:
         """Forget the pad, and all that is known of the gimbal."""
         self._accepted = 0
         self._heading.reset()
         self._motion.forget_bias()
+
+    def on_clock(self, uncertainty_s: float) -> None:
+        """Take how well the autopilot's clock is known: the pictures' is known no better, s."""
+        self._motion.assume_clock(math.hypot(self._sigma_clock, uncertainty_s))
 
     def shift(self, by: Vec3) -> None:
         """The autopilot's local frame jumped: what was at x is now at x + by, m."""
@@ -121,7 +204,7 @@ class PadFilter:
             return False
         t = possible[0].t
         max_gap = MAX_GAP_S if self._accepted >= SIGHTINGS_TO_CONFIRM else MAX_CONFIRM_GAP_S
-        if self._accepted == 0 or t - self._motion.t > max_gap:
+        if self._accepted == 0 or t - self._accepted_t > max_gap:
             self._start(min(possible, key=_cost_by_level))
             return False
         if t <= self._motion.t:
@@ -132,8 +215,10 @@ class PadFilter:
         self.nis = innovation.nis
         self._adapt(best, innovation)
         if not self.nis <= self._nis_limit:  # so that NaN is outside
-            self._reject(best)
-            return False
+            # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
+            innovation = innovation.with_noise(best.hiccup)
+        if not innovation.nis <= self._nis_limit:
+            return self._reject(best, innovation)
         self._accept(best, innovation)
         return self._accepted >= SIGHTINGS_TO_CONFIRM
 
@@ -159,10 +244,11 @@ class PadFilter:
     def _start(self, seen: PadObservation) -> None:
         """Begin anew from one observation; the biases are kept."""
         self._accepted = 1
+        self._accepted_t = seen.t
         self._rejections = 0
         self._motion.q = (self._q, self._q, self._q)
         self._last_innovation = (0.0, 0.0, 0.0)
-        self._noise_scale = 1.0
+        self._noise_scale = (1.0, 1.0)
         self._motion.start(
             seen.t,
             seen.position,
@@ -186,26 +272,63 @@ class PadFilter:
 
     def _innovation(self, seen: PadObservation) -> Innovation:
         # A pad that the vehicle goes along with hides the clock's error.
-        v = self._motion.velocity
-        a, b, c = seen.bias_jacobian
-        bias_jacobian = (
+        motion = self._motion
+        v = motion.velocity
+        (a, b, c), by_gimbal = seen.bias_jacobian
+        by_lens = (
             (a[0], a[1], a[2] - v[0]),
             (b[0], b[1], b[2] - v[1]),
             (c[0], c[1], c[2] - v[2]),
         )
-        return self._motion.innovation(
-            seen.position, matscale(seen.covariance, self._noise_scale), bias_jacobian
+        # While neither the pad's velocity nor the clock is known, one says nothing of the other:
+        # the second-order term of their product.
+        unknown = matscale(motion.Pvv, motion.Pbb[2][2])
+        noise = matadd(self._white_noise(seen), matadd(seen.telemetry_noise, unknown))
+        return motion.innovation(seen.position, noise, (by_lens, by_gimbal))
+
+    def _white_noise(self, seen: PadObservation) -> Mat3:
+        """Return what is new in every frame as it was learned, m^2."""
+        across, along = self._noise_scale
+        in_range = dot(seen.sight, rotate(seen.covariance, seen.sight)) * (along - across)
+        return matadd(
+            matscale(seen.covariance, across), matscale(outer(seen.sight, seen.sight), in_range)
         )
 
-    def _reject(self, seen: PadObservation) -> None:
+    def _reject(self, seen: PadObservation, innovation: Innovation) -> bool:
+        """Refuse it; tell whether it was accepted after all, as evidence of a step.
+
+        Sightings refused in a row that lie together say that the pad is there. A little aside it is
+        the same pad, and position or time of the telemetry have stepped: the position is known less
+        well, all else is kept. Farther away, or soon after a step, it is another one.
+        """
         self.rejected += 1
-        self._rejections += 1
-        if self._rejections >= REJECTIONS_TO_RESTART:
+        step = innovation.vector
+        apart = norm(sub(step, self._refused_step))
+        reach = FASTEST_PAD_MPS * (seen.t - self._refused_t) + self._gate(innovation)
+        self._rejections = self._rejections + 1 if apart <= reach else 1
+        self._refused_step, self._refused_t = step, seen.t
+        if self._rejections < REJECTIONS_TO_RESTART:
+            return False
+        if self._accepted < SIGHTINGS_TO_CONFIRM or not self._is_step(seen.t, step):
             self._start(seen)
+            return False
+        self._stepped_t = seen.t
+        self._motion.loosen(outer(step, step))
+        self._accept(seen, innovation.with_noise(outer(step, step)))
+        return True
+
+    def _gate(self, innovation: Innovation) -> float:
+        """Return how far aside an innovation may be at most by its covariance, m."""
+        S = innovation.S
+        return math.sqrt(self._nis_limit * max(S[0][0], S[1][1], S[2][2]))
+
+    def _is_step(self, t: float, step: Vec3) -> bool:
+        return norm(step) < MAX_STEP_M and t - self._stepped_t > STEP_GAP_S
 
     def _accept(self, seen: PadObservation, innovation: Innovation) -> None:
         self._rejections = 0
         self._accepted += 1
+        self._accepted_t = seen.t
         self._motion.correct(innovation)
         self._correct_tilt(seen)
         if seen.heading is not None:
@@ -222,9 +345,7 @@ class PadFilter:
         """
         if not self.nis <= OUTLIER_FACTOR * self._nis_limit:  # so that NaN is outside
             return
-        nis = min(self.nis, self._nis_limit)
-        scaled = self._noise_scale * math.exp(ADAPTATION_RATE * (nis / 3.0 - 1.0))
-        self._noise_scale = clamp(scaled, *NOISE_SCALE_RANGE)
+        self._adapt_noise(seen, innovation)
         x, y, z = innovation.vector
         u, v, w = self._last_innovation
         self._last_innovation = innovation.vector
@@ -235,6 +356,17 @@ class PadFilter:
         q_north, _, q_down = self._motion.q
         q_north = _adapted(q_north, horizontal)
         self._motion.q = (q_north, q_north, _adapted(q_down, z * w / S[2][2]))
+
+    def _adapt_noise(self, seen: PadObservation, innovation: Innovation) -> None:
+        d = seen.sight
+        off = dot(d, innovation.vector)
+        in_range = off * off / dot(d, rotate(innovation.S, d))
+        nis = min(self.nis, self._nis_limit)
+        across, along = self._noise_scale
+        self._noise_scale = (
+            _scaled(across, 0.5 * max(0.0, nis - in_range)),
+            _scaled(along, min(in_range, self._nis_limit)),
+        )
 
     def _cost_by_tilt(self, seen: PadObservation) -> float:
         """Return chi-square of a pose: what the picture says, and how the pad lay before."""
@@ -252,6 +384,11 @@ class PadFilter:
             east + k * (seen.normal[1] - east),
         )
         self._tilt_variance *= 1.0 - k
+
+
+def _scaled(noise_scale: float, nis: float) -> float:
+    """Return the scale of a variance after an innovation of this NIS for each degree of freedom."""
+    return clamp(noise_scale * math.exp(ADAPTATION_RATE * (nis - 1.0)), *NOISE_SCALE_RANGE)
 
 
 def _adapted(q: float, correlation: float) -> float:

@@ -4,7 +4,7 @@
 |---|---|
 | `/in/TYPE` | a message as the core took it; its number counts the core's steps |
 | `/out/TYPE` | a command, with the number of the step that gave it |
-| `/core/state` | phase, outcome, and the pad relative to the vehicle |
+| `/core/state` | phase, outcome, the pad relative to the vehicle, errors of camera and gimbal |
 | `/vision/searched` | a frame that was searched and what was expected in it |
 | `/camera/image`, `/camera/calibration`, `/camera/markers`, `/tf`, `/events` | for Foxglove |
 | `/log/dropped` | how much could not be recorded so far, by kind |
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from landerd.camera_model import CameraModel
 from landerd.config.models import Config
+from landerd.estimation.pad_filter import SensorErrors
 from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Command, Input, Phase, Prior
 from landerd.pad import PadLayout
@@ -49,6 +50,7 @@ class Searched:
     t: float  # exposure, s
     seq: int
     prior: Prior
+    anew: bool = False  # vision had begun anew: a search before this one had failed, or hung
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,7 @@ class State:
     outcome: str | None
     aborts: int
     relative: RelativeState | None  # None while pad or vehicle is unknown
+    sensors: SensorErrors | None = None  # None: of an older landerd
 
 
 @dataclass(frozen=True, slots=True)

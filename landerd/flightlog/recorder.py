@@ -19,7 +19,7 @@ from landerd.flightlog.contents import Dropped, Head, Searched, State
 from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, rotate
 from landerd.flightlog.writer import LogWriter
 from landerd.lander import Lander
-from landerd.messages import Command, Frame, Input, Prior, Sightings, Tick
+from landerd.messages import Command, Frame, Heartbeat, Input, Prior, Sightings, Tick
 
 log = logging.getLogger("landerd")
 
@@ -83,6 +83,8 @@ class Recorder:
         self._queue: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
         self._images_put = self._images_done = 0  # counted on either side of the queue
         self._frames = 0
+        self._anew = False
+        self._armed = True  # as far as is known
         self._number = 0
         self._flights = 0
         self._lander: Lander | None = None
@@ -105,13 +107,17 @@ class Recorder:
         """A new flight with a new core: begin a new file."""
         self._lander = lander
         self._number = self._frames = 0
+        self._anew = False
         self._put(self._begin, (lander.config,))
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Record a frame that was searched."""
         if self._takes_detail():
-            self._put(self._searched, (self._now, Searched(frame.t, frame.seq, prior)))
+            searched = Searched(frame.t, frame.seq, prior, self._anew)
+            self._put(self._searched, (self._now, searched))
+            self._anew = False
         wanted = self._options.images != "none" and self._frames % self._options.every_nth == 0
+        wanted = wanted and (self._armed or self._options.disarmed_images)
         self._frames += 1
         if not wanted:
             return
@@ -121,9 +127,15 @@ class Recorder:
             self._images_put += 1
             self._put(self._image, (self._now, frame))
 
+    def on_vision_reset(self) -> None:
+        """Record with the next frame that vision began anew."""
+        self._anew = True
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Record what the core took and gave."""
         self._now = now
+        if isinstance(message, Heartbeat):
+            self._armed = message.armed
         number = self._number
         self._number += 1  # also of what is dropped: the gap shows
         if not self._takes_messages():
@@ -157,6 +169,7 @@ class Recorder:
             lander.outcome,
             lander.aborts,
             lander.relative_state(now),
+            lander.sensor_errors,
         )
         self._put(self._state, (state,))
 

@@ -126,11 +126,14 @@ def replay_vision(log: FlightLog, config: Config) -> VisionReplayed | str:
             "from log.images=lossless and log.every_nth=1"
         )
     seen = {s.message.seq: s.message for s in log.steps if isinstance(s.message, Sightings)}
-    vision = Vision(log.layout, log.camera, config.vision)
+    meters = config.camera.exposure == "pad"
+    vision = Vision(log.layout, log.camera, config.vision, meters=meters)
     result = VisionReplayed(Comparison())
     for searched, (frame, form) in zip(log.searched, read_images(log.path), strict=False):
         if form != "png" or frame.seq != searched.seq:
             return f"frame {searched.seq} was not recorded without loss"
+        if searched.anew:
+            vision = Vision(log.layout, log.camera, config.vision)
         sightings = vision.process(Frame(searched.t, searched.seq, frame.image), searched.prior)
         logged = seen.get(searched.seq)
         if logged is None:  # the log ends before the core took them

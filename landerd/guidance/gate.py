@@ -1,18 +1,19 @@
 """Who flies: arming, GUIDED, the pilot's switch, and the latch (design rule 1; thesis 2.4.5)."""
 
 import math
+from dataclasses import replace
 from enum import Enum
 
 from landerd.config.models import FreshnessSection, RcSection
 from landerd.guidance import pilot_texts
-from landerd.messages import Heartbeat, RcChannels
+from landerd.messages import ClockSync, Heartbeat, RcChannels
 
 
 class Authority(Enum):
     """What landerd may do now."""
 
-    SILENT = "silent"  # not armed, not GUIDED or no heartbeat: nothing may be sent
-    RELEASED = "released"  # in GUIDED, but the pilot's gate is closed or the latch is set
+    SILENT = "silent"  # not armed or not GUIDED: nothing may be sent
+    RELEASED = "released"  # the pilot's gate is closed, the latch is set, or nothing is known
     GRANTED = "granted"  # landerd may fly
 
 
@@ -29,6 +30,7 @@ class Gate:
         self._freshness = freshness
         self._heartbeat: Heartbeat | None = None
         self._rc_t = -math.inf
+        self._clock_s = 0.0
         self._ending = False
 
     def configure(self, rc: RcSection) -> None:
@@ -66,9 +68,14 @@ class Gate:
         if 0 < self._pulse_us <= self._threshold_us:
             self._latched = False
 
+    def on_clock(self, clock: ClockSync) -> None:
+        """Take how well the autopilot's clock is known: so much older its data may be."""
+        self._clock_s = clock.uncertainty_s
+
     def on_restart(self) -> None:
         """The autopilot restarted: what it said before counts no more."""
-        self._heartbeat = None
+        if self._heartbeat is not None:
+            self._heartbeat = replace(self._heartbeat, t=-math.inf)
         self._rc_t = -math.inf
         self._latched = True
 
@@ -84,14 +91,16 @@ class Gate:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
         if beat is None or now - beat.t > self._freshness.heartbeat_s:
-            return Authority.SILENT, pilot_texts.NO_HEARTBEAT
+            # One that was heard may still fly on the last velocity: that is stopped first.
+            silent = Authority.SILENT if beat is None else Authority.RELEASED
+            return silent, pilot_texts.NO_HEARTBEAT
         if not beat.armed:
             return Authority.SILENT, pilot_texts.NOT_ARMED
         if not beat.guided:
             return Authority.SILENT, pilot_texts.NOT_GUIDED.format(mode=beat.mode)
         if self._ending:
             return Authority.RELEASED, pilot_texts.TOLD_TO_STOP
-        if now - self._rc_t > self._freshness.rc_s:
+        if now - self._rc_t + self._clock_s > self._freshness.rc_s:
             return Authority.RELEASED, pilot_texts.RC_STALE
         if self._pulse_us == 0:
             return Authority.RELEASED, pilot_texts.RC_NO_SIGNAL.format(channel=self._channel)

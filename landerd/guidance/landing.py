@@ -2,22 +2,28 @@
 
 from dataclasses import replace
 
-from landerd.config.models import Config, GuidanceSection
+from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.guidance import pilot_texts
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_context import ControlStep, LandingContext, LandingState
+from landerd.guidance.last_orders import LastOrders
+from landerd.guidance.limits import STOPPED
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.method import make_method
 from landerd.guidance.orders import Orders
 from landerd.guidance.phases import Phases
 from landerd.guidance.relative_state import RelativeState
-from landerd.guidance.state_flying import Searching, Tracking
-from landerd.guidance.state_pad import Committed, OnPad
+from landerd.guidance.state_flying import Searching, Tracking, WavingOff
+from landerd.guidance.state_pad import Committed, OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
 from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
-from landerd.messages import Command, Landed, Phase, Severity
+from landerd.messages import Command, Landed, Phase, PressDown, Setpoint, Severity
+from landerd.pad import PadLayout
+
+# A wave-off that nobody watches any more, s: at climb_mps it gains less than 0.5 m (rule 1b).
+BLIND_WAVE_OFF_S = 0.5
 
 
 class Landing:
@@ -27,14 +33,12 @@ class Landing:
         state: that had its turn last.
     """
 
-    def __init__(
-        self, config: Config, gate: Gate, estimator: Estimator, *, pad_has_heading: bool
-    ) -> None:
+    def __init__(self, config: Config, layout: PadLayout, gate: Gate, estimator: Estimator) -> None:
         guidance = config.guidance
         self._gate = gate
         self._orders = Orders(guidance.limits)
-        self._context = LandingContext(config, estimator, self._orders)
-        self._phases = Phases(guidance.descent, has_heading=pad_has_heading)
+        self._context = LandingContext(config, layout, estimator, self._orders)
+        self._phases = Phases(guidance.descent, has_heading=layout.has_heading)
         self._method = make_method(guidance)
         self._lost = LostPlan(guidance.lost)
         self._touchdown = Touchdown(
@@ -49,13 +53,17 @@ class Landing:
             State.TRACKING: Tracking(context, self._phases, self._method),
             State.SEARCHING: Searching(context, self._lost),
             State.COMMITTED: Committed(context, self._method, self._touchdown),
+            State.WAVING_OFF: WavingOff(context),
+            State.LEAVING: WavingOff(context),
             State.ON_PAD: OnPad(context, self._touchdown),
+            State.STANDING: Standing(context, self._touchdown),
         }
         self.state = State.SILENT
 
-    def configure(self, guidance: GuidanceSection) -> None:
+    def configure(self, config: Config) -> None:
         """Go on with changed parameters."""
-        self._context.options = guidance
+        guidance = config.guidance
+        self._context.configure(config)
         self._orders.configure(guidance.limits)
         self._phases.configure(guidance.descent)
         self._method.configure(guidance)
@@ -99,7 +107,7 @@ class Landing:
             self._orders.enter(Phase.NOT_LANDING, pilot_texts.PRECISION_LANDING)
             return self._orders.commands
         authority, why = self._gate.authority(now)
-        if authority is Authority.RELEASED:
+        if authority is not Authority.GRANTED:
             self._context.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
         event: Event | None = self._event_of(authority)
@@ -108,15 +116,38 @@ class Landing:
             event = self._states[self.state].order(step)
         return self._orders.commands
 
+    @property
+    def last_orders(self) -> LastOrders | None:
+        """What is to be streamed should there be no other step; None while nothing is flown."""
+        ordered = [c for c in self._orders.commands if isinstance(c, Setpoint | PressDown)]
+        if not ordered:
+            return None
+        release_s = self._context.options.release_s
+        if isinstance(ordered[-1], PressDown):
+            return LastOrders(None, 0.0, ordered[-1], release_s)
+        away = None
+        if self._must_leave():
+            north, east, _ = self._context.pad_velocity
+            away = Setpoint((north, east, -self._context.options.limits.climb_mps), 0.0)
+        return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
+
     def _event_of(self, authority: Authority) -> Event:
         match authority:
             case Authority.GRANTED:
                 return Event.GRANTED
             case Authority.RELEASED:
-                return Event.RELEASED
+                return Event.RELEASED_LOW if self._must_leave() else Event.RELEASED
             case Authority.SILENT:
-                on_pad = self.state is State.ON_PAD
-                return Event.DISARMED if on_pad and self._gate.disarmed else Event.SILENCED
+                if self.state is not State.ON_PAD or not self._gate.disarmed:
+                    return Event.SILENCED
+                on_plate = self._context.foothold.on_plate
+                return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD
+
+    def _must_leave(self) -> bool:
+        """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
+        if self.state is State.ON_PAD:
+            return self._context.over_fast_pad and not self._touchdown.stands
+        return self._context.just_over_fast_pad
 
     def _follow(self, event: Event, step: ControlStep) -> ControlStep:
         """Go where an event leads; return the control step as the new state begins it."""

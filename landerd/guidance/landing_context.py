@@ -8,12 +8,18 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, horizontal
 from landerd.guidance import pilot_texts
+from landerd.guidance.foothold import Foothold
 from landerd.guidance.orders import Orders
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import Event
 from landerd.messages import Landed
+from landerd.pad import PadLayout
+
+# So low over a pad so fast a stop relative to the ground would tip the vehicle over (rule 1b).
+JUST_OVER_PAD_M = 0.20
+FAST_PAD_MPS = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +55,21 @@ class LandingContext:
 
     Attributes:
         options: `guidance` of the configuration as it is now; parameters may change in flight.
+        guided_timeout_s: after so long without a set-point the autopilot stops, s.
         estimator: where vehicle and pad are.
         orders: of this control step.
         outcome: of the last landing, None while none has ended.
         aborts: times a descent was broken off, or the pad went out of sight while flying.
         low: below the alignment height when the pad was last in sight.
         landed: what the autopilot's land detector has said since commit.
-        pad_velocity: when contact was made, local NED, m/s.
+        pad_velocity: as last seen, local NED, m/s.
+        foothold: where the feet are on the plate.
     """
 
-    def __init__(self, config: Config, estimator: Estimator, orders: Orders) -> None:
-        self.options = config.guidance
+    def __init__(
+        self, config: Config, layout: PadLayout, estimator: Estimator, orders: Orders
+    ) -> None:
+        self.configure(config)
         self.estimator = estimator
         self.orders = orders
         self.outcome: str | None = None
@@ -67,8 +77,16 @@ class LandingContext:
         self.low = False
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
+        self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
+        self._just_over_pad = False
+        self._began = math.inf  # this landing, without having come to commit since, s
         self._sigma_bearing = math.radians(config.estimation.gimbal_sigma_deg)
         self._descents_broken_off = 0
+
+    def configure(self, config: Config) -> None:
+        """Go on with changed parameters."""
+        self.options = config.guidance
+        self.guided_timeout_s = config.autopilot.guided_timeout_s
 
     # ---- what is seen --------------------------------------------------------------------------
 
@@ -94,13 +112,39 @@ class LandingContext:
             return pilot_texts.STALE[stale]
         if now - self.estimator.frame_t > self.options.lost.after_s:
             return pilot_texts.NO_PICTURES
+        if now - self.estimator.refused_t <= self.options.lost.after_s:
+            return pilot_texts.NOT_BELIEVED
         return pilot_texts.NOT_IN_SIGHT
 
     # ---- how the landing goes ------------------------------------------------------------------
 
-    def note_height(self, relative: RelativeState) -> None:
-        """Keep whether it is low: what to do when sight is lost hangs on it."""
+    def note(self, relative: RelativeState) -> None:
+        """Keep how low it is over what: what to do when sight or authority ends hangs on it."""
         self.low = relative.height < self.options.descent.alignment_height_m
+        self._just_over_pad = relative.height < JUST_OVER_PAD_M
+        self.pad_velocity = relative.pad_velocity
+
+    @property
+    def over_fast_pad(self) -> bool:
+        """Whether the pad, as last seen, is too fast to stop on."""
+        return horizontal(self.pad_velocity) > FAST_PAD_MPS
+
+    @property
+    def just_over_fast_pad(self) -> bool:
+        """Whether it is so low over such a pad that it would touch it."""
+        return self._just_over_pad and self.over_fast_pad
+
+    def begin_landing(self, now: float) -> None:
+        """Take the time that a landing may take from now on, unless it runs already."""
+        self._began = min(self._began, now)
+
+    def end_landing(self) -> None:
+        """Take no more time: it has come to commit, or is over."""
+        self._began = math.inf
+
+    def takes_too_long(self, now: float) -> bool:
+        """Tell whether the landing should have come to commit by now."""
+        return now - self._began > self.options.lost.total_s
 
     def break_off(self) -> None:
         """Count an abort; those of descents are limited in number (guidance.lost.retries)."""
@@ -114,8 +158,9 @@ class LandingContext:
         return self._descents_broken_off > self.options.lost.retries
 
     def forgive(self) -> None:
-        """Count the descents that are broken off anew: the pilot has the vehicle."""
+        """Count broken-off descents and the landing's time anew: the pilot has the vehicle."""
         self._descents_broken_off = 0
+        self.end_landing()
 
     def finish(self, outcome: str) -> None:
         """Keep the first outcome of a landing: what follows is its consequence."""

@@ -48,6 +48,19 @@ class Limiter:
         self.reset((0.0, 0.0, 0.0))
         return STOPPED
 
+    def climb_away(self, wanted: Vec3, dt: float) -> Setpoint:
+        """Return a set-point that climbs at once and does not turn: from a pad, to save the feet.
+
+        Args:
+            wanted: velocity, local NED, m/s; its vertical part is exempt from the acceleration
+                limits.
+            dt: time since the last set-point, s.
+        """
+        n, e, d = self._capped(wanted)
+        self._slew_horizontal(n, e, min(dt, MAX_STEP_S))
+        self._v[2], self._a[2], self._yaw_rate = min(d, 0.0), 0.0, 0.0
+        return Setpoint(self.velocity, 0.0)
+
     def step(self, wanted: Vec3, yaw_rate: float, dt: float, *, may_descend: bool) -> Setpoint:
         """Return the next set-point on the way to the wanted one.
 

@@ -5,25 +5,27 @@ import math
 from landerd.config.models import DescentSection
 from landerd.guidance import pilot_texts
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.touchdown import CONTACT_S, MAX_BLIND_S
 from landerd.messages import Phase
 
 # Chosen by trial in the simulator where nothing else is said: with them every row of `landerd
 # campaign guidance` reaches what is asked of it.
 PHASE_HYSTERESIS = 1.3  # CLOSE_APPROACH is left backwards so many times its bound away
 COMMITTED_SINK_RATE_MPS = 0.4  # after commit, for the time to touch-down: between 0.3 and 0.6
-# Of the last sighting at commit, s: sight may end there. With an older one touchdown.MAX_BLIND_S
-# was over on the pad, before contact was sure, and the vehicle climbed from it.
-MAX_COMMIT_AGE_S = 0.3
+# Sight may end at commit: what its age then, the sinking at this speed and the time to notice
+# contact add up to stays within touchdown.MAX_BLIND_S. A slower descent is led by sight to the end.
+BUDGET_SINK_RATE_MPS = 0.3
 ALIGNMENT_MARGIN_M = 0.1  # of the floor over the alignment height, for the height's own error
 # Go-arounds, below the commit height: so many times the region's radius away, or below this part
 # of the commit height and still not fit to commit.
 GO_AROUND_RADII = 1.5
+MAX_EXPONENT = 20.0  # of the descent region: a height of kilometres, as after a jump, overflows
 GO_AROUND_HEIGHT_SHARE = 0.5
 
 
 def descent_radius(options: DescentSection, height: float) -> float:
     """Return delta = k1 exp(k2 z) (thesis eq. 2.3), m, for a height over the pad in m."""
-    return options.k1_m * math.exp(options.k2_per_m * max(0.0, height))
+    return options.k1_m * math.exp(min(options.k2_per_m * max(0.0, height), MAX_EXPONENT))
 
 
 def region_height(options: DescentSection, radius: float) -> float:
@@ -102,7 +104,7 @@ class Phases:
             self.phase is Phase.DESCENT
             and relative.height < self._options.commit_height_m
             and not self.goes_around
-            and sighting_age < MAX_COMMIT_AGE_S
+            and sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S < MAX_BLIND_S
             and self.will_land_well(relative)
         )
 

@@ -26,6 +26,7 @@ STARTING = "starting"
 NO_HEARTBEAT = "no heartbeat from the autopilot"
 NOT_ARMED = "not armed"
 NOT_GUIDED = "mode is {mode}, not GUIDED"
+FAILED = f"{PREFIX}failed: pilot, take over"
 TOLD_TO_STOP = "told to stop: take over"
 RC_STALE = "RC channels are stale"
 RC_NO_SIGNAL = "RC {channel} has no signal"
@@ -39,9 +40,12 @@ PRECISION_LANDING = "the autopilot's precision landing flies"
 REASONS: Mapping[Event, str] = {
     Event.PAD_IN_SIGHT: "pad in sight",
     Event.DISARMED: "landed and disarmed",
+    Event.DISARMED_OFF_PAD: "disarmed beside the pad",
+    Event.PAD_MISSED: "pad missed",
     Event.PAD_NOT_FOUND: "pad not found",
     Event.NO_LANDING_POSSIBLE: "no landing possible",
     Event.HEADING_NOT_SEEN: "pad's heading not seen",
+    Event.TOOK_TOO_LONG: "no landing in time",
 }
 HANDED_BACK = "{reason}: pilot, take over"
 
@@ -59,7 +63,9 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
 }
 NO_PICTURES = "no pictures from the camera"
 NOT_IN_SIGHT = "pad not in sight"
+NOT_BELIEVED = "pad seen but not believed"  # it would be elsewhere than where it was
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
+CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is missed
 HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
 
 # ---- on the pad --------------------------------------------------------------------------------

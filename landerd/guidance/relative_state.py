@@ -10,6 +10,8 @@ from landerd.geometry import Vec3, dot, horizontal, norm, rot_z, rotate, sub, wr
 # From the landing point, m; further away a tilted pad's plane says nothing. From 30 m the plane of
 # a pad tilted by 10 degrees lies 5 m lower: the vehicle took itself to be in the descent region.
 PAD_REACH_M = 1.0
+# 1 sigma of the pad's heave of which half is fed forward; chosen by trial in the simulator.
+HALF_KNOWN_HEAVE_MPS = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,17 @@ class RelativeState:
         north, east, down = self.error
         k = PAD_REACH_M / max(self.distance, PAD_REACH_M)
         return dot((k * north, k * east, down), self.normal)
+
+    @property
+    def heave(self) -> float:
+        """Vertical velocity of the pad to go along with, m/s: less of it the less it is known."""
+        return self.pad_velocity[2] / (1.0 + (self.sigma_heave / HALF_KNOWN_HEAVE_MPS) ** 2)
+
+    @property
+    def sure_heave(self) -> float:
+        """Vertical velocity of the pad that may be counted on, m/s: of sinking, what is sure."""
+        heave = self.pad_velocity[2]
+        return heave if heave < 0.0 else max(0.0, heave - 2.0 * self.sigma_heave)
 
     @property
     def distance(self) -> float:

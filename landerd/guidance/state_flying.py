@@ -1,4 +1,6 @@
-"""The states in the air: TRACKING with the pad in sight, SEARCHING without."""
+"""The states in the air: TRACKING with the pad in sight, SEARCHING without, WAVING_OFF between."""
+
+import math
 
 from landerd.geometry import Vec3
 from landerd.guidance import pilot_texts
@@ -6,10 +8,13 @@ from landerd.guidance.landing_context import ControlStep, LandingContext, Sight
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.method import Method
 from landerd.guidance.phases import Phases
+from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import Event
 from landerd.messages import Phase, Severity
 
 HOVER: Vec3 = (0.0, 0.0, 0.0)
+# A wave-off climbs for so long, or so far; design rule 1b: at most 1 s or 0.5 m.
+WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
 
 
 class Tracking:
@@ -32,6 +37,7 @@ class Tracking:
         if vehicle is not None:
             context.orders.go_on_from(vehicle.velocity)
         self._heading_t = step.now
+        context.begin_landing(step.now)
         context.outcome = None
         self._phases.restart()
         self._method.restart()
@@ -49,6 +55,16 @@ class Tracking:
         velocity, yaw_rate = self._method.step(phases.phase, relative, phases.floor_m, step.dt)
         if phases.goes_around:
             velocity = (velocity[0], velocity[1], -self._context.options.lost.climb_mps)
+        # Were this the last order, the autopilot's own timeout must stop the vehicle in time.
+        o = self._context.options
+        safe = safe_sink_rate(
+            relative.height,
+            -relative.error_rate[2],
+            self._context.guided_timeout_s,
+            o.limits.vertical_acceleration_mps2,
+        )
+        north, east, down = velocity
+        velocity = (north, east, min(down, relative.sure_heave + safe))
         may_descend = phases.may_descend(relative) and relative.height > phases.floor_m
         self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
@@ -57,7 +73,9 @@ class Tracking:
         """Step the phases; return the event that ends tracking, None to go on."""
         context, phases = self._context, self._phases
         relative = sight.relative
-        context.note_height(relative)
+        context.note(relative)
+        if context.takes_too_long(step.now):
+            return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
         phase, why = phases.step(relative, sight.age)
         context.orders.enter(phase, why)
@@ -71,6 +89,47 @@ class Tracking:
         elif step.now - self._heading_t > context.options.lost.give_up_s:
             return Event.HEADING_NOT_SEEN
         return Event.COMMITS if phase is Phase.LANDED else None
+
+
+class WavingOff:
+    """Climbs away from the pad at the pad's velocity as last known, and does not turn.
+
+    Just over a pad that moves, or with feet on it, a stop relative to the ground would tip the
+    vehicle over. Leaves after WAVE_OFF_S, or WAVE_OFF_M higher.
+    """
+
+    def __init__(self, context: LandingContext) -> None:
+        self._context = context
+        self._why = ""
+        self._began = -math.inf
+        self._from_down: float | None = None  # local z of the feet then, m
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin to climb."""
+        self._began = step.now
+        vehicle = self._context.estimator.fresh_vehicle(step.now)
+        self._from_down = vehicle.feet[2] if vehicle else None
+        context = self._context
+        why = step.why if step.why != pilot_texts.GRANTED else context.why_blind(step.now)
+        self._why = pilot_texts.BLIND.format(why=why, what=pilot_texts.CLIMBING_AWAY)
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order the climb until the time is over."""
+        if step.now - self._began >= WAVE_OFF_S or self._climbed_m(step.now) >= WAVE_OFF_M:
+            return Event.CLEAR_OF_PAD
+        context = self._context
+        context.orders.enter(Phase.NOT_LANDING, self._why)
+        north, east, _ = context.pad_velocity
+        context.orders.climb_away((north, east, -context.options.limits.climb_mps))
+        return None
+
+    def _climbed_m(self, now: float) -> float:
+        """Return how far it has climbed from the pad, if that heaves on as it did; 0: not known."""
+        context = self._context
+        vehicle = context.estimator.fresh_vehicle(now)
+        if vehicle is None or self._from_down is None:
+            return 0.0
+        return self._from_down - vehicle.feet[2] + (now - self._began) * context.pad_velocity[2]
 
 
 class Searching:
@@ -101,7 +160,11 @@ class Searching:
             return Event.PAD_IN_SIGHT
         vehicle = context.estimator.fresh_vehicle(step.now)
         planned = self._plan.step(step.now, vehicle.feet[2] if vehicle else self._lost_down)
-        if planned is None or context.tried_enough:
+        if context.tried_enough:
+            return Event.NO_LANDING_POSSIBLE
+        if context.takes_too_long(step.now):
+            return Event.TOOK_TOO_LONG
+        if planned is None:
             return Event.PAD_NOT_FOUND
         # Climbing needs a position to know when to stop.
         velocity, what = planned if vehicle is not None else (HOVER, pilot_texts.HOLDING)

@@ -1,11 +1,13 @@
-"""The states at the pad: COMMITTED until contact, then ON_PAD (rule 4)."""
+"""The states at the pad: COMMITTED until contact, then ON_PAD, or STANDING (rule 4)."""
 
 import math
 
 from landerd.estimation.pad_filter import PadEstimate
+from landerd.geometry import horizontal
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.method import Method
+from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import Touchdown
 from landerd.messages import Landed, Phase, Severity
@@ -13,13 +15,16 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
+# The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
+MISSES_S = 0.09
 
 
 class Committed:
     """Flies down onto the pad, led by sight; region and heading no longer bind.
 
-    Without sight it goes on with the pad as last known, and breaks off when that is older than
-    touchdown.MAX_BLIND_S. Leaves at contact.
+    Without sight it goes on with the pad as last known, and breaks off when contact would come
+    later than touchdown.MAX_BLIND_S after it; with sight it breaks off when it would miss the pad.
+    Leaves at contact.
     """
 
     def __init__(self, context: LandingContext, method: Method, touchdown: Touchdown) -> None:
@@ -27,12 +32,15 @@ class Committed:
         self._method = method
         self._touchdown = touchdown
         self._pad: PadEstimate | None = None  # as last known
+        self._misses_since = math.inf
 
     def enter(self, step: ControlStep) -> None:
         """Begin to watch for contact."""
         self._touchdown.begin(step.now)
         self._context.landed = Landed.UNDEFINED  # what was said of the air or another landing
         self._pad = None
+        self._misses_since = math.inf
+        self._context.end_landing()
 
     def order(self, step: ControlStep) -> Event | None:
         """Order a descent relative to the pad's own vertical motion, and go along with it."""
@@ -42,25 +50,52 @@ class Committed:
         if vehicle is None or pad is None:
             return Event.SIGHT_LOST
         relative = context.relative(vehicle, pad)
-        context.note_height(relative)
-        context.pad_velocity = relative.pad_velocity
+        context.note(relative)
         heave = relative.pad_velocity[2]
         age = step.now - context.estimator.sighting_t
+        # Leaning, at worst, and as low as its height may be.
+        clearance = context.foothold.clearance(relative, vehicle.tilt)
+        clearance -= 2.0 * math.sqrt(pad.covariance[2][2])
         event = self._touchdown.step(
             step.now,
             vehicle.velocity[2] - heave,
             context.orders.velocity[2] - heave,
             age,
+            clearance,
             context.landed,
         )
+        if event is Event.CONTACT:
+            context.foothold.touch(relative, pad.heading)
         if event is not None:
             return event
+        # A touch turns the airframe faster than the lens's direction is known: nothing is to be
+        # told of where the pad is then.
+        if clearance > 0.0 and self._misses(step.now, relative, pad.heading):
+            return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
         if age > context.options.lost.after_s:
             yaw_rate = 0.0
         descent = max(heave + self._touchdown.descent(vehicle.tilt), MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
+
+    def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
+        """Tell whether, as seen for some time now, it will not stand on the pad.
+
+        A pad that is seen where it cannot be has stopped, started or been moved.
+        """
+        options, estimator = self._context.options, self._context.estimator
+        is_elsewhere = estimator.refused_t - estimator.sighting_t >= MISSES_S
+        if is_elsewhere and not self._touchdown.may_touch:
+            return True
+        sink_rate = options.touchdown_descent_mps
+        tolerance = options.descent.commit_miss_m
+        misses = now - estimator.sighting_t < options.lost.after_s and (
+            horizontal(relative.error_rate) > options.descent.commit_slip_mps
+            or self._context.foothold.will_miss(relative, heading, sink_rate, tolerance)
+        )
+        self._misses_since = min(self._misses_since, now) if misses else math.inf
+        return now - self._misses_since >= MISSES_S
 
     def _pad_now(self, now: float) -> PadEstimate | None:
         """Return the pad, as last known when the filter has begun anew.
@@ -98,18 +133,64 @@ class OnPad:
         if self._touchdown.unconfirmed(now, context.landed):
             context.finish("touchdown_unconfirmed")
             orders.say(Severity.CRITICAL, pilot_texts.UNCONFIRMED)
-        vehicle = context.estimator.fresh_vehicle(now)
-        sink_rate = slip = roll_pitch_rate = math.inf
-        north, east, _ = context.pad_velocity
-        if vehicle is not None:
-            v_north, v_east, sink_rate = vehicle.velocity
-            slip = math.hypot(v_north - north, v_east - east)
-            roll_pitch_rate = vehicle.roll_pitch_rate
-        level = self._touchdown.level_due(
-            now, sink_rate, slip, roll_pitch_rate, math.hypot(north, east), context.landed
-        )
-        if level and vehicle is not None:
-            orders.stand_level(vehicle.yaw)
-        else:
+        if not _stand_level(context, self._touchdown, step):
+            north, east, _ = context.pad_velocity
             orders.fly((north, east, self._touchdown.descent(0.0)), 0.0, may_descend=True)
         return None
+
+
+class Standing:
+    """Stands level without thrust when landerd may not fly on, then leaves the vehicle there.
+
+    Until it stands still it stops: level on an edge it would slide off.
+    """
+
+    def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
+        self._context = context
+        self._touchdown = touchdown
+        self._until = -math.inf
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin the time of the orders."""
+        self._until = step.now + self._context.options.release_s
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order to stand level, or zero velocity, until the time is over."""
+        if step.now >= self._until:
+            return Event.RELEASE_OVER
+        context = self._context
+        if not _stand_level(context, self._touchdown, step, released=True):
+            context.orders.stop()
+        context.orders.enter(Phase.NOT_LANDING, step.why)
+        return None
+
+
+def _stand_level(
+    context: LandingContext, touchdown: Touchdown, step: ControlStep, *, released: bool = False
+) -> bool:
+    """Order to stand level without thrust if that is due; tell whether it was.
+
+    Args:
+        context: of the landing.
+        touchdown: that has noticed contact.
+        step: of the control task.
+        released: landerd may not fly on: what stands is pressed down no longer.
+    """
+    vehicle = context.estimator.fresh_vehicle(step.now)
+    sink_rate = slip = roll_pitch_rate = math.inf
+    north, east, _ = context.pad_velocity
+    if vehicle is not None:
+        v_north, v_east, sink_rate = vehicle.velocity
+        slip = math.hypot(v_north - north, v_east - east)
+        roll_pitch_rate = vehicle.roll_pitch_rate
+    level = touchdown.level_due(
+        step.now, sink_rate, slip, roll_pitch_rate, math.hypot(north, east), context.landed
+    )
+    if vehicle is None:
+        return False
+    if not touchdown.stands:
+        context.foothold.slide(vehicle.velocity, context.pad_velocity, step.dt)
+    if not (level or (released and touchdown.stands)):
+        return False
+    context.orders.stand_level(vehicle.yaw)
+    return True

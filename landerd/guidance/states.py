@@ -19,7 +19,10 @@ class State(Enum):
     TRACKING = "tracking"  # to the pad and down, as phase and guidance.method say
     SEARCHING = "searching"  # hover, then climb (guidance.lost), without turning or sinking
     COMMITTED = "committed"  # down onto the pad, no longer bound by region and heading
+    WAVING_OFF = "waving off"  # up from the pad at the pad's velocity, for a moment
+    LEAVING = "leaving"  # the same when landerd may not fly on: a stop would tip the vehicle over
     ON_PAD = "on the pad"  # with the pad and down; once still, level without thrust; then disarm
+    STANDING = "standing"  # level without thrust for guidance.release_s, as it may not fly on
 
 
 class Event(Enum):
@@ -27,25 +30,40 @@ class Event(Enum):
 
     # From the gate (guidance.gate), in every control step one of these:
     GRANTED = "armed, GUIDED, switch high: landerd may fly"
-    RELEASED = "in GUIDED, but switch low, RC stale, latched or landerd about to end"
-    SILENCED = "not armed, not GUIDED or no heartbeat"
-    DISARMED = "silenced because disarmed, on the pad"
+    RELEASED = "switch low, RC or heartbeat stale, autopilot restarted, latched, about to end"
+    RELEASED_LOW = "the same, just over a pad that moves, or touching it but not standing yet"
+    SILENCED = "not armed or not GUIDED"
+    DISARMED = "silenced because disarmed, all feet on the pad as last seen"
+    DISARMED_OFF_PAD = "the same, a foot beside the pad as last seen"
     # From the states:
     RELEASE_OVER = "stop orders were streamed for long enough"
     PAD_IN_SIGHT = "pad confirmed, last sighting and telemetry young"
     SIGHT_LOST = "last sighting or telemetry too old"
+    PAD_MISSED = "would touch beside the pad, or slide across it"
+    CLEAR_OF_PAD = "climbed away from the pad"
     COMMITS = "just over the pad, and the touch-down will be good"
     CONTACT = "feet on the pad, or ON_GROUND said since commit"
     # Hand-backs to the pilot, who must have the switch low before landerd flies again:
-    PAD_NOT_FOUND = "searched for guidance.lost.give_up_s, or too many descents were broken off"
-    NO_LANDING_POSSIBLE = "too many descents were refused at commit"
+    PAD_NOT_FOUND = "searched for guidance.lost.give_up_s"
+    NO_LANDING_POSSIBLE = "too many descents were refused at commit or broken off"
     HEADING_NOT_SEEN = "waited over the pad for its heading for guidance.lost.give_up_s"
+    TOOK_TOO_LONG = "did not come to commit within guidance.lost.total_s"
 
 
-HAND_BACKS = (Event.PAD_NOT_FOUND, Event.NO_LANDING_POSSIBLE, Event.HEADING_NOT_SEEN)
+HAND_BACKS = (
+    Event.PAD_NOT_FOUND,
+    Event.NO_LANDING_POSSIBLE,
+    Event.HEADING_NOT_SEEN,
+    Event.TOOK_TOO_LONG,
+)
 
-# Whatever it flies: released, it stops first; silenced, not even that may be sent (rule 1a).
-_FLYING = {Event.RELEASED: State.RELEASING, Event.SILENCED: State.SILENT}
+# Whatever it flies: released, it stops first, where need be after leaving the pad; silenced, not
+# even that may be sent (rule 1a).
+_FLYING = {
+    Event.RELEASED: State.RELEASING,
+    Event.RELEASED_LOW: State.LEAVING,
+    Event.SILENCED: State.SILENT,
+}
 
 # An event that is not in its state's row changes nothing.
 TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
@@ -66,24 +84,46 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         Event.SIGHT_LOST: State.SEARCHING,
         Event.NO_LANDING_POSSIBLE: State.RELEASING,
         Event.HEADING_NOT_SEEN: State.RELEASING,
+        Event.TOOK_TOO_LONG: State.RELEASING,
     },
     State.SEARCHING: {
         **_FLYING,
         Event.PAD_IN_SIGHT: State.TRACKING,
         Event.PAD_NOT_FOUND: State.RELEASING,
+        Event.NO_LANDING_POSSIBLE: State.RELEASING,
+        Event.TOOK_TOO_LONG: State.RELEASING,
     },
     State.COMMITTED: {
         **_FLYING,
         Event.CONTACT: State.ON_PAD,
-        # No sighting for touchdown.MAX_BLIND_S (until then it sinks on with the pad as last known),
-        # or position or attitude stale. It is low, so it climbs at once instead of holding first;
-        # without a position it holds. Counts as a descent broken off (guidance.lost.retries).
-        Event.SIGHT_LOST: State.SEARCHING,
+        # No sighting for so long that contact would come too late (until then it sinks on with the
+        # pad as last known), or position or attitude stale.
+        Event.SIGHT_LOST: State.WAVING_OFF,
+        # A pad that stops, starts, jerks or is carried away under it.
+        Event.PAD_MISSED: State.WAVING_OFF,
+    },
+    State.WAVING_OFF: {
+        **_FLYING,
+        # From there on to TRACKING in the same step if it sees the pad. Counts as a descent broken
+        # off (guidance.lost.retries).
+        Event.CLEAR_OF_PAD: State.SEARCHING,
+    },
+    State.LEAVING: {
+        Event.CLEAR_OF_PAD: State.RELEASING,
+        Event.SILENCED: State.SILENT,
     },
     State.ON_PAD: {
         **_FLYING,
         # Sight plays no part any more: no picture is even searched.
+        Event.RELEASED: State.STANDING,
         Event.DISARMED: State.SILENT,
+        Event.DISARMED_OFF_PAD: State.SILENT,
+    },
+    State.STANDING: {
+        Event.RELEASE_OVER: State.SILENT,
+        Event.SILENCED: State.SILENT,
+        # RC was only stale.
+        Event.GRANTED: State.ON_PAD,
     },
 }
 
@@ -91,7 +131,9 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
 # hand-back the release) is its consequence. `touchdown_unconfirmed` is no end: see OnPad.
 OUTCOMES: Mapping[Event, str] = {
     Event.DISARMED: "landed",
+    Event.DISARMED_OFF_PAD: "landed_off_pad",
     Event.SILENCED: "taken over",
     Event.RELEASED: "released",
+    Event.RELEASED_LOW: "released",
     **dict.fromkeys(HAND_BACKS, "handed_back"),
 }

@@ -17,7 +17,11 @@ CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
 # After commit before contact is looked for, s: measured, a vehicle that hovered sinks at 0.6 of the
 # order by then. Without it contact was called 0.25 s after commit, 11 cm up.
 ANSWER_S = 0.4
-MAX_BLIND_S = 0.9  # longest descent after commit without a sighting; the rule allows 1.0
+# From the last sighting until contact is noticed, s; the rule allows 1.0.
+MAX_BLIND_S = 0.95
+# No contact is believed with the lowest foot higher over the pad than this, m (design rule 4): a
+# gust or the air cushion over the plate slows the sinking too.
+MAX_CONTACT_HEIGHT_M = 0.10
 
 # ---- the descent onto the pad ------------------------------------------------------------------
 # From the first foot's touch to the last one's, in wind, s; and the fastest descent for that, m/s.
@@ -41,7 +45,11 @@ DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
 
 
 class Touchdown:
-    """Watches for contact, for the land detector, and for the time that each may take."""
+    """Watches for contact, for the land detector, and for the time that each may take.
+
+    Attributes:
+        stands: the vehicle stands still on the pad, as far as is known.
+    """
 
     def __init__(self, timeout_s: float, descent_mps: float, reach_m: float) -> None:
         """Make one that has not begun.
@@ -65,7 +73,7 @@ class Touchdown:
         self._watch_from = now + ANSWER_S
         self._slow_since = self._still_since = math.inf
         self._contact_t: float | None = None
-        self._level = False
+        self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
         self._disarm_t = -math.inf
 
@@ -85,7 +93,13 @@ class Touchdown:
         return max(self._descent_mps, min(quick, MAX_DESCENT_MPS))
 
     def step(
-        self, now: float, sink_rate: float, ordered: float, sighting_age: float, landed: Landed
+        self,
+        now: float,
+        sink_rate: float,
+        ordered: float,
+        sighting_age: float,
+        clearance: float,
+        landed: Landed,
     ) -> Event | None:
         """Return CONTACT or SIGHT_LOST when that has come, None to descend; called until contact.
 
@@ -94,17 +108,27 @@ class Touchdown:
             sink_rate: measured, downward against the pad's heave, m/s.
             ordered: the same of the last set-point, m/s.
             sighting_age: s since the exposure of the last accepted sighting.
+            clearance: the least that the lowest foot may be over the pad as last known, m.
             landed: what the autopilot's land detector says.
         """
         self._watch(now, sink_rate, ordered)
-        if landed is Landed.ON_GROUND or now - self._slow_since >= CONTACT_S:
+        touches = landed is Landed.ON_GROUND or now - self._slow_since >= CONTACT_S
+        if touches and clearance <= MAX_CONTACT_HEIGHT_M:
             self._contact_t = now
             return Event.CONTACT
-        return Event.SIGHT_LOST if sighting_age > MAX_BLIND_S else None
+        # A contact that begins only now would be noticed too late.
+        begins_late = sighting_age > MAX_BLIND_S - CONTACT_S and not self.may_touch
+        lost = begins_late or sighting_age > MAX_BLIND_S
+        return Event.SIGHT_LOST if lost else None
 
     def _watch(self, now: float, sink_rate: float, ordered: float) -> None:
         slow = now >= self._watch_from and sink_rate < CONTACT_SINK_SHARE * ordered
         self._slow_since = min(self._slow_since, now) if slow else math.inf
+
+    @property
+    def may_touch(self) -> bool:
+        """Whether the sinking is so slow that the feet may touch; called until contact."""
+        return self._slow_since < math.inf
 
     def disarm_due(self, now: float, landed: Landed) -> bool:
         """Tell whether the disarm command is to be sent now."""
@@ -147,6 +171,7 @@ class Touchdown:
         late = stands or waited > LEVEL_AT_LATEST_S
         due = self._level or (late and landed is not Landed.ON_GROUND)
         self._level = due and now - self._slow_since >= CONTACT_S
+        self.stands = stands or self._level or landed is Landed.ON_GROUND
         return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:

@@ -29,7 +29,6 @@ PAD_VELOCITY_TIME_CONSTANT_S = 0.7  # of its smoothing before it is flown
 VERTICAL_LAG_S = 0.35
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
 REGION_MARGIN = 1.3  # times the error: how wide the region is to be where it sinks to
-HALF_KNOWN_HEAVE_MPS = 0.15  # 1 sigma of the pad's heave of which half is fed forward
 
 # ---- heading -----------------------------------------------------------------------------------
 # Height over distance from which on the camera looks down on the pad (50 degrees below level), and
@@ -82,8 +81,7 @@ class TrackingMethod:
         velocity = (
             v[0] + k * north + self._integral[0],
             v[1] + k * east + self._integral[1],
-            _by_certainty(relative.pad_velocity[2], relative.sigma_heave)
-            + self._sink_rate(relative, floor_m),
+            relative.heave + self._sink_rate(relative, floor_m),
         )
         return velocity, self._yaw_rate(relative)
 
@@ -146,11 +144,6 @@ class TrackingMethod:
         max_rate = math.radians(self._limits.yaw_rate_deg_s)
         turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), error)
         return clamp(relative.pad_turn_rate + turn, -max_rate, max_rate)
-
-
-def _by_certainty(velocity: float, sigma: float) -> float:
-    """Return a velocity (m/s) shrunk by how uncertain it is: half of it at HALF_KNOWN_HEAVE_MPS."""
-    return velocity / (1.0 + (sigma / HALF_KNOWN_HEAVE_MPS) ** 2)
 
 
 def _braking_speed(distance: float, kp: float, deceleration: float) -> float:

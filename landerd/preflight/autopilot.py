@@ -9,6 +9,7 @@ from landerd.config.models import Config
 from landerd.messages import (
     Attitude,
     AutopilotMessage,
+    ClockSync,
     Heartbeat,
     LocalPosition,
     RcChannels,
@@ -19,6 +20,7 @@ from landerd.preflight.link import GARBLED, NO_LINK, SILENT, link_kind
 from landerd.preflight.parameters import judged_parameters, parameter_findings
 
 AUTOPILOT_S = 6.0  # how long it is listened to
+CLOCK_S = 0.01  # warned of from here on: at 30 degrees a second 0.3 degrees of attitude
 PARAMETER_S = 1.0  # until a parameter is asked for again
 
 
@@ -81,7 +83,7 @@ class AutopilotCheck:
     def _judge(self, autopilot: Autopilot) -> list[Finding]:
         if not self._of(Heartbeat):
             return [self._no_heartbeat(autopilot.counters)]
-        findings = [self._heartbeat(), *self._rates(), *self._gate()]
+        findings = [self._heartbeat(), *self._rates(), *self._clock(), *self._gate()]
         return findings + parameter_findings(self._config, autopilot.vehicle_parameters)
 
     async def _ask(self, autopilot: Autopilot, names: Sequence[str]) -> NoReturn:
@@ -138,6 +140,19 @@ class AutopilotCheck:
             else:
                 found.append(Finding("ok", item, text))
         return found
+
+    def _clock(self) -> list[Finding]:
+        """Return how well the autopilot's clock is known: landerd learns its error in flight."""
+        got = self._of(ClockSync)
+        if not got:
+            what = "TIMESYNC is not answered: data are taken for as young as they can be"
+            return [Finding("warn", "clock", what, "MAVLink 2 on this port; a newer ArduPilot")]
+        uncertainty_s = got[-1][1].uncertainty_s
+        text = f"known to {1e3 * uncertainty_s:.0f} ms, half the quickest round trip"
+        if uncertainty_s < CLOCK_S:
+            return [Finding("ok", "clock", text)]
+        what = f"{text}: all data count as so much older"
+        return [Finding("warn", "clock", what, "a faster or direct link to the autopilot")]
 
     def _gate(self) -> list[Finding]:
         got = self._of(RcChannels)

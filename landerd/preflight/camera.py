@@ -9,6 +9,7 @@ from landerd.camera_model import CameraModel
 from landerd.messages import Frame
 from landerd.ports import Camera, DeviceLost
 from landerd.preflight.finding import Finding, gather
+from landerd.vision import Vision
 
 CAMERA_S = 3.0  # how long it is measured
 _SLOWEST_CAMERA_HZ = 10.0
@@ -16,11 +17,14 @@ _OLDEST_PICTURE_S = 0.2
 _DARK, _BRIGHT = 12.0, 243.0  # mean brightness of a picture that shows nothing
 
 
-async def check_camera(camera: Camera, model: CameraModel, fps: float | None) -> list[Finding]:
+async def check_camera(
+    camera: Camera, vision: Vision, model: CameraModel, fps: float | None
+) -> list[Finding]:
     """Return what is found of a camera.
 
     Args:
         camera: closed; it is opened and closed again.
+        vision: for the pad, should it be in sight.
         model: the calibration at the size of the pictures.
         fps: asked of it; None: not known.
     """
@@ -50,6 +54,7 @@ async def check_camera(camera: Camera, model: CameraModel, fps: float | None) ->
         age_ms = 1e3 * statistics.median(t - frame.t for t, frame in got)
         text = f"{width}x{height}, {rate:.0f} pictures a second, {age_ms:.0f} ms old on arrival"
         found.insert(0, Finding("ok", "camera", text))
+        found += _pad(got[-1][1], vision)
     return found + findings
 
 
@@ -94,6 +99,25 @@ def _age(got: _Frames) -> Finding | None:
         f"pictures are {what}: they are matched with the attitude of another moment",
         "set time_offset_s of the camera (docs/cameras.md), or use a camera without buffers",
     )
+
+
+def _pad(frame: Frame, vision: Vision) -> list[Finding]:
+    """Say so if the pad is in sight and its markers contradict each other."""
+    try:
+        vision.process(frame)
+    except ValueError:
+        return []  # of another size or type, which is said elsewhere
+    wrong = vision.disagreement()
+    if wrong is None:
+        return []
+    return [
+        Finding(
+            "warn",
+            "pad",
+            f"its markers contradict each other: {wrong.text}",
+            "measure the pad and mend its file, or print it anew (docs/markers.md)",
+        )
+    ]
 
 
 def _light(got: _Frames) -> Finding | None:

@@ -11,8 +11,8 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Awaitable, Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import NoReturn, Protocol
 
 import cv2
@@ -20,12 +20,17 @@ import numpy as np
 
 from landerd.camera_model import CameraModel
 from landerd.config.models import Config
+from landerd.guidance.last_orders import LastOrders
+from landerd.guidance.pilot_texts import FAILED
+from landerd.guidance.states import State
 from landerd.lander import Lander
 from landerd.messages import (
     Command,
     Disarm,
+    ExposureOrder,
     Frame,
     GimbalCommand,
+    GimbalState,
     Heartbeat,
     Input,
     LandingTarget,
@@ -34,13 +39,17 @@ from landerd.messages import (
     PressDown,
     Prior,
     Setpoint,
+    Severity,
     Shutdown,
     Sightings,
     StatusText,
     Tick,
 )
 from landerd.pad import PadLayout
-from landerd.ports import Autopilot, Camera, DeviceLost, Gimbal
+from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
+from landerd.runtime.frozen import FrozenInput
+from landerd.runtime.monitor import LoopMonitor
+from landerd.runtime.worker import JobHangs, Worker
 from landerd.vision import Vision
 
 log = logging.getLogger("landerd")
@@ -51,7 +60,8 @@ PHASES = list(Phase)  # a phase is plotted as its place here
 FUTURE_S = 0.05  # a time stamp farther ahead than this is false
 OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
 IDLE_S = 0.1  # how often it is looked whether pictures are needed again
-LAST_ORDERS_S = 1.2  # longest stream of zero velocity before the daemon ends, within 2 s
+LAST_ORDERS_S = 4.5  # longest that landerd takes to end: a wave-off (1 s), then stop orders (3 s)
+SEARCH_S = 1.0  # a search that takes longer hangs; what it found would be too old long before
 BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
 AWAY_S = 60.0  # how often it is said again that a device is away
 
@@ -65,6 +75,10 @@ class Devices:
     autopilot: Autopilot
 
 
+class CoreFailed(Exception):
+    """The core raised an exception; the vehicle was stopped, and only a new process may fly."""
+
+
 class Observer(Protocol):
     """Sees all that happens and changes nothing: the flight log, a progress line."""
 
@@ -73,6 +87,9 @@ class Observer(Protocol):
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """A frame was searched."""
+
+    def on_vision_reset(self) -> None:
+        """Vision begins anew: a search failed, or hung."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """The core took a message and gave commands."""
@@ -108,33 +125,45 @@ class Daemon:
         self._devices = devices
         self._shape = (camera_model.height, camera_model.width)
         self._layout, self._camera_model = layout, camera_model
-        self._vision = Vision(layout, camera_model, config.vision)
+        self._vision = self._new_vision()
         self._vision_latency_s = vision_latency_s
         self._observers = observers
         self._logged: dict[str, float] = {}
         self._away: dict[str, str] = {}  # devices that were said to be lost, and why
         self._frame_t = -math.inf
         self._armed = True  # as far as is known: an unknown vehicle may be flying
+        self._frozen = FrozenInput()
+        self._is_measured = devices.gimbal.traits.feedback is Feedback.MEASURED
+        self._guided = False  # armed and in GUIDED by the last heartbeat
+        self._worker: Worker[Sightings] | None = None
+        if vision_latency_s is None:
+            self._worker = Worker("vision")
+        self._failure: Exception | None = None  # of the core
+        self._last_orders: LastOrders | None = None
+        self.monitor = LoopMonitor()
         self.lander = Lander(config, layout)
         self.faults: Counter[str] = Counter()  # bad input by kind
 
     async def run(self) -> NoReturn:
-        """Drive the devices until cancelled; a lost device is opened again, with back-off."""
+        """Drive the devices until cancelled; a lost device is opened again, with back-off.
+
+        Raises:
+            CoreFailed: the core raised an exception; the stop orders were streamed.
+        """
         devices = self._devices
-        for observer in self._observers:
-            observer.on_flight(self.lander)
-        executor = ThreadPoolExecutor(1) if self._vision_latency_s is None else None
+        self._observe(lambda observer: observer.on_flight(self.lander))
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._control())
                 tasks.create_task(self._run_device("autopilot", devices.autopilot, self._autopilot))
                 tasks.create_task(self._run_device("gimbal", devices.gimbal, self._gimbal))
-                tasks.create_task(
-                    self._run_device("camera", devices.camera, lambda: self._camera(executor))
-                )
+                tasks.create_task(self._run_device("camera", devices.camera, self._camera))
+        except ExceptionGroup as group:
+            failures, _ = group.split(CoreFailed)
+            raise failures.exceptions[0] if failures is not None else group from None
         finally:
-            if executor is not None:
-                executor.shutdown(wait=False, cancel_futures=True)
+            if self._worker is not None:
+                self._worker.close()
         raise AssertionError("tasks run for ever")
 
     async def shut_down(self) -> None:
@@ -142,8 +171,12 @@ class Daemon:
 
         Without this the autopilot would fly the last velocity on until its own timeout.
         """
-        self._take(Shutdown(asyncio.get_running_loop().time()))
-        await asyncio.sleep(min(self._config.guidance.release_s, LAST_ORDERS_S))
+        loop = asyncio.get_running_loop()
+        self._take(Shutdown(loop.time()))
+        end = loop.time() + LAST_ORDERS_S
+        await asyncio.sleep(2.0 / self._config.control.rate_hz)  # until the core has had its turn
+        while self.lander.state is not State.SILENT and loop.time() < end:
+            await asyncio.sleep(1.0 / self._config.control.rate_hz)
 
     # ---- device tasks --------------------------------------------------------------------------
 
@@ -162,10 +195,19 @@ class Daemon:
                 await serve()
             except DeviceLost as e:
                 self._lose(name, str(e))
+            except Exception as e:  # of a driver, that nobody foresaw: not the flight's end
+                log.debug("%s", name, exc_info=e)
+                self._lose(name, f"{type(e).__name__}: {e}")
             finally:
-                await device.close()
+                await self._close(name, device)
             await asyncio.sleep(wait)
             wait = min(2.0 * wait, BACK_OFF_S[1])
+
+    async def _close(self, name: str, device: Camera | Gimbal | Autopilot) -> None:
+        try:
+            await device.close()
+        except Exception as e:
+            self._fault(f"{name} not closed", f"{type(e).__name__}: {e}")
 
     async def _autopilot(self) -> NoReturn:
         while True:
@@ -175,7 +217,7 @@ class Daemon:
         while True:
             self._take_from("gimbal", await self._devices.gimbal.state())
 
-    async def _camera(self, executor: ThreadPoolExecutor | None) -> NoReturn:
+    async def _camera(self) -> NoReturn:
         loop = asyncio.get_running_loop()
         while True:
             if not self.lander.needs_sight:
@@ -185,20 +227,32 @@ class Daemon:
             self._find("camera")
             if not self._usable(frame, loop.time()):
                 continue
-            prior = self.lander.prior(frame.t)
-            try:
-                if executor is None:
-                    sightings = self._vision.process(frame, prior)
-                    await asyncio.sleep(self._vision_latency_s or 0.0)
-                else:
-                    search = self._vision.process
-                    sightings = await loop.run_in_executor(executor, search, frame, prior)
-            except (ValueError, cv2.error) as e:
-                self._fault("image not searched", str(e))
+            searched = await self._search(frame)
+            if searched is None:
+                self._vision = self._new_vision()
+                self._observe(lambda observer: observer.on_vision_reset())
                 continue
-            for observer in self._observers:
-                observer.on_frame(frame, prior, sightings)
+            prior, sightings = searched
+            self._observe(partial(_tell_frame, frame, prior, sightings))
             self._take(sightings)
+
+    async def _search(self, frame: Frame) -> tuple[Prior, Sightings] | None:
+        """Return what vision was told and what it saw; None: the frame is lost."""
+        try:
+            prior = self.lander.prior(frame.t)
+            search = partial(self._vision.process, frame, prior)
+            if self._worker is None:
+                sightings = search()
+                await asyncio.sleep(self._vision_latency_s or 0.0)
+            else:
+                sightings = await self._worker.run(search, SEARCH_S)
+        except JobHangs:
+            self._fault("search of an image hangs", f"given up after {SEARCH_S:g} s")
+        except Exception as e:  # whatever a picture brings about, it must not end the flight
+            self._fault("image not searched", f"{type(e).__name__}: {e}")
+        else:
+            return prior, sightings
+        return None
 
     # ---- control -------------------------------------------------------------------------------
 
@@ -210,14 +264,31 @@ class Daemon:
         while True:
             due = max(due + period, loop.time())
             await asyncio.sleep(due - loop.time())
+            self.monitor.woke(due)
             now = loop.time()
             if now - beat >= HEARTBEAT_S:
                 beat = now
-                self._devices.autopilot.heartbeat()
+                self._send(self._devices.autopilot.heartbeat)
             self._take(Tick(now))
+            if self._failure is not None:
+                await self._end_flight(period)
+                raise CoreFailed(f"{type(self._failure).__name__}: {self._failure}")
             if now - plotted >= PLOT_S:
                 plotted = now
-                self._devices.autopilot.plot(self._figures(now))
+                self._send(lambda: self._devices.autopilot.plot(self._figures(loop.time())))
+
+    async def _end_flight(self, period: float) -> None:
+        """Stream the orders prepared before the core failed, while the vehicle takes any."""
+        loop = asyncio.get_running_loop()
+        autopilot, orders = self._devices.autopilot, self._last_orders
+        self._send(lambda: autopilot.tell(StatusText(Severity.CRITICAL, FAILED)))
+        began = loop.time()
+        while orders is not None and self._guided:
+            order = orders.at(loop.time() - began)
+            if order is None:
+                break
+            self._carry_out(order)
+            await asyncio.sleep(period)
 
     def _figures(self, now: float) -> dict[str, float]:
         """What the pilot may watch in the ground station's plots."""
@@ -225,18 +296,49 @@ class Daemon:
         pad = self.lander.relative_state(now)
         if pad is not None:
             figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
-        return figures
+            sensors = self.lander.sensor_errors
+            figures |= {"cam_clk_ms": 1e3 * sensors.clock_s, "pad_nis": self.lander.nis}
+        return {name: value for name, value in figures.items() if math.isfinite(value)}
 
     def _take(self, message: Input) -> None:
-        """Give the core a message and carry out what it orders."""
-        commands = self.lander.step(message)
+        """Give the core a message and carry out what it orders; a failed core takes none."""
+        if self._failure is not None:
+            return
+        try:
+            with self.monitor.at(f"the core with {type(message).__name__}"):
+                commands = self.lander.step(message)
+                if isinstance(message, Tick):
+                    self._last_orders = self.lander.last_orders
+        except Exception as e:
+            log.critical("the core failed: the vehicle is stopped, landerd ends", exc_info=e)
+            self._failure = e
+            return
         for command in commands:
             self._carry_out(command)
         now = asyncio.get_running_loop().time()
+        self._observe(lambda observer: observer.on_step(now, message, commands))
+
+    def _observe(self, tell: Callable[[Observer], None]) -> None:
+        """Tell the observers; what goes wrong there is no reason to end a flight."""
         for observer in self._observers:
-            observer.on_step(now, message, commands)
+            name = type(observer).__name__
+            try:
+                with self.monitor.at(name):
+                    tell(observer)
+            except Exception as e:
+                self._fault(f"{name} failed", f"{type(e).__name__}: {e}")
 
     def _carry_out(self, command: Command) -> None:
+        self._send(lambda: self._give(command))
+
+    def _send(self, send: Callable[[], None]) -> None:
+        """Send something; a driver that raises loses what was to be sent."""
+        try:
+            send()
+        except Exception as e:
+            self._fault("order not sent", f"{type(e).__name__}: {e}")
+
+    def _give(self, command: Command) -> None:
         autopilot = self._devices.autopilot
         match command:
             case Setpoint():
@@ -245,6 +347,10 @@ class Daemon:
                 autopilot.press_down(command)
             case GimbalCommand():
                 self._devices.gimbal.command(command)
+            case ExposureOrder():
+                camera = self._devices.camera
+                if isinstance(camera, ExposureControl):
+                    camera.expose(command)
             case StatusText():
                 autopilot.tell(command)
             case Disarm():
@@ -264,19 +370,31 @@ class Daemon:
             self._fault(f"{source} sent a number that is none", type(message).__name__)
         elif message.t > now + FUTURE_S:
             self._fault(f"{source} sent a time in the future", type(message).__name__)
+        elif self._repeats(message):
+            self._fault(f"{source} repeats itself", type(message).__name__)
         else:
             if isinstance(message, Heartbeat):
                 self._watch_arming(message)
             self._take(message)
 
+    def _repeats(self, message: Input) -> bool:
+        if isinstance(message, GimbalState) and not self._is_measured:
+            return False  # what is modelled or ordered may well stay the same
+        return self._frozen.repeats(message)
+
     def _watch_arming(self, heartbeat: Heartbeat) -> None:
         """Begin each flight with a new core, so that its log alone replays."""
+        self._guided = heartbeat.armed and heartbeat.guided
         if heartbeat.armed and not self._armed:
             self.lander = Lander(self.lander.config, self._layout)
-            self._vision = Vision(self._layout, self._camera_model, self._config.vision)
-            for observer in self._observers:
-                observer.on_flight(self.lander)
+            self._vision = self._new_vision()
+            self._observe(lambda observer: observer.on_flight(self.lander))
         self._armed = heartbeat.armed
+
+    def _new_vision(self) -> Vision:
+        config = self._config
+        meters = config.camera.exposure == "pad"
+        return Vision(self._layout, self._camera_model, config.vision, meters=meters)
 
     def _usable(self, frame: Frame, now: float) -> bool:
         image = frame.image
@@ -289,6 +407,8 @@ class Daemon:
             self._fault("frame from the future", f"{frame.t - now:.3f} s ahead")
         elif frame.t < now - OLDEST_FRAME_S or frame.t <= self._frame_t:
             self._fault("frame too old or out of order", f"{now - frame.t:.3f} s old")
+        elif self._frozen.picture_repeats(image):
+            self._fault("camera repeats itself", "the same picture with another time")
         else:
             self._frame_t = frame.t
             return True
@@ -315,6 +435,10 @@ class Daemon:
         if now - self._logged.get(kind, -math.inf) >= 1.0:
             self._logged[kind] = now
             log.warning("%s: %s (%d so far)", kind, detail, self.faults[kind])
+
+
+def _tell_frame(frame: Frame, prior: Prior, sightings: Sightings, observer: Observer) -> None:
+    observer.on_frame(frame, prior, sightings)
 
 
 def _finite(message: Input) -> bool:

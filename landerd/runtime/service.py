@@ -17,7 +17,7 @@ def notify(text: str) -> None:
         return
     if address.startswith("@"):
         address = "\0" + address[1:]
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as s:
         s.sendto(text.encode(), address)
 
 
@@ -53,6 +53,9 @@ class ServiceNotifier:
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Frames do not matter here: a daemon without a camera is alive."""
+
+    def on_vision_reset(self) -> None:
+        """Nor does this."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Pass changes of phase on, and feed the watchdog with ticks."""

@@ -201,7 +201,6 @@ class Simulation:
             ends_at_contact=self.ends_at_contact,
             score=self.score,
             rules_broken=self.rules.broken,
-            rules_known_broken=self.rules.known_broken,
             lander=self.daemon.lander,
             faults=self.daemon.faults,
             recording=self.recording,

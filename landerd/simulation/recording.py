@@ -96,6 +96,9 @@ class Recording:
         if sightings.markers and phase not in self.views:
             self.views[phase] = (frame.t - self.began, frame, sightings)
 
+    def on_vision_reset(self) -> None:
+        """Nothing to keep of it."""
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Sample the truth, note changes of phase."""
         if self.off_centre_px:

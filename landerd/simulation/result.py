@@ -28,7 +28,6 @@ class Flown:
     ends_at_contact: bool  # what comes after it was not simulated
     score: Score
     rules_broken: Mapping[str, float]  # with the time of the first break
-    rules_known_broken: Mapping[str, float]  # those that today's core breaks in every landing
     lander: Lander
     faults: Mapping[str, int]  # bad input, by kind
     recording: Recording
@@ -65,7 +64,6 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "aborts": lander.aborts,
         "phases": _phases(flown),
         "rules_broken": _breaks(flown, flown.rules_broken),
-        "rules_known_broken": _breaks(flown, flown.rules_known_broken),
         "simulated_s": flown_s,
         "frames_per_s": recording.frames / flown_s,
         "faults": dict(flown.faults),

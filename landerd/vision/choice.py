@@ -12,6 +12,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.expected import any_across
+from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, pad_poses
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 
@@ -35,6 +36,7 @@ def choose(
     candidates: list[Candidate],
     layout: PadLayout,
     camera: CameraModel,
+    errors: MarkerErrors,
     prior: Prior,
     expected: F64 | None,
 ) -> tuple[list[Candidate], list[PoseSolution]]:
@@ -44,17 +46,18 @@ def choose(
         candidates: all that were found; the same marker or outline may be there twice.
         layout: the pad.
         camera: the lens.
+        errors: how the markers may differ from the pad file.
         prior: gravity, and the pad's north where the markers leave it open.
         expected: landing point where it should be, (3,); of several pads the nearest is taken.
     """
     if _no_two_alike(candidates):
-        poses = _poses(candidates, prior)
+        poses = _poses(candidates, errors, prior)
         if len(candidates) < 2 or _agree(poses, len(candidates)):
             return candidates, poses
     best: tuple[list[Candidate], list[PoseSolution]] = ([], [])
     best_score: tuple[float, bool, float] | None = None
     for seed in sorted(candidates, key=_uncertainty)[:_MAX_SEEDS]:
-        group, poses = _consensus(seed, candidates, prior)
+        group, poses = _consensus(seed, candidates, errors, prior)
         if not poses:
             continue
         off = 0.0 if expected is None else float(np.linalg.norm(expected - poses[0].position))
@@ -67,22 +70,22 @@ def choose(
 
 
 def _consensus(
-    seed: Candidate, candidates: list[Candidate], prior: Prior
+    seed: Candidate, candidates: list[Candidate], errors: MarkerErrors, prior: Prior
 ) -> tuple[list[Candidate], list[PoseSolution]]:
     """Add to a seed what agrees with it."""
-    group, poses = [seed], _poses([seed], prior)
+    group, poses = [seed], _poses([seed], errors, prior)
     for other in sorted(candidates, key=_uncertainty):
         if not _no_two_alike([*group, other]):
             continue
-        joint = _poses([*group, other], prior)
+        joint = _poses([*group, other], errors, prior)
         if _agree(joint, len(group) + 1):
             group, poses = [*group, other], joint
     return group, poses
 
 
-def _poses(candidates: list[Candidate], prior: Prior) -> list[PoseSolution]:
+def _poses(candidates: list[Candidate], errors: MarkerErrors, prior: Prior) -> list[PoseSolution]:
     north = prior.pad.north if prior.pad else None
-    return pad_poses([c.measurement for c in candidates], north, prior.down)
+    return pad_poses([c.measurement for c in candidates], errors, north, prior.down)
 
 
 def _agree(poses: list[PoseSolution], markers: int) -> bool:

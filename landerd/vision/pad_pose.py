@@ -1,28 +1,28 @@
 """Pose of the landing point from all markers seen, by one joint least squares.
 
 Each marker gives a pose and its information matrix, twice where the image is ambiguous. A pose of
-the pad implies a pose of each marker; the joint solution minimises the sum of their Mahalanobis
-distances to what was measured.
+the pad, and the errors of its markers, imply a pose of each marker; the joint solution minimises
+the sum of their Mahalanobis distances to what was measured, and that of the errors to what is known
+of them (`MarkerErrors`). So a marker beside the landing point, whose arm may be bent, counts the
+less the farther off it is, and the joint covariance knows of it.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from landerd.camera_model import F64
 from landerd.geometry import Vec3, cross, rotation_vector
-from landerd.messages import PoseSolution
-from landerd.vision.pose import Pose, gravity_cost, rotation_from, skew, solution, vec3
+from landerd.messages import PoseSolution, SystematicError
+from landerd.vision.marker_errors import ERRORS, LEARNED_SHARE, SCALE, TILT, MarkerErrors
+from landerd.vision.pose import Pose, gravity_cost, mat3, rotation_from, skew, solution, vec3
 
 _MAX_STEPS = 5
 _CONVERGED = 1e-4  # reduction of chi-square by a step: a hundredth of a sigma
 _MIN_YAW_INFORMATION = 1e-6  # 1/rad^2, of a heading that nobody knows: keeps matrices regular
 _PRIOR_NORTH_SIGMA = math.radians(5.0)
-_PLACE_SIGMA_M = 1e-3  # of a marker on its pad, as printed and laid out
-_FLATNESS_SIGMA = math.radians(0.1)  # of its tilt and heading against the pad's
-_PLACE_VARIANCES = np.array([_PLACE_SIGMA_M**2] * 3 + [_FLATNESS_SIGMA**2] * 3)
-_IDENTITY = np.eye(6)
 # A solution is dropped whose chi-square is above the best one's by more: of the pad; and of a ring
 # by itself, which the other markers cannot make up for.
 _MAX_CHI2_ABOVE_BEST, _MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
@@ -32,13 +32,24 @@ _MAX_CHI2_ABOVE_BEST, _MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
 class Measurement:
     """A marker's place on the pad and the poses its image allows, best first."""
 
+    marker: int  # its place among the pad's markers
     place: F64  # centre in the pad frame, (3,)
     heading: float | None  # of its north in the pad frame, rad; None: a plain ring
     poses: tuple[Pose, ...]
 
 
+@dataclass(frozen=True)
+class Joint:
+    """A pose of the pad with the errors of the k markers seen: small errors are (dt, w, 7 k)."""
+
+    pose: Pose  # its information is not that of the joint
+    errors: F64  # (7 k,)
+    information: F64  # (6 + 7 k, 6 + 7 k), of the picture and of what was known
+    seen: F64  # that of the picture alone
+
+
 def ring_measurement(
-    place: tuple[float, float], solutions: tuple[PoseSolution, ...]
+    marker: int, place: tuple[float, float], solutions: tuple[PoseSolution, ...]
 ) -> Measurement:
     """Return what a ring's sighting says: position and normal, no heading."""
     poses = []
@@ -52,43 +63,116 @@ def ring_measurement(
         information[3:, 3:] = (np.eye(3) - np.outer(n, n)) / s.sigma_tilt**2
         R = rotation_from(n, np.array([0.0, -1.0, 0.0]) if abs(n[1]) < 0.9 else np.eye(3)[0])
         poses.append(Pose(R, np.array(s.position), information, s.cost - best))
-    return Measurement(np.array([*place, 0.0]), None, tuple(poses))
+    return Measurement(marker, np.array([*place, 0.0]), None, tuple(poses))
 
 
 def pad_poses(
-    measured: list[Measurement], north: Vec3 | None, down: Vec3 | None
+    measured: list[Measurement], errors: MarkerErrors, north: Vec3 | None, down: Vec3 | None
 ) -> list[PoseSolution]:
     """Return the poses of the landing point that explain all markers, best first, at most two.
 
     Args:
         measured: the markers seen.
+        errors: how they may differ from the pad file.
         north: the pad's north as the estimate has it, camera frame; used only where the markers
             leave the heading open.
         down: unit vector of gravity, camera frame; puts the more level solution first.
     """
     if not measured:
         return []
-    prior_north = None if north is None else np.array(north)
-    measured = [
-        Measurement(m.place, m.heading, tuple(_on_pad(p, m.heading) for p in m.poses))
-        for m in measured
-    ]
-    # Start from the solutions of the marker that knows its tilt best: the others then choose.
-    measured = sorted(measured, key=lambda m: -_tilt_information(m.poses[0]))
-    joint: list[Pose] = []
-    for first in measured[0].poses:
-        pose = _joint(measured, first, prior_north)
-        if pose is None or any(_same(pose, other) for other in joint):
-            continue
-        joint.append(with_gravity(pose, down))
-    joint.sort(key=lambda p: p.cost)
+    measured = in_order(measured)
+    mean, known = errors.of([m.marker for m in measured])
+    joint = joint_poses(measured, mean, known, None if north is None else np.array(north))
+    joint = [replace(j, pose=with_gravity(j.pose, down)) for j in joint]
+    joint.sort(key=lambda j: j.pose.cost)
     has_north = _has_north(measured)
-    found = []
-    for pose in joint[:2]:
-        s = solution(pose, has_north)
-        if s is not None and pose.cost < joint[0].cost + _MAX_CHI2_ABOVE_BEST:
-            found.append(s)
-    return found
+    poses = []
+    for j in joint[:2]:
+        s = _solution(j, errors, has_north)
+        if s is not None and j.pose.cost < joint[0].pose.cost + _MAX_CHI2_ABOVE_BEST:
+            poses.append(s)
+    return poses
+
+
+def in_order(measured: list[Measurement]) -> list[Measurement]:
+    """Return the markers with their poses in the pad's axes, that which knows its tilt best first.
+
+    A joint pose is sought from its solutions: the others then choose.
+    """
+    turned = [_to_pad_axes(m) for m in measured]
+    return sorted(turned, key=lambda m: -_tilt_information(m.poses[0]))
+
+
+def joint_poses(
+    measured: list[Measurement], mean: F64, known: F64, north: F64 | None
+) -> list[Joint]:
+    """Return the poses of the pad that explain all markers.
+
+    Args:
+        measured: k markers, `in_order`.
+        mean: of their errors, (7 k,), and
+        known: its information, (7 k, 7 k).
+        north: the pad's as the estimate has it, camera frame.
+    """
+    joint: list[Joint] = []
+    for first in measured[0].poses:
+        found = _joint(measured, first, north, mean, known)
+        if found is not None and not any(_same(found.pose, other.pose) for other in joint):
+            joint.append(found)
+    return joint
+
+
+def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: PoseSolution) -> None:
+    """Remember what a frame says of how its markers lie to one another.
+
+    Args:
+        measured: the markers seen that belong to the pad.
+        errors: what is known of them; changed.
+        t: of the exposure, s.
+        pad: its pose in the frame.
+    """
+    if len(measured) < 2 or pad.north is None or not errors.is_due(t):
+        return
+    measured = [_to_pad_axes(m) for m in measured]
+    markers = [m.marker for m in measured]
+    mean, before = errors.of(markers)
+    R = rotation_from(np.array(pad.normal), np.array(pad.north))
+    pose = Pose(R, np.array(pad.position), np.zeros((6, 6)), 0.0)
+    seen, gradient, _ = _normal_equations(measured, pose, mean)
+    known = np.zeros_like(seen)
+    known[6:, 6:] = before
+    n = pose.normal
+    known[3:6, 3:6] = _MIN_YAW_INFORMATION * np.outer(n, n)
+    joint: F64 = np.asarray(np.linalg.inv(known + LEARNED_SHARE * seen), dtype=np.float64)
+    errors.learn(t, markers, mean + LEARNED_SHARE * (joint @ gradient)[6:], joint[6:, 6:])
+
+
+def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSolution | None:
+    """Return a pose as vision reports it, with what is systematic of its uncertainty.
+
+    The joint covariance is P (H + L) P, H the information of the picture and L that of what was
+    known before: P L P is alike in all frames. Besides, all markers may be too large together,
+    which moves the pad along the sight, and the lens too long, which moves it along the lens's
+    axis.
+    """
+    pose = joint.pose
+    try:
+        P: F64 = np.asarray(np.linalg.inv(joint.information), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return None
+    noise = (P @ joint.seen @ P)[:6, :6]
+    total = P[:6, :6].copy()
+    total[:3, :3] += errors.scale_sigma**2 * np.outer(pose.t, pose.t)
+    total[2, 2] += (errors.focal_sigma * pose.t[2]) ** 2
+    information: F64 = np.asarray(np.linalg.inv(total), dtype=np.float64)
+    found = solution(replace(pose, information=information), has_north)
+    if found is None:
+        return None
+    systematic = total - noise
+    turn = systematic[3:, 3:]
+    yaw = max(0.0, float(pose.normal @ turn @ pose.normal))
+    tilt = max(0.0, 0.5 * (float(np.trace(turn)) - yaw))
+    return replace(found, systematic=SystematicError(mat3(systematic[:3, :3]), yaw**0.5, tilt**0.5))
 
 
 def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
@@ -96,18 +180,13 @@ def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
     return Pose(pose.R, pose.t, pose.information, pose.cost + gravity_cost(pose.normal, down))
 
 
-def _on_pad(pose: Pose, heading: float | None) -> Pose:
-    """Return a marker's pose turned to the pad's axes, its own place on the pad being uncertain."""
-    # (information^-1 + placing)^-1, also where the information is singular.
-    information = np.asarray(
-        np.linalg.solve(_IDENTITY + pose.information * _PLACE_VARIANCES, pose.information),
-        dtype=np.float64,
-    )
-    R = pose.R
-    if heading is not None:
-        c, s = math.cos(heading), math.sin(heading)
-        R = R @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Pose(R, pose.t, information, pose.cost)
+def _to_pad_axes(m: Measurement) -> Measurement:
+    """Return a measurement whose poses are turned from the marker's axes to the pad's."""
+    if m.heading is None:
+        return m
+    c, s = math.cos(m.heading), math.sin(m.heading)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return replace(m, poses=tuple(replace(p, R=p.R @ turn) for p in m.poses))
 
 
 def _tilt_information(pose: Pose) -> float:
@@ -129,34 +208,62 @@ def _same(a: Pose, b: Pose) -> bool:
     return bool(near and np.trace(step) > 3.0 - 1e-5)
 
 
-def _joint(measured: list[Measurement], first: Pose, prior_north: F64 | None) -> Pose | None:
-    """Minimise the joint cost from one solution of the first marker; None if it fails."""
+def _joint(
+    measured: list[Measurement], first: Pose, prior_north: F64 | None, mean: F64, known: F64
+) -> Joint | None:
+    """Minimise the joint cost from one solution of the first marker; None if it fails.
+
+    Args:
+        measured: k markers.
+        first: a solution of the first one.
+        prior_north: the pad's, camera frame.
+        mean: of the markers' errors as known before, (7 k,), and
+        known: its information, (7 k, 7 k).
+    """
     R = _start_rotation(measured, first, prior_north)
     pose = Pose(R, first.t - R @ measured[0].place, np.zeros((6, 6)), 0.0)
+    errors = mean
     yaw_information = _MIN_YAW_INFORMATION
     if prior_north is not None and not _has_north(measured):
         yaw_information = 1.0 / _PRIOR_NORTH_SIGMA**2
     for _ in range(_MAX_STEPS):
+        seen, gradient, cost = _normal_equations(measured, pose, errors)
         n = pose.normal
-        information = np.zeros((6, 6))
-        information[3:, 3:] = yaw_information * np.outer(n, n)
-        gradient = np.zeros(6)
-        cost = 0.0
-        for m in measured:
-            J = _derivative(m, pose)
-            residual, chosen = _nearest(m, pose)
-            weighted = J.T @ chosen.information
-            information += weighted @ J
-            gradient += weighted @ residual
-            cost += chosen.cost + float(residual @ chosen.information @ residual)
+        seen[3:6, 3:6] += yaw_information * np.outer(n, n)
+        information = seen.copy()
+        information[6:, 6:] += known
+        pull = known @ (errors - mean)
+        gradient[6:] -= pull
+        cost += float((errors - mean) @ pull)
         try:
             step = np.linalg.solve(information, gradient)
         except np.linalg.LinAlgError:
             return None
-        pose = Pose(pose.R, pose.t, information, cost).moved(step)
+        pose, errors = replace(pose, cost=cost).moved(step[:6]), errors + step[6:]
         if float(gradient @ step) < _CONVERGED:
             break
-    return pose if np.isfinite(pose.t).all() else None
+    return Joint(pose, errors, information, seen) if np.isfinite(pose.t).all() else None
+
+
+def _normal_equations(
+    measured: list[Measurement], pose: Pose, errors: F64
+) -> tuple[F64, F64, float]:
+    """Return information, gradient and cost of k markers at a pose of the pad and their errors."""
+    size = 6 + ERRORS * len(measured)
+    information, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+    for i, m in enumerate(measured):
+        own = slice(6 + ERRORS * i, 6 + ERRORS * (i + 1))
+        residual, chosen, J = _nearest(m, pose, errors[ERRORS * i : ERRORS * (i + 1)])
+        weighted = J.T @ chosen.information
+        both, pull = weighted @ J, weighted @ residual
+        information[:6, :6] += both[:6, :6]
+        information[:6, own] = both[:6, 6:]
+        information[own, :6] = both[6:, :6]
+        information[own, own] = both[6:, 6:]
+        gradient[:6] += pull[:6]
+        gradient[own] = pull[6:]
+        cost += chosen.cost + float(residual @ chosen.information @ residual)
+    return information, gradient, cost
 
 
 def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 | None) -> F64:
@@ -181,25 +288,37 @@ def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 |
     return first.R if prior_north is None else rotation_from(first.normal, prior_north)
 
 
-def _derivative(m: Measurement, pose: Pose) -> F64:
-    """Return the derivative (6, 6) of the marker's error by the pad's."""
-    J = np.eye(6)
-    J[:3, 3:] = -skew(pose.R @ m.place)
-    return J
+def _nearest(m: Measurement, pose: Pose, e: F64) -> tuple[F64, Pose, F64]:
+    """Return the marker's solution nearest to a pad's pose and its errors (7,).
 
+    A marker that is larger than its file says looks so much nearer.
 
-def _nearest(m: Measurement, pose: Pose) -> tuple[F64, Pose]:
-    """Return the marker's solution nearest to a pad pose, and its residual (6,)."""
+    Returns:
+        the residual (6,), the solution, and the derivative of the marker's pose by that of the pad
+        and by the marker's errors (6, 6 + 7).
+    """
+    size = 1.0 + float(e[SCALE])
+    arm = pose.R @ (m.place + e[:3])
+    t = (pose.t + arm) / size
+    R: F64 = pose.R @ cv2.Rodrigues(e[TILT])[0]
+    normal = vec3(R[:, 2])
     best: tuple[float, F64, Pose] | None = None
     for candidate in m.poses:
         residual = np.empty(6)
-        residual[:3] = candidate.t - pose.R @ m.place - pose.t
+        residual[:3] = candidate.t - t
         if m.heading is None:
-            residual[3:] = cross(vec3(pose.normal), vec3(candidate.normal))
+            residual[3:] = cross(normal, vec3(candidate.normal))
         else:
-            residual[3:] = rotation_vector((candidate.R @ pose.R.T).tolist())
+            residual[3:] = rotation_vector((candidate.R @ R.T).tolist())
         cost = candidate.cost + float(residual @ candidate.information @ residual)
         if best is None or cost < best[0]:
             best = (cost, residual, candidate)
     assert best is not None
-    return best[1], best[2]
+    J = np.zeros((6, 6 + ERRORS))
+    J[0, 0] = J[1, 1] = J[2, 2] = 1.0 / size
+    J[3, 3] = J[4, 4] = J[5, 5] = 1.0
+    J[:3, 3:6] = skew(arm) / -size
+    J[:3, 6:9] = pose.R / size
+    J[3:, 9:12] = pose.R
+    J[:3, 6 + SCALE] = t / -size
+    return best[1], best[2], J

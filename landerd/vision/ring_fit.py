@@ -71,6 +71,7 @@ class RingFit:
     sigma_tilt: float  # rad
     ratio: float  # inner over outer diameter as the pixels have it
     sigma_ratio: float
+    stage: str = "grey"  # fitted to grey levels; "edges": to the places of the edges alone
 
     @property
     def contrast(self) -> float:
@@ -304,7 +305,7 @@ def _ring_fit(
     e = equations.axes[k].astype(np.float64)
     across = C[1:6, RATIO]
     covariance = scale * (C[1:6, 1:6] - np.outer(across, across) / C[RATIO, RATIO])
-    covariance += _frontal_inflation(covariance, e @ t / np.linalg.norm(t))
+    covariance += frontal_inflation(covariance, e @ t / np.linalg.norm(t))
     return RingFit(
         position=t,
         normal=estimate.normal[k],
@@ -330,7 +331,7 @@ def _inliers(pixels: Pixels, residual: F32, contrast: float) -> float:
     return float(pixels.weight[explained].sum()) / float(pixels.weight.sum())
 
 
-def _frontal_inflation(covariance: F64, sight: F64) -> F64:
+def frontal_inflation(covariance: F64, sight: F64) -> F64:
     """Return what is to be added to a covariance (5, 5) of centre and tilt near frontal view.
 
     There the image changes with the square of the angle to the line of sight (unit vector, on the

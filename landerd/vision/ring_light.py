@@ -43,7 +43,10 @@ def evenly_lit(pixels: Pixels, fit: RingFit, ring: Ring) -> Pixels | None:
     if ((features[white] @ line > 0.0) == bright).mean() < _MIN_PARTED:
         return None
     side = features @ line
-    away_px = np.abs(side) / np.hypot(line[1], line[2]) * pixels.focal / k
+    slope = float(np.hypot(line[1], line[2]))
+    if not slope > 0.0 or not low > 0.0:
+        return None
+    away_px = np.abs(side) / slope * pixels.focal / k
     light = np.where(side > 0.0, 1.0, low / high).astype(np.float32)
     # Noise grows as the grey levels do.
     weight = pixels.weight * light**2 * (away_px > _PENUMBRA_PX)

@@ -45,6 +45,7 @@ def ring_sighting(
         id=None,
         solutions=tuple(_solution(f, fits, ring.radius_m, camera) for f in fits),
         outline_px=tuple((x, y) for x, y in edge.tolist()),
+        stage=fits[0].stage,
     )
 
 

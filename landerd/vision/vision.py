@@ -8,10 +8,13 @@ from landerd.camera_model import F64, CameraModel
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
-from landerd.pad import PadLayout, Square, WhyCode
+from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
+from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import SeenPad, expected_pad
-from landerd.vision.pad_pose import Measurement, ring_measurement, with_gravity
+from landerd.vision.marker_errors import MarkerErrors
+from landerd.vision.metering import light
+from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
 from landerd.vision.pose import Pose, circle, solution
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image, printed_cells
@@ -33,19 +36,37 @@ class Vision:
     - what `search_policy` counts: how long a ring is enough, how many frames in a row showed
       nothing where the pad was expected;
     - for each square and WhyCode the blur of its last fit, with which the next one starts, and its
-      print so blurred.
+      print so blurred;
+    - how the markers lie to one another, where that is not as the pad file says (`MarkerErrors`).
     """
 
-    def __init__(self, layout: PadLayout, camera: CameraModel, options: VisionSection) -> None:
-        """Prepare to find one pad with one camera."""
+    def __init__(
+        self,
+        layout: PadLayout,
+        camera: CameraModel,
+        options: VisionSection,
+        *,
+        meters: bool = False,
+    ) -> None:
+        """Prepare to find one pad with one camera.
+
+        Args:
+            layout: the pad.
+            camera: the lens.
+            options: how images are searched.
+            meters: tell the brightness of every frame, too.
+        """
         self._layout = layout
         self._camera = camera
         self._options = options
+        self._meters = meters
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._prints = {s: SquarePrint(s, printed_cells(s)) for s in layout.squares}
         self._search = Search(layout, camera, options.min_ring_px, self._prints)
         self._codes = WhyCodeFinder(layout, camera)
+        self._errors = MarkerErrors(layout, options.focal_sigma)
         self._last: SeenPad | None = None
+        self._found: list[Measurement] = []  # of the last frame, each marker once
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
         """Return all that a frame shows of the pad.
@@ -62,9 +83,7 @@ class Vision:
         rings, squares = self._search.find(
             image, expected, prior.down, holds_heading=prior.pad is not None
         )
-        candidates = [
-            Candidate(ring, s, ring_measurement(ring.position_m, s.solutions)) for ring, s in rings
-        ]
+        candidates = [self._ring(ring, sighting) for ring, sighting in rings]
         normal = self._last_normal(frame.t)
         for found in squares:
             candidate = self._square(image, found, prior, normal or _unambiguous_normal(rings))
@@ -73,19 +92,32 @@ class Vision:
         codes = self._codes.find(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(found, prior)) is not None]
         where = None if expected is None else expected.position
-        chosen, poses = choose(candidates, self._layout, self._camera, prior, where)
+        chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
+        self._found = _once([*chosen, *candidates]) if poses else []
         others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
         markers = tuple(c.sighting for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
         if pad:
             self._last = SeenPad(frame.t, pad[0])
-        return Sightings(frame.t, frame.seq, markers, pad)
+            learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
+        seen = pad[0] if pad else None
+        shown = light(image, self._camera, self._layout.plate, seen) if self._meters else None
+        return Sightings(frame.t, frame.seq, markers, pad, shown)
+
+    def disagreement(self) -> Disagreement | None:
+        """Return how the markers of the last frame contradict each other, None if they do not."""
+        return disagreement(self._found, self._errors, self._layout)
 
     def _last_normal(self, t: float) -> Vec3 | None:
         """Return the pad's normal as just seen, None if that is too long ago."""
         if self._last is None or not 0.0 < t - self._last.t < _SAME_VIEW_S:
             return None
         return self._last.pose.normal
+
+    def _ring(self, ring: Ring, sighting: MarkerSighting) -> Candidate:
+        number = self._layout.markers.index(ring)
+        measured = ring_measurement(number, ring.position_m, sighting.solutions)
+        return Candidate(ring, sighting, measured)
 
     def _square(
         self, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
@@ -113,14 +145,21 @@ class Vision:
         points = level[0].t + outline @ level[0].R[:, :2].T
         polygon = tuple((float(x), float(y)) for x, y in self._camera.pixels(points))
         sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon)
-        place = np.array([*marker.position_m, 0.0])
-        return Candidate(
-            marker, sighting, Measurement(place, math.radians(marker.heading_deg), tuple(poses))
-        )
+        number = self._layout.markers.index(marker)
+        place, heading = np.array([*marker.position_m, 0.0]), math.radians(marker.heading_deg)
+        return Candidate(marker, sighting, Measurement(number, place, heading, tuple(poses)))
 
     def _is_certain(self, s: PoseSolution) -> bool:
         variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]
         return bool(variance <= self._options.max_sigma_m**2)
+
+
+def _once(candidates: list[Candidate]) -> list[Measurement]:
+    """Return the first measurement of each marker: those of the pad come first."""
+    first: dict[int, Measurement] = {}
+    for c in candidates:
+        first.setdefault(c.measurement.marker, c.measurement)
+    return list(first.values())
 
 
 def _checked(image: Image, camera: CameraModel) -> Image:

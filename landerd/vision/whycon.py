@@ -12,6 +12,7 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.pyramid import SMALL_PX, Level, levels
+from landerd.vision.ring_explained import Explained, explained, has_rings_within, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pose import F64
 from landerd.vision.ring_segment import THRESHOLDS, Candidate, ring_candidates
@@ -36,6 +37,9 @@ _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows 
 # Share from which shadow and motion are tried at once, not in the next image: four of ten of the
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
 _HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
+# Whose edges are looked at: so many doubtful fits in an image, the best of candidates with this
+# share.
+_EDGE_TRIES, _EDGE_SHARE = 3, 0.5
 
 
 def find_rings(
@@ -140,6 +144,33 @@ class _RingSearch:
                 return
 
     def find_hard(self) -> None:
+        """Look at the edges of the best doubtful ones; then fit with shadow and motion."""
+        unclear = self._find_by_edges()
+        if not self.found:
+            self._find_shaded_or_moving()
+        if unclear is not None and not self.found:
+            self._report(unclear.fits)
+
+    def _find_by_edges(self) -> Explained | None:
+        """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
+        tried: list[_Doubtful] = []
+        unclear = None
+        for one in sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast):
+            is_new = not any(t.place.is_same(one.place) for t in tried)
+            if one.share < _EDGE_SHARE or not is_new or len(tried) == _EDGE_TRIES:
+                continue
+            tried.append(one)
+            by_edges = explained(self._image, self._camera, self._ring, one.fits)
+            if by_edges is not None and by_edges.is_toned:
+                self._report(by_edges.fits)
+                return None
+            unclear = unclear or by_edges
+        return unclear
+
+    def _report(self, fits: list[RingFit]) -> None:
+        self.found.append(ring_sighting(fits, self._ring, self._camera, self._down))
+
+    def _find_shaded_or_moving(self) -> None:
         """Fit the best doubtful one with shadow and motion, now or in the next image."""
         hard = self._hard_now()
         if not hard or not self._work.affords(HARD_COST):
@@ -148,8 +179,8 @@ class _RingSearch:
             return
         best = min(hard, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
         fits = hard_fits(self._image, self._camera, self._ring, best.fits)
-        if is_ring(fits[0], self._ring):
-            self.found.append(ring_sighting(fits, self._ring, self._camera, self._down))
+        if _is_ours(self._image, self._camera, self._ring, fits[0]):
+            self._report(fits)
             return
         self._work.refuse(best.place)
         if not all(d.place.is_same(best.place) for d in self._doubtful):
@@ -182,8 +213,8 @@ class _RingSearch:
             return False
         reduction = self._camera.fx / one.level.camera.fx
         fits = full_fits(self._image, self._camera, self._ring, rough, reduction)
-        if fits and is_ring(fits[0], self._ring):
-            self.found.append(ring_sighting(fits, self._ring, self._camera, self._down))
+        if fits and _is_ours(self._image, self._camera, self._ring, fits[0]):
+            self._report(_untoned(self._image, self._camera, self._ring, fits))
             self._level_found = one.level
         elif fits and is_poor(fits[0]):
             self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
@@ -198,6 +229,19 @@ def _place(level: Level, candidate: Candidate) -> Place:
     k = level.reduction
     size = 2.0 * k * math.sqrt(abs(float(np.linalg.det(outline.axes))))
     return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size)
+
+
+def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
+    if not is_ring(fit, ring):
+        return False
+    return not (is_poor(fit) and has_rings_within(image, camera, ring, fit))
+
+
+def _untoned(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> list[RingFit]:
+    """Return the fits, those to edges where a tone curve has moved both of the ring's."""
+    by_edges = explained(image, camera, ring, fits) if is_toned(fits[0], ring) else None
+    return fits if by_edges is None else by_edges.fits
 
 
 def track_ring(
@@ -223,7 +267,12 @@ def track_ring(
         down: unit vector of gravity, camera frame.
     """
     fits = tracked_fits(image, camera, ring, (position, normal), down)
-    return ring_sighting(fits, ring, camera, down) if fits and is_ring(fits[0], ring) else None
+    if not fits:
+        return None
+    if is_ring(fits[0], ring):
+        return ring_sighting(_untoned(image, camera, ring, fits), ring, camera, down)
+    by_edges = explained(image, camera, ring, fits) if is_poor(fits[0]) else None
+    return None if by_edges is None else ring_sighting(by_edges.fits, ring, camera, down)
 
 
 def _covers(sighting: MarkerSighting, camera: CameraModel, position: F64) -> bool:

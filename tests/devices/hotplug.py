@@ -91,6 +91,9 @@ class Seen:
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         self.t["camera"] = frame.t  # the search takes its time here
 
+    def on_vision_reset(self) -> None:
+        """Nothing to see."""
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         if isinstance(message, GimbalState):
             self.t["gimbal"] = now

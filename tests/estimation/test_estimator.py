@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from landerd.config.models import Config
+from landerd.config.models import CameraSection, Config
 from landerd.estimation.estimator import Estimator
 from landerd.geometry import IDENTITY, matscale
 from landerd.messages import (
     Attitude,
+    ClockSync,
     GimbalState,
     LocalPosition,
     PoseSolution,
@@ -125,3 +126,37 @@ def test_vision_is_told_of_the_pad_for_a_second() -> None:
     prior = estimator.prior(2.1)
     assert prior.down is not None
     assert prior.pad is None
+
+
+def test_half_the_round_trip_to_the_autopilot_counts_as_age() -> None:
+    estimator = seeing(until=1.0)
+    assert estimator.stale(1.15) is None
+    estimator.on_clock(ClockSync(1.0, 0.1))
+    assert estimator.stale(1.05) is None
+    assert estimator.stale(1.15) == "attitude"
+    assert not estimator.has_fresh_vehicle(1.15)
+
+
+def test_a_picture_is_placed_where_the_configured_clock_says() -> None:
+    # Stamped 40 ms late, while the vehicle flies north at 5 m/s.
+    config = Config(camera=CameraSection(clock_offset_s=0.04))
+    estimator = Estimator(config)
+    for i in range(60):
+        t = 0.02 * i
+        estimator.on_telemetry(LocalPosition(t, (5.0 * t, 0.0, -5.0), (5.0, 0.0, 0.0)))
+        hear(estimator, t, "attitude", "gimbal")
+    observations = [
+        seen[0].position[0] - 5.0 * (0.8 + 0.04 * i)
+        for i in range(6)
+        if (seen := estimator.on_sightings(shown(0.84 + 0.04 * i, BELOW)))
+    ]
+    assert observations
+    assert observations[0] == pytest.approx(Config().vehicle.camera_offset_m[0], abs=0.02)
+
+
+def test_a_pad_that_is_refused_is_told_as_refused() -> None:
+    estimator = seeing(until=1.0)
+    hear(estimator, 1.04)
+    far = replace(BELOW, position=(0.0, 4.0, 5.0))
+    assert estimator.on_sightings(shown(1.04, far)) == []
+    assert estimator.refused_t == 1.04

@@ -27,9 +27,10 @@ from landerd.geometry import (
 )
 
 RATE = 30.0
+HICCUP = matscale(IDENTITY, 0.02**2)
 PAD: Vec3 = (12.0, -7.0, 0.4)
 OPTIONS = EstimationSection(clock_sigma_s=0.0)
-NO_BIAS = matscale(IDENTITY, 0.0)
+NOTHING = matscale(IDENTITY, 0.0)
 # Seen obliquely: 4 cm across, 20 cm along the line of sight.
 R_SIGHT = rot_zyx(0.7, -0.9, 0.0)
 SIGMAS: Vec3 = (0.20, 0.04, 0.04)
@@ -49,7 +50,7 @@ def sighting(
     sigma_tilt: float = 0.05,
     cost: float = 0.0,
     covariance: Mat3 = COVARIANCE,
-    bias_jacobian: Mat3 = NO_BIAS,
+    bias_jacobian: Mat3 = NOTHING,
     range_m: float = 0.0,
 ) -> PadObservation:
     if noise is not None:
@@ -64,16 +65,19 @@ def sighting(
     sigma_heading = math.inf if heading is None else 0.03
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
     return PadObservation(
-        t,
-        position,
-        range_m,
-        covariance,
-        bias_jacobian,
-        heading,
-        sigma_heading,
-        normal,
-        sigma_tilt,
-        cost,
+        t=t,
+        position=position,
+        range_m=range_m,
+        sight=rotate(R_SIGHT, (1.0, 0.0, 0.0)),
+        covariance=covariance,
+        telemetry_noise=NOTHING,
+        bias_jacobian=(bias_jacobian, NOTHING),
+        hiccup=HICCUP,
+        heading=heading,
+        sigma_heading=sigma_heading,
+        normal=normal,
+        sigma_tilt=sigma_tilt,
+        cost=cost,
     )
 
 
@@ -497,3 +501,56 @@ def test_a_position_that_is_no_number_is_refused(bad: float) -> None:
     t = 90 / RATE
     assert not pad_filter.update([sighting(t, (bad, 0.0, 0.0))])
     assert norm(sub(estimate(pad_filter, t).position, PAD)) < 1e-6
+
+
+CLOSE = matscale(IDENTITY, 0.005**2)
+
+
+def quiet(count: int = 90) -> PadFilter:
+    """A pad seen for some seconds so quietly that next to no noise is left."""
+    noise = random.Random(5)
+    pad_filter = PadFilter(OPTIONS)
+    for t in times(count):
+        error = (noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005))
+        pad_filter.update([sighting(t, add(PAD, error), covariance=CLOSE, range_m=5.0)])
+    return pad_filter
+
+
+def test_a_short_step_of_the_telemetry_does_not_blind() -> None:
+    # 10 ms for 150 ms, beside a pad at 5 m/s: 5 cm.
+    pad_filter = quiet()
+    for t in times(5, 90 / RATE):
+        seen_at = add(PAD, (0.05, 0.0, 0.0))
+        assert pad_filter.update([sighting(t, seen_at, covariance=CLOSE, range_m=5.0)])
+    for t in times(5, 95 / RATE):
+        assert pad_filter.update([sighting(t, PAD, covariance=CLOSE, range_m=5.0)])
+    assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.05
+
+
+def test_a_step_of_the_position_moves_the_pad_and_forgets_nothing_else() -> None:
+    pad_filter = quiet()
+    moved = add(PAD, (0.0, 0.3, 0.0))
+    refused = 0
+    for t in times(20, 90 / RATE):
+        taken = pad_filter.update([sighting(t, moved, covariance=CLOSE, range_m=5.0)])
+        refused += not taken
+        found = estimate(pad_filter, t)  # known all the time
+        assert norm(found.velocity) < 0.2
+    assert 1 <= refused <= 4
+    assert norm(sub(found.position, moved)) < 0.02
+
+
+def test_what_is_refused_here_and_there_does_not_begin_anew() -> None:
+    pad_filter = quiet()
+    for i, t in enumerate(times(20, 90 / RATE)):
+        elsewhere = add(PAD, (3.0 * (-1) ** i, 2.0 * (i % 3), 0.0))
+        assert not pad_filter.update([sighting(t, elsewhere, covariance=CLOSE, range_m=5.0)])
+        assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.1
+
+
+def test_a_pad_that_is_elsewhere_for_good_is_another_pad() -> None:
+    pad_filter = quiet()
+    other = add(PAD, (3.0, 0.0, 0.0))
+    for t in times(30, 90 / RATE):
+        pad_filter.update([sighting(t, other, covariance=CLOSE, range_m=5.0)])
+    assert norm(sub(estimate(pad_filter, t).position, other)) < 0.05

@@ -77,7 +77,7 @@ def test_disarming_or_leaving_guided_latches(armed: bool, mode: str) -> None:
 def test_a_restart_of_the_autopilot_latches() -> None:
     pilot = Pilot().granted()
     pilot.gate.on_restart()
-    assert pilot.may() is Authority.SILENT
+    assert pilot.may() is Authority.RELEASED
     assert pilot.beat().switch(HIGH).may() is Authority.RELEASED
     assert pilot.switch(LOW).switch(HIGH).may() is Authority.GRANTED
 
@@ -94,14 +94,14 @@ def test_a_switch_already_low_when_guided_is_lost_is_seen_low_again() -> None:
     assert pilot.switch(LOW).beat().switch(HIGH).may() is Authority.GRANTED
 
 
-def test_a_stale_heartbeat_silences_but_does_not_latch() -> None:
+def test_a_stale_heartbeat_releases_but_does_not_latch() -> None:
     pilot = Pilot().granted()
     pilot.t += 2.9
     pilot.switch(HIGH)
     assert pilot.may() is Authority.GRANTED
     pilot.t += 0.2
     pilot.switch(HIGH)
-    assert pilot.may() is Authority.SILENT
+    assert pilot.may() is Authority.RELEASED
     assert pilot.beat().may() is Authority.GRANTED
 
 

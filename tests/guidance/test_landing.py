@@ -75,17 +75,20 @@ def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -
     while flight.lander.state is State.COMMITTED:
         flight.position, flight.velocity = held, (0.0, 0.0, 0.31)
         flight.tick()
-    assert flight.lander.state is State.SEARCHING
-    assert 0.8 < flight.t - lost_t < 1.0
-    assert "climbing" in flight.lander.reason
+    assert flight.lander.state is State.WAVING_OFF
+    assert 0.6 < flight.t - lost_t < 0.8  # in 0.2 s more contact would have been noticed
+    assert "climbing away" in flight.lander.reason
+    assert flight.setpoints[-1][1].velocity[2] < -0.3
+    to(flight, State.SEARCHING, at_most_s=1.1)
     assert flight.lander.aborts == 1
 
 
-def test_committed_and_the_position_is_stale_it_searches_at_once() -> None:
+def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_holds() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
     flight.silent = {LocalPosition}
-    to(flight, State.SEARCHING, at_most_s=0.4)
+    to(flight, State.WAVING_OFF, at_most_s=0.4)
+    to(flight, State.SEARCHING, at_most_s=1.1)
     assert "holding" in flight.lander.reason  # without a position it does not climb
 
 

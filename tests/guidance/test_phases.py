@@ -1,3 +1,5 @@
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -99,8 +101,19 @@ def test_aligned_within_2_degrees_and_off_again_beyond_4() -> None:
 def test_it_does_not_commit_to_a_pad_that_just_went_out_of_sight() -> None:
     p = phases()
     p.step(situation(0.02, 0.5, heading_deg=0.0))
-    assert p.step(situation(0.02, 0.1, heading_deg=0.0), 0.4)[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.1, heading_deg=0.0), 0.45)[0] is Phase.DESCENT
     assert p.step(situation(0.02, 0.1, heading_deg=0.0), 0.2)[0] is Phase.LANDED
+
+
+def test_the_higher_it_commits_the_younger_the_last_sighting_must_be() -> None:
+    p = phases()
+    p.step(situation(0.02, 0.5, heading_deg=0.0))
+    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.4)[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.3)[0] is Phase.LANDED
+
+
+def test_far_from_everything_after_a_jump_the_region_is_finite() -> None:
+    assert descent_radius(DescentSection(), 2500.0) < math.inf
 
 
 def test_a_heading_out_of_sight_stops_the_descent() -> None:

@@ -5,7 +5,13 @@ import pytest
 from landerd.guidance.pilot_texts import REASONS
 from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
 
-FLYING = (State.TRACKING, State.SEARCHING, State.COMMITTED, State.ON_PAD)
+FLYING = (
+    State.TRACKING,
+    State.SEARCHING,
+    State.COMMITTED,
+    State.WAVING_OFF,
+    State.ON_PAD,
+)
 
 
 def test_every_state_has_its_row_and_every_event_its_use() -> None:
@@ -17,8 +23,14 @@ def test_every_state_has_its_row_and_every_event_its_use() -> None:
 
 @pytest.mark.parametrize("state", FLYING)
 def test_whatever_it_flies_the_gate_ends_it_stopping_first_where_it_may(state: State) -> None:
-    assert TRANSITIONS[state][Event.RELEASED] is State.RELEASING
+    stops = State.STANDING if state is State.ON_PAD else State.RELEASING
+    assert TRANSITIONS[state][Event.RELEASED] is stops
+    assert TRANSITIONS[state][Event.RELEASED_LOW] is State.LEAVING
     assert TRANSITIONS[state][Event.SILENCED] is State.SILENT
+
+
+def test_what_leaves_the_pad_stops_before_it_is_silent() -> None:
+    assert TRANSITIONS[State.LEAVING][Event.CLEAR_OF_PAD] is State.RELEASING
 
 
 def test_it_begins_to_fly_only_by_seeing_the_pad() -> None:
@@ -33,12 +45,13 @@ def test_it_gets_onto_the_pad_only_by_commit_and_contact() -> None:
     assert onto == [
         (State.TRACKING, Event.COMMITS, State.COMMITTED),
         (State.COMMITTED, Event.CONTACT, State.ON_PAD),
+        (State.STANDING, Event.GRANTED, State.ON_PAD),
     ]
 
 
 def test_sight_plays_no_part_on_the_pad() -> None:
     assert Event.SIGHT_LOST not in TRANSITIONS[State.ON_PAD]
-    assert TRANSITIONS[State.COMMITTED][Event.SIGHT_LOST] is State.SEARCHING
+    assert TRANSITIONS[State.COMMITTED][Event.SIGHT_LOST] is State.WAVING_OFF
 
 
 @pytest.mark.parametrize("event", HAND_BACKS)

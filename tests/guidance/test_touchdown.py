@@ -33,12 +33,13 @@ class Descent:
         sink_rate: float = 0.3,
         ordered: float = 0.3,
         sighting_age: float = 0.05,
+        clearance: float = 0.02,
         landed: Landed = Landed.IN_AIR,
     ) -> Event | None:
         """Return the event that ends the descent, None when there is none."""
         for _ in range(round(seconds / DT)):
             self.t += DT
-            event = self.touchdown.step(self.t, sink_rate, ordered, sighting_age, landed)
+            event = self.touchdown.step(self.t, sink_rate, ordered, sighting_age, clearance, landed)
             if event is not None:
                 return event
         return None
@@ -84,9 +85,21 @@ def test_on_ground_from_the_autopilot_is_contact_at_once() -> None:
 
 def test_blind_after_commit_it_goes_on_for_less_than_a_second_and_then_aborts() -> None:
     descent = Descent()
-    assert descent.go_on(DT, sighting_age=0.8) is None
+    assert descent.go_on(DT, sighting_age=0.7) is None
     assert descent.go_on(DT, sighting_age=1.0) is Event.SIGHT_LOST
     assert not has_touched(descent.touchdown)
+
+
+def test_blind_in_the_air_it_aborts_while_contact_could_still_have_been_noticed_in_time() -> None:
+    assert Descent().go_on(DT, sighting_age=0.8) is Event.SIGHT_LOST
+
+
+def test_no_contact_is_believed_higher_up_than_a_leg() -> None:
+    descent = Descent()
+    descent.go_on(0.6)
+    assert descent.go_on(0.5, sink_rate=0.0, clearance=0.15) is None
+    assert descent.go_on(0.5, clearance=0.15, landed=Landed.ON_GROUND) is None
+    assert descent.go_on(0.3, sink_rate=0.0, clearance=0.09) is Event.CONTACT
 
 
 def test_blind_on_the_pad_is_contact_all_the_same() -> None:
@@ -124,7 +137,7 @@ class Standing:
         self.touchdown = make_touchdown()
         self.touchdown.begin(0.0)
         self.t = 10.0
-        self.touchdown.step(self.t, 0.0, 0.3, 0.0, Landed.ON_GROUND)
+        self.touchdown.step(self.t, 0.0, 0.3, 0.0, 0.0, Landed.ON_GROUND)
 
     def level(
         self,

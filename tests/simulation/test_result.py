@@ -34,7 +34,6 @@ def flown() -> Flown:
         ends_at_contact=False,
         score=score,
         rules_broken={},
-        rules_known_broken={},
         lander=Lander(Config(), layout),
         faults={"image of a wrong size": 2},
         recording=recording,
@@ -53,7 +52,6 @@ def test_a_flight_without_landing_has_no_figures_of_a_touchdown() -> None:
 
 def test_times_count_from_the_first_sighting_and_breaks_from_the_beginning() -> None:
     flight = dataclasses.replace(flown(), rules_broken={"2: too deep": BEGAN + 1.5})
-    flight = dataclasses.replace(flight, rules_known_broken={"2: too fast": BEGAN + 2.0})
     flight.score.first_sighting_t = BEGAN + 2.0
     flight.score.disarm_t = BEGAN + 12.0
     flight.score.contact = Contact(BEGAN + 10.0, 0.2, 0.3, 0.1, math.pi / 180.0, on_plate=True)
@@ -66,7 +64,6 @@ def test_times_count_from_the_first_sighting_and_breaks_from_the_beginning() -> 
     assert (result["time_s"], result["time_to_touchdown_s"]) == (10.0, 8.0)
     assert result["yaw_error_deg"] == pytest.approx(1.0)
     assert result["rules_broken"] == ["2: too deep (at 1.50 s)"]
-    assert result["rules_known_broken"] == ["2: too fast (at 2.00 s)"]
 
 
 def test_what_ends_at_contact_is_judged_there_and_a_late_one_says_why() -> None:

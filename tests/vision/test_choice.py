@@ -7,6 +7,7 @@ import numpy as np
 from landerd.messages import MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Plate, Ring
 from landerd.vision.choice import Candidate, choose
+from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import ring_measurement
 from tests.vision.scenes import IDEAL_CAMERA
 
@@ -31,13 +32,17 @@ def candidate(ring: Ring, distance: float) -> Candidate:
     )
     outline = ((290.0, 220.0), (350.0, 220.0), (350.0, 260.0), (290.0, 260.0))
     sighting = MarkerSighting("whycon", None, (seen,), outline)
-    return Candidate(ring, sighting, ring_measurement(ring.position_m, (seen,)))
+    return Candidate(
+        ring, sighting, ring_measurement(0 if ring == LARGE else 1, ring.position_m, (seen,))
+    )
 
 
 def test_a_ring_is_not_taken_for_one_beside_which_another_would_be_seen_whatever_its_tilt() -> None:
     # Far off and the large one, or near and the small one? Far off both would be wholly in the
     # image, near the large one is not.
     far, near = candidate(LARGE, 3.0), candidate(SMALL, 0.6)
-    chosen, poses = choose([far, near], NESTED, IDEAL_CAMERA, Prior(), None)
+    chosen, poses = choose(
+        [far, near], NESTED, IDEAL_CAMERA, MarkerErrors(NESTED, 0.0), Prior(), None
+    )
     assert chosen == [near]
     assert np.allclose(poses[0].position, (0.0, 0.0, 0.6))

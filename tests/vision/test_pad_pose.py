@@ -10,8 +10,9 @@ from landerd.camera_model import F64
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, PoseSolution, Sightings
-from landerd.pad import PadLayout, Square, load_pad
+from landerd.pad import PadLayout, Plate, Ring, Square, load_pad
 from landerd.vision import Vision
+from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, pad_poses, ring_measurement
 from landerd.vision.pose import Pose, rotation_from, vec3
 from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render
@@ -21,7 +22,23 @@ PADS = Path(__file__).parents[2] / "config" / "pads"
 TILTED = look(CAMERA, 4.0, 0.5, pixel=(150.0, 120.0), heading=0.8)
 
 
-def ring(view: View, place: tuple[float, float], sigma_m: float = 0.01) -> Measurement:
+# Two markers whose places count for exact, so that poses alone decide.
+EXACT = MarkerErrors(
+    PadLayout(
+        name="exact",
+        markers=(Ring(kind="whycon", outer_diameter_m=1.0),) * 2,
+        plate=Plate(north_m=1.0, south_m=1.0, east_m=1.0, west_m=1.0),
+        print_scale_sigma=0.0,
+        placement_sigma_m=0.0,
+        flatness_deg=0.0,
+    ),
+    focal_sigma=0.0,
+)
+
+
+def ring(
+    view: View, place: tuple[float, float], sigma_m: float = 0.01, marker: int = 0
+) -> Measurement:
     centre = np.array(view.position) + view.R_camera_pad[:, :2] @ np.array(place)
     variance = sigma_m**2
     true = PoseSolution(
@@ -33,7 +50,7 @@ def ring(view: View, place: tuple[float, float], sigma_m: float = 0.01) -> Measu
         sigma_tilt=0.01,
         cost=0.0,
     )
-    return ring_measurement(place, (true,))
+    return ring_measurement(marker, place, (true,))
 
 
 def tag(view: View, place: tuple[float, float], sigma_m: float, normal: F64 | None = None) -> Pose:
@@ -43,22 +60,24 @@ def tag(view: View, place: tuple[float, float], sigma_m: float, normal: F64 | No
 
 
 def test_ring_at_the_landing_point_needs_no_north() -> None:
-    (pad,) = pad_poses([ring(TILTED, (0.0, 0.0))], None, None)
+    (pad,) = pad_poses([ring(TILTED, (0.0, 0.0))], EXACT, None, None)
     assert math.dist(pad.position, TILTED.position) < 1e-9
     assert pad.north is None
 
 
 def test_ring_beside_the_landing_point_needs_the_estimates_north() -> None:
     beside = [ring(TILTED, (0.5, 0.2))]
-    unknown = pad_poses(beside, None, None)
+    unknown = pad_poses(beside, EXACT, None, None)
     assert all(s.covariance[0][0] + s.covariance[1][1] > 1.0 for s in unknown)
-    (pad,) = pad_poses(beside, vec3(TILTED.R_camera_pad[:, 0]), None)
+    (pad,) = pad_poses(beside, EXACT, vec3(TILTED.R_camera_pad[:, 0]), None)
     assert math.dist(pad.position, TILTED.position) < 1e-3
     assert pad.north is None  # the estimate's own north is not a measurement of it
 
 
 def test_two_rings_tell_north() -> None:
-    (pad,) = pad_poses([ring(TILTED, (0.5, 0.2)), ring(TILTED, (-0.4, 0.1))], None, None)
+    (pad,) = pad_poses(
+        [ring(TILTED, (0.5, 0.2)), ring(TILTED, (-0.4, 0.1), marker=1)], EXACT, None, None
+    )
     assert math.dist(pad.position, TILTED.position) < 1e-6
     assert pad.north is not None
     assert math.dist(pad.north, TILTED.R_camera_pad[:, 0]) < 1e-6
@@ -71,9 +90,9 @@ def test_a_second_marker_settles_the_planar_ambiguity() -> None:
     wrong = tag(TILTED, (0.75, 0.0), 0.01, mirrored)
     right = tag(TILTED, (0.75, 0.0), 0.01)
     right = Pose(right.R, right.t, right.information, 2.0)
-    square = Measurement(np.array([0.75, 0.0, 0.0]), 0.0, (wrong, right))
-    assert math.dist(pad_poses([square], None, None)[0].normal, TILTED.normal) > 0.5
-    pad = pad_poses([square, ring(TILTED, (0.0, 0.0))], None, None)[0]
+    square = Measurement(1, np.array([0.75, 0.0, 0.0]), 0.0, (wrong, right))
+    assert math.dist(pad_poses([square], EXACT, None, None)[0].normal, TILTED.normal) > 0.5
+    pad = pad_poses([square, ring(TILTED, (0.0, 0.0))], EXACT, None, None)[0]
     assert math.dist(pad.normal, TILTED.normal) < 1e-3
 
 
@@ -81,17 +100,17 @@ def test_gravity_puts_the_level_solution_first() -> None:
     sight = np.array(TILTED.position) / np.linalg.norm(TILTED.position)
     mirrored = 2.0 * sight * float(sight @ TILTED.normal) - TILTED.normal
     alike = (tag(TILTED, (0.0, 0.0), 0.01, mirrored), tag(TILTED, (0.0, 0.0), 0.01))
-    square = Measurement(np.zeros(3), 0.0, alike)
+    square = Measurement(1, np.zeros(3), 0.0, alike)
     for level in (TILTED.normal, mirrored):
-        first, second = pad_poses([square], None, vec3(level))
+        first, second = pad_poses([square], EXACT, None, vec3(level))
         assert math.dist(first.normal, level) < 1e-6
         assert second.cost > first.cost
 
 
 def test_the_more_certain_marker_counts_more() -> None:
     off = View((TILTED.position[0] + 0.1, *TILTED.position[1:]), TILTED.R_camera_pad)
-    both = [ring(off, (0.0, 0.0), 0.1), ring(TILTED, (0.0, 0.0), 0.01)]
-    (pad,) = pad_poses(both, None, None)
+    both = [ring(off, (0.0, 0.0), 0.1, 1), ring(TILTED, (0.0, 0.0), 0.01)]
+    (pad,) = pad_poses(both, EXACT, None, None)
     assert math.dist(pad.position, TILTED.position) == pytest.approx(0.001, rel=0.1)
 
 

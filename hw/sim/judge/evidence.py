@@ -66,6 +66,7 @@ class Evidence:
         asked_t: when a configured ground station last asked landerd for something.
         flown_t: the last order under granted authority.
         last_order_t: the last order.
+        stops_since: since when all orders are to stop, or to stand level.
         free_t: the last time that landerd did not have to stream orders.
         touched: a foot was down, and the vehicle has not climbed away since.
         touched_t: when a foot was last seen down.
@@ -91,6 +92,7 @@ class Evidence:
         self.asked_t = -math.inf
         self.flown_t: float | None = None
         self.last_order_t: float | None = None
+        self.stops_since: float | None = None
         self.free_t = 0.0
         self.touched = self.touches_now = self.levelled = False
         self.touched_t = -math.inf
@@ -242,6 +244,10 @@ class Evidence:
         self._note_release(order)
         self._note_sight(order)
         t, truth, b = order.t, order.truth, self._b
+        if not (order.zero or order.level):
+            self.stops_since = None
+        elif self.stops_since is None:
+            self.stops_since = t
         if t < self.closed_t(t) and not self.latched:
             self.flown_t = t
         low = truth.height < b.commit_height_m

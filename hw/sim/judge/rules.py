@@ -14,7 +14,7 @@ from hw.sim.judge import allowed
 from hw.sim.judge.bounds import RuleBounds
 from hw.sim.judge.evidence import BOUNCE_S, Evidence, Order
 from hw.sim.judge.limits import SetpointLimits
-from hw.sim.judge.table import KNOWN_BROKEN, ORDER_RULES, TIME_RULES
+from hw.sim.judge.table import ORDER_RULES, TIME_RULES
 from hw.sim.judge.truth import Truth
 from hw.sim.judge.wire import GIMBAL_REPORTS, Departures, Wire, frames
 from landerd.geometry import Vec3, rot_z, rotate
@@ -37,13 +37,11 @@ class Rules:
 
     Attributes:
         broken: each rule once with the time it was first broken.
-        known_broken: likewise those of table.KNOWN_BROKEN, in their place.
         disarm_orders: how many there were.
     """
 
     def __init__(self, bounds: RuleBounds, truth: Callable[[], Truth]) -> None:
         self.broken: dict[str, float] = {}
-        self.known_broken: dict[str, float] = {}
         self.disarm_orders = 0
         self._b = bounds
         self._truth = truth
@@ -181,7 +179,12 @@ class Rules:
     def _check_time(self, t: float) -> None:
         evidence, b = self._evidence, self._b
         # A little early is no matter: landerd may know of a closed gate before data are that old.
-        is_over = t >= evidence.closed_t(t) + b.release_s - 4.0 * b.tick_s
+        release_s = b.release_s - 4.0 * b.tick_s
+        is_over = t >= evidence.closed_t(t) + release_s
+        # It may have stopped for another reason before: stale RC comes back when it restarts.
+        since, last_t = evidence.stops_since, evidence.last_order_t
+        if t >= evidence.closed_t(t) and since is not None and last_t is not None:
+            is_over = is_over or last_t - since >= release_s
         if not (evidence.armed and evidence.guided) or is_over:
             evidence.free_t = t
         for text, is_broken in TIME_RULES:
@@ -189,5 +192,4 @@ class Rules:
                 self._break(t, text)
 
     def _break(self, t: float, rule: str) -> None:
-        broken = self.known_broken if rule in KNOWN_BROKEN else self.broken
-        broken.setdefault(rule, t)
+        self.broken.setdefault(rule, t)

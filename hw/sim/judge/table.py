@@ -20,9 +20,6 @@ HOVER_MPS = 0.02  # an order of less, horizontally, is one to hover
 TOLD_S = 1.0  # before an abort or after it the pilot is told of it
 MISS_S = 0.25  # that it will miss the pad must be noticed in
 DISARMS_S = 1.0  # after ON_GROUND landerd disarms in
-DIES_HARD = "2: sinking faster than the autopilot's timeout allows"
-# Today's core breaks these in every landing: kept apart, or nothing else would be seen for them.
-KNOWN_BROKEN = frozenset({DIES_HARD})
 _PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
 _LOSS_NEWS = ("not in sight", "stale", "no pictures")
 _UNCONFIRMED = "not confirmed"
@@ -282,7 +279,7 @@ ORDER_RULES = (
     OrderRule("2: contact too long after the last sighting", _blind_budget),
     OrderRule("2: a downward set-point outside the descent region", _outside_region),
     OrderRule("2: a downward set-point with the heading off", _heading_off),
-    OrderRule(DIES_HARD, _dies_hard),
+    OrderRule("2: sinking faster than the autopilot's timeout allows", _dies_hard),
     OrderRule("2: descending to a pad that will be missed", _misses),
     OrderRule("4: no descent ordered after contact", _no_descent),
     OrderRule("4: not going with the pad after contact", _does_not_ride),

@@ -10,15 +10,16 @@ import numpy as np
 
 from hw.sim.camera_options import SimCameraOptions
 from hw.sim.physics.world import stream
-from hw.sim.picture.exposure import AutoExposure, Exposure
+from hw.sim.picture.exposure import SHORTEST_S, AutoExposure, Exposure
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
 from hw.sim.snapshot import CameraPose, Snapshot
 from landerd.geometry import add, sub
-from landerd.messages import Frame
+from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 
 OLDEST_S = 0.45  # a picture at its arrival, by jitter: the world remembers a little more
+ORDER_FRAMES = 2  # from an order to the first picture so exposed, as sensors have it
 JITTER_MOST = 0.45  # of the period: pictures keep their order
 
 
@@ -65,6 +66,7 @@ class SimCamera:
         self._timing = _Timing(options, seed)
         self._fixed = Exposure(options.exposure_s)
         self._auto = AutoExposure(options) if options.exposure == "auto" else None
+        self._orders: list[tuple[float, Exposure]] = []  # from when on, and how
         self._vibration: Vibration | None = None
         if options.vibration.deg > 0.0:
             self._vibration = Vibration(options.vibration, stream(seed, "camera vibration"))
@@ -88,7 +90,7 @@ class SimCamera:
             self._due_t += steps * period
             self._seq += steps
             exposed_t = self._due_t + self._timing.rate_jitter()
-            late_s = self._timing.latency(exposed_t, self._read_s)
+            late_s = self._timing.latency(exposed_t, self._read_s(exposed_t))
             await asyncio.sleep(max(0.0, exposed_t + late_s - loop.time()))
             if loop.time() - late_s - exposed_t > period:
                 continue  # the loop was late: there is a newer one by now
@@ -108,14 +110,26 @@ class SimCamera:
     async def close(self) -> None:
         """Stop the stream; safe to call twice."""
 
-    @property
-    def _read_s(self) -> float:
-        """From the middle of the exposure to the last row's end."""
-        return 0.5 * (self._exposure.time_s + self._options.readout_s)
+    def expose(self, order: ExposureOrder) -> None:
+        """Expose so from some pictures on; only a camera that is `ordered` does."""
+        if self._options.exposure != "ordered":
+            return
+        at = asyncio.get_running_loop().time() + ORDER_FRAMES / self._options.fps
+        time_s = min(max(order.time_s, SHORTEST_S), 0.9 / self._options.fps)
+        gain = min(max(order.gain, 1.0), self._options.auto_exposure.gain_max)
+        self._orders.append((at, Exposure(time_s, gain)))
 
-    @property
-    def _exposure(self) -> Exposure:
-        return self._fixed if self._auto is None else self._auto.exposure
+    def _read_s(self, t: float) -> float:
+        """From the middle of an exposure to the last row's end."""
+        return 0.5 * (self._exposure(t).time_s + self._options.readout_s)
+
+    def _exposure(self, t: float) -> Exposure:
+        """How the picture at t is exposed; t never goes back."""
+        if self._auto is not None:
+            return self._auto.exposure
+        while self._orders and self._orders[0][0] <= t:
+            self._fixed = self._orders.pop(0)[1]
+        return self._fixed
 
     def _stamp(self, t: float) -> float:
         """Return what the camera's clock says at t."""
@@ -123,7 +137,7 @@ class SimCamera:
         return t + offset_s + self.faults.time_ahead_s
 
     def _expose(self, t: float) -> Frame:
-        exposure = self._exposure
+        exposure = self._exposure(t)
         half = 0.5 * exposure.time_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
         image = self._renderer.render(

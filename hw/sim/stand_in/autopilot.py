@@ -35,6 +35,7 @@ _TICK_S = 0.01
 _REOPEN_S = 0.1
 _ACK_DELAY_S = (0.001, 0.006)
 _LOOP_DELAY_S = (0.0, 0.0025)  # until the 400 Hz main loop looks at a received message
+_HEARTBEAT_PERIOD_S = 1.0  # until another is asked for
 _TIMESYNC_PERIOD_S = 10.0
 _STATES = (mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
 DEFAULTS = AutopilotOptions()
@@ -118,7 +119,7 @@ class SimAutopilot:
     ) -> None:
         """Make it; flying: starts armed, in LOITER."""
         self.mute: set[int] = set()
-        self.parameters: dict[str, float] = {}
+        self.parameters = {"GUID_TIMEOUT": parameters.guid_timeout_s}  # those it is asked for
         self._mount: Mount | None = None
         self.pilot = PilotRadio(options.rc_channels)
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
@@ -126,6 +127,7 @@ class SimAutopilot:
         self._ekf = ekf
         self._rng = rng
         self._system = system_id
+        self._heartbeat_s, self._heartbeat_due = _HEARTBEAT_PERIOD_S, 0.0
         self._options = options
         self._channels = [_Channel(link, system_id) for link in links]
         self._streams: dict[int, Callable[[float], Message]] = {
@@ -180,13 +182,13 @@ class SimAutopilot:
     async def _tick(self) -> None:
         loop = asyncio.get_running_loop()
         due = loop.time()
-        heartbeat_due = timesync_due = due
+        self._heartbeat_due = timesync_due = due
         mode = self.copter.mode
         while True:
             t = loop.time()
             self._step(t)
-            if t >= heartbeat_due:
-                heartbeat_due += 1.0
+            if t >= self._heartbeat_due:
+                self._heartbeat_due += self._heartbeat_s
                 self._send_all(self._heartbeat())
             elif self.copter.mode != mode:
                 self._send_all(self._heartbeat())
@@ -373,6 +375,10 @@ class SimAutopilot:
         return _UNSUPPORTED
 
     def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:
+        if message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            self._heartbeat_s = 1e-6 * us if us > 0.0 else _HEARTBEAT_PERIOD_S
+            self._heartbeat_due = t + self._heartbeat_s
+            return _ACCEPTED
         if message_id not in self._streams:
             self._say(f"No ap_message for mavlink id ({message_id})")
             return _DENIED

@@ -55,3 +55,46 @@ def test_an_endless_or_impossible_exchange_says_nothing() -> None:
     clock.exchanged(100.0, 50.0, 103.0)
     clock.exchanged(100.0, 50.0, 99.0)
     assert clock.place(10.0, 10.0 + OFFSET) == pytest.approx(10.0 + OFFSET)
+
+
+def test_a_slow_exchange_hardly_counts_beside_quick_ones() -> None:
+    clock = BootClock()
+    for i in range(100):
+        sent = 0.2 * i
+        clock.exchanged(sent, sent + 0.002 - OFFSET, sent + 0.004)
+        # And one that waited for 60 ms on its way back.
+        clock.exchanged(sent + 0.1, sent + 0.102 - OFFSET, sent + 0.162)
+    assert clock.place(20.0 - OFFSET, 21.0) == pytest.approx(20.0, abs=0.001)
+
+
+def test_half_the_round_trip_is_not_known() -> None:
+    clock = BootClock()
+    assert clock.uncertainty_s is None
+    for i in range(100):
+        sent = 0.2 * i
+        clock.exchanged(sent, sent + 0.05 - OFFSET, sent + 0.08)  # 50 ms there, 30 ms back
+    uncertainty = clock.uncertainty_s
+    assert uncertainty == pytest.approx(0.040, abs=0.003)
+    assert abs(clock.place(20.0 - OFFSET, 21.0) - 20.0) < 0.040
+
+
+def test_a_link_that_has_become_slow_is_known_to_be() -> None:
+    clock = BootClock()
+    for i in range(200):
+        sent, slow = 0.2 * i, i >= 100
+        back = 0.35 if slow else 0.002
+        clock.exchanged(sent, sent + 0.002 - OFFSET, sent + 0.002 + back)
+    assert clock.uncertainty_s == pytest.approx(0.176, abs=0.005)
+
+
+def test_a_stamp_of_32_bits_goes_on_when_it_begins_anew() -> None:
+    clock, wrap = BootClock(), 2**32
+    clock.heard(1e-3 * (wrap - 100), 50.0)
+    assert clock.unwrapped(20, 50.12) == pytest.approx(1e-3 * (wrap + 20))
+    assert clock.unwrapped(wrap - 50, 50.05) == pytest.approx(1e-3 * (wrap - 50))
+
+
+def test_an_autopilot_that_restarts_begins_at_zero() -> None:
+    clock = BootClock()
+    clock.heard(500.0, 50.0)
+    assert clock.unwrapped(300, 51.0) == pytest.approx(0.3)

@@ -96,7 +96,7 @@ def test_it_asks_for_its_streams_and_gets_them_at_the_rates_it_needs() -> None:
                 RcChannels: 20,
                 LandedState: 5,
                 Battery: 2,
-                Heartbeat: 1,
+                Heartbeat: 4,
             },
             rel=0.11,
         )
@@ -142,7 +142,8 @@ def test_messages_are_placed_at_their_time_of_measurement_in_spite_of_the_links_
         north, now = f.airframe.position[0], loop.time()
         for m in f.got(LocalPosition):
             moved = north - (now - m.t) * 1.0  # where it was at m.t
-            assert m.position[0] == pytest.approx(moved, abs=0.004)  # 4 ms
+            # 1 ms of clock; the rest is the airframe's own, which moves in ticks of 10 ms.
+            assert m.position[0] == pytest.approx(moved, abs=0.007)
 
     fly(scene)
 
@@ -304,10 +305,11 @@ def test_each_kind_of_fault_is_logged_once_a_second(caplog: pytest.LogCaptureFix
 
 
 def test_rc_channels_without_a_sound_pulse_read_0() -> None:
-    raw = [1500, 0, 65535, 1100, 40000, 200, 2000, 1900, *[1234] * 10]
+    # Eight channels of the receiver, and one that is overridden over MAVLink.
+    raw = [1500, 0, 65535, 1100, 40000, 200, 2000, 1900, 0, 0, 1234, *[0] * 7]
     (rc,) = received(mavlink.MAVLink_rc_channels_message(500, 8, *raw, 255))
     assert isinstance(rc, RcChannels)
-    assert rc.channels_us == (1500, 0, 0, 1100, 0, 0, 2000, 1900, *[0] * 10)
+    assert rc.channels_us == (1500, 0, 0, 1100, 0, 0, 2000, 1900, 0, 0, 1234, *[0] * 7)
 
 
 @pytest.mark.parametrize(

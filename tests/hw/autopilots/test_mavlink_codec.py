@@ -61,6 +61,17 @@ def test_a_false_start_does_not_hold_messages_back() -> None:
     assert boot_times(codec.decode(b"\xfd\xff\x00" + frames(1)[0])) == [0]
 
 
+def test_what_looks_like_a_message_inside_one_still_on_its_way_is_none() -> None:
+    # A text whose letters begin a frame of an unknown message, and that comes in two reads.
+    inner = bytes((0xFD, 3, 0, 0, 0, 1, 1, 0xFE, 0xFF, 0xFF)) + b"abcde"
+    text = mavlink.MAVLink_statustext_message(6, inner + b"." * 30)
+    frame = MavlinkCodec(1, 1).encode(text)
+    codec = MavlinkCodec(255, 190)
+    assert codec.decode(frame[:-3]) == []
+    assert len(codec.decode(frame[-3:])) == 1
+    assert codec.counters["unknown"] == codec.counters["garbled bytes"] == 0
+
+
 def test_unknown_messages_are_skipped_and_counted() -> None:
     unknown = bytearray(frames(1)[0])
     unknown[7:10] = (0xFFFFFE).to_bytes(3, "little")

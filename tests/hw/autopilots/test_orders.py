@@ -70,7 +70,7 @@ def test_in_body_ned_the_vehicle_flies_the_same_way() -> None:
 
 
 def test_while_yawing_local_ned_keeps_its_course_and_body_ned_drifts() -> None:
-    """Why local_ned is the default: the heading is old when a body set-point is turned back."""
+    """Why local_ned is the default: a body set-point is turned back by a later heading."""
     sideways: dict[str, float] = {}
     for frame in ("local_ned", "body_ned"):
 
@@ -85,7 +85,7 @@ def test_while_yawing_local_ned_keeps_its_course_and_body_ned_drifts() -> None:
 
         fly(scene, functools.partial(Flight, setpoint_frame=frame))
     assert abs(sideways["local_ned"]) < 0.01
-    assert abs(sideways["body_ned"]) > 0.1
+    assert abs(sideways["body_ned"]) > 0.05
 
 
 def test_in_body_ned_nothing_is_sent_while_the_heading_is_unknown() -> None:

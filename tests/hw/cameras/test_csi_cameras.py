@@ -12,6 +12,7 @@ import pytest
 
 from hw.cameras.gstreamer import GstreamerCamera, GstreamerOptions
 from hw.cameras.picamera2 import Picamera2Camera, Picamera2Options
+from landerd.messages import ExposureOrder
 from landerd.ports import DeviceLost
 
 
@@ -56,6 +57,9 @@ class Model:
 
     def start(self) -> None: ...
 
+    def set_controls(self, controls: dict[str, Any]) -> None:
+        self.settings["controls"] |= controls
+
     def close(self) -> None:
         self.closed = True
 
@@ -98,7 +102,11 @@ def test_a_pi_camera_gives_the_newest_brightness_and_the_middle_of_the_exposure(
             20,
         )
         assert frame.t == pytest.approx(now - 0.05 - 0.002, abs=0.0015)
+        driver.expose(ExposureOrder(0.0021, 3.5))
+        assert camera.settings["controls"]["ExposureTime"] == 2100
+        assert camera.settings["controls"]["AnalogueGain"] == 3.5
         await driver.close()
+        driver.expose(ExposureOrder(0.001, 1.0))  # a lost camera drops it
         assert camera.closed
 
     asyncio.run(main())

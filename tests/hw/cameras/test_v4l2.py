@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import logging
+import math
 import threading
 import time
 from collections.abc import Awaitable, Callable
@@ -17,8 +18,9 @@ from hw.links.memory import memory_pair
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
+from landerd.messages import ExposureOrder
 from landerd.pad import load_pad
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, ExposureControl
 from landerd.runtime.daemon import Daemon, Devices
 from tests.hw.cameras import fake_v4l2 as fake
 from tests.hw.cameras.fake_v4l2 import FakeCamera
@@ -332,6 +334,7 @@ class Searched:
         self.times: list[float] = []
 
     def on_flight(self, lander: Any) -> None: ...
+    def on_vision_reset(self) -> None: ...
     def on_step(self, *_: Any) -> None: ...
     def on_frame(self, *_: Any) -> None:
         self.times.append(time.monotonic())
@@ -410,3 +413,101 @@ def test_a_stream_that_stands_still_is_a_loss(monkeypatch: pytest.MonkeyPatch) -
             await driver.newest()
 
     run(source, use)
+
+
+ADJUSTABLE = {
+    fake.EXPOSURE_AUTO: Range(0, 3),
+    fake.EXPOSURE: Range(1, 500),
+    fake.GAIN: Range(0, 100),
+    fake.AUTOGAIN: Range(0, 1),
+}
+
+
+async def carried_out() -> None:
+    """Wait until the driver's thread has set the controls."""
+    await asyncio.sleep(0.1)
+
+
+def test_an_order_sets_exposure_and_gain_by_hand() -> None:
+    source = FakeCamera(ranges=ADJUSTABLE, values={fake.AUTOGAIN: 1}, stamp=Stamp.START)
+
+    async def use(driver: V4l2Camera) -> None:
+        assert isinstance(driver, ExposureControl)
+        driver.expose(ExposureOrder(0.004, 4.0))
+        await carried_out()
+        assert source.values[fake.EXPOSURE_AUTO] == 1
+        assert source.values[fake.AUTOGAIN] == 0
+        assert source.values[fake.EXPOSURE] == 40
+        assert source.values[fake.GAIN] == 50  # two stops of four, in a range of 16
+        source.shoot(t=time.monotonic() - 0.05)
+        frame = await driver.newest()
+        age = asyncio.get_running_loop().time() - frame.t
+        assert age == pytest.approx(0.05 - 0.002, abs=0.0015)  # the middle of the new exposure
+
+    run(source, use)
+
+
+def test_what_whole_units_of_exposure_lose_gain_makes_up_for() -> None:
+    source = FakeCamera(ranges=ADJUSTABLE)
+
+    async def use(driver: V4l2Camera) -> None:
+        driver.expose(ExposureOrder(0.00018, 1.0))
+        await carried_out()
+        assert source.values[fake.EXPOSURE] == 1
+        assert source.values[fake.GAIN] == round(100 * math.log(1.8) / math.log(16.0))
+
+    run(source, use)
+
+
+def test_a_camera_without_gain_exposes_longer_but_keeps_its_rate() -> None:
+    source = FakeCamera(ranges={fake.EXPOSURE: Range(1, 5000)})
+
+    async def use(driver: V4l2Camera) -> None:
+        driver.expose(ExposureOrder(0.004, 2.0))
+        await carried_out()
+        assert source.values[fake.EXPOSURE] == 80
+        driver.expose(ExposureOrder(0.015, 8.0))
+        await carried_out()
+        assert source.values[fake.EXPOSURE] == 300  # 30 ms of 33
+
+    run(source, use)
+
+
+def test_of_orders_that_come_too_fast_the_newest_counts() -> None:
+    source = FakeCamera(ranges=ADJUSTABLE)
+
+    async def use(driver: V4l2Camera) -> None:
+        for ms in range(1, 20):
+            driver.expose(ExposureOrder(1e-3 * ms, 1.0))
+        await carried_out()
+        assert source.values[fake.EXPOSURE] == 190
+
+    run(source, use)
+
+
+def test_a_camera_that_comes_back_exposes_as_it_was_ordered() -> None:
+    source = FakeCamera(ranges=ADJUSTABLE)
+
+    async def use(driver: V4l2Camera) -> None:
+        driver.expose(ExposureOrder(0.003, 1.0))
+        await carried_out()
+        source.values[fake.EXPOSURE] = 7
+        await driver.open()
+        await carried_out()
+        assert source.values[fake.EXPOSURE] == 30
+
+    run(source, use)
+
+
+def test_a_camera_that_takes_no_orders_is_spoken_of_and_goes_on() -> None:
+    source = FakeCamera()
+
+    async def use(driver: V4l2Camera) -> None:
+        for _ in range(2):
+            driver.expose(ExposureOrder(0.003, 1.0))
+            await carried_out()
+        source.shoot()
+        assert (await driver.newest()).seq == 1
+
+    driver = run(source, use)
+    assert sum("does not take orders" in remark for remark in driver.remarks) == 1

@@ -18,6 +18,7 @@ from hw.links.memory import MemoryLink, memory_pair
 from hw.sim.gimbals.mavlink import GimbalManager
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
+from landerd.geometry import rot_zxy, rotate
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import Gimbal
 from landerd.runtime.clock import run_virtual
@@ -240,3 +241,13 @@ def test_servo_pulses_go_out_when_they_change_and_once_a_second() -> None:
     behind_autopilot(
         lambda a: ServoMavlinkGimbal(ServoMavlinkOptions.model_validate(options), a), scene
     )
+
+
+def test_the_mounts_angles_are_composed_as_ardupilot_does() -> None:
+    # Straight down a roll of ArduPilot's is about the lens: it turns the picture only.
+    driver = MavlinkMountGimbal(MavlinkMountOptions(), MavlinkAutopilot(memory_pair()[0]))
+    report = mavlink.MAVLink_mount_orientation_message(0, 3.0, -90.0, 0.0)
+    angles = driver._angles(report)
+    assert angles is not None
+    lens = rotate(rot_zxy(angles[0], angles[2], angles[1]), (1.0, 0.0, 0.0))
+    assert lens == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)

@@ -52,6 +52,7 @@ class Heard:
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None: ...
 
+    def on_vision_reset(self) -> None: ...
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         self.messages.append((now, message))
 

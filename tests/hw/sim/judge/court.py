@@ -78,7 +78,7 @@ class Court:
     @property
     def broken(self) -> list[str]:
         """All rules that were broken."""
-        return [*self.rules.broken, *self.rules.known_broken]
+        return list(self.rules.broken)
 
     # ---- what landerd hears --------------------------------------------------------------------
 

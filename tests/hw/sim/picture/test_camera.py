@@ -33,7 +33,7 @@ from landerd.geometry import (
     sub,
     transpose,
 )
-from landerd.messages import Frame
+from landerd.messages import ExposureOrder, Frame
 from landerd.pad import PadLayout, load_pad
 from landerd.ports import DeviceLost
 from landerd.runtime.clock import run_virtual
@@ -521,6 +521,23 @@ def test_auto_exposure_follows_the_pictures() -> None:
     after = light.exposures[1 + round(0.2 * 30)]  # one lag after the first picture
     stops = math.log2(after.time_s * after.gain / 0.008)
     assert stops == pytest.approx((1 - math.exp(-1)) * 2.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("exposure", "obeys"), [("ordered", True), ("fixed", False)])
+def test_an_ordered_exposure_shows_two_pictures_later(exposure: str, obeys: bool) -> None:
+    blank = Blank()
+
+    async def use(camera: SimCamera) -> None:
+        await camera.newest()
+        camera.expose(ExposureOrder(0.002, 3.0))
+        for _ in range(8):
+            await camera.newest()
+
+    options = SimCameraOptions.model_validate({"exposure": exposure, "latency_s": 0.03})
+    with_camera(cast(Renderer, blank), use, options=options)
+    taken_as = [(e.time_s, e.gain) for e in blank.exposures]
+    assert taken_as[:2] == [(0.008, 1.0)] * 2
+    assert taken_as[5:] == [(0.002, 3.0) if obeys else (0.008, 1.0)] * 4
 
 
 def test_rows_are_looked_up_at_their_own_times() -> None:

@@ -1,0 +1,54 @@
+"""Orders of exposure as the controls of V4L2 cameras have them."""
+
+import errno
+import math
+
+from hw.cameras.v4l2_node import VideoNode
+from landerd.messages import ExposureOrder
+
+# linux/v4l2-controls.h
+AUTOGAIN, GAIN, ANALOGUE_GAIN = 0x00980912, 0x00980913, 0x009E0903
+EXPOSURE_AUTO, EXPOSURE, EXPOSURE_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
+MANUAL_EXPOSURE = 1
+EXPOSURE_UNIT_S = 1e-4
+
+
+def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s: float) -> float:
+    """Set exposure and gain, both by hand; return the exposure that was taken, s.
+
+    The exposure is cut to whole units, and what that loses is made up by gain; a camera without
+    gain exposes longer instead. Blocks for some tens of milliseconds.
+
+    Args:
+        node: the camera.
+        order: what is wanted.
+        gain_most: how many times brighter the highest gain is than the lowest; the steps between
+            count as even in stops. Where they are not, the next pictures tell.
+        longest_s: exposure that the rate of the pictures leaves room for.
+
+    Raises:
+        OSError: as the kernel gives it.
+    """
+    if node.range(EXPOSURE_AUTO) is not None:
+        _set(node, EXPOSURE_AUTO, MANUAL_EXPOSURE)
+    if node.range(AUTOGAIN) is not None:
+        _set(node, AUTOGAIN, 0)
+    amount = order.time_s * order.gain
+    gain = GAIN if node.range(GAIN) is not None else ANALOGUE_GAIN
+    limits = node.range(gain)
+    wanted_s = min(order.time_s if limits is not None else amount, longest_s)
+    units = max(1, math.floor(wanted_s / EXPOSURE_UNIT_S + 1e-6))
+    taken_s = EXPOSURE_UNIT_S * max(1, _set(node, EXPOSURE, units))
+    if limits is not None:
+        left = min(max(amount / taken_s, 1.0), gain_most)
+        share = math.log(left) / math.log(gain_most)
+        _set(node, gain, round(limits.low + share * (limits.high - limits.low)))
+    return taken_s
+
+
+def _set(node: VideoNode, control: int, value: int) -> int:
+    """Set a control as near as it goes; return what it is now."""
+    limits = node.range(control)
+    if limits is None:
+        raise OSError(errno.EINVAL, "it has no such control")
+    return node.set_control(control, min(max(value, limits.low), limits.high))

@@ -1,0 +1,78 @@
+"""How the camera is to expose: by the pad's white once it is seen, by the ground before.
+
+Every order is waited for before the next: pictures taken under the old exposure say nothing about
+the new one. How much light a grey level means depends on the camera's tone curve, which nobody
+knows; a step in proportion to the level is right for a linear one and falls short of the aim with
+any gamma, so it closes in from either side. Blurred sight is worse than noisy sight: beyond the
+short exposure comes gain. But gain lifts the noise with the light, and vision loses a small ring
+to noise sooner than to the dark (white at 40 with noise of 3 was seen from afar, at 100 with 7
+not): gain is used only up to a fifth of the level aimed at.
+"""
+
+import math
+
+from landerd.config.models import MeteringSection
+from landerd.geometry import clamp
+from landerd.messages import ExposureOrder, Sightings
+
+# Grey levels aimed at. White at four fifths of full scale leaves room for noise and for a light
+# that is not even. Grass, earth and asphalt give back a quarter of what white does.
+WHITE_LEVEL, GROUND_LEVEL = 200.0, 70.0
+CLIPPED_LEVEL = 248.0  # from here on a level says only that it is too bright,
+CLIPPED_STEP = 0.4  # and the exposure is cut to this
+DARKEST_LEVEL = 4.0  # and from here down that it is too dark
+DIM = 0.2  # share of the level aimed at that is enough where more would need gain
+BAND = 1.15  # a level that is off by less is left
+SETTLED_S = 0.1  # from an order to the pictures exposed by it: two or three of them
+PAD_KEEP_S = 2.0  # after the pad's last picture its light still holds
+
+
+class Metering:
+    """Turns the brightness of pictures into orders for the camera."""
+
+    def __init__(self, options: MeteringSection) -> None:
+        self._options = options
+        # Seconds at gain 1.
+        self._least = options.shortest_s
+        self._most = options.longest_s * options.gain_max
+        self._amount = options.short_s
+        self._ordered_t = -math.inf
+        self._pad_t = -math.inf
+        self._has_ordered = False
+
+    def on_sightings(self, now: float, sightings: Sightings) -> ExposureOrder | None:
+        """Take a frame's brightness; return the order that follows, if any.
+
+        Args:
+            now: s.
+            sightings: of a frame exposed after all before.
+        """
+        light = sightings.light
+        if light is None:
+            return None
+        if not self._has_ordered:
+            self._has_ordered = True
+            return self._order(now, self._amount)
+        if light.on_pad:
+            self._pad_t = sightings.t
+        elif sightings.t - self._pad_t < PAD_KEEP_S:
+            return None
+        if sightings.t < self._ordered_t + SETTLED_S:
+            return None
+        wanted = WHITE_LEVEL if light.on_pad else GROUND_LEVEL
+        if light.level >= CLIPPED_LEVEL:
+            step = CLIPPED_STEP
+        else:
+            step = wanted / max(light.level, DARKEST_LEVEL)
+        full = self._amount * step
+        dim = max(DIM * full, min(full, self._options.short_s))
+        amount = clamp(dim, self._least, self._most)
+        if max(amount / self._amount, self._amount / amount) < BAND:
+            return None
+        return self._order(now, amount)
+
+    def _order(self, now: float, amount: float) -> ExposureOrder:
+        self._ordered_t, self._amount = now, amount
+        o = self._options
+        gain = clamp(amount / o.short_s, 1.0, o.gain_max)
+        return ExposureOrder(amount / gain, gain)

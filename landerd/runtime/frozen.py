@@ -1,0 +1,48 @@
+"""Notices input that is the old one with a new time stamp (rule 5)."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.messages import Attitude, GimbalState, Input
+
+# Reports in a row that all differ: what never repeated itself for so long is frozen when it does.
+# Coarse angles, and what stands still without noise, repeat themselves before.
+RESTLESS_REPORTS = 100
+
+
+class FrozenInput:
+    """Tells what repeats itself to the bit: no sensor in the air does."""
+
+    def __init__(self) -> None:
+        self._reports: dict[type, _Reports] = {}
+        self._picture: NDArray[np.uint8] | None = None
+
+    def repeats(self, message: Input) -> bool:
+        """Tell whether a message is the last of its kind with another time."""
+        if not isinstance(message, Attitude | GimbalState):
+            return False
+        return self._reports.setdefault(type(message), _Reports()).repeats(message)
+
+    def picture_repeats(self, image: NDArray[np.uint8]) -> bool:
+        """Tell whether a picture is the last one; the camera may use its memory again."""
+        last, self._picture = self._picture, image.copy()
+        return last is not None and np.array_equal(last, image)
+
+
+class _Reports:
+    """Of one kind."""
+
+    def __init__(self) -> None:
+        self._last: Attitude | GimbalState | None = None
+        self._restless = 0  # so many in a row have differed
+        self._may_repeat = False  # it has repeated itself before it was known to be restless
+
+    def repeats(self, message: Attitude | GimbalState) -> bool:
+        last, self._last = self._last, message
+        if last is None or replace(last, t=message.t) != message:
+            self._restless += 1
+            return False
+        self._may_repeat = self._may_repeat or self._restless < RESTLESS_REPORTS
+        return not self._may_repeat

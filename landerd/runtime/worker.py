@@ -1,0 +1,81 @@
+"""One thread beside the event loop, which may be given up when a job hangs."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class JobHangs(Exception):
+    """A job did not end in its time; its thread was given up."""
+
+
+class Worker(Generic[T]):
+    """Does one job after the other in a thread that the process's end does not wait for."""
+
+    def __init__(self, name: str) -> None:
+        """Make it; the thread begins with the first job. Name: of the thread."""
+        self._name = name
+        self._jobs: SimpleQueue[_Job[T] | None] | None = None
+
+    async def run(self, call: Callable[[], T], deadline_s: float) -> T:
+        """Return what the call returns, or raise what it raises.
+
+        Raises:
+            JobHangs: it takes longer than the deadline; the next job gets a new thread.
+        """
+        if self._jobs is None:
+            self._jobs = SimpleQueue()
+            threading.Thread(target=_work, args=(self._jobs,), name=self._name, daemon=True).start()
+        loop = asyncio.get_running_loop()
+        future: asyncio.Future[T] = loop.create_future()
+        self._jobs.put(_Job(call, loop, future))
+        done, _ = await asyncio.wait({future}, timeout=deadline_s)
+        if not done:
+            future.cancel()
+            self.close()
+            raise JobHangs
+        return future.result()
+
+    def close(self) -> None:
+        """Let the thread end after its job, without waiting for it."""
+        jobs, self._jobs = self._jobs, None
+        if jobs is not None:
+            jobs.put(None)
+
+
+class _Job(Generic[T]):
+    def __init__(
+        self, call: Callable[[], T], loop: asyncio.AbstractEventLoop, future: asyncio.Future[T]
+    ) -> None:
+        self._call, self._loop, self._future = call, loop, future
+
+    def do(self) -> None:
+        """Do it, and hand the result over to the loop."""
+        try:
+            result = self._call()
+        except Exception as e:
+            self._hand_over(self._fail, e)
+        else:
+            self._hand_over(self._succeed, result)
+
+    def _hand_over(self, settle: Callable[..., None], what: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+            self._loop.call_soon_threadsafe(settle, what)
+
+    def _succeed(self, result: T) -> None:
+        if not self._future.done():
+            self._future.set_result(result)
+
+    def _fail(self, e: Exception) -> None:
+        if not self._future.done():
+            self._future.set_exception(e)
+
+
+def _work(jobs: "SimpleQueue[_Job[T] | None]") -> None:
+    while (job := jobs.get()) is not None:
+        job.do()

@@ -1,0 +1,101 @@
+"""Which error of which marker explains best that the markers of a pad contradict each other.
+
+Each marker in turn is allowed to be larger, elsewhere, tilted or turned at will; what lowers the
+joint chi-square most is the likeliest error, if it lowers it by more than the pad file's stated
+uncertainties let expect.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.camera_model import F64
+from landerd.pad import Marker, PadLayout, Ring
+from landerd.vision.marker_errors import ERRORS, SCALE, MarkerErrors
+from landerd.vision.pad_pose import Joint, Measurement, in_order, joint_poses
+
+_FREE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3]) ** 2  # variances of what may be anything
+# Numbers of a marker's errors that go together: a bent plate tilts and lifts a marker.
+_CAUSES = {"size": (SCALE,), "place": (0, 1), "tilt": (2, 3, 4), "heading": (5,)}
+_LEAST_GAIN = 4.0  # reduction of chi-square: within 2 sigma is what the pad file says itself
+_ALIKE = 1.0  # gains that differ by less blame the marker that is farther from the landing point
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """An error of a marker that would explain what a picture shows."""
+
+    marker: Marker
+    what: str  # "size", "place", "tilt" or "heading"
+    by: float  # share, m, rad or rad
+    text: str  # in words
+
+
+def disagreement(
+    measured: list[Measurement], errors: MarkerErrors, layout: PadLayout
+) -> Disagreement | None:
+    """Return what fits best where markers of one picture contradict each other; None: they agree.
+
+    Args:
+        measured: the markers seen, each once.
+        errors: of the pad.
+        layout: the pad.
+    """
+    if len(measured) < 2:
+        return None
+    measured = in_order(measured)
+    allowed = errors.first([m.marker for m in measured])
+    agreed = _best(measured, allowed)
+    if agreed is None:
+        return None
+    found: list[tuple[float, float, int, str, F64]] = []
+    for i, m in enumerate(measured):
+        for what, numbers in _CAUSES.items():
+            if m.heading is None and what == "heading":
+                continue
+            covariance = allowed.copy()
+            for k in numbers:
+                covariance[ERRORS * i + k, ERRORS * i + k] = _FREE[k]
+            freed = _best(measured, covariance)
+            if freed is None:
+                continue
+            gain = agreed.pose.cost - freed.pose.cost
+            own = freed.errors[ERRORS * i : ERRORS * (i + 1)]
+            if gain > _LEAST_GAIN:
+                # Akaike's criterion: each number that is free must gain 2.
+                score = gain - 2.0 * len(numbers)
+                found.append((score, float(np.linalg.norm(m.place)), m.marker, what, own))
+    if not found:
+        return None
+    most = max(f[0] for f in found)
+    _, _, number, what, own = max((f for f in found if f[0] > most - _ALIKE), key=lambda f: f[1])
+    return _told(layout.markers[number], what, own)
+
+
+def _best(measured: list[Measurement], covariance: F64) -> Joint | None:
+    known: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    found = joint_poses(measured, np.zeros(len(covariance)), known, None)
+    return min(found, key=lambda j: j.pose.cost, default=None)
+
+
+def _told(marker: Marker, what: str, errors: F64) -> Disagreement:
+    name = marker.kind if isinstance(marker, Ring) else f"{marker.kind} {marker.id}"
+    if what == "size":
+        by = float(errors[SCALE])
+        word = "larger" if by > 0.0 else "smaller"
+        text = f"the {name} looks {100.0 * abs(by):.1f} % {word} than the pad file says"
+    elif what == "place":
+        north, east = 1e3 * float(errors[0]), 1e3 * float(errors[1])
+        by = 1e-3 * math.hypot(north, east)
+        ways = f"{abs(north):.0f} mm to the {'north' if north > 0.0 else 'south'}"
+        ways += f" and {abs(east):.0f} mm to the {'east' if east > 0.0 else 'west'}"
+        text = f"the {name} looks {ways} of where the pad file says"
+    elif what == "tilt":
+        by = math.hypot(float(errors[3]), float(errors[4]))
+        text = f"the {name} looks tilted by {math.degrees(by):.1f} degrees against the pad"
+    else:
+        by = float(errors[5])
+        way = "clockwise" if by > 0.0 else "anticlockwise"
+        text = f"the {name} looks turned {way} by {math.degrees(abs(by)):.1f} degrees on the pad"
+    return Disagreement(marker, what, by, text)

@@ -1,0 +1,385 @@
+"""Fit of a ring's pose to where its two edges lie in the image, whatever its grey levels do.
+
+Edges are looked for along rays from the centre, each between the black and the white beside it: a
+shadow dims both alike, and under any monotone tone curve, clipped white included, they keep their
+place but for a shift towards black or white that is the same all around. That shift is fitted
+beside the pose; the known ratio tells it from the range. Rays on which a leg, dirt or a glare lies
+are outliers.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.pad import Ring
+from landerd.vision.ring_pixels import F32, PlaneView, plane_axes
+from landerd.vision.ring_pose import F64, Pose
+
+U8 = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+INTERP = cv2.INTER_CUBIC
+_RAYS = 64
+_SAMPLES = 25  # across an edge, on each ray
+_ANGLES = np.arange(_RAYS) * (2.0 * math.pi / _RAYS)
+_CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+# Bands across the edges, from black to white, in radii: half of the stroke, and less than the
+# thesis's margin. In pixels, those of the last rounds.
+_INTO_BLACK, _INTO_WHITE = 0.27, 0.2
+_FINE_PX = 4.0
+_COARSE_ROUNDS, _FINE_ROUNDS = 1, 2
+_DESCENTS = 2  # steps to the edges of one round
+_END = 5  # samples at either end of a band that tell black and white
+_LEAST_STEP = 6.0  # grey levels between black and white beside an edge
+_MOST_BLACK = 0.8  # over the white beside it
+_LEVEL_RAYS = 2  # to either side, of which black and white are medians
+_SIGMA_PER_MAD = 1.4826
+_ROBUST_SIGMAS = 3.0
+_COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
+_SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
+_NEAREST_M = 1e-3
+_MIN_RADIUS_PX = 3.0
+_MIN_RAYS = 20  # of both edges together
+# An edge is as fitted within the lesser of these, px and share of the radius, and this share of it.
+_NEAR_PX, _NEAR_SMALL, _NEAR_SHARE = 0.45, 0.03, 0.015
+_INDEPENDENT_PX = 2.0  # along an edge, of pixels that are not of the same blur
+_MOST_CORRELATED = 0.95
+
+
+@dataclass(frozen=True)
+class EdgeFit:
+    """A pose fitted to edges, and how much of the ring they show."""
+
+    position: F64  # (3,), m
+    normal: F64  # (3,)
+    shift_px: float  # of both edges, into the black
+    sigma_shift: float  # px
+    noise_px: float  # of edges, robust
+    blur_px: float  # sigma
+    broad_px: float  # of the broadest quarter
+    radius_px: float
+    support: tuple[float, float]  # share of the rays in the image with an edge: outer, inner
+    visible: float  # share of the rays that are in the image
+    cos_tilt: float  # of the normal to the line of sight
+    ridge: float  # of a brighter circle within the stroke, over the contrast
+    dark: float  # share of the stroke that is darker than the white beside it
+    bright: float  # share of hole and margin that are brighter than the black beside them
+    residual: F64  # (rays,) of all edges, px; nan where none is seen
+    dependence: float  # how many times fewer edges than rays there are
+    covariance: F64  # (5, 5) of centre and tilt on the plane's axes, m^2, m rad, rad^2
+    levels: tuple[float, float, float]  # inside, black, outside
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Where edges were seen: outer ones first, then inner ones, a ray each."""
+
+    rays: F32  # (3, 2 n), z = 1
+    seen: Mask  # (2 n,)
+    blur_px: float  # sigma, as the slopes of the edges have it
+    broad_px: float  # that of the broadest quarter: along a motion edges are broader
+    in_image: Mask  # (2 n,)
+    levels: F64  # (2, 2, n): edge; black, white
+
+
+def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit | None:
+    """Return the pose whose edges are those in the image near a start; None if there is none.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        ring: its true size and ratio.
+        start: a pose within a tenth of the radius.
+    """
+    pose, shift = start, 0.0
+    radius_px = _radius_px(camera, ring, pose)
+    for i in range(_COARSE_ROUNDS + _FINE_ROUNDS):
+        is_coarse = i < _COARSE_ROUNDS
+        reach = 1.0 if is_coarse else min(1.0, _FINE_PX / (_INTO_WHITE * radius_px))
+        edges = _edges(image, camera, ring, pose, reach)
+        if edges is None or np.count_nonzero(edges.seen) < _MIN_RAYS:
+            return None
+        least = _COARSE_NOISE_PX if is_coarse else _LEAST_NOISE_PX
+        fitted = _descended(edges, ring, camera, pose, shift, least)
+        if fitted is None:
+            return None
+        pose, shift, noise, equations = fitted
+        radius_px = _radius_px(camera, ring, pose)
+        if not _MIN_RADIUS_PX < radius_px < 4.0 * max(image.shape):
+            return None
+        if i == _COARSE_ROUNDS + _FINE_ROUNDS - 1:
+            return _judged(image, camera, ring, pose, shift, noise, edges, equations)
+    return None
+
+
+def edge_cost(fit: EdgeFit, noise_px: float) -> float:
+    """Return the robust sum of squared residuals over the noise (px) of independent edges."""
+    u = (fit.residual / (_ROBUST_SIGMAS * noise_px)) ** 2
+    robust = np.where(np.isnan(u), 1.0, u / (1.0 + u))
+    return _ROBUST_SIGMAS**2 * float(robust.sum()) / fit.dependence
+
+
+def _radius_px(camera: CameraModel, ring: Ring, pose: Pose) -> float:
+    return math.sqrt(camera.fx * camera.fy) * ring.radius_m / max(float(pose[0][2]), 1e-6)
+
+
+def _points(ring: Ring, pose: Pose, radii: F64) -> F64:
+    """Return points (..., rays, 3) on circles of radii (..., rays), camera frame, m."""
+    _, axes = plane_axes(pose[0][None], pose[1][None])
+    around = _CIRCLE @ axes[0, :2].astype(np.float64)
+    points: F64 = pose[0] + radii[..., None] * around
+    return points
+
+
+def _sampled(
+    image: U8, camera: CameraModel, ring: Ring, pose: Pose, radii: F64
+) -> tuple[F64, Mask, F32] | None:
+    """Return grey levels on circles (bands, circles), whether they are in the image, and pixels.
+
+    Pixels are worked out for the first, the middle and the last circle of each band: a parabola
+    through these gives the others. None, if any is behind the lens.
+    """
+    bands, n = radii.shape
+    nodes = [0, n // 2, n - 1]
+    points = _points(ring, pose, radii[:, nodes, None] + np.zeros(_RAYS))
+    if float(points[..., 2].min()) < _NEAREST_M:
+        return None
+    at = camera.pixels(points.reshape(-1, 3)).reshape(bands, 3, _RAYS * 2)
+    px = np.empty((bands, n, _RAYS * 2), dtype=np.float32)
+    for band in range(bands):
+        x = radii[band]
+        a, b, c = x[nodes]
+        basis = np.stack(
+            [
+                (x - b) * (x - c) / ((a - b) * (a - c)),
+                (x - a) * (x - c) / ((b - a) * (b - c)),
+                (x - a) * (x - b) / ((c - a) * (c - b)),
+            ],
+            axis=1,
+        )
+        px[band] = basis @ at[band]
+    flat = px.reshape(bands * n, _RAYS, 2)
+    h, w = image.shape
+    inside = np.asarray(((flat >= 0.0) & (flat <= (w - 1, h - 1))).all(axis=-1))
+    grey = cv2.remap(image, flat[..., 0], flat[..., 1], INTERP)
+    shape = (bands, n, _RAYS)
+    return grey.reshape(shape).astype(np.float64), inside.reshape(shape), px.reshape(*shape, 2)
+
+
+def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float) -> _Edges | None:
+    """Return the edges within a share of the bands about a pose."""
+    R, r = ring.radius_m, ring.radius_m * ring.inner_ratio
+    along = np.linspace(-_INTO_BLACK, _INTO_WHITE, _SAMPLES) * (reach * R)
+    sampled = _sampled(image, camera, ring, pose, np.stack([R + along, r - along]))
+    if sampled is None:
+        return None
+    grey, inside, px = sampled
+    black, white = _beside(grey[:, :_END].mean(axis=1)), _beside(grey[:, -_END:].mean(axis=1))
+    middle = 0.5 * (black + white)
+    smooth = grey.copy()
+    smooth[:, 1:-1] = 0.25 * (grey[:, :-2] + grey[:, 2:]) + 0.5 * grey[:, 1:-1]
+    above = smooth >= middle[:, None]
+    rises = ~above[:, :-1] & above[:, 1:]
+    step = np.maximum(smooth[:, 1:] - smooth[:, :-1], 1e-6)
+    share = np.clip((middle[:, None] - smooth[:, :-1]) / step, 0.0, 1.0)
+    at = along[None, :-1, None] + share * (along[1] - along[0])
+    off = np.where(rises, np.abs(at), np.inf)
+    nearest = off.argmin(axis=1)[:, None]
+    found = np.take_along_axis(at, nearest, axis=1)[:, 0]
+    is_edge = np.isfinite(np.take_along_axis(off, nearest, axis=1)[:, 0])
+    in_image = inside.all(axis=1)
+    seen = is_edge & in_image & (white - black > _LEAST_STEP) & (black < _MOST_BLACK * white)
+    spacing = np.hypot(*np.moveaxis(px[:, -1] - px[:, 0], -1, 0)) / (_SAMPLES - 1)
+    slope = np.take_along_axis(step, nearest, axis=1)[:, 0] / np.maximum(spacing, 1e-3)
+    blurs = ((white - black) / slope)[seen] / math.sqrt(2.0 * math.pi)
+    blur, broad = np.percentile(blurs, (50, 75)).tolist() if seen.any() else (0.0, 0.0)
+    where = np.stack([R + found[0], r - found[1]])
+    points = _points(ring, pose, where).reshape(-1, 3)
+    rays = (points / points[:, 2:]).T.astype(np.float32)
+    return _Edges(
+        rays, seen.ravel(), blur, broad, in_image.ravel(), np.stack([black, white], axis=1)
+    )
+
+
+def _beside(level: F64) -> F64:
+    """Return levels (edges, rays), each the median of its neighbours."""
+    near = [np.roll(level, k, axis=1) for k in range(-_LEVEL_RAYS, _LEVEL_RAYS + 1)]
+    smooth: F64 = np.median(np.stack(near), axis=0)
+    return smooth
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Least squares about a pose."""
+
+    residual: F64  # (2 n,), px
+    weight: F64  # (2 n,)
+    H: F64  # (6, 6): centre, tilt, shift; over the variance of an edge
+    scale: float  # of the variance, from the residuals
+    axes: F32
+
+
+def _descended(
+    edges: _Edges, ring: Ring, camera: CameraModel, pose: Pose, shift: float, least_noise: float
+) -> tuple[Pose, float, float, _Equations] | None:
+    """Return pose, shift and noise after some robust steps to the edges."""
+    for _ in range(_DESCENTS):
+        equations, b, noise = _normal_equations(edges, ring, camera, pose, shift, least_noise)
+        solved, step = cv2.solve(equations.H, b[:, None])
+        if not solved or not np.isfinite(step).all():
+            return None
+        step = step[:, 0]
+        t, normal = pose
+        e = equations.axes.astype(np.float64)
+        moved = t + step[:3] @ e
+        turned = normal + np.clip(step[3:5], -0.2, 0.2) @ e[:2]
+        if not 0.5 * t[2] < moved[2] < 2.0 * t[2]:
+            return None
+        pose = (moved, turned / np.linalg.norm(turned))
+        shift += float(step[5])
+        if float(pose[1] @ moved) < 0.15 * float(np.linalg.norm(moved)):
+            return None
+    return pose, shift, noise, equations
+
+
+def _normal_equations(
+    edges: _Edges, ring: Ring, camera: CameraModel, pose: Pose, shift: float, least_noise: float
+) -> tuple[_Equations, F64, float]:
+    """Return the equations about a pose, their right side, and the noise of edges, px."""
+    focal = math.sqrt(camera.fx * camera.fy)
+    t32, axes = plane_axes(pose[0][None], pose[1][None])
+    g = PlaneView(edges.rays, focal, t32, axes)
+    n = _RAYS
+    radii = np.repeat([ring.radius_m, ring.radius_m * ring.inner_ratio], n)
+    inwards = np.repeat([1.0, -1.0], n)  # a shift into the black
+    scale = g.scale[0].astype(np.float64)
+    # Blur moves a bent edge towards its centre of curvature.
+    area, _ = g.curvature()
+    bend = (
+        0.5
+        * area[0] ** 2
+        / (radii * scale**3)
+        * min(edges.blur_px, 0.1 * ring.radius_m / float(scale.min())) ** 2
+    )
+    residual = (g.rho[0] - radii) / scale + bend + inwards * shift
+    J = np.empty((6, 2 * n))
+    J[:3] = g.u[0] / scale
+    J[3:5] = (g.a[0] * g.rho[0])[None] * g.u[0, :2] / scale
+    J[5] = -inwards
+    off = np.abs(residual[edges.seen])
+    noise = max(least_noise, _SIGMA_PER_MAD * float(np.median(off)))
+    u = (residual / (_ROBUST_SIGMAS * noise)) ** 2
+    weight = edges.seen / (1.0 + u) ** 2
+    H = (J * weight) @ J.T / noise**2
+    b = (J * weight) @ residual / noise**2
+    H[3, 3] += 1.0
+    H[4, 4] += 1.0
+    H[5, 5] += 1.0 / _SHIFT_SIGMA_PX**2
+    b[5] -= shift / _SHIFT_SIGMA_PX**2
+    used = float(weight.sum())
+    spread = float((weight * residual**2).sum()) / max(used - 6.0, 4.0) / noise**2
+    return _Equations(residual, weight, H, spread, axes[0]), b, noise
+
+
+def _judged(
+    image: U8,
+    camera: CameraModel,
+    ring: Ring,
+    pose: Pose,
+    shift: float,
+    noise: float,
+    edges: _Edges,
+    equations: _Equations,
+) -> EdgeFit:
+    """Return the fit with what tells whether it is of a ring."""
+    radius_px = _radius_px(camera, ring, pose)
+    off = np.abs(equations.residual)
+    reach = min(_NEAR_PX, _NEAR_SMALL * radius_px) + _NEAR_SHARE * radius_px
+    near = edges.seen & (off < reach)
+    there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
+    support = near.reshape(2, _RAYS).sum(axis=1) / there
+    dark, bright, ridge = _areas(image, camera, ring, pose, edges)
+    few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
+    inverse = np.asarray(np.linalg.inv(equations.H), dtype=np.float64)
+    covariance = inverse * max(equations.scale, 0.3) * few
+    levels = [
+        float(np.median(level[there])) if there.any() else 0.0
+        for level, there in (
+            (edges.levels[1, 1], edges.seen[_RAYS:]),
+            (edges.levels[:, 0].ravel(), edges.seen),
+            (edges.levels[0, 1], edges.seen[:_RAYS]),
+        )
+    ]
+    return EdgeFit(
+        position=pose[0],
+        normal=pose[1],
+        shift_px=shift,
+        sigma_shift=math.sqrt(float(covariance[5, 5])),
+        noise_px=noise,
+        blur_px=edges.blur_px,
+        broad_px=edges.broad_px,
+        radius_px=radius_px,
+        support=(float(support[0]), float(support[1])),
+        visible=float(edges.in_image.mean()),
+        cos_tilt=float(pose[1] @ pose[0]) / float(np.linalg.norm(pose[0])),
+        ridge=ridge,
+        dark=dark,
+        bright=bright,
+        residual=np.where(edges.seen, equations.residual, np.nan),
+        dependence=few,
+        covariance=covariance[:5, :5],
+        levels=(levels[0], levels[1], levels[2]),
+    )
+
+
+def _dependence(equations: _Equations, radius_px: float) -> float:
+    """Return how many times fewer edges than rays there are, as far as information goes.
+
+    Neighbouring rays of a small ring see the same pixels; and what a soft shadow or bent paper does
+    to an edge it does to the next one, too: of errors with correlation c from ray to ray, the sum
+    of many has (1 + c) / (1 - c) times the variance.
+    """
+    r = (equations.residual * np.sqrt(equations.weight)).reshape(2, _RAYS)
+    total = float((r * r).sum())
+    correlation = float((r * np.roll(r, 1, axis=1)).sum()) / max(total, 1e-12)
+    c = min(max(correlation, 0.0), _MOST_CORRELATED)
+    return max((1.0 + c) / (1.0 - c), _RAYS * _INDEPENDENT_PX / (2.0 * math.pi * radius_px))
+
+
+_STROKE_RADII = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # from inner to outer edge
+_HOLE_RADII = (0.1, 0.35, 0.55, 0.7)  # of the inner edge
+_MARGIN_RADII = (1.08, 1.13)
+
+
+def _areas(
+    image: U8, camera: CameraModel, ring: Ring, pose: Pose, edges: _Edges
+) -> tuple[float, float, float]:
+    """Return the shares of the stroke that is dark and of the white that is bright, and the ridge.
+
+    The last: what rises within the stroke, between its edges, as in targets of several rings.
+    """
+    R, k = ring.radius_m, ring.inner_ratio
+    shares = [k * s for s in _HOLE_RADII] + [k + (1.0 - k) * s for s in _STROKE_RADII]
+    shares += _MARGIN_RADII
+    sampled = _sampled(image, camera, ring, pose, R * np.array([shares]))
+    if sampled is None:
+        return 0.0, 0.0, 1.0
+    grey, inside, _ = (part[0] for part in sampled)
+    outer, inner = edges.levels.mean(axis=1)  # half-way beside each edge
+    hole, stroke = len(_HOLE_RADII), len(_STROKE_RADII)
+    limit = np.where((np.arange(len(shares)) < hole + stroke // 2)[:, None], inner, outer)
+    is_dark = grey < limit
+    white = np.r_[:hole, hole + stroke : len(shares)]
+    black = np.r_[hole : hole + stroke]
+    dark = float(is_dark[black][inside[black]].mean()) if inside[black].any() else 0.0
+    bright = float((~is_dark[white])[inside[white]].mean()) if inside[white].any() else 0.0
+    level = np.median(grey[black], axis=1)
+    before = np.minimum.accumulate(level)
+    after = np.minimum.accumulate(level[::-1])[::-1]
+    contrast = 2.0 * float(np.median(inner) - level.min())
+    ridge = float((level - np.maximum(before, after)).max()) / max(contrast, 1.0)
+    return dark, bright, ridge

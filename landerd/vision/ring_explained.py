@@ -1,0 +1,187 @@
+"""Rings whose grey levels the model does not explain: geometry vouches for them.
+
+A tone curve, clipped white, sharpening, shadow, leaves, legs, dirt and glare leave residuals that
+no camera's noise does, but the edges stay where they are, or most of them. Where they do, it is a
+ring; its pose is that of the grey levels if both agree within what each may err, else that of the
+edges with their larger covariance.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.pad import Ring
+from landerd.vision.ring_edges import EdgeFit, edge_cost, edge_fit
+from landerd.vision.ring_fit import RingFit, frontal_inflation
+from landerd.vision.ring_pixels import plane_axes
+from landerd.vision.ring_pose import F64, mirrored
+
+U8 = NDArray[np.uint8]
+
+# What edges must show to be a ring's. Of small ones fewer pixels are seen, and texture shows more
+# that are alike: the share asked for grows.
+_MIN_RADIUS_PX = 6.5  # the shorter one
+_MIN_COS = 0.3  # of the tilt: flatter ones are narrow bands of few pixels
+_MAX_RIDGE = 0.2  # of the contrast, within the stroke
+_MIN_SUPPORT, _SUPPORT_PX = 0.62, 2.2  # of the rays: this, and this over the radius
+_HOPELESS_SUPPORT = 0.9  # of both edges' shares together
+_MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
+_MIN_VISIBLE = 0.6
+_MIN_DARK, _MIN_BRIGHT = 0.85, 0.78
+_MIN_CONTRAST = 12.0  # grey levels
+# How far a tone curve moves edges: px, of the blur, and what the print may be off, of the radius.
+# White twice over full scale leaves but the darkest part of each edge.
+_MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.4), (0.3, 1.0)
+_PRINT_SHARE = 0.009
+_CLIPPED = 240.0  # grey level of the white
+_CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
+_SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
+
+# Errors of edges that are common to all of them, or to one side, px; and of their shift.
+_EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
+_NOISE_BIAS = 0.3  # of the edges' noise: what shade does to a whole side, no average undoes
+_AGREE_CHI2 = 16.0  # of grey levels and edges: a true difference is larger once in 1000 times
+_AGREE_SHIFT_PX, _AGREE_SIGMAS = 0.04, 3.0
+_AGREE_RATIO = 0.003
+_AGREE_COS = math.cos(math.radians(8.0))  # of the normals
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The fits of a ring that its edges vouch for."""
+
+    fits: list[RingFit]  # best first
+    is_toned: bool  # a tone curve has moved sharp edges: motion or shadow explain no better
+
+
+def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> Explained | None:
+    """Return the fits of a ring whose grey levels `fits` do not explain; None if it is none.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        ring: its true size and ratio.
+        fits: to grey levels, best first, at least one.
+    """
+    best = fits[0]
+    found: list[EdgeFit] = []
+    for start in (
+        (best.position, best.normal),
+        mirrored(best.position, best.normal, ring.radius_m),
+    ):
+        edges = None if start is None else edge_fit(image, camera, ring, start)
+        if edges is not None:
+            found.append(edges)
+        # Under the wrong one of two poses half of the edges are in place, in texture few.
+        if not found or sum(found[0].support) < _HOPELESS_SUPPORT:
+            return None
+    noise = min(e.noise_px for e in found)
+    dependence = max(e.dependence for e in found)
+    found = [replace(e, dependence=dependence) for e in found]
+    found.sort(key=lambda e: edge_cost(e, noise))
+    edges = found[0]
+    if not is_ring_by_edges(edges):
+        return None
+    toned = (
+        edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
+        and edges.broad_px < _SHARP_PX
+        and _is_shifted(edges)
+    )
+    if _agree(edges, best, ring, camera):
+        # What is left over of the grey levels is as alike from place to place as that of the edges.
+        wider = [replace(f, covariance=dependence * f.covariance) for f in fits]
+        return Explained(wider, toned)
+    return Explained([_ring_fit(e, ring, camera, noise) for e in found], toned)
+
+
+def _is_shifted(e: EdgeFit) -> bool:
+    """Tell whether a tone curve has moved the edges."""
+    return abs(e.shift_px) > _AGREE_SHIFT_PX + _AGREE_SIGMAS * e.sigma_shift
+
+
+def is_toned(fit: RingFit, ring: Ring) -> bool:
+    """Tell whether both edges are shifted, as a tone curve shifts them: then the range is wrong."""
+    off = abs(fit.ratio - ring.inner_ratio)
+    return off > _AGREE_SIGMAS * fit.sigma_ratio + _AGREE_RATIO * ring.inner_ratio
+
+
+def has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether there are brighter rings within the stroke, as motion would make none."""
+    e = edge_fit(image, camera, ring, (fit.position, fit.normal))
+    return e is not None and min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE
+
+
+def is_ring_by_edges(e: EdgeFit) -> bool:
+    """Tell whether edges are those of a ring, black between white."""
+    inside, black, outside = e.levels
+    shorter = e.radius_px * e.cos_tilt
+    return (
+        shorter > _MIN_RADIUS_PX
+        and e.cos_tilt > _MIN_COS
+        and 0.5 * sum(e.support) > _MIN_SUPPORT + _SUPPORT_PX / shorter
+        and min(e.support) > _MIN_EITHER
+        and e.visible > _MIN_VISIBLE
+        and e.ridge < _MAX_RIDGE
+        and e.dark > _MIN_DARK
+        and e.bright > _MIN_BRIGHT
+        and min(inside, outside) - black > _MIN_CONTRAST
+        and abs(e.shift_px) < _max_shift_px(e)
+    )
+
+
+def _max_shift_px(e: EdgeFit) -> float:
+    """Return how far a tone curve, and an inexact print, may have moved the edges."""
+    is_clipped = min(e.levels[0], e.levels[2]) > _CLIPPED
+    fixed, blurs = _MAX_CLIPPED_SHIFT_PX if is_clipped else _MAX_SHIFT_PX
+    return fixed + blurs * e.blur_px + _PRINT_SHARE * e.radius_px
+
+
+def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
+    """Tell whether a fit to grey levels is where the edges are."""
+    if _is_shifted(e) or is_toned(fit, ring):
+        return False
+    if float(fit.normal @ e.normal) < _AGREE_COS:
+        return False
+    off = fit.position - e.position
+    C = _covariance(e, ring, camera) + fit.covariance
+    return float(off @ np.linalg.solve(C, off)) < _AGREE_CHI2
+
+
+def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
+    """Return the covariance of the position (3, 3), m^2, biases included."""
+    _, axes = plane_axes(e.position[None], e.normal[None])
+    a = axes[0].astype(np.float64)
+    distance = float(np.linalg.norm(e.position))
+    sight = e.position / distance
+    C = e.covariance + frontal_inflation(e.covariance, a @ sight)
+    focal = math.sqrt(camera.fx * camera.fy)
+    shift = math.hypot(_SHIFT_BIAS * e.shift_px, _NOISE_BIAS * e.noise_px)
+    radial = math.hypot(_EDGE_BIAS_PX, shift) * distance * distance / (focal * ring.radius_m)
+    lateral = math.hypot(_LATERAL_BIAS_PX, shift) * distance / focal
+    covariance: F64 = a.T @ C[:3, :3] @ a + np.outer(sight, sight) * radial**2
+    return covariance + lateral**2 * np.eye(3)
+
+
+def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel, noise_px: float) -> RingFit:
+    """Return a fit to edges as one to grey levels would say it."""
+    inside, black, outside = e.levels
+    return RingFit(
+        position=e.position,
+        normal=e.normal,
+        blur_px=e.blur_px,
+        motion_px=np.zeros(2),
+        inside=inside,
+        black=black,
+        outside=outside,
+        noise=e.noise_px,
+        cost=edge_cost(e, noise_px),
+        inliers=min(e.support),
+        covariance=_covariance(e, ring, camera),
+        sigma_tilt=math.sqrt(max(0.0, float(np.trace(e.covariance[3:, 3:])) / 2.0)),
+        ratio=ring.inner_ratio,
+        sigma_ratio=0.0,
+        stage="edges",
+    )

@@ -1,0 +1,134 @@
+"""Exposure by what is seen: a camera's pictures in, orders out, and what comes of them."""
+
+import itertools
+import math
+from collections.abc import Callable
+
+import pytest
+
+from landerd.config.models import MeteringSection
+from landerd.guidance.metering import Metering
+from landerd.messages import ExposureOrder, Light, Sightings
+
+PERIOD_S, LATENCY_S, FRAMES_LATE = 1 / 30, 0.1, 2
+OPTIONS = MeteringSection(shortest_s=1e-4, short_s=0.004, longest_s=0.015, gain_max=8.0)
+
+
+class Camera:
+    """Takes orders two pictures late and tells levels 0.1 s after their exposure."""
+
+    def __init__(self, tone: Callable[[float], float] = lambda light: light) -> None:
+        self.tone = tone
+        self.metering = Metering(OPTIONS)
+        self.orders: list[tuple[float, ExposureOrder]] = []
+        self.frame = 0
+
+    def amount(self, t: float) -> float:
+        """Exposure times gain of the picture of time t; set to 8 ms before the first order."""
+        taken = [o for at, o in self.orders if at + FRAMES_LATE * PERIOD_S <= t]
+        return taken[-1].time_s * taken[-1].gain if taken else 0.008
+
+    def level(self, t: float, light: float) -> float:
+        """Grey level of something that is so bright, full scale at 8 ms being 1."""
+        share = light * self.amount(t) / 0.008
+        return 255.0 * min(1.0, self.tone(min(1.0, share)))
+
+    def run(self, seconds: float, light: float, *, on_pad: bool) -> float:
+        """Take pictures so long; return the last one's level."""
+        level = 0.0
+        for _ in range(round(seconds / PERIOD_S)):
+            t = self.frame * PERIOD_S
+            level = self.level(t, light)
+            seen = Sightings(t, self.frame, (), (), Light(level, on_pad))
+            order = self.metering.on_sightings(t + LATENCY_S, seen)
+            if order is not None:
+                self.orders.append((t + LATENCY_S, order))
+            self.frame += 1
+        return level
+
+    @property
+    def last(self) -> ExposureOrder:
+        return self.orders[-1][1]
+
+
+def gamma(light: float) -> float:
+    return float(light ** (1 / 2.2))
+
+
+def s_curve(light: float) -> float:
+    return light * light * (3.0 - 2.0 * light)
+
+
+@pytest.mark.parametrize("tone", [lambda light: light, gamma, s_curve])
+def test_white_far_over_full_scale_is_below_it_within_a_second(
+    tone: Callable[[float], float],
+) -> None:
+    camera = Camera(tone)
+    camera.run(1.0, 0.8, on_pad=True)
+    assert camera.run(1.0, 2.5, on_pad=True) < 250.0
+
+
+@pytest.mark.parametrize("tone", [lambda light: light, gamma, s_curve])
+@pytest.mark.parametrize(
+    ("light", "least"), [(0.1, 33.0), (0.5, 35.0), (1.6, 160.0), (2.5, 160.0), (5.0, 160.0)]
+)
+def test_the_pads_white_settles_near_four_fifths_or_where_gain_begins_and_orders_end(
+    light: float, least: float, tone: Callable[[float], float]
+) -> None:
+    camera = Camera(tone)
+    assert least < camera.run(3.0, light, on_pad=True) < 245.0
+    count = len(camera.orders)
+    camera.run(1.0, light, on_pad=True)
+    assert len(camera.orders) == count
+
+
+def test_exposure_is_short_and_gain_comes_before_a_longer_one() -> None:
+    camera = Camera()
+    camera.run(2.0, 0.1, on_pad=True)
+    assert camera.last.time_s == pytest.approx(0.004)
+    assert camera.last.gain == pytest.approx(0.16 / 0.05, rel=0.2)
+    camera.run(2.0, 0.02, on_pad=True)
+    assert camera.last.gain == pytest.approx(8.0)
+    assert 0.004 < camera.last.time_s <= 0.015
+    camera.run(2.0, 5.0, on_pad=True)
+    assert camera.last.gain == 1.0
+    assert camera.last.time_s < 0.004
+
+
+def test_no_order_is_beyond_what_is_allowed() -> None:
+    camera = Camera()
+    camera.run(3.0, 1e-5, on_pad=False)
+    assert camera.last.time_s == pytest.approx(0.015)
+    assert camera.last.gain == 8.0
+    camera.run(5.0, 1e5, on_pad=False)
+    assert camera.last.time_s == pytest.approx(1e-4)
+    assert camera.last.gain == 1.0
+
+
+def test_before_the_pad_is_seen_the_ground_is_dark_enough_to_leave_room_for_white() -> None:
+    camera = Camera()
+    ground = camera.run(2.0, 2.0, on_pad=False)
+    assert ground < 75.0
+
+
+def test_a_pad_out_of_sight_for_a_moment_changes_nothing() -> None:
+    camera = Camera()
+    camera.run(2.0, 0.8, on_pad=True)
+    count = len(camera.orders)
+    camera.run(1.5, 0.05, on_pad=False)
+    assert len(camera.orders) == count
+    camera.run(1.5, 0.05, on_pad=False)
+    assert len(camera.orders) > count
+
+
+def test_an_order_is_not_repeated_before_its_pictures_come() -> None:
+    camera = Camera()
+    camera.run(2.0, 0.02, on_pad=True)
+    times = [t for t, _ in camera.orders]
+    assert min(b - a for a, b in itertools.pairwise(times)) > LATENCY_S
+    amounts = [o.time_s * o.gain for _, o in camera.orders]
+    assert all(math.isfinite(a) for a in amounts)
+
+
+def test_pictures_whose_light_is_not_told_order_nothing() -> None:
+    assert Metering(OPTIONS).on_sightings(1.0, Sightings(0.9, 1, (), ())) is None

@@ -1,0 +1,105 @@
+"""Rings as tone curves, clipped white and foreign things leave them."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from landerd.vision.whycon import find_rings, track_ring
+from tests.vision import scenes
+
+U8 = NDArray[np.uint8]
+CAMERA = scenes.IDEAL_CAMERA
+RING = scenes.THESIS_PAD.rings[0]
+CHI2_99 = 11.345  # three degrees of freedom
+WHITE = 220.0
+
+
+def seen(distance: float, tilt_deg: float) -> scenes.View:
+    return scenes.look(
+        CAMERA, distance, math.radians(tilt_deg), pixel=(300.0, 250.0), tilt_towards=1.0
+    )
+
+
+def light(view: scenes.View, bar: scenes.Bar | None = None) -> NDArray[np.float64]:
+    """Return the light of a view (height, width), white paper 1, all but noiseless."""
+    optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar)
+    image = scenes.render(view, CAMERA, optics, np.random.default_rng(2))
+    return image / WHITE
+
+
+def picture(level: NDArray[np.float64], noise: float = 3.0) -> U8:
+    rng = np.random.default_rng(3)
+    return np.clip(
+        np.rint(255.0 * np.clip(level, 0.0, 1.0) + rng.normal(0.0, noise, level.shape)), 0, 255
+    ).astype(np.uint8)
+
+
+def check(image: U8, view: scenes.View, share: float) -> str:
+    """Ask for one ring within a share of the range and within its sigma; return its stage."""
+    found = find_rings(image, RING, CAMERA)
+    assert len(found) == 1
+    pose = found[0].solutions[0]
+    error = np.array(pose.position) - view.position
+    assert float(np.linalg.norm(error)) < share * float(np.linalg.norm(view.position))
+    assert float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
+    return found[0].stage
+
+
+@pytest.mark.parametrize("distance", [2.0, 7.0, 10.0, 15.0])
+def test_a_ring_behind_gamma_and_jpeg_is_seen(distance: float) -> None:
+    view = seen(distance, 25.0)
+    image = picture((0.85 * light(view)) ** (1.0 / 2.2))
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1]
+    assert check(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), view, 0.005) == "edges"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("over", [1.6, 2.5])
+@pytest.mark.parametrize("distance", [4.0, 10.0])
+def test_a_ring_whose_white_is_blown_out_is_seen(distance: float, over: float) -> None:
+    view = seen(distance, 25.0)
+    assert check(picture(over * light(view)), view, 0.005) == "edges"
+
+
+def test_noise_of_a_dark_evening_is_no_reason_to_lose_a_ring() -> None:
+    view = seen(6.0, 20.0)
+    assert check(picture(0.75 * light(view), noise=15.0), view, 0.005) == "grey"
+
+
+def test_a_leg_across_the_ring_is_cut_out() -> None:
+    view = seen(4.0, 20.0)
+    edge = scenes.outline(view, CAMERA, RING)
+    x, y = (edge.mean(axis=0) + np.array([0.0, 0.25 * np.ptp(edge[:, 1])])).tolist()
+    bar = scenes.Bar((x, y), (1.0, 0.2), 0.08 * float(np.ptp(edge, axis=0).max()), 60.0)
+    check(picture(0.75 * light(view, bar=bar)), view, 0.003)
+
+
+def test_a_plain_picture_is_told_by_its_grey_levels() -> None:
+    view = seen(6.0, 30.0)
+    assert check(picture(0.75 * light(view)), view, 0.002) == "grey"
+
+
+def test_a_blown_out_ring_is_tracked() -> None:
+    view = seen(5.0, 25.0)
+    near = np.array(view.position) * 1.002
+    found = track_ring(picture(2.0 * light(view)), RING, CAMERA, near, view.normal)
+    assert found is not None
+    assert found.stage == "edges"
+    assert math.dist(found.solutions[0].position, view.position) < 0.025
+
+
+def test_a_target_of_several_rings_is_none_of_ours() -> None:
+    """A blurred CCTag's outline and heart have our ratio, but a grey ring lies between."""
+    k, size = 8, 80
+    patch = np.full((200 * k, 200 * k), 235, np.uint8)
+    for share, level in ((1.0, 60), (0.85, 230), (0.75, 60), (0.62, 230), (0.52, 60), (0.4, 235)):
+        centre, axis = (100 * k, 100 * k), int(share * size / 2 * k)
+        cv2.ellipse(patch, centre, (axis, int(0.85 * axis)), 30.0, 0.0, 360.0, level, -1)
+    small = cv2.GaussianBlur(
+        cv2.resize(patch, (200, 200), interpolation=cv2.INTER_AREA), (0, 0), 2.0
+    )
+    image = np.full((CAMERA.height, CAMERA.width), 235, np.uint8)
+    image[100:300, 200:400] = small
+    assert find_rings(image, RING, CAMERA) == []
