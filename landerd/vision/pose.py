@@ -21,7 +21,10 @@ from landerd.messages import PoseSolution
 # camera less; and of two fits that are one solution.
 SAME_SOLUTION_COS = math.cos(math.radians(5.0))
 EQUAL_NORMALS_COS = math.cos(math.radians(1.0))
-_LEVEL_SIGMA = math.radians(10.0)  # of a pad's normal about gravity: decks heave and roll
+# Of a pad's normal about gravity: decks heave and roll; and gravity itself is as uncertain as
+# attitude, gimbal and mounting.
+_LEVEL_SIGMA = math.radians(math.hypot(5.0, 2.0))
+_MAX_GRAVITY_CHI2 = 30.0  # some pad may lean more: a picture that is clear overrules gravity
 MIN_DEPTH_M = 0.05  # what is nearer to the lens is not projected into the image
 
 
@@ -80,7 +83,8 @@ def gravity_cost(normal: F64, down: Vec3 | None) -> float:
     """Return the chi-square of a pad's normal's angle to gravity; zero where that is not known."""
     if down is None:
         return 0.0
-    return (math.acos(clamp(dot(vec3(normal), down), -1.0, 1.0)) / _LEVEL_SIGMA) ** 2
+    angle = math.acos(clamp(dot(vec3(normal), down), -1.0, 1.0))
+    return min((angle / _LEVEL_SIGMA) ** 2, _MAX_GRAVITY_CHI2)
 
 
 def circle(radius: float, count: int = 16) -> F64:

@@ -34,6 +34,7 @@ _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
 _LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
+_MAX_CORRELATION = 0.95  # of neighbouring residuals: what they tell is never nothing
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
 _UNSHARP_BIAS = 0.05  # of the corners, over the blur beyond a sharp lens's: it is no Gaussian
@@ -49,6 +50,7 @@ class Fit:
     explained: float  # share of the pixels' variance, 1 at best
     squares: float  # weighted sum of squared residuals, grey levels^2
     variance: float  # of one residual, grey levels^2
+    correlation: float  # of neighbouring residuals, 0 (noise alone) to below 1
 
 
 @dataclass
@@ -192,7 +194,8 @@ class MarkerPrint:
         grey = patch.grey
         scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
         fitted = Pose(pose.R, pose.t, information, 0.0)
-        return Fit(fitted, 1.0 - squares / max(scatter, 1e-9), squares, variance)
+        explained = 1.0 - squares / max(scatter, 1e-9)
+        return Fit(fitted, explained, squares, variance, _correlation(equations))
 
     def _information(self, matrix: F64, variance: float, pose: Pose, bias: float) -> F64:
         """Return the information of (dt, w) from the normal matrix (rows, rows) of the fit.
@@ -232,6 +235,12 @@ def _normal_equations(J: F64, residual: F64) -> _NormalEquations:
     gradient = JW @ residual
     matrix *= _DAMPED
     return _NormalEquations(residual, weight, sigma, matrix, gradient)
+
+
+def _correlation(equations: _NormalEquations) -> float:
+    """Return the correlation of residuals next to each other in a row: of what no model has."""
+    r = equations.residual * np.sqrt(equations.weight)
+    return min(max(0.0, float(r[:-1] @ r[1:]) / max(float(r @ r), 1e-9)), _MAX_CORRELATION)
 
 
 def _on_print(per_ray: float, pose: Pose) -> F64:
