@@ -5,6 +5,7 @@ changed to fit: text is not a number, true is not 1, and `.nan` and `.inf` are n
 """
 
 import difflib
+import functools
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -116,7 +117,7 @@ def load(
         tree = tree.under(read_override(override, faults))
     tree, world = draw(tree, seed, faults)
 
-    model = _with_options(Config, options_models)
+    model = _extended(tuple(options_models.items()))
     config = _validated(model, tree, faults)
     faults += _unknown_drivers(tree, drivers or {})
     if config is None or faults:
@@ -195,6 +196,12 @@ def _known(
     return kept
 
 
+@functools.lru_cache(maxsize=4)
+def _extended(options_models: tuple[tuple[str, type[Section]], ...]) -> type[Config]:
+    """Return the whole configuration's model; a campaign asks for the same one in every flight."""
+    return _with_options(Config, dict(options_models))
+
+
 def _with_options(
     model: type[M], options_models: Mapping[str, type[Section]], at: str = ""
 ) -> type[M]:
@@ -216,7 +223,7 @@ def _with_options(
 
 def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
     """Return the tree as a model; None if it is not one, and the faults added."""
-    schema = _Schema(model)
+    schema = _schema(model)
     plain = json.dumps(_with_paths(tree, schema, ()).plain())
     try:
         # Strict JSON: a list may be a tuple and text a path, but nothing else is converted.
@@ -238,6 +245,11 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
         found[Fault(node.place, _dotted(loc), text)] = None
     faults += found
     return None
+
+
+@functools.lru_cache(maxsize=8)
+def _schema(model: type[BaseModel]) -> "_Schema":
+    return _Schema(model)
 
 
 class _Schema:

@@ -4,6 +4,7 @@ YAML 1.2's plain scalars, without the surprises of 1.1 (yes, 010, 1:30); no tags
 key twice. Faults are collected, not raised, so that all of them can be told at once.
 """
 
+import functools
 import math
 import re
 from collections.abc import Sequence
@@ -201,7 +202,7 @@ class _Parser:
     def parse(self, text: str) -> Node | None:
         """Return the tree, a null for an empty text; None if it is not YAML."""
         try:
-            root = yaml.compose(text, Loader=_Loader)
+            root = _composed(text)
         except yaml.YAMLError as e:
             problem = getattr(e, "problem", None) or "unprintable characters"
             self._fault(getattr(e, "problem_mark", None), "", f"not YAML: {problem}")
@@ -241,6 +242,12 @@ class _Parser:
 
     def _fault(self, mark: Any, key: str, text: str) -> None:
         self._faults.append(Fault(self._place(mark), key, text))
+
+
+@functools.lru_cache(maxsize=16)
+def _composed(text: str) -> Any:
+    """Return the nodes of a text, which nobody changes; a campaign reads each file often."""
+    return yaml.compose(text, Loader=_Loader)
 
 
 class _Loader(yaml.BaseLoader):

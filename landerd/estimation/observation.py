@@ -195,6 +195,7 @@ class ObservationModel:
         gimbal = outer(by_gimbal, by_gimbal)
         return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
 
+
 def _without_systematic(s: PoseSolution) -> PoseSolution:
     """Return a pose with the uncertainty of what is new in every frame.
 

@@ -159,6 +159,7 @@ class Landing:
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:
             self._hand_back(step.why)
+            step = replace(step, granted=False)
         self.state = state
         self._states[state].enter(step)
         return step

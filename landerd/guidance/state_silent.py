@@ -41,7 +41,9 @@ class Releasing:
         self._until = step.now + self._context.options.release_s
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order zero velocity until the time is over."""
+        """Order zero velocity until the time is over, or it may fly and sees the pad."""
+        if step.granted and self._context.sight(step) is not None:
+            return Event.PAD_IN_SIGHT
         if step.now < self._until:
             self._context.orders.stop()
             self._context.orders.enter(Phase.NOT_LANDING, step.why)
