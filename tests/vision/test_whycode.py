@@ -70,7 +70,8 @@ def test_one_code_tells_place_number_and_north(distance: float, tilt_deg: float)
     found = seen(view, pad())
     (marker,) = found.markers
     assert (marker.kind, marker.id) == ("whycode", 5)
-    assert math.dist(found.pad[0].position, view.position) < 0.001 + 0.001 * distance
+    # The noise of one picture alone is worth 13 mm at 18 m (one sigma).
+    assert math.dist(found.pad[0].position, view.position) < 0.001 + 0.0012 * distance
     assert abs(yaw_error_deg(marker, view)) < 0.5
     # Nearly frontal, the tilt itself is hardly seen from far off.
     assert normal_error_deg(marker, view) < (2.0 if tilt_deg else 8.0)
