@@ -96,6 +96,11 @@ class Estimator:
     # ---- estimates -----------------------------------------------------------------------------
 
     @property
+    def doubted_s(self) -> float:
+        """For how long, s, no sighting was where the pad was expected, accepted or not."""
+        return self._filter.doubted_s
+
+    @property
     def nis(self) -> float:
         """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
         return self._filter.nis

@@ -116,6 +116,7 @@ class PadFilter:
         rejected: sightings refused so far.
         nis: normalised innovation squared of the last update, refused or not: chi-square of 3
             degrees of freedom, 3 on average; NaN where there was nothing to compare with.
+        doubted_s: for how long, s, every sighting was farther off than noise explains.
     """
 
     def __init__(self, options: EstimationSection) -> None:
@@ -138,6 +139,8 @@ class PadFilter:
         self._accepted_t = -math.inf
         self._rejections = 0  # in a row, lying together
         self._refused_t = self._stepped_t = -math.inf
+        self._likely_t = math.inf
+        self.doubted_s = 0.0
         self._refused_step: Vec3 = (0.0, 0.0, 0.0)  # innovation of the last one refused, m
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._tilt_variance = SIGMA_INITIAL_TILT**2
@@ -214,7 +217,10 @@ class PadFilter:
         best, innovation = self._likeliest(possible)
         self.nis = innovation.nis
         self._adapt(best, innovation)
-        if not self.nis <= self._nis_limit:  # so that NaN is outside
+        is_likely = self.nis <= self._nis_limit  # NaN is not
+        self._likely_t = t if is_likely else min(self._likely_t, t)
+        self.doubted_s = t - self._likely_t
+        if not is_likely:
             # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
             innovation = innovation.with_noise(best.hiccup)
         if not innovation.nis <= self._nis_limit:
@@ -243,6 +249,7 @@ class PadFilter:
 
     def _start(self, seen: PadObservation) -> None:
         """Begin anew from one observation; the biases are kept."""
+        self._likely_t, self.doubted_s = seen.t, 0.0
         self._accepted = 1
         self._accepted_t = seen.t
         self._rejections = 0

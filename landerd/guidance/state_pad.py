@@ -85,7 +85,7 @@ class Committed:
         A pad that is seen where it cannot be has stopped, started or been moved.
         """
         options, estimator = self._context.options, self._context.estimator
-        is_elsewhere = estimator.refused_t - estimator.sighting_t >= MISSES_S
+        is_elsewhere = estimator.doubted_s >= MISSES_S
         if is_elsewhere and not self._touchdown.may_touch:
             return True
         sink_rate = options.touchdown_descent_mps

@@ -41,11 +41,18 @@ class Releasing:
         self._until = step.now + self._context.options.release_s
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order zero velocity until the time is over, or it may fly and sees the pad."""
-        if step.granted and self._context.sight(step) is not None:
-            return Event.PAD_IN_SIGHT
+        """Order zero velocity until the time is over, or it may fly and sees the pad.
+
+        While it may fly again but sees nothing, the time does not run: nobody else flies then.
+        """
+        why = step.why
+        if step.granted:
+            if self._context.sight(step) is not None:
+                return Event.PAD_IN_SIGHT
+            self.enter(step)
+            why = self._context.why_blind(step.now)
         if step.now < self._until:
             self._context.orders.stop()
-            self._context.orders.enter(Phase.NOT_LANDING, step.why)
+            self._context.orders.enter(Phase.NOT_LANDING, why)
             return None
         return Event.RELEASE_OVER

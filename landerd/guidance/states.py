@@ -74,8 +74,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     State.RELEASING: {
         Event.RELEASE_OVER: State.SILENT,
         Event.SILENCED: State.SILENT,
-        # RC was only stale, and it sees the pad. Else it stops for the whole time: a moment of
-        # fresh RC is no reason to fall silent.
+        # RC was only stale, and it sees the pad. Else it goes on stopping for as long as it may
+        # fly: a moment of fresh RC is no reason to fall silent.
         Event.PAD_IN_SIGHT: State.TRACKING,
     },
     State.TRACKING: {
