@@ -337,6 +337,10 @@ class PadFilter:
         self._accepted += 1
         self._accepted_t = seen.t
         self._motion.correct(innovation)
+        if not self._motion.is_sound:
+            self._motion.forget_biases()
+            self._start(seen)
+            return
         self._correct_tilt(seen)
         if seen.heading is not None:
             self._heading.update(seen.t, seen.heading, seen.sigma_heading)
