@@ -303,9 +303,10 @@ def _say(
             f"whole in the image down to {m['whole_from_m']:g} m"
         )
     if "rows" in sheets:
+        paper = sheets["paper"].capitalize()
         print(
-            f"{sheets['sheets']} sheets of {sheets['paper'].upper()}: {sheets['rows']} rows of "
-            f"{sheets['columns']}, overlap {sheets['overlap_mm']:g} mm; print at 100 %"
+            f"{sheets['sheets']} sheets of {paper}: {sheets['rows']} rows of {sheets['columns']}, "
+            f"overlap {sheets['overlap_mm']:g} mm; print at 100 %"
         )
     elif sheets:
         w, h = sheets["size_mm"]

@@ -136,7 +136,7 @@ def _tile(layout: PadLayout, tiles: Tiling, row: int, column: int) -> Page:
             Text((x, bottom + 3.0), below, 2.5)
             for x in (window.x - _GAP - _MARK, window.right + _GAP + 0.5)
         ]
-    left, foot = _MARGIN + 2.0, tiles.paper[1] - _MARGIN - 8.0
+    left, foot = _MARGIN + 2.0, tiles.paper[1] - _MARGIN - 4.5
     lines += _ruler(left, foot)
     place = f"sheet {number} of {tiles.sheets}"
     if tiles.sheets > 1:
@@ -225,12 +225,12 @@ def _instructions(layout: PadLayout, tiles: Tiling) -> list[str]:
         f"{tiles.sheets} sheets: {tiles.rows} rows of {tiles.columns}. "
         f"Neighbours overlap by {tiles.overlap:g} mm.",
         "1. Print this page first, at 100 % (actual size), not fitted to the page.",
-        "2. Measure both bars below. Neither is 100 mm: see 6. They differ by more than 0.5 mm:",
-        "    the rings would be oval; take another printer or a print shop.",
+        "2. Measure both bars below. If they differ by more than 0.5 mm, rings come out oval: take",
+        "    another printer or a print shop. If both are not quite 100 mm: step 6 puts it right.",
         "3. Rows: cut each sheet but the first of its row at its left marks. Lay it over the sheet",
         "    before it, its edge at the marks that bear its number; glue it flat.",
-        "4. Pad: cut each row but the first at its top marks. Lay it over the row above, its edge at",
-        "    the marks that bear its number; glue it flat.",
+        "4. Pad: cut each row but the first at its top marks. Lay it over the row above it, its",
+        "    edge at the marks that bear its first number; glue it flat.",
         "5. Cut round the outermost marks. The white round the print belongs to the pad.",
         "6. Measure what you have glued, and tell landerd: landerd pad --help, under --measured.",
     ]
