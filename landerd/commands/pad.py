@@ -299,8 +299,8 @@ def _say(
     print(f"pad {layout.name}: plate {width / 1e3:g} m wide, {height / 1e3:g} m north to south")
     for m in markers:
         print(
-            f"  {m['name']:12} {1e3 * m['size_m']:6g} mm, seen from {m['seen_from_m']:g} m, "
-            f"whole in the image down to {m['whole_from_m']:g} m"
+            f"  {m['name']:12} {1e3 * m['size_m']:6g} mm, seen from {m['seen_from_m']:.2g} m, "
+            f"whole in the image down to {m['whole_from_m']:.2g} m"
         )
     if "rows" in sheets:
         paper = sheets["paper"].capitalize()

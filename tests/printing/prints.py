@@ -89,11 +89,10 @@ class Print:
         rows, columns = np.minimum(self.grey.shape, other.grey.shape)
         one, two = (p.grey[:rows, :columns] > 127 for p in (self, other))
         kernel = np.ones((5, 5), np.uint8)
-        sure = [
-            cv2.erode(p.astype(np.uint8), kernel) | (1 - cv2.dilate(p.astype(np.uint8), kernel))
-            for p in (one, two)
-        ]
-        return int(np.count_nonzero((one != two) & (sure[0] > 0) & (sure[1] > 0)))
+        away_from_edges = np.ones_like(one)
+        for p in (one.astype(np.uint8), two.astype(np.uint8)):
+            away_from_edges &= cv2.erode(p, kernel) == cv2.dilate(p, kernel)
+        return int(np.count_nonzero((one != two) & away_from_edges))
 
 
 def trimmed(page: U8, layout: PadLayout, left_mm: float, top_mm: float, dpi: float) -> U8:

@@ -164,7 +164,7 @@ def render(
     image *= _light(optics, *np.meshgrid(np.arange(w, dtype=np.float32), _column(h)))
     image = _blur(image, optics, 1.0, math.hypot(optics.blur_px, 0.29))
     if view is not None:
-        _paint_pad(image, view, camera, optics, layout.plate, paint or partial(_painted, layout))
+        _paint_pad(image, view, camera, optics, layout.plate, paint or partial(painted, layout))
     if optics.bar is not None:
         _paint_bar(image, optics.bar)
     image += rng.normal(0.0, optics.noise, (h, w))
@@ -417,7 +417,7 @@ def _sample(
     return grey, cover
 
 
-def _painted(layout: PadLayout, north: F32, east: F32) -> tuple[Mask, Mask]:
+def painted(layout: PadLayout, north: F32, east: F32) -> tuple[Mask, Mask]:
     """Tell which points of the pad's plane (m) are on the plate, and which of those are white."""
     plate = layout.plate
     on_plate = (
