@@ -28,7 +28,6 @@ from tests.printing.prints import Print, put_together, rasterised, trimmed
 from tests.vision import scenes
 
 CAMERA = scenes.THESIS_CAMERA
-VIEWS = 6
 SHEET_MARGIN_MM = 20.0
 
 
@@ -53,11 +52,11 @@ def said_by(*arguments: str) -> list[Any]:
     return [json.loads(line) for line in out.getvalue().splitlines()]
 
 
-def errors(pad: Path, on_paper: Print, marker: Marker, folder: Path) -> list[float]:
+def errors(pad: Path, on_paper: Print, marker: Marker, views: int, folder: Path) -> list[float]:
     """Return by how much a marker's size is measured wrong in photographs, as a share."""
     rng = np.random.default_rng(1)
     truth = {}
-    for i in range(VIEWS):
+    for i in range(views):
         offset = math.hypot(*marker.position_m)
         distance = max(6.0 * size_m(marker), 2.5 * offset) * (1.0 + 0.1 * i)
         view = scenes.look(
@@ -80,7 +79,7 @@ def errors(pad: Path, on_paper: Print, marker: Marker, folder: Path) -> list[flo
     return found
 
 
-def one(pad: Path, paper: str, dpi: float, whole: Print | None) -> Print:
+def one(pad: Path, paper: str, dpi: float, views: int, whole: Print | None) -> Print:
     """Print the lines of a layout on a paper; return the pad."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -90,11 +89,11 @@ def one(pad: Path, paper: str, dpi: float, whole: Print | None) -> Print:
         for i, marker in enumerate(on_paper.layout.markers):
             photographs = folder / str(i)
             photographs.mkdir()
-            e = errors(pad, on_paper, marker, photographs)
+            e = errors(pad, on_paper, marker, views, photographs)
             worst = max(map(abs, e), default=math.nan)
             what = f"{marker.kind} {getattr(marker, 'id', '')}"
             print(
-                f"  {what:14} found {len(e)} of {VIEWS}, size off by {np.mean(e):+.3%} on average, "
+                f"  {what:14} found {len(e)} of {views}, size off by {np.mean(e):+.3%} on average, "
                 f"{worst:.3%} at worst",
                 flush=True,
             )
@@ -105,15 +104,16 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--dpi", type=float, default=300.0)
+    parser.add_argument("--views", type=int, default=6, help="photographs a marker (6)")
     parser.add_argument("--pads", nargs="+", default=list(config_files("pads")))
     parser.add_argument("--papers", nargs="+", default=["a4", "a3", "letter"])
     args = parser.parse_args()
     cv2.setNumThreads(1)
     for name in args.pads:
         pad = config_files("pads")[name]
-        whole = one(pad, "sheet", args.dpi, None)
+        whole = one(pad, "sheet", args.dpi, args.views, None)
         for paper in args.papers:
-            one(pad, paper, args.dpi, whole)
+            one(pad, paper, args.dpi, args.views, whole)
 
 
 if __name__ == "__main__":

@@ -155,7 +155,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         description="Lands an ArduPilot multicopter on a marked pad by what a camera sees.",
         epilog="Try: landerd sim",
     )
-    parser.add_argument("--version", action="version", version=f"landerd {__version__}")
+    parser.add_argument("-V", "--version", action="version", version=f"landerd {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, command in _COMMANDS.items():
         sub = commands.add_parser(

@@ -102,16 +102,17 @@ def run(args: argparse.Namespace) -> int:
     with refusing(PadError, CalibrationError):
         view = _view(args.camera)
         layout = _layout(args, view)
-    files: list[Path] = [args.output]
+    files: list[Path] = []
     sheets: _Sheets = {}
+    if args.side or args.measured:
+        files.append(args.output.with_suffix(".yaml"))
+    if args.side:
+        _check_new(files[0], _file_text(args, layout))
     if args.output.suffix != ".yaml":
-        if args.side:
-            files.insert(0, _write_new(args.output.with_suffix(".yaml"), _file_text(args, layout)))
         sheets = _write_print(args, layout)
-    elif args.side:
-        _write_new(args.output, _file_text(args, layout))
-    else:
-        write_text(args.output, _file_text(args, layout))
+        files.append(args.output)
+    if args.side or args.measured:
+        write_text(files[0], _file_text(args, layout))
     markers = [_described(name, m, view) for name, m in marker_names(layout).items()]
     if args.json:
         shown = {"pad": layout.name, "files": [str(f) for f in files], "markers": markers, **sheets}
@@ -216,8 +217,8 @@ def _file_text(args: argparse.Namespace, layout: PadLayout) -> str:
     return pad_file(layout, [f"{args.pad or _DEFAULT_PAD} as it came out: {found}"])
 
 
-def _write_new(path: Path, text: str) -> Path:
-    """Write a pad file, but over no other.
+def _check_new(path: Path, text: str) -> None:
+    """Refuse a pad file that is there already, unless it is the same.
 
     Raises:
         InputError: there is another, or it cannot be written.
@@ -229,8 +230,6 @@ def _write_new(path: Path, text: str) -> Path:
         is_another = True
     if is_another:
         raise InputError(f"{path}: is there already, with something else in it; choose another -o")
-    write_text(path, text)
-    return path
 
 
 def _write_print(args: argparse.Namespace, layout: PadLayout) -> _Sheets:
