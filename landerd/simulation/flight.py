@@ -18,16 +18,17 @@ from hw.links.tapped import TappedLink
 from hw.sim.judge.feasible import infeasible
 from hw.sim.physics.world import World, as_built, stream
 from hw.sim.picture.lens import true_camera
+from hw.sim.picture.numbered import NumberedPictures
 from hw.sim.picture.pad_print import printed
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
-from landerd.camera_model import load_camera
+from landerd.camera_model import CameraModel, load_camera
 from landerd.config.files import Loaded
 from landerd.config.parameters import ParameterSet
 from landerd.devices import make_autopilot, sim_options, simulated_camera, simulated_gimbal
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
-from landerd.pad import load_pad
+from landerd.pad import PadLayout, load_pad
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
 from landerd.simulation.companion import Companion
@@ -35,7 +36,9 @@ from landerd.simulation.drawn import seed_draws
 from landerd.simulation.judge import Judge
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
+from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
+from landerd.vision import Detectors
 
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
@@ -118,7 +121,20 @@ class Simulation:
             camera_model,
             Devices(self.camera, self.gimbal, autopilot),
             vision_latency_s=None if realtime else self._companion.vision_latency_s,
+            detectors=self._modelled(loaded, pad, lens, seed),
             observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
+        )
+
+    def _modelled(
+        self, loaded: Loaded, pad: PadLayout, lens: CameraModel, seed: int
+    ) -> Detectors | None:
+        """Return what sees without pictures; None: the camera makes some."""
+        pictures = self.camera.pictures
+        if not isinstance(pictures, NumberedPictures):
+            return None
+        options = sim_options(loaded)
+        return ModelledDetectors(
+            self.layout, pad, self.camera_model, lens, options, pictures, seed
         )
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:

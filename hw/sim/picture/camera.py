@@ -5,12 +5,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
 from hw.sim.camera_options import SimCameraOptions
 from hw.sim.physics.world import stream
 from hw.sim.picture.exposure import SHORTEST_S, AutoExposure, Exposure
+from hw.sim.picture.numbered import NumberedPictures
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
 from hw.sim.snapshot import CameraPose, Snapshot
@@ -43,7 +43,7 @@ class SimCamera:
 
     def __init__(
         self,
-        renderer: Renderer,
+        renderer: Renderer | NumberedPictures,
         truth: Callable[[float], Snapshot],
         options: SimCameraOptions,
         delivered: Callable[[Frame, Snapshot], None] | None = None,
@@ -59,7 +59,7 @@ class SimCamera:
             seed: of all that jitters.
         """
         self.faults = CameraFaults()
-        self._renderer = renderer
+        self.pictures = renderer
         self._truth = truth
         self._options = options
         self._delivered = delivered
@@ -140,7 +140,7 @@ class SimCamera:
         exposure = self._exposure(t)
         half = 0.5 * exposure.time_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
-        image = self._renderer.render(
+        image = self.pictures.render(
             self._seq,
             _beside_pad(start, middle),
             _beside_pad(end, middle),
@@ -150,7 +150,7 @@ class SimCamera:
             self._readout(middle, exposure),
         )
         if self._auto is not None:
-            self._auto.see(cv2.mean(image)[0] / 255.0, t)
+            self._auto.see(self.pictures.brightness(image), t)
         faults = self.faults
         stamp = self._stamp(t)
         if faults.wrong_size:
