@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.sim.camera_options import SimCameraOptions
 from hw.sim.options import PadOptions, RenderOptions
@@ -77,6 +78,6 @@ class Sensitivity:
         slope = (ends[1] - ends[0]) / 16.0
         return Levels(white, black, ground, float(sigma * slope), float(light[0]) / 255.0)
 
-    def _grey_of(self, light: np.ndarray) -> list[float]:
+    def _grey_of(self, light: NDArray[np.float64]) -> list[float]:
         at = np.clip(light, 0.0, 255.0) * ((STEPS - 1) / 255.0)
-        return np.interp(at, np.arange(STEPS), self._grey).tolist()
+        return [float(grey) for grey in np.interp(at, np.arange(STEPS), self._grey)]

@@ -6,7 +6,7 @@ are what is seen. All else of vision is the real one.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from landerd.vision.ring_pose import mirrored, tangents
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import FoundSquare, Image
-from landerd.vision.square_pose import planar_poses, square_points
+from landerd.vision.square_pose import corner_information, planar_poses, square_points
 from landerd.vision.whycode import FoundCode
 from landerd.vision.window import Window
 
@@ -52,6 +52,8 @@ class _Sight:
     edges: SeenEdges
     offset_px: F64
     weight: F64
+    blur_px: float
+    bias: F64  # (6,) standard normal: of what no residual shows
 
     @property
     def is_found(self) -> bool:
@@ -179,7 +181,7 @@ class ModelledDetectors:
         corners = best.t + square_points(found.square.size_m) @ best.R[:, :2].T
         for start, _ in planar_poses(corners[:, :2] / corners[:, 2:], found.square.size_m):
             if float(start.normal @ best.normal) < EQUAL_NORMALS_COS:
-                other = fitted(sight.edges, start, sight.offset_px, sight.weight)
+                other = self._fitted(found.square, sight, start)
                 if other is not None and other.normal @ best.normal < EQUAL_NORMALS_COS:
                     poses.append(other)
         return _ranked(poses, _AMBIGUITY_CHI2)
@@ -212,7 +214,7 @@ class ModelledDetectors:
         if start is not None and (
             not level_only or down is None or start.normal @ np.array(down) > _MAX_TILT_COS
         ):
-            other = fitted(sight.edges, start, sight.offset_px, sight.weight)
+            other = self._fitted(ring, sight, start)
             if other is not None:
                 fits.append(self._ring_fit(other))
         fits.sort(key=lambda f: f.cost)
@@ -251,7 +253,7 @@ class ModelledDetectors:
         if normal is None or sight.pose.normal @ np.array(normal) < SAME_SOLUTION_COS:
             start = _mirrored(sight.pose, code.radius_m)
             if start is not None:
-                other = fitted(sight.edges, start, sight.offset_px, sight.weight)
+                other = self._fitted(code, sight, start)
                 if other is not None and other.normal @ sight.pose.normal < EQUAL_NORMALS_COS:
                     poses.append(other)
         return tuple(_ranked(poses, 1.0))
@@ -290,13 +292,42 @@ class ModelledDetectors:
             return None
         rays = self._rays(seen)
         seen_edges = SeenEdges(edges, rays, self._focal)
-        weight = self._weight(kind, edges, seen, levels)
+        weight = self._weight(kind, size_px, edges, seen, levels)
         offset = self._offset(seen, weight, rng)
         pose = fitted(seen_edges, seen.pose, offset, weight)
         if pose is None:
             return None
-        shown = float(seen.shown.mean())
-        return _Sight(seen.px, shown, size_px, chance, found, pose, seen_edges, offset, weight)
+        shown, blur_px = float(seen.shown.mean()), self._blur(seen.path_px)
+        sight = _Sight(
+            seen.px, shown, size_px, chance, found, pose, seen_edges, offset, weight,
+            float(blur_px), rng.standard_normal(6),
+        )
+        return replace(sight, pose=self._biased(marker, sight, pose))
+
+    def _fitted(self, marker: Marker, sight: _Sight, start: Pose) -> Pose | None:
+        """Return another pose that explains the marker."""
+        pose = fitted(sight.edges, start, sight.offset_px, sight.weight)
+        return None if pose is None else self._biased(marker, sight, pose)
+
+    def _biased(self, marker: Marker, sight: _Sight, pose: Pose) -> Pose:
+        """Return a pose with the errors that no residual shows; of a square they are stated."""
+        if isinstance(marker, Ring):
+            alike, *aside = statistics.ring_bias_px(sight.size_px, sight.bias[:3]).tolist()
+            k = float(np.linalg.norm(pose.t)) / self._focal
+            step = alike * k / marker.radius_m * pose.t
+            step[:2] += np.array(aside) * k
+            return replace(pose, t=pose.t + step)
+        bias = statistics.print_bias_px(sight.size_px, sight.blur_px) / self._focal
+        corners = np.linalg.inv(corner_information(pose, size_m(marker), bias))
+        information = np.linalg.inv(np.linalg.inv(pose.information) + corners)
+        moved = pose.moved(np.linalg.cholesky(corners) @ sight.bias)
+        return Pose(moved.R, moved.t, information, pose.cost)
+
+    def _blur(self, along_px: F64) -> F64:
+        """Return the blur of edges that move so far across themselves while exposed, px."""
+        still = math.hypot(self._options.render.defocus_px, statistics.PIXEL_BLUR)
+        blur: F64 = np.sqrt(still**2 + (along_px * along_px).sum(axis=-1) / 12.0)
+        return blur
 
     def _rays(self, seen: Seen) -> F64:
         """Return where landerd believes that the edges are seen, (n, 2)."""
@@ -304,15 +335,13 @@ class ModelledDetectors:
         return self._camera.rays(px)
 
     def _weight(
-        self, kind: statistics.Kind, edges: Edges, seen: Seen, levels: Levels
+        self, kind: statistics.Kind, size_px: float, edges: Edges, seen: Seen, levels: Levels
     ) -> F64:
         """Return the inverse variances (n,) of the edges' places, 1/px^2; of those not shown 0."""
         lie = across(edges, seen.pose, self._focal)
         apart_px = edges.apart_m * self._focal / float(seen.pose.t[2])
-        still = math.hypot(self._options.render.defocus_px, statistics.PIXEL_BLUR)
-        moved = lie.normal @ seen.path_px
-        blur = np.sqrt(still**2 + moved**2 / 12.0)
-        variance = statistics.edge_variance(kind, blur, apart_px, levels)
+        blur = self._blur((lie.normal @ seen.path_px)[:, None])
+        variance = statistics.edge_variance(kind, size_px, blur, apart_px, levels)
         weight: F64 = np.where(seen.shown, lie.length_px / variance, 0.0)
         return weight
 

@@ -81,7 +81,8 @@ def fitted(seen: SeenEdges, start: Pose, offset_px: F64, weight: F64) -> Pose | 
         cost = float(weight @ (residual * residual))
         damped = information.copy()
         damped[[3, 4, 5], [3, 4, 5]] += _FREE + 1.0 / _TILT_STEP**2 * (i < _STEPS - 1)
-        step = cv2.solve(damped, gradient[:, None], flags=cv2.DECOMP_CHOLESKY)[1][:, 0]
+        solved = cv2.solve(damped, gradient[:, None], flags=cv2.DECOMP_CHOLESKY)[1]
+        step = np.asarray(solved, dtype=np.float64)[:, 0]
         pose = pose.moved(step)
         reduction = float(gradient @ step)
         if not np.isfinite(step).all() or pose.t[2] <= 0.0 or pose.normal @ pose.t <= 0.0:
