@@ -7,13 +7,15 @@ Flies with pictures. Beside each picture a second Vision gets what `sim.sight: m
 drawn of it, with the same prior. One row per kind of marker and size in the image: in how many of
 the pictures that show it each of both found it, the median stated sigma and error of its position
 along the sight and across, how many errors lie within the stated 95 % region, and how often the
-first solution is the wrong one. The constants of `landerd.simulation.sight.statistics` are set by this.
+first solution is the wrong one. The constants of `landerd/simulation/sight/statistics.py` are set
+by this.
 """
 
 import argparse
 import math
 from collections import defaultdict
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,6 @@ from hw.sim.picture.lens import true_camera
 from hw.sim.picture.levels import Sensitivity
 from hw.sim.picture.numbered import NumberedPictures, View
 from hw.sim.picture.pad_print import printed
-from landerd.camera_model import F64
 from landerd.config.files import Loaded, config_dir
 from landerd.devices import sim_options
 from landerd.drivers import read_configuration
@@ -32,6 +33,7 @@ from landerd.simulation.flight import Simulation
 from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.sight.world_view import Seen, WorldView, size_m
 from landerd.vision import Vision
+from landerd.vision.square import Image
 
 SIZES_PX = (0, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 30, 50, 80, 120, 200, 400, 4000)
 CHI2_95 = 7.815  # three degrees of freedom
@@ -82,16 +84,15 @@ class Cell:
             f"{100 * self.found / shown:6.1f} {middle(self.sigma_along)} {middle(self.along_m)}"
             f" {middle(self.sigma_across)} {middle(self.across_m)}"
             f" {middle(self.sigma_tilt, 57.3)} {middle(self.tilt, 57.3)}"
-            f" {middle(self.signed_m)} {100 * self.inside / found:5.0f} {100 * self.flipped / found:5.1f}"
+            f" {middle(self.signed_m)} {100 * self.inside / found:5.0f}"
+            f" {100 * self.flipped / found:5.1f}"
         )
 
 
 class Beside:
     """An observer that lets modelled sight see each picture too."""
 
-    def __init__(
-        self, simulation: Simulation, loaded: Loaded, seed: int, table: "Table"
-    ) -> None:
+    def __init__(self, simulation: Simulation, loaded: Loaded, seed: int, table: "Table") -> None:
         options = sim_options(loaded)
         layout, believed = simulation.layout, simulation.camera_model
         pad = printed(layout, options.pad, seed)
@@ -102,13 +103,13 @@ class Beside:
         detectors = ModelledDetectors(layout, pad, believed, lens, options, self._numbered, seed)
         self._vision = Vision(layout, believed, loaded.config.vision, detectors=detectors)
         self._layout, self._focal, self._table = layout, believed.fx, table
-        self._newest: dict[int, F64] = {}
+        self._newest: dict[int, Image] = {}
         pictures = simulation.camera.pictures
         render = pictures.render
 
-        def both(seq: int, *args: object) -> object:
-            self._newest = {seq: self._numbered.render(seq, *args)}  # type: ignore[arg-type]
-            return render(seq, *args)  # type: ignore[arg-type]
+        def both(seq: int, *args: Any) -> Image:
+            self._newest = {seq: self._numbered.render(seq, *args)}
+            return render(seq, *args)
 
         pictures.render = both  # type: ignore[method-assign, assignment]
 
@@ -174,7 +175,9 @@ class Table:
             kind, size = key
             least = SIZES_PX[size - 1] if size else 0
             for name, cell in zip(("vision", "model"), self.cells[key], strict=True):
-                print(f"{kind:14} {least:4} {name:6} {self.shown[key]:5} {cell.line(self.shown[key])}")
+                print(
+                    f"{kind:14} {least:4} {name:6} {self.shown[key]:5} {cell.line(self.shown[key])}"
+                )
 
 
 def main() -> None:

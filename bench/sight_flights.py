@@ -51,17 +51,18 @@ def mean(values: list[float]) -> str:
 def show(scenario: str, rows: dict[tuple[str, int, str], dict[str, Any]], seeds: range) -> None:
     """Print the pairs of a scenario."""
     pairs = [tuple(rows[scenario, seed, sight] for sight in SIGHTS) for seed in seeds]
-    print(f"{scenario}, {len(pairs)} pairs; rules broken "
-          f"{sum(bool(p['broken']) for p, _ in pairs)} and {sum(bool(m['broken']) for _, m in pairs)}")
+    broken = [sum(bool(r["broken"]) for r in side) for side in zip(*pairs, strict=True)]
+    print(f"{scenario}, {len(pairs)} pairs; rules broken in {broken[0]} and {broken[1]}")
     for name in FIGURES:
-        known = [(float(p[name]), float(m[name])) for p, m in pairs
-                 if p[name] is not None and m[name] is not None]
-        left, right = ([pair[i] for pair in known] for i in (0, 1))
-        difference = [m - p for p, m in known]
+        known = [(p[name], m[name]) for p, m in pairs if None not in (p[name], m[name])]
+        left, right = ([float(pair[i]) for pair in known] for i in (0, 1))
+        difference = [m - p for p, m in zip(left, right, strict=True)]
         print(f"  {name:18} {mean(left):>20} {mean(right):>20}   difference {mean(difference)}")
-    rates = [sum(r["simulated_s"] for r in side) / sum(r["cpu_s"] for r in side)
-             for side in zip(*pairs, strict=True)]
-    print(f"  {'times real time':18} {rates[0]:20.1f} {rates[1]:20.1f}   ratio {rates[1] / rates[0]:.1f}")
+    slow, fast = (
+        sum(r["simulated_s"] for r in side) / sum(r["cpu_s"] for r in side)
+        for side in zip(*pairs, strict=True)
+    )
+    print(f"  {'times real time':18} {slow:20.1f} {fast:20.1f}   ratio {fast / slow:.1f}")
 
 
 def main() -> None:

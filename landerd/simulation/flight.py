@@ -49,6 +49,7 @@ class Simulation:
 
     Attributes:
         over: set it to end the flight.
+        has_pictures: the camera's show something; else sight is modelled.
         timed_out: the flight took longer than it may.
         gimbal_model: the device below a real gimbal's driver, where it has a life of its own.
     """
@@ -85,6 +86,7 @@ class Simulation:
         layout = self.layout = load_pad(config.pad.layout)
         camera_model = self.camera_model = load_camera(config.camera.calibration)
         self.over = self.timed_out = False
+        self.has_pictures = sim_options(loaded).sight == "pictures"
         self._beside: list[Callable[[], Awaitable[None]]] = []  # what runs, all but the daemon
         around = surroundings or self._with_stand_in(loaded, seed, realtime=realtime)
         world = self.world = around.world
@@ -114,7 +116,9 @@ class Simulation:
         if gimbal.model is not None:
             self._beside.append(gimbal.model.run)
 
-        self.recording = Recording(world, self.score, camera_model, gimbal.true_angles)
+        self.recording = Recording(
+            world, self.score, camera_model, gimbal.true_angles, has_pictures=self.has_pictures
+        )
         self.daemon = Daemon(
             config,
             layout,
@@ -133,9 +137,7 @@ class Simulation:
         if not isinstance(pictures, NumberedPictures):
             return None
         options = sim_options(loaded)
-        return ModelledDetectors(
-            self.layout, pad, self.camera_model, lens, options, pictures, seed
-        )
+        return ModelledDetectors(self.layout, pad, self.camera_model, lens, options, pictures, seed)
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
         config = loaded.config
@@ -159,9 +161,12 @@ class Simulation:
     def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
         path.unlink(missing_ok=True)
         path.with_suffix(".tlog").unlink(missing_ok=True)
+        options = self.config.log
+        if not self.has_pictures:
+            options = options.model_copy(update={"images": "none"})
         return Recorder(
             Head(self.config, self.layout, self.camera_model),
-            self.config.log,
+            options,
             path,
             background=realtime,
             mavlink=TlogEncoder,
@@ -266,6 +271,7 @@ def simulate(
         if simulation.recorder is not None:
             simulation.recorder.close()
     result = result_of(simulation.flown(), scenario, seed)
+    result["sight"] = sim_options(loaded).sight
     result["world"] = simulation.drawn
     result["infeasible"] = infeasible(sim_options(loaded))
     result["not_written"] = simulation.not_written(picture, result)

@@ -128,9 +128,7 @@ class Search:
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
             work = self._ring_work[ring]
-            found = self._detectors.find_rings(
-                image, ring, down=down, thorough=thorough, work=work
-            )
+            found = self._detectors.find_rings(image, ring, down=down, thorough=thorough, work=work)
             rings += [(ring, s) for s in self._large_enough(found)]
         return rings
 

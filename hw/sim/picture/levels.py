@@ -40,9 +40,7 @@ class Levels:
 class Sensitivity:
     """Turns exposures into grey levels; light falls evenly."""
 
-    def __init__(
-        self, render: RenderOptions, camera: SimCameraOptions, pad: PadOptions
-    ) -> None:
+    def __init__(self, render: RenderOptions, camera: SimCameraOptions, pad: PadOptions) -> None:
         self._render, self._camera = render, camera
         ink = BLACK if pad.black is None else pad.black * WHITE
         self._scene = np.array(
@@ -69,7 +67,7 @@ class Sensitivity:
         render, camera = self._render, self._camera
         amplified = exposure.time_s * exposure.gain / camera.exposure_s
         light = self._scene * (render.illumination * amplified)
-        white, black, ground, middle = self._grey_of(light)
+        white, black, ground, _ = self._grey_of(light)
         # Variance of the photon transfer curve, brought through the tone curve by its slope.
         read = render.noise_sigma * exposure.gain
         lit = min(float(light[3]), 255.0)

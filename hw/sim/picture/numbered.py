@@ -91,7 +91,9 @@ class NumberedPictures:
         for y in range(0, height - _BYTES, max(height // _PLACES, 1)):
             for x in range(0, width, max(width // _PLACES, 1)):
                 top = y - y % _BYTES
-                code = int.from_bytes((image[top : top + _BYTES, x] - np.uint8(x % 256)).tobytes(), "little")
+                code = int.from_bytes(
+                    (image[top : top + _BYTES, x] - np.uint8(x % 256)).tobytes(), "little"
+                )
                 view = self._views.get(code)
                 if view is not None:
                     return view

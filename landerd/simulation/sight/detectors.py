@@ -85,7 +85,6 @@ class ModelledDetectors:
             seed: of what is found, and how far off.
         """
         self._layout, self._camera, self._options = layout, believed, options
-        self._same_lens = believed == lens
         self._world = WorldView(printed, lens, options)
         self._pictures = pictures
         self._seed = seed
@@ -223,12 +222,11 @@ class ModelledDetectors:
     def _ring_fit(self, pose: Pose) -> RingFit:
         e = np.array([*tangents(pose.normal), pose.normal])
         C = np.linalg.inv(pose.information)
-        # A turn w moves the normal by w x n: along a tangent e by w . (n x e).
+        # A turn w moves the normal by w x n: along a tangent by w . (n x tangent), and the
+        # tangents' handedness is that of both rows.
         to_axes = np.zeros((5, 6))
         to_axes[:3, :3] = e
-        to_axes[3, 3:], to_axes[4, 3:] = e[1], -e[0]
-        if float(np.cross(e[2], e[0]) @ e[1]) < 0.0:
-            to_axes[3:] *= -1.0
+        to_axes[3, 3:], to_axes[4, 3:] = np.cross(e[2], e[0]), np.cross(e[2], e[1])
         covariance = to_axes @ C @ to_axes.T
         covariance += frontal_inflation(covariance, e @ pose.t / np.linalg.norm(pose.t))
         return RingFit(
@@ -299,8 +297,17 @@ class ModelledDetectors:
             return None
         shown, blur_px = float(seen.shown.mean()), self._blur(seen.path_px)
         sight = _Sight(
-            seen.px, shown, size_px, chance, found, pose, seen_edges, offset, weight,
-            float(blur_px), rng.standard_normal(6),
+            px=seen.px,
+            shown=shown,
+            size_px=size_px,
+            chance=chance,
+            found=found,
+            pose=pose,
+            edges=seen_edges,
+            offset_px=offset,
+            weight=weight,
+            blur_px=float(blur_px),
+            bias=rng.standard_normal(6),
         )
         return replace(sight, pose=self._biased(marker, sight, pose))
 
@@ -339,7 +346,7 @@ class ModelledDetectors:
     ) -> F64:
         """Return the inverse variances (n,) of the edges' places, 1/px^2; of those not shown 0."""
         lie = across(edges, seen.pose, self._focal)
-        apart_px = edges.apart_m * self._focal / float(seen.pose.t[2])
+        apart_px = edges.apart_m * self._focal * _slant(seen.pose) / float(seen.pose.t[2])
         blur = self._blur((lie.normal @ seen.path_px)[:, None])
         variance = statistics.edge_variance(kind, size_px, blur, apart_px, levels)
         weight: F64 = np.where(seen.shown, lie.length_px / variance, 0.0)
@@ -352,8 +359,12 @@ class ModelledDetectors:
 
     def _size_px(self, marker: Marker, seen: Seen) -> float:
         """Return the marker's smaller width in the image."""
-        slant = float(seen.pose.normal @ seen.pose.t) / float(np.linalg.norm(seen.pose.t))
-        return self._focal * size_m(marker) * slant / float(seen.pose.t[2])
+        return self._focal * size_m(marker) * _slant(seen.pose) / float(seen.pose.t[2])
+
+
+def _slant(pose: Pose) -> float:
+    """Return the cosine of the angle under which a marker is seen."""
+    return float(pose.normal @ pose.t) / float(np.linalg.norm(pose.t))
 
 
 def _holds(window: Window | None, px: F64) -> bool:

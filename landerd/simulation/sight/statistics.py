@@ -28,7 +28,7 @@ class Kind:
         least_shown: share of the edges that must be in the picture.
         variance: of an edge's place over the bound.
         full_px: largest size whose pixels are all used; larger ones are sampled.
-        blurs: distance between edges, in blurs, at which 63 % of the contrast is left.
+        blurs: distance between edges in the image, in blurs, at which 63 % of the contrast is left.
     """
 
     least_px: float
@@ -41,7 +41,7 @@ class Kind:
 
 
 KINDS = {
-    "whycon": Kind(4.4, 0.35, 0.995, 0.75, 6.5, 30.0, 2.6),
+    "whycon": Kind(4.4, 0.35, 0.995, 0.75, 6.5, 30.0, 2.0),
     "whycode": Kind(20.0, 2.0, 0.99, 0.98, 2.0, 200.0, 2.0),
     "apriltag": Kind(9.6, 0.6, 0.998, 0.6, 1.3, 60.0, 2.0),
     "aruco": Kind(8.5, 0.6, 0.998, 0.6, 1.3, 60.0, 2.0),
@@ -52,7 +52,7 @@ _ROUNDING = 0.29  # grey levels
 # Errors that no residual shows, as `ring_sighting`, `patch` and `print_fit` state them.
 _RING_BIAS_PX, _RING_LATERAL_PX = 0.004, 0.003
 _SURROUNDINGS_PX, _SURROUNDINGS_DECAY_PX = 0.18, 0.33
-_FITTED_SIDE_PX = 30.0  # larger prints are fitted on a reduced image
+_FITTED_SIDE_PX = 25.0  # larger prints are fitted on a reduced image
 _PRINT_BIAS_PX, _REDUCED_BIAS_PX, _UNSHARP_BIAS = 0.006, 0.001, 0.05
 _SHARP_PX = 0.666  # blur of a sharp lens, and of a pixel's width
 _SURROUNDINGS_TRUE = 1.6  # the error itself, over the stated one: it makes rings seem farther
@@ -67,9 +67,7 @@ def found_share(kind: Kind, size_px: float, levels: Levels) -> float:
     return kind.found / (1.0 + math.exp(-min(max(x, -50.0), 50.0)))
 
 
-def edge_variance(
-    kind: Kind, size_px: float, blur_px: F64, apart_px: float, levels: Levels
-) -> F64:
+def edge_variance(kind: Kind, size_px: float, blur_px: F64, apart_px: float, levels: Levels) -> F64:
     """Return the variance (n,) of the place of a pixel length of edges so blurred, px^2."""
     noise = math.hypot(levels.noise, _ROUNDING)
     left = -np.expm1(-((apart_px / (kind.blurs * blur_px)) ** 2))

@@ -90,8 +90,10 @@ class WorldView:
         assert readout is not None
         snapshots = readout.snapshots
         height = self._lens.height
-        shots = np.array([points]) if len(snapshots) == 1 else np.array(
-            [in_camera(s.camera, self._on_pad(s.pad, flat)) for s in snapshots]
+        shots = (
+            np.array([points])
+            if len(snapshots) == 1
+            else np.array([in_camera(s.camera, self._on_pad(s.pad, flat)) for s in snapshots])
         )
         for _ in range(_ROUNDS):
             share = np.clip((px[:, 1] + 0.5) / height, 0.0, 1.0)
