@@ -26,6 +26,7 @@ from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import (
     full_fits,
     hard_fits,
+    is_dark_in_white,
     is_poor,
     is_ring,
     rough_fit,
@@ -102,7 +103,7 @@ class _Try:
 
 @dataclass(frozen=True)
 class _Doubtful:
-    """Fits that may be those of a ring in shadow or motion."""
+    """Fits that may be those of a ring behind a tone curve, in shadow or motion."""
 
     place: Place
     share: float  # of the candidate's spokes
@@ -199,7 +200,7 @@ class _RingSearch:
     def _hard_now(self) -> list[_Doubtful]:
         """Return the doubtful ones that may be tried with shadow and motion in this image."""
         least = _CONTINUED_HARD_SHARE if self._work.is_continued else _HARD_SHARE
-        return [d for d in self._doubtful if d.share >= least]
+        return [d for d in self._doubtful if d.share >= least and is_poor(d.fits[0])]
 
     def _is_known(self, place: Place) -> bool:
         """Tell whether a place was tried and showed no ring by a plain fit."""
@@ -226,7 +227,7 @@ class _RingSearch:
         if fits and _is_ours(self._image, self._camera, self._ring, fits[0]):
             self._report(_untoned(self._image, self._camera, self._ring, fits))
             self._level_found = one.level
-        elif fits and is_poor(fits[0]):
+        elif fits and is_dark_in_white(fits[0]):
             self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
         else:
             self._work.refuse(one.place)
@@ -281,7 +282,7 @@ def track_ring(
         return None
     if is_ring(fits[0], ring):
         return ring_sighting(_untoned(image, camera, ring, fits), ring, camera, down)
-    by_edges = explained(image, camera, ring, fits) if is_poor(fits[0]) else None
+    by_edges = explained(image, camera, ring, fits) if is_dark_in_white(fits[0]) else None
     return None if by_edges is None else ring_sighting(by_edges.fits, ring, camera, down)
 
 
