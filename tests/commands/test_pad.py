@@ -23,6 +23,13 @@ from tests.vision.scenes import THESIS_CAMERA, Optics, look, painted, render
 
 SVG = "{http://www.w3.org/2000/svg}"
 PADS = sorted(config_files("pads"))
+TURNED = """name: turned
+markers:
+  - {kind: whycode, outer_diameter_m: 0.3, bits: 7, id: 11, heading_deg: 25}
+  - {kind: aruco, dictionary: 4X4_50, id: 3, size_m: 0.09, position_m: [0.19, 0.1], heading_deg: 20}
+  - {kind: whycon, outer_diameter_m: 0.1, inner_ratio: 0.6, position_m: [-0.2, -0.12]}
+plate: {north_m: 0.251, south_m: 0.26, east_m: 0.185, west_m: 0.19}
+"""
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
@@ -56,14 +63,16 @@ def flattened(loop: str) -> np.ndarray:
     return np.array(points)
 
 
-@pytest.mark.parametrize("name", PADS)
+@pytest.mark.parametrize("name", [*PADS, "turned"])
 def test_a_print_shows_each_marker_where_its_file_says(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The print against the analytic pad of the vision tests, which shares nothing with it."""
-    file, per_mm = tmp_path / "cut.svg", 0.5
-    said(capsys, name, "-o", file, "--outline")
-    layout = load_pad(config_files("pads")[name])
+    file, pad = tmp_path / "cut.svg", tmp_path / "turned.yaml"
+    pad.write_text(TURNED)
+    pad = config_files("pads").get(name, pad)
+    said(capsys, pad, "-o", file, "--outline")
+    layout, per_mm = load_pad(pad), 0.5
     p = layout.plate
     size = 1e3 * (p.west_m + p.east_m), 1e3 * (p.north_m + p.south_m)
     root = ET.parse(file).getroot()
