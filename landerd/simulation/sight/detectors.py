@@ -43,7 +43,7 @@ _AMBIGUITY_CHI2 = 6.0  # between a square's solutions (`square_fit`)
 class _Sight:
     """One marker in one picture, as it would be measured."""
 
-    px: F64  # (n, 2) of its edges
+    px: F64  # (n, 2) of its edges that are shown
     shown: float  # share of them
     size_px: float
     chance: float  # that it is not found is less likely than this: from 0 to 1, drawn
@@ -305,7 +305,7 @@ class ModelledDetectors:
             return None
         shown, blur_px = float(seen.shown.mean()), self._blur(seen.path_px)
         sight = _Sight(
-            px=seen.px,
+            px=seen.px[seen.shown],
             shown=shown,
             size_px=size_px,
             chance=chance,

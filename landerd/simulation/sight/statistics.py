@@ -61,7 +61,7 @@ _SURROUNDINGS_TRUE = 1.6  # the error itself, over the stated one: it makes ring
 
 
 def found_share(kind: Kind, size_px: float, levels: Levels) -> float:
-    """Return how often a marker of a size in the image is found."""
+    """Return how often a marker of a size in the image is found, all of it in sight."""
     noise = math.hypot(levels.noise, _ROUNDING)
     if levels.contrast < max(_LEAST_CONTRAST, _LEAST_NOISES * noise):
         return 0.0
