@@ -41,6 +41,7 @@ F32 = NDArray[np.float32]
 
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
+WIDE_SPOT_PX = 1.0  # sigma from which a spot is blurred by rows and columns before it is drawn out
 
 
 class Renderer:
@@ -125,6 +126,10 @@ class Renderer:
             self._shadow_edge.darken(image, pose, pad)
         sigma = unsharp if is_sharp else 0.0
         if moves:
+            if sigma >= WIDE_SPOT_PX:
+                # Variances of blurs add up; a wide spot's kernel would take ten times as long.
+                blur(image, math.sqrt(sigma**2 - MOTION_SPOT_PX**2))
+                sigma = MOTION_SPOT_PX
             kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), float(motion[0]), float(motion[1]))
             image = cast(U8, cv2.filter2D(image, -1, kernel))
         else:
