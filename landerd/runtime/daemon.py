@@ -7,7 +7,6 @@ virtual clock inline, and the result is taken in after a modelled latency.
 
 import asyncio
 import dataclasses
-import functools
 import logging
 import math
 from collections import Counter
@@ -451,16 +450,10 @@ def _tell_frame(frame: Frame, prior: Prior, sightings: Sightings, observer: Obse
     observer.on_frame(frame, prior, sightings)
 
 
-@functools.cache
-def _fields(kind: type[Input]) -> tuple[str, ...]:
-    """Return the names of a message's fields."""
-    return tuple(field.name for field in dataclasses.fields(kind))
-
-
 def _finite(message: Input) -> bool:
     """Tell whether every float of a flat message is finite."""
-    for name in _fields(type(message)):
-        value = getattr(message, name)
+    for field in dataclasses.fields(message):
+        value = getattr(message, field.name)
         for part in value if isinstance(value, tuple) else (value,):
             if isinstance(part, float) and not math.isfinite(part):
                 return False
