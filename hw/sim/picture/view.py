@@ -107,7 +107,7 @@ class Frustum:
         starts = list(itertools.accumulate(map(len, polygons[:-1]), initial=0))
         crossed = np.asarray(np.logical_or.reduceat(outside, starts))
         hidden = np.asarray(np.logical_and.reduceat(outside, starts))
-        cut, gone = crossed.any(axis=1), hidden.any(axis=1)
+        cut, gone = np.asarray(crossed.any(axis=1)), np.asarray(hidden.any(axis=1))
         return [
             p[:0] if g else self._cut(p, borders) if c else p
             for p, g, c, borders in zip(polygons, gone, cut, crossed, strict=True)
