@@ -29,7 +29,7 @@ from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.pad import load_pad
 from landerd.runtime.clock import run_realtime, run_virtual
-from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.daemon import Daemon, Devices, Observer
 from landerd.simulation.companion import Companion
 from landerd.simulation.drawn import seed_draws
 from landerd.simulation.judge import Judge
@@ -64,6 +64,7 @@ class Simulation:
         realtime: bool = False,
         log: Path | None = None,
         surroundings: Surroundings | None = None,
+        observers: tuple[Observer, ...] = (),
     ) -> None:
         """Build everything; nothing runs yet.
 
@@ -73,6 +74,7 @@ class Simulation:
             realtime: the loop's clock does not wait for the machine: vision in a thread.
             surroundings: None: the stand-in flies, sent on its way by a fake ground station.
             log: where to record the flight.
+            observers: see the daemon's flight too.
 
         Raises:
             CalibrationError: the camera's calibration cannot be used.
@@ -112,13 +114,14 @@ class Simulation:
             self._beside.append(gimbal.model.run)
 
         self.recording = Recording(world, self.score, camera_model, gimbal.true_angles)
+        recorders = (self.recorder,) if self.recorder else ()
         self.daemon = Daemon(
             config,
             layout,
             camera_model,
             Devices(self.camera, self.gimbal, autopilot),
             vision_latency_s=None if realtime else self._companion.vision_latency_s,
-            observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
+            observers=(self.recording, *recorders, *observers),
         )
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
