@@ -5,7 +5,6 @@ program into /opt, and then the program there does the rest.
 """
 
 import argparse
-import importlib.util
 import os
 import subprocess
 import sys
@@ -62,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
             carry_out(program, args)
             return _by_the_installed_copy(args.board)
         steps = [*program, *install_steps(args.board, root)]
-        key_steps, news, unreadable = _keys(root)
+        key_steps, news, unreadable = _keys() if is_installed_copy() else ([], [], [])
         carry_out([*steps, *key_steps], args)
     if news:
         print("changed in the configuration's keys:", *news, sep="\n  ")
@@ -105,10 +104,8 @@ def _by_the_installed_copy(board: str) -> int:
     return subprocess.run([PROGRAM, "install", "--board", board], check=False).returncode
 
 
-def _keys(root: Path) -> "tuple[list[Step], list[str], list[str]]":
+def _keys() -> "tuple[list[Step], list[str], list[str]]":
     """Return what notes this version's keys, what is new in them, and faults of the user's."""
-    if root != _SYSTEM or importlib.util.find_spec("pydantic") is None:
-        return [], [], []
     from landerd.installation import keys
     from landerd.installation.service import CONFIGURATION
 

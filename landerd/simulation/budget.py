@@ -25,6 +25,7 @@ from landerd.messages import (
     LandingTarget,
     PressDown,
     Prior,
+    RcChannels,
     Setpoint,
     Shutdown,
     Sightings,
@@ -90,10 +91,11 @@ async def _play(
     begin = kept.frames[0][0].t - 3.0  # until it knows where it is and may fly
     shift = asyncio.get_running_loop().time() + 0.5 - begin
     frames = [frame for frame, _ in kept.frames]
+    messages = [_switch_low_before(begin + 2.0, m) for m in kept.messages if m.t > begin]
     devices = Devices(
         _Camera(_Played(frames, shift, lambda f: f.t + _ON_THE_WAY_S, newest=True)),
         _Gimbal(_Played([s for s in kept.angles if s.t > begin], shift, lambda s: s.t), traits),
-        _Autopilot(_Played([m for m in kept.messages if m.t > begin], shift, lambda m: m.t)),
+        _Autopilot(_Played(messages, shift, lambda m: m.t)),
     )
     daemon = Daemon(
         simulation.config,
@@ -107,6 +109,13 @@ async def _play(
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
     return daemon.monitor.longest_s
+
+
+def _switch_low_before(t: float, message: AutopilotMessage) -> AutopilotMessage:
+    """Return a message; the pilot's switches are low until then: landerd wants to have seen it."""
+    if not isinstance(message, RcChannels) or message.t > t:
+        return message
+    return dataclasses.replace(message, channels_us=(1000,) * len(message.channels_us))
 
 
 class _Observer:

@@ -42,15 +42,16 @@ if [ "$(cat "$OUT/built-from" 2> /dev/null)" != "$KEY" ]; then
 fi
 
 WORK=$(mktemp -d)
+BOX=$(mktemp -d)  # the container's root, and what it changes
 clean_up() {
-    for mount in box/root box; do
-        ! mountpoint -q "$WORK/$mount" || umount "$WORK/$mount"
+    for mount in "$BOX/root" "$BOX"; do
+        ! mountpoint -q "$mount" || umount "$mount"
     done
-    rm -rf "$WORK"
+    rm -rf "$WORK" "$BOX"
 }
 trap clean_up EXIT
 chmod 755 "$WORK"
-mkdir "$WORK/repo" "$WORK/box"
+mkdir "$WORK/repo"
 for part in landerd hw config systemd tests pyproject.toml README.md LICENSE; do cp -r "$REPO/$part" "$WORK/repo"; done
 find "$WORK/repo" -name __pycache__ -prune -exec rm -r {} +
 
@@ -68,13 +69,13 @@ sed -i 's/min_ring_px: 8.0/min_ring_px: 9.0/' "$WORK/next/config/default.yaml"
 wheel "$WORK/next" next-wheel
 
 # Of the root, with changes that are thrown away.
-mount -t tmpfs landerd-devices "$WORK/box"
-mkdir "$WORK/box/upper" "$WORK/box/work" "$WORK/box/root"
-mount -t overlay overlay "$WORK/box/root" \
-    -o "lowerdir=$OUT/root,upperdir=$WORK/box/upper,workdir=$WORK/box/work"
+mount -t tmpfs landerd-devices "$BOX"
+mkdir "$BOX/upper" "$BOX/work" "$BOX/root"
+mount -t overlay overlay "$BOX/root" \
+    -o "lowerdir=$OUT/root,upperdir=$BOX/upper,workdir=$BOX/work"
 container() {
     timeout -k 5 "$LIMIT" systemd-nspawn --quiet --register=no --keep-unit --private-network \
-        --directory="$WORK/box/root" --bind="$WORK:/checks" --bind="$WORK/repo:/repo" "$@" < /dev/null
+        --machine=landerd-devices --directory="$BOX/root" --bind="$WORK:/checks" --bind="$WORK/repo:/repo" "$@" < /dev/null
 }
 # Byte code is made here once: starting landerd without takes a minute in the virtual machine.
 container python3 -m compileall -q /repo > "$OUT/container.log" 2>&1
