@@ -37,6 +37,7 @@ from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
 from landerd.runtime.daemon import Devices
+from landerd.runtime.worker import exit_without_waiting
 from landerd.vision import Vision
 
 _STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
@@ -93,7 +94,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         _show(findings)
         print("ready" if ready else "not ready: what is marked FAIL would stop a landing")
-    return 0 if ready else 1
+    code = 0 if ready else 1
+    if args.budget:  # its daemon's last search may still be going on
+        exit_without_waiting(code)
+    return code
 
 
 def _is_stopped_by(findings: Sequence[Finding]) -> bool:
