@@ -71,12 +71,12 @@ _COMMANDS: Mapping[str, _Command] = {
     "install": _Command(
         "install",
         "put landerd on this computer as a service",
-        "sudo python3 -m landerd install --board pixhawk-usb   (in a checkout)",
+        "landerd install --board pixhawk-usb --dry-run",
     ),
     "uninstall": _Command(
         "uninstall",
         "take the service away; logs and configuration stay",
-        "sudo landerd uninstall",
+        "landerd uninstall --dry-run",
     ),
     "check": _Command(
         "check",
