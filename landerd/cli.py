@@ -62,6 +62,11 @@ _COMMANDS: Mapping[str, _Command] = {
         "fly many landings in the simulator and print a table of results",
         "landerd campaign guidance --runs 5 --jobs 2",
     ),
+    "compare": _Command(
+        "compare",
+        "say what is better or worse in one campaign than in another, flight by flight",
+        "landerd compare before.jsonl after.jsonl      files of landerd campaign --keep",
+    ),
     "replay": _Command(
         "replay",
         "run a flight log through today's code and compare",

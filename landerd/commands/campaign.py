@@ -17,9 +17,11 @@ from typing import Any
 from landerd.camera_model import CalibrationError, load_camera
 from landerd.campaigns.failures import as_lines, summary
 from landerd.campaigns.journal import Journal, JournalError
-from landerd.campaigns.plan import Campaign, Row, load_campaign
+from landerd.campaigns.plan import Campaign, Goal, Row, load_campaigns
 from landerd.campaigns.pool import Run, Task, run_all
-from landerd.campaigns.table import as_text, has_failed, make_row
+from landerd.campaigns.poses import as_text as poses_as_text
+from landerd.campaigns.poses import make_pose_row
+from landerd.campaigns.table import as_text, best_rows, has_failed, make_row
 from landerd.commands.shared import (
     add_config,
     add_json,
@@ -44,13 +46,10 @@ class _SimulatedLanding:
     overrides: tuple[str, ...]
 
     def __call__(self, name: str, seed: int) -> dict[str, Any]:
-        from landerd.simulation.flight import simulate
-
         logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
         row = self.campaign.row(name)
-        longest_s = self.campaign.longest_s
         try:
-            return simulate(self.load(row, seed), name, seed, longest_s=longest_s)
+            return reach(row.goal, self.load(row, seed), name, seed, self.campaign.longest_s)
         finally:
             gc.collect()  # flights are circles of objects, and large
 
@@ -61,10 +60,29 @@ class _SimulatedLanding:
         return read_configuration(self.config, overlays=overlays, overrides=overrides, seed=seed)
 
 
+def reach(goal: Goal, loaded: Loaded, name: str, seed: int, longest_s: float) -> dict[str, Any]:
+    """Simulate what a row asks for and return what there is to know of it."""
+    match goal:
+        case "landing":
+            from landerd.simulation.flight import simulate
+
+            return simulate(loaded, name, seed, longest_s=longest_s)
+        case "poses":
+            from landerd.simulation.poses import see_poses
+
+            return see_poses(loaded, name, seed)
+        case part:
+            from landerd.simulation.goals import simulate_part
+
+            return simulate_part(loaded, part, name, seed, longest_s=longest_s)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     names = ", ".join(config_files("campaigns"))
-    parser.add_argument("name", metavar="NAME", help=f"{names}, or a scenario of landerd sim")
+    parser.add_argument(
+        "name", metavar="NAME", help=f"{names}, a scenario of landerd sim, or a FILE.yaml"
+    )
     parser.add_argument(
         "--runs", type=_count, metavar="N", help="seeds 1 to N; without: what the campaign says"
     )
@@ -84,16 +102,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fly the campaign; return 0, or 1 if a row misses what it needs."""
     with refusing(ConfigError, CalibrationError, PadError, JournalError):
-        campaign = load_campaign(args.name)
-        landing = _SimulatedLanding(campaign, config_path(args), tuple(args.set))
-        loaded = [landing.load(row) for row in campaign.all_rows]
+        parts = [
+            _Part(name, campaign, _SimulatedLanding(campaign, config_path(args), tuple(args.set)))
+            for name, campaign in load_campaigns(args.name).items()
+        ]
+        loaded = [part.landing.load(row) for part in parts for row in part.campaign.all_rows]
         for each in loaded:
             check_stand_in_flies(each)
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
         journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
     with journal or contextlib.nullcontext():
-        return _fly(args, campaign, landing, journal)
+        return _fly(args, parts, journal)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One campaign of those to fly."""
+
+    name: str
+    campaign: Campaign
+    landing: _SimulatedLanding
 
 
 def _settings(name: str, loaded: Iterable[Loaded]) -> str:
@@ -106,39 +135,51 @@ def _settings(name: str, loaded: Iterable[Loaded]) -> str:
     return digest.hexdigest()
 
 
-def _fly(
-    args: argparse.Namespace,
-    campaign: Campaign,
-    landing: _SimulatedLanding,
-    journal: Journal | None,
-) -> int:
+def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | None) -> int:
     started = time.monotonic()
-    count = args.runs or campaign.runs
-    seeds = range(1, count + 1)
-    # Seed by seed: what is stopped early has flown as much of every row.
-    tasks = [(row.name, seed) for seed in seeds for row in campaign.all_rows]
-    runs = [journal.runs[task] for task in tasks if task in journal.runs] if journal else []
-    kept = {(run.scenario, run.seed) for run in runs}
-    waiting = [task for task in tasks if task not in kept]
-    try:
-        _fly_all(landing, waiting, args.jobs or len(os.sched_getaffinity(0)), journal, runs)
-    except KeyboardInterrupt:
+    jobs = args.jobs or len(os.sched_getaffinity(0))
+    flown, missed = [], False
+    for part in parts:
+        campaign = part.campaign
+        seeds = range(1, (args.runs or campaign.runs) + 1)
+        # Seed by seed: what is stopped early has flown as much of every row.
+        tasks = [(row.name, seed) for seed in seeds for row in campaign.all_rows]
+        runs = [journal.runs[task] for task in tasks if task in journal.runs] if journal else []
+        kept = {(run.scenario, run.seed) for run in runs}
+        waiting = [task for task in tasks if task not in kept]
+        try:
+            _fly_all(part.landing, waiting, jobs, journal, runs)
+        except KeyboardInterrupt:
+            if not args.json:
+                _print_rows(campaign, _rows(campaign, runs))
+                print(f"stopped after {len(runs)} of {len(tasks)} runs")
+            raise
+        rows = _rows(campaign, runs)
+        missed = missed or any(row["missed"] for row in rows)
+        flown.append({"campaign": part.name, "rows": rows})
         if not args.json:
-            if runs:
-                print(as_text(_rows(campaign, runs), get_terminal_size().columns))
-            print(f"stopped after {len(runs)} of {len(tasks)} runs")
-        raise
-    rows = _rows(campaign, runs)
-    wall_s = time.monotonic() - started
+            if len(parts) > 1:
+                print(f"---- {part.name}")
+            _print_rows(campaign, rows)
+            minutes = (time.monotonic() - started) / 60.0
+            print(f"{len(waiting)} landings, {minutes:.1f} min from the beginning")
     if args.json:
-        print_json({"campaign": args.name, "rows": rows, "wall_s": wall_s})
-    else:
-        print(as_text(rows, get_terminal_size().columns))
-        for row in rows:
-            for line in as_lines(row["days"]) if "days" in row else ():
-                print(line)
-        print(f"{len(waiting)} landings in {wall_s / 60.0:.1f} min")
-    return 1 if any(row["missed"] for row in rows) else 0
+        wall_s = time.monotonic() - started
+        found = flown[0] if len(flown) == 1 else {"campaign": args.name, "campaigns": flown}
+        print_json({**found, "wall_s": wall_s})
+    return 1 if missed else 0
+
+
+def _print_rows(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> None:
+    flights = [row for row in rows if "bins" not in row]
+    if flights:
+        shown = flights if campaign.best is None else best_rows(flights, campaign.best)
+        print(as_text(shown, get_terminal_size().columns))
+    for row in rows:
+        if "bins" in row:
+            print(poses_as_text(row))
+        for line in as_lines(row["days"]) if "days" in row else ():
+            print(line)
 
 
 def _fly_all(
@@ -171,7 +212,7 @@ def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
     for row in campaign.all_rows:
         flown = sorted(of[row.name], key=lambda r: r.seed)
         if flown:
-            made = make_row(row, flown)
+            made = make_pose_row(row, flown) if row.poses else make_row(row, flown)
             if row.days:
                 made["days"] = summary(flown)
             rows.append(made)

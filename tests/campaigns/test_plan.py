@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from landerd.campaigns import plan
-from landerd.campaigns.plan import Campaign, Sweep, load_campaign
+from landerd.campaigns.plan import Campaign, Sweep, load_campaigns
 from landerd.config.files import ConfigError, config_dir, config_files
 from landerd.config.models import Config
 from landerd.drivers import read_configuration
@@ -12,11 +12,9 @@ from landerd.drivers import read_configuration
 
 @pytest.mark.parametrize("name", list(config_files("campaigns")))
 def test_every_campaign_can_be_flown(name: str) -> None:
-    campaign = load_campaign(name)
-    names = [row.name for row in campaign.all_rows]
-    assert len(set(names)) == len(names)
+    rows = [row for campaign in load_campaigns(name).values() for row in campaign.all_rows]
     overlays = config_files("scenarios")
-    for row in campaign.all_rows:
+    for row in rows:
         read_configuration(
             config_dir() / "default.yaml",
             overlays=[overlays[row.scenario]],
@@ -42,7 +40,7 @@ def test_a_sweep_is_a_row_for_every_value_in_every_scenario() -> None:
 
 
 def test_a_row_is_found_by_its_name_in_another_process_too() -> None:
-    campaign = pickle.loads(pickle.dumps(load_campaign("effects")))
+    campaign = pickle.loads(pickle.dumps(load_campaigns("effects")["effects"]))
     assert [campaign.row(row.name) for row in campaign.all_rows] == list(campaign.all_rows)
 
 
@@ -55,14 +53,14 @@ def test_scenarios_leave_landerds_own_configuration_as_it_is() -> None:
 
 
 def test_a_scenario_is_a_campaign_of_one_row() -> None:
-    (row,) = load_campaign("hover").rows
+    (row,) = load_campaigns("hover")["hover"].rows
     assert row.scenario == "hover"
     assert row.needed.landed_percent == 100.0
 
 
 def test_an_unknown_campaign_is_told_with_the_nearest() -> None:
     with pytest.raises(ConfigError, match="'guidence' is not known; nearest: guidance; all: "):
-        load_campaign("guidence")
+        load_campaigns("guidence")
 
 
 @pytest.mark.parametrize(
@@ -86,5 +84,5 @@ def test_a_wrong_campaign_is_told_with_its_place(
     folders = {"campaigns": {"mine": mine}, "scenarios": config_files("scenarios")}
     monkeypatch.setattr(plan, "config_files", folders.__getitem__)
     with pytest.raises(ConfigError) as e:
-        load_campaign("mine")
+        load_campaigns("mine")
     assert e.value.lines[0].startswith(says)
