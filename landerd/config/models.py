@@ -86,6 +86,15 @@ class RcSection(Section):
 
     gate_channel: Annotated[int, Field(ge=5, le=18)] = 11
     gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500
+    # Of a switch with three positions: above this it lands, between the two it holds over the
+    # marker (guidance.hold). 0: there is no position between.
+    land_threshold_us: Annotated[int, Field(ge=0, le=1900)] = 0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if 0 < self.land_threshold_us < self.gate_threshold_us + 200:
+            raise ValueError("expected land_threshold_us 200 above gate_threshold_us, or 0")
+        return self
 
 
 class FreshnessSection(Section):
@@ -208,6 +217,12 @@ class LostSection(Section):
     retries: Annotated[int, Field(ge=0, le=100)] = 5  # descents that may be broken off before that
 
 
+class HoldSection(Section):
+    """Where the vehicle is held while the pilot asks for it (rc.land_threshold_us)."""
+
+    height_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0  # of the feet over the pad
+
+
 class GuidanceSection(Section):
     """How the vehicle is led onto the pad."""
 
@@ -218,6 +233,7 @@ class GuidanceSection(Section):
     descent: DescentSection = DescentSection()
     limits: LimitsSection = LimitsSection()
     lost: LostSection = LostSection()
+    hold: HoldSection = HoldSection()
     release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
     touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # after commit
     touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0

@@ -107,7 +107,8 @@ class Landing:
             self._orders.enter(Phase.NOT_LANDING, pilot_texts.PRECISION_LANDING)
             return self._orders.commands
         authority, why = self._gate.authority(now)
-        if authority is not Authority.GRANTED:
+        hold_asked = self._context.hold_asked = self._gate.asks_to_hold
+        if authority is not Authority.GRANTED or hold_asked:
             self._context.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
         event: Event | None = self._event_of(authority)

@@ -88,6 +88,8 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
         control_period_s=1.0 / config.control.rate_hz,
         gate_channel=config.rc.gate_channel,
         gate_threshold_us=config.rc.gate_threshold_us,
+        land_threshold_us=config.rc.land_threshold_us,
+        hold_height_m=guidance.hold.height_m,
         release_s=guidance.release_s,
         heartbeat_s=fresh.heartbeat_s,
         rc_s=fresh.rc_s,

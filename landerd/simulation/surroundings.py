@@ -13,12 +13,15 @@ from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.copter import CopterParameters
 from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
+from hw.sim.stand_in.pilot import PilotRadio
 from hw.sim.stand_in.shared_link import SharedLink
 from landerd.config.models import Config
 from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
+from landerd.guidance.pilot_texts import HOLDING_OVER
 
 WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
+LOW_US, HIGH_US = 1100, 1900  # its ends, where it is moved
 OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
 FOLLOWED_M = 5000.0  # and along the way of one that it follows
@@ -73,7 +76,9 @@ class StandIn:
             speed_mps=speed_on_the_way(world),
             system_id=system_id,
         )
+        self._rc = config.rc
         self._gate_channel = config.rc.gate_channel
+        self._hold_s = options.autopilot.hold_s
         self._radio_has_gate = (
             options.autopilot.gate == "radio"
             and self._gate_channel <= options.autopilot.rc_channels
@@ -85,18 +90,44 @@ class StandIn:
         return [self.autopilot.run, self.ground_station.run, self.open_gate]
 
     async def open_gate(self) -> None:
-        """Move the pilot's switch; where the radio has none, a ground station's override."""
-        if self._radio_has_gate:
+        """Move the pilot's switch up, by way of its middle if the vehicle is to hold first."""
+        async with asyncio.TaskGroup() as tasks:
+            switch = _Switch(self.autopilot.pilot, self._gate_channel, radio=self._radio_has_gate)
+            tasks.create_task(switch.run())
             await asyncio.sleep(GATE_OPENS_S)
-            self.autopilot.pilot.set(self._gate_channel, 1900)
-            return
-        loop = asyncio.get_running_loop()
-        opens_t = loop.time() + GATE_OPENS_S
-        raw = [0xFFFF] * 18
-        while True:
-            raw[self._gate_channel - 1] = 1900 if loop.time() >= opens_t else 1100
-            self.autopilot.pilot.override(tuple(raw), loop.time())
+            if self._hold_s > 0.0:
+                switch.move((self._rc.gate_threshold_us + self._rc.land_threshold_us) // 2)
+                while not any(HOLDING_OVER in t.text for t in self.ground_station.texts):
+                    await asyncio.sleep(0.1)
+                await asyncio.sleep(self._hold_s)
+            switch.move(HIGH_US)
+
+
+class _Switch:
+    """The pilot's switch; where the radio has none, a ground station's override."""
+
+    def __init__(self, pilot: PilotRadio, channel: int, *, radio: bool) -> None:
+        self._pilot, self._channel, self._radio = pilot, channel, radio
+        self._pulse_us = LOW_US
+
+    def move(self, us: int) -> None:
+        """Put it into another position."""
+        self._pulse_us = us
+        self._say()
+
+    async def run(self) -> None:
+        """Say an override again and again, for ever."""
+        while not self._radio:
+            self._say()
             await asyncio.sleep(OVERRIDE_S)
+
+    def _say(self) -> None:
+        if self._radio:
+            self._pilot.set(self._channel, self._pulse_us)
+            return
+        raw = [0xFFFF] * 18
+        raw[self._channel - 1] = self._pulse_us
+        self._pilot.override(tuple(raw), asyncio.get_running_loop().time())
 
 
 def link_faults(options: LinkOptions, delay_s: float, rng: Random) -> LinkFaults:

@@ -172,6 +172,11 @@ def gate_high(set_up: SetUp) -> None:
     set_up.vehicle.pilot.set(11, 1900)
 
 
+def gate_in_its_middle(set_up: SetUp) -> None:
+    set_up.overrides += ["rc.gate_threshold_us=1300", "rc.land_threshold_us=1700"]
+    set_up.vehicle.pilot.set(11, 1500)
+
+
 def taken_switch(set_up: SetUp) -> None:
     set_up.vehicle.parameters["RC11_OPTION"] = 31.0
 
@@ -230,6 +235,7 @@ def no_position(set_up: SetUp) -> None:
         (no_position, "fail", "position", "no position comes", "GPS"),
         (no_signal, "fail", "gate", "RC 11 has no signal", "transmitter"),
         (gate_high, "warn", "gate", r"high \(1900 us\)", "low"),
+        (gate_in_its_middle, "warn", "gate", r"in its middle \(1500 us\)", "low"),
         (taken_switch, "fail", "parameters", "RC11_OPTION is 31", "RC11_OPTION 0"),
         (set_of("vehicle.parameters", {}), "warn", "parameters", "did not tell", "docs"),
     ],

@@ -146,6 +146,30 @@ def test_the_configured_channel_is_the_one_that_counts() -> None:
     assert pilot.may() is Authority.GRANTED
 
 
+@pytest.mark.parametrize(
+    ("pulse_us", "may", "holds"),
+    [
+        (1300, Authority.RELEASED, False),
+        (1301, Authority.GRANTED, True),
+        (1700, Authority.GRANTED, True),
+        (1701, Authority.GRANTED, False),
+    ],
+)
+def test_between_its_ends_a_switch_of_three_positions_asks_to_hold(
+    pulse_us: int, may: Authority, holds: bool
+) -> None:
+    pilot = Pilot()
+    pilot.gate.configure(RcSection(gate_threshold_us=1300, land_threshold_us=1700))
+    pilot.granted().switch(pulse_us)
+    assert pilot.may() is may
+    assert pilot.gate.asks_to_hold is holds
+
+
+@pytest.mark.parametrize("pulse_us", [1400, 1501, 1600, 2000])
+def test_a_switch_of_two_positions_never_asks_to_hold(pulse_us: int) -> None:
+    assert not Pilot().granted().switch(pulse_us).gate.asks_to_hold
+
+
 def test_messages_older_than_the_last_are_dropped() -> None:
     pilot = Pilot().granted()
     pilot.gate.on_heartbeat(Heartbeat(pilot.t - 1.0, False, False, "LOITER"))
