@@ -8,7 +8,7 @@ HANGING = """
 import asyncio
 import cv2
 import numpy as np
-from landerd.runtime.worker import JobHangs, Worker, exit_without_waiting
+from landerd.worker import JobHangs, Worker, exit_without_waiting
 
 image = np.zeros((1500, 1500), np.uint8)
 
