@@ -263,7 +263,9 @@ class LogSection(Section):
     images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
     every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
     disarmed_images: bool = False  # also while the vehicle is disarmed
-    most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
+    most_file_mb: Annotated[float, Field(ge=1)] = 500.0  # then a flight goes on in another file
+    # of all logs together but the file that is written: then the oldest are deleted
+    most_mb: Positive = 8000.0
     keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
 
 
