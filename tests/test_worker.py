@@ -1,7 +1,13 @@
 """The thread that searches: it may hang, the process may not."""
 
+import asyncio
 import subprocess
 import sys
+import threading
+
+import pytest
+
+from landerd.worker import JobHangs, Worker
 
 # What OpenCV does for some seconds while the interpreter is torn down ends in abort() otherwise.
 HANGING = """
@@ -39,3 +45,34 @@ def test_the_process_ends_with_its_own_exit_code_while_searches_hang() -> None:
     assert ended.returncode == 3, ended.stderr
     assert ended.stdout.split() == ["hangs"] * 3
     assert ended.stderr == ""
+
+
+def test_a_job_that_hangs_is_given_up_and_the_next_has_another_thread() -> None:
+    let_go = threading.Event()
+
+    async def main() -> None:
+        worker = Worker("test")
+        first = await worker.run(threading.get_ident, 5.0)
+        assert first != threading.get_ident()
+        assert await worker.run(threading.get_ident, 5.0) == first
+        with pytest.raises(JobHangs):
+            await worker.run(let_go.wait, 0.05)
+        second = await worker.run(threading.get_ident, 5.0)
+        assert second not in (first, threading.get_ident())
+        let_go.set()
+        worker.close()
+
+    asyncio.run(main())
+
+
+def test_what_a_job_raises_is_raised() -> None:
+    def fails() -> None:
+        raise KeyError("in a job")
+
+    async def main() -> None:
+        worker = Worker("test")
+        with pytest.raises(KeyError, match="in a job"):
+            await worker.run(fails, 5.0)
+        worker.close()
+
+    asyncio.run(main())
