@@ -2,7 +2,7 @@ import pytest
 
 from landerd.config.models import FreshnessSection, RcSection
 from landerd.guidance.gate import Authority, Gate
-from landerd.messages import Heartbeat, RcChannels
+from landerd.messages import ClockSync, Heartbeat, RcChannels
 
 LOW, HIGH = 1100, 1900
 
@@ -112,6 +112,15 @@ def test_stale_rc_releases_but_does_not_latch() -> None:
     pilot.t += 0.1
     assert pilot.may() is Authority.RELEASED
     assert pilot.switch(HIGH).may() is Authority.GRANTED
+
+
+def test_half_the_round_trip_counts_as_age() -> None:
+    pilot = Pilot().granted()
+    pilot.gate.on_clock(ClockSync(pilot.t, 0.2))
+    pilot.t += 0.29
+    assert pilot.may() is Authority.GRANTED
+    pilot.t += 0.02
+    assert pilot.may() is Authority.RELEASED
 
 
 @pytest.mark.parametrize(
