@@ -3,7 +3,7 @@
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 
-from landerd.config.files import config_dir
+from landerd.config.files import Loaded, config_dir
 from landerd.drivers import read_configuration
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
@@ -26,13 +26,17 @@ def fly(
     log: Path | None = None,
 ) -> Simulation:
     """Fly the stationary scenario with overrides to its end and return it; log: recorded there."""
-    loaded = read_configuration(
-        config_dir() / "default.yaml",
-        overlays=[config_dir() / "scenarios" / "stationary.yaml"],
-        overrides=overrides,
-    )
-    simulation = Simulation(loaded, seed, log=log)
+    simulation = Simulation(configured(overrides), seed, log=log)
     run_virtual(simulation.run(longest_s=longest_s, script=script))
     if simulation.recorder is not None:
         simulation.recorder.close()
     return simulation
+
+
+def configured(overrides: Sequence[str]) -> Loaded:
+    """Return the configuration of the stationary scenario with overrides."""
+    return read_configuration(
+        config_dir() / "default.yaml",
+        overlays=[config_dir() / "scenarios" / "stationary.yaml"],
+        overrides=overrides,
+    )

@@ -33,7 +33,9 @@ def engage(flight: Flight) -> Flight:
 
 def held(flight: Flight) -> Flight:
     """Fly on until it is held where the pilot asked for it."""
+    end = flight.t + 60.0
     while TOLD not in flight.texts:
+        assert flight.t < end, flight.lander.reason
         flight.tick()
     flight.run(3.0)
     return flight
