@@ -416,13 +416,6 @@ MUTANTS = [
         "guidance/test_limits.py::test_no_demand_breaks_a_limit",
     ),
     Mutant(
-        "3: a descent that is not allowed fades out",
-        LIMITS,
-        "            if self._v[2] > 0.0:\n",
-        "            if False:\n",
-        "guidance/test_limits.py::test_downward_ends_at_once_when_it_is_no_longer_allowed",
-    ),
-    Mutant(
         "3: an order not to turn fades out",
         LIMITS,
         "self._yaw_rate = slewed if rate != 0.0 else 0.0",
