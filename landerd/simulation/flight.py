@@ -30,7 +30,7 @@ from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.pad import PadLayout, load_pad
 from landerd.runtime.clock import run_realtime, run_virtual
-from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.daemon import Daemon, Devices, Observer
 from landerd.simulation.companion import Companion
 from landerd.simulation.drawn import seed_draws
 from landerd.simulation.judge import Judge
@@ -68,6 +68,7 @@ class Simulation:
         realtime: bool = False,
         log: Path | None = None,
         surroundings: Surroundings | None = None,
+        observers: tuple[Observer, ...] = (),
     ) -> None:
         """Build everything; nothing runs yet.
 
@@ -77,6 +78,7 @@ class Simulation:
             realtime: the loop's clock does not wait for the machine: vision in a thread.
             surroundings: None: the stand-in flies, sent on its way by a fake ground station.
             log: where to record the flight.
+            observers: see the daemon's flight too.
 
         Raises:
             CalibrationError: the camera's calibration cannot be used.
@@ -119,6 +121,7 @@ class Simulation:
         self.recording = Recording(
             world, self.score, camera_model, gimbal.true_angles, has_pictures=self.has_pictures
         )
+        recorders = (self.recorder,) if self.recorder else ()
         self.daemon = Daemon(
             config,
             layout,
@@ -126,7 +129,7 @@ class Simulation:
             Devices(self.camera, self.gimbal, autopilot),
             vision_latency_s=None if realtime else self._companion.vision_latency_s,
             detectors=self._modelled(loaded, pad, lens, seed),
-            observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
+            observers=(self.recording, *recorders, *observers),
         )
 
     def _modelled(
