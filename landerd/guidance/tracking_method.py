@@ -20,6 +20,7 @@ from landerd.messages import Phase
 
 # ---- horizontal --------------------------------------------------------------------------------
 MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
+MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
@@ -53,13 +54,15 @@ class TrackingMethod:
         """Take new gains and limits, and how the autopilot shapes velocities.
 
         ArduPilot's shaper asks for an acceleration of jerk / acceleration times what is missing of
-        the velocity: a first-order lag of acceleration / jerk, which the errors are led by. The gain
-        is bounded by what the lag leaves of the phase.
+        the velocity: a first-order lag of acceleration / jerk, by which the errors are led. It
+        bounds the gain, and the gain that of the integral.
         """
         options, vehicle = config.guidance, config.autopilot
         self._gains = options.tracking
         self._lead_s = vehicle.acceleration_mps2 / vehicle.jerk_mps3 + options.tracking.lead_s
-        self._kp = min(options.tracking.kp, MAX_KP_LEAD / self._lead_s)
+        slower = 1.0 / max(1.0, options.tracking.kp * self._lead_s / MAX_KP_LEAD)
+        self._kp = slower * options.tracking.kp
+        self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits
@@ -123,7 +126,7 @@ class TrackingMethod:
     def _integrate(self, relative: RelativeState, dt: float) -> None:
         if relative.distance > INTEGRAL_RANGE_M:
             return
-        step = self._gains.ki * dt
+        step = self._ki * dt
         north, east = self._integral
         north, east = north + step * relative.error[0], east + step * relative.error[1]
         size = math.hypot(north, east)
