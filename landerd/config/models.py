@@ -75,6 +75,10 @@ class AutopilotSection(Section):
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
     # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
     guided_timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    # how it shapes velocities (WPNAV_ACCEL, WPNAV_ACCEL_Z, PSC_JERK_XY), until it tells that too
+    acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
+    vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0
+    jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
@@ -159,7 +163,7 @@ class TrackingSection(Section):
 
     kp: Annotated[float, Field(gt=0, le=5)] = 2.5  # closing speed per m of distance, near the pad
     ki: Annotated[float, Field(ge=0, le=2)] = 0.6
-    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.5  # how late the vehicle answers an order
+    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.0  # later than ArduPilot's shaper
     approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
     brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
     descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45

@@ -119,7 +119,13 @@ class SimAutopilot:
     ) -> None:
         """Make it; flying: starts armed, in LOITER."""
         self.mute: set[int] = set()
-        self.parameters = {"GUID_TIMEOUT": parameters.guid_timeout_s}  # those it is asked for
+        response = world.options.response
+        self.parameters = {  # those it is asked for
+            "GUID_TIMEOUT": parameters.guid_timeout_s,
+            "WPNAV_ACCEL": 100.0 * response.acceleration_mps2,
+            "WPNAV_ACCEL_Z": 100.0 * response.vertical_acceleration_mps2,
+            "PSC_JERK_XY": response.jerk_mps3,
+        }
         self._mount: Mount | None = None
         self.pilot = PilotRadio(options.rc_channels)
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
