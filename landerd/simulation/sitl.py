@@ -17,6 +17,7 @@ from hw.links import open_link
 from hw.sim.sitl import SitlWorld, Truth
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
+from hw.sim.stand_in.switch import OPENS_S
 from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.drivers import gimbal_speaks_over
@@ -26,7 +27,6 @@ from landerd.runtime.clock import SlavedLoop, run_slaved
 from landerd.simulation.flight import LONGEST_S, Simulation, as_coroutine
 from landerd.simulation.result import result_of
 from landerd.simulation.surroundings import (
-    GATE_OPENS_S,
     WALL_JITTER_S,
     Surroundings,
     beyond_pad,
@@ -234,7 +234,7 @@ class SitlFlight:
         await self._ground_station.set_speed(speed_on_the_way(world) or ON_THE_WAY_MPS)
         if beyond is not None:
             self._ground_station.send_to((beyond[0], beyond[1], -height_m))
-        await asyncio.sleep(GATE_OPENS_S)
+        await asyncio.sleep(OPENS_S)
         self._ground_station.set_rc(self._loaded.config.rc.gate_channel, _HIGH_US)
 
     async def _finish(self) -> None:
