@@ -22,6 +22,7 @@ class FaultKind(NamedTuple):
     ends: bool = True  # false: it is done in a moment, `for_s` is of no matter
     # Beginnings of rules and findings that nobody can keep while it lasts, and shortly after.
     excuses: tuple[str, ...] = ()
+    lands: bool = True  # false: no landing is to be expected any more
 
 
 # A process that stands still, is gone or cannot send, sends nothing.
@@ -62,7 +63,9 @@ FAULTS: Mapping[str, FaultKind] = {
     "pad-jerks": FaultKind("pad", "it jumps aside by 0.1 to 1 m in 0.2 s", ends=False),
     "pad-turns": FaultKind("pad", "it turns about itself at 5 to 40 degrees/s"),
     "pad-lifted": FaultKind("pad", "it rises by 0.1 to 1 m at 0.5 m/s", ends=False),
-    "pad-carried-away": FaultKind("pad", "it rises by 1 m and goes off at 1 to 5 m/s", ends=False),
+    "pad-carried-away": FaultKind(
+        "pad", "it rises by 1 m and goes off at 1 to 5 m/s", ends=False, lands=False
+    ),
     # -- gimbal ------------------------------------------------------------------------------------
     "gimbal-silent": FaultKind("gimbal", "reports no angles"),
     "gimbal-frozen": FaultKind("gimbal", "reports the same angles for ever"),
@@ -119,7 +122,7 @@ FAULTS: Mapping[str, FaultKind] = {
     "rc-lost": FaultKind("pilot", "the transmitter is off: the autopilot goes home (RTL)"),
     "mode-loiter": FaultKind("pilot", "LOITER, and then GUIDED again"),
     "mode-rtl": FaultKind("pilot", "RTL, and then GUIDED again"),
-    "mode-land": FaultKind("pilot", "LAND, and then GUIDED again"),
+    "mode-land": FaultKind("pilot", "LAND, and then GUIDED again", lands=False),
     "disarm-refused": FaultKind("pilot", "the autopilot does not disarm when asked to"),
     "autopilot-restarts": FaultKind("pilot", "the autopilot restarts in flight", ends=False),
     # -- the computer ------------------------------------------------------------------------------
@@ -134,8 +137,8 @@ FAULTS: Mapping[str, FaultKind] = {
     "disk-slow": FaultKind(
         "computer", "each picture recorded holds up the loop 10 to 100 ms", True, _SILENT
     ),
-    "sigterm": FaultKind("computer", "the service is told to stop", ends=False),
-    "sigint": FaultKind("computer", "Ctrl-C", ends=False),
+    "sigterm": FaultKind("computer", "the service is told to stop", ends=False, lands=False),
+    "sigint": FaultKind("computer", "Ctrl-C", ends=False, lands=False),
     "killed": FaultKind("computer", "kill -9; systemd starts it again", False, _SILENT),
     # -- air ---------------------------------------------------------------------------------------
     "gust": FaultKind("air", "3 to 12 m/s more wind from anywhere"),
@@ -173,3 +176,8 @@ class FaultOptions(Section):
     at: OnsetOptions
     for_s: Positive | None = None  # null: until the flight ends
     severity: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+    @property
+    def lasts_s(self) -> float | None:
+        """How long it is there; 0: it is done in a moment, None: until the flight ends."""
+        return self.for_s if FAULTS[self.fault].ends else 0.0

@@ -15,6 +15,7 @@ from landerd.commands.shared import (
     InputError,
     add_config,
     add_json,
+    check_faults,
     check_output,
     check_stand_in_flies,
     load_config,
@@ -97,6 +98,7 @@ def _load(args: argparse.Namespace) -> Loaded:
     loaded = load_config(args, [known[args.scenario]], args.seed)
     if args.autopilot is None:
         check_stand_in_flies(loaded)
+    check_faults(loaded, has_stand_in=args.autopilot is None)
     return loaded
 
 

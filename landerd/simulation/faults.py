@@ -20,6 +20,8 @@ class Happened:
 
     fault: str
     severity: float
+    lasts_s: float | None  # as it was to last
+    lands: bool  # a landing is to be expected all the same
     began: float | None = None  # None: it never came to it
     ended: float | None = None  # None: it lasted until the end of the flight
     phase: str = ""  # at the onset
@@ -46,7 +48,10 @@ class Faults:
             bench: returns what one of them, by number, lays hands on.
             phase: of the landing now.
         """
-        self.happened = [Happened(each.fault, each.severity) for each in options]
+        self.happened = [
+            Happened(each.fault, each.severity, each.lasts_s, FAULTS[each.fault].lands)
+            for each in options
+        ]
         self._options = options
         self._bench = bench
         self._phase = phase
