@@ -20,7 +20,9 @@ from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.feasible import infeasible
 from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.physics.world import World, as_built, stream
+from hw.sim.picture.camera import Renders
 from hw.sim.picture.lens import true_camera
+from hw.sim.picture.numbered import NumberedPictures
 from hw.sim.picture.pad_print import printed
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.view import Frustum
@@ -49,7 +51,9 @@ from landerd.simulation.process import (
 )
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
+from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
+from landerd.vision import Detectors
 
 AFTER_END_S = 5.0  # what the vehicle does once landerd has ended
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
@@ -61,6 +65,7 @@ class Simulation:
 
     Attributes:
         over: set it to end the flight.
+        has_pictures: the camera's show something; else sight is modelled.
         timed_out: the flight took longer than it may.
         gimbal_model: the device below a real gimbal's driver, where it has a life of its own.
     """
@@ -97,6 +102,7 @@ class Simulation:
         layout = self.layout = load_pad(config.pad.layout)
         camera_model = self.camera_model = load_camera(config.camera.calibration)
         self.over = self.timed_out = False
+        self.has_pictures = sim_options(loaded).sight == "pictures"
         self._beside: list[Callable[[], Awaitable[None]]] = []  # what runs, all but the daemon
         around = surroundings or self._with_stand_in(loaded, seed, realtime=realtime)
         world = self.world = around.world
@@ -132,7 +138,9 @@ class Simulation:
         if gimbal.model is not None:
             self._beside.append(gimbal.model.run)
 
-        self.recording = Recording(world, self.score, camera_model, gimbal.true_angles)
+        self.recording = Recording(
+            world, self.score, camera_model, gimbal.true_angles, has_pictures=self.has_pictures
+        )
         observers: list[Observer] = [self.recording]
         if self.recorder is not None:
             observers.append(self.recorder)
@@ -151,6 +159,7 @@ class Simulation:
                     drivers.pop() if drivers else self._make_autopilot(link),
                 ),
                 vision_latency_s=None if realtime else self._companion.vision_latency_s,
+                detectors=self._modelled(loaded, pad, lens, seed),
                 observers=tuple(observers),
                 computer=self._computer,
             )
@@ -179,7 +188,9 @@ class Simulation:
     ) -> Bench:
         """Return what a fault lays hands on."""
 
-        def renderer(render: RenderOptions, print_: PadOptions) -> Renderer:
+        def renderer(render: RenderOptions, print_: PadOptions) -> Renders:
+            if not self.has_pictures:
+                return self.camera.pictures  # light and print are not modelled in this detail
             return Renderer(pad, lens, render, seed, self.world.options.camera, print_)
 
         return Bench(
@@ -197,6 +208,16 @@ class Simulation:
             renderer=renderer,
             rng=stream(seed, f"fault {number}"),
         )
+
+    def _modelled(
+        self, loaded: Loaded, pad: PadLayout, lens: CameraModel, seed: int
+    ) -> Detectors | None:
+        """Return what sees without pictures; None: the camera makes some."""
+        pictures = self.camera.pictures
+        if not isinstance(pictures, NumberedPictures):
+            return None
+        options = sim_options(loaded)
+        return ModelledDetectors(self.layout, pad, self.camera_model, lens, options, pictures, seed)
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
         config = loaded.config
@@ -220,9 +241,12 @@ class Simulation:
     def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
         path.unlink(missing_ok=True)
         path.with_suffix(".tlog").unlink(missing_ok=True)
+        options = self.config.log
+        if not self.has_pictures:
+            options = options.model_copy(update={"images": "none"})
         return Recorder(
             Head(self.config, self.layout, self.camera_model),
-            self.config.log,
+            options,
             path,
             background=realtime,
             mavlink=TlogEncoder,
@@ -335,6 +359,7 @@ def simulate(
         if simulation.recorder is not None:
             simulation.recorder.close()
     result = result_of(simulation.flown(), scenario, seed)
+    result["sight"] = sim_options(loaded).sight
     result["world"] = simulation.drawn
     result["infeasible"] = infeasible(sim_options(loaded))
     result["not_written"] = simulation.not_written(picture, result)

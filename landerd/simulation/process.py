@@ -12,7 +12,7 @@ from landerd.pad import PadLayout
 from landerd.ports import ByteLink
 from landerd.runtime.daemon import SEARCH_S, CoreFailed, Daemon, Devices, Observer
 from landerd.simulation.companion import Companion, stand_still
-from landerd.vision import Vision
+from landerd.vision import Detectors, Vision
 
 RESTART_S = 2.0  # from a process's end to the next one's first step: RestartSec and Python's start
 
@@ -153,6 +153,7 @@ class BreakableDaemon(Daemon):
         devices: Devices,
         *,
         vision_latency_s: float | None,
+        detectors: Detectors | None,
         observers: tuple[Observer, ...],
         computer: Computer,
     ) -> None:
@@ -163,6 +164,7 @@ class BreakableDaemon(Daemon):
             camera_model,
             devices,
             vision_latency_s=vision_latency_s,
+            detectors=detectors,
             observers=observers,
         )
 

@@ -5,17 +5,15 @@ from contextlib import contextmanager
 
 from hw.sim.faults.bench import Bench, Effect
 from hw.sim.picture.camera import Renders
-from hw.sim.picture.other_pads import ElsewherePad, SecondPad
+from hw.sim.picture.other_pads import SecondPad
 
 
 @contextmanager
-def _seen_through(bench: Bench, renderer: Renders, *, hides_pad: bool = False) -> Iterator[None]:
+def _seen_through(bench: Bench, renderer: Renders) -> Iterator[None]:
     camera = bench.camera
     before, camera.pictures = camera.pictures, renderer
-    camera.faults.hides_pad = hides_pad
     yield
     camera.pictures = before
-    camera.faults.hides_pad = False
 
 
 @contextmanager
@@ -46,8 +44,9 @@ def _decoys(bench: Bench, severity: float) -> Iterator[None]:
 
 @contextmanager
 def _gone(bench: Bench, severity: float) -> Iterator[None]:
-    with _seen_through(bench, ElsewherePad(bench.camera.pictures), hides_pad=True):
-        yield
+    bench.camera.faults.pad_covered = True
+    yield
+    bench.camera.faults.pad_covered = False
 
 
 @contextmanager

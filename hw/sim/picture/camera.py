@@ -4,10 +4,9 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +15,7 @@ from hw.sim.physics.world import stream
 from hw.sim.picture.exposure import SHORTEST_S, AutoExposure, Exposure
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
-from landerd.geometry import add, sub
+from landerd.geometry import IDENTITY, add, sub
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 
@@ -26,6 +25,7 @@ OLDEST_S = 0.45  # a picture at its arrival, by jitter: the world remembers a li
 ORDER_FRAMES = 2  # from an order to the first picture so exposed, as sensors have it
 FORGIVEN_S = 0.05  # a stamp so far in the future may still be taken
 JITTER_MOST = 0.45  # of the period: pictures keep their order
+_NO_PAD = PadPose((0.0, 0.0, -1e5), IDENTITY)  # it is seen from below, that is not at all
 
 
 @dataclass
@@ -44,6 +44,7 @@ class CameraFaults:
     late_s: float = 0.0  # pictures arrive so much later, with their own times
     swap: float = 0.0  # probability that a picture comes after the next one
     spoil: Callable[[U8], U8] | None = None  # what becomes of a picture
+    pad_covered: bool = False  # nothing of the pad is to be seen
     hides_pad: bool = False  # nobody could find the pad in what is delivered
     raises: Exception | None = None  # nobody foresaw it; once
     disconnected: bool = False
@@ -64,6 +65,10 @@ class Renders(Protocol):
         readout: Readout | None = None,
     ) -> U8:
         """Return the picture (height, width) of an exposure from pose start to pose end."""
+        ...
+
+    def brightness(self, image: U8) -> float:
+        """Return the mean of a picture, share of full scale."""
         ...
 
 
@@ -219,6 +224,9 @@ class SimCamera:
         exposure = self._exposure(t)
         half = 0.5 * exposure.time_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
+        if self.faults.pad_covered:
+            middle = replace(middle, pad=_NO_PAD)
+            start, end = replace(start, pad=_NO_PAD), replace(end, pad=_NO_PAD)
         image = self.pictures.render(
             self._seq,
             _beside_pad(start, middle),
@@ -229,7 +237,7 @@ class SimCamera:
             self._readout(middle, exposure),
         )
         if self._auto is not None:
-            self._auto.see(cv2.mean(image)[0] / 255.0, t)
+            self._auto.see(self.pictures.brightness(image), t)
         faults = self.faults
         stamp = self._stamp(t)
         if faults.wrong_size:
@@ -255,6 +263,8 @@ class SimCamera:
             steps = math.ceil(seconds / POSE_PERIOD_S)
             shares = (k / steps - 0.5 for k in range(steps + 1))
             snapshots = [self._truth(middle.t + seconds * share) for share in shares]
+            if self.faults.pad_covered:
+                snapshots = [replace(s, pad=_NO_PAD) for s in snapshots]
         return Readout(middle.t, seconds, exposure.time_s, tuple(snapshots), self._vibration)
 
 

@@ -133,6 +133,10 @@ class Renderer:
             draw_legs(image, self._frustum, pose, vehicle)
         return self._sensor.expose(image, frame_index, exposure)
 
+    def brightness(self, image: U8) -> float:
+        """Return the mean of a picture, share of full scale."""
+        return cv2.mean(image)[0] / 255.0
+
     # ---- pad and ground ------------------------------------------------------------------------
 
     def _background(

@@ -61,4 +61,6 @@ def test_one_that_stops_stands() -> None:
 
 def test_one_that_is_lifted_carries_a_vehicle_that_stands_on_it() -> None:
     moved = disturbed("pad-lifted", 1.0)
-    assert moved._motion.at(6.0).position[2] == pytest.approx(moved._motion.at(0.0).position[2] - 1.0)
+    assert moved._motion.at(6.0).position[2] == pytest.approx(
+        moved._motion.at(0.0).position[2] - 1.0
+    )
