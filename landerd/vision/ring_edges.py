@@ -35,7 +35,7 @@ _COARSE_ROUNDS, _FINE_ROUNDS = 1, 2
 _DESCENTS = 2  # steps to the edges of one round
 _END = 5  # samples at either end of a band that tell black and white
 _LEAST_STEP = 6.0  # grey levels between black and white beside an edge
-# Over the white beside it: behind gamma a faded print's is two thirds, and more where white is clipped.
+# Over the white beside it: behind gamma a faded print's is two thirds, more where white is clipped.
 _MOST_BLACK, _MOST_BLACK_CLIPPED = 0.8, 0.92
 _CLIPPED = 240.0  # grey level
 _LEVEL_RAYS = 2  # to either side, of which black and white are medians

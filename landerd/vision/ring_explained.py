@@ -33,8 +33,9 @@ _MIN_VISIBLE = 0.6
 _MIN_DARK, _MIN_BRIGHT = 0.85, 0.78
 _MIN_CONTRAST = 12.0  # grey levels
 # How far a tone curve moves edges: px, of the blur, and what the print may be off, of the radius.
-# Gamma 2.4 moves the edge of a blurred black on white by 0.7 sigma. White twice over full scale leaves
-# but the darkest part of each edge, which looks sharp however wide the blur was: a share of the radius.
+# Gamma 2.4 moves the edge of a blurred black on white by 0.7 sigma. White twice over full scale
+# leaves but the darkest part of each edge, which looks sharp however wide the blur was: a share of
+# the radius.
 _MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (0.3, 1.0)
 # White grows behind any of these curves; it shrinks by what print and fit are off.
 _PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06

@@ -23,11 +23,11 @@ Mask = NDArray[np.bool_]
 # A pixel is dark by its surroundings. Halfway between the least and the greatest level within a few
 # pixels it is dark whatever lies beyond the ring's white margin: of 300 pictures of the field world
 # (60 days, 3.5 to 17 m) 259 show a ring so, by the local mean, which a dark ground draws down, 205.
-# Where a shadow, dirt or a leg crosses the stroke the mean of a larger surrounding is better: a share
-# of 0.55 of it showed all of 40 rings across which a shadow's edge ran, the former 16.
+# Where a shadow, dirt or a leg crosses the stroke the mean of a larger surrounding is better: a
+# share of 0.55 of it showed all of 40 rings across which a shadow's edge ran, the former 16.
 _NEAR_PX = 7  # side of the surrounding: a ring of 24 px has a stroke of 7 px
 _NEAR_SHARE = 0.4  # of the way from the least to the greatest level; 0.5 loses leaf shade and dirt
-_NEAR_STEP = 20.0  # grey levels between the two; where there is less, nothing is dark
+_NEAR_STEP = 19  # grey levels between the two; up to that, nothing is dark
 _LOCAL_MEAN_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
 _MAX_COMPONENTS = 400  # whose spokes are looked at, largest first
 _MAX_OUTLINES = 8  # returned
@@ -116,14 +116,14 @@ def dark_by_range(image: U8) -> U8:
     least = cv2.erode(smooth, near, borderType=cv2.BORDER_REPLICATE)
     between = cv2.addWeighted(most, _NEAR_SHARE, least, 1.0 - _NEAR_SHARE, 0.0)
     dark = cv2.compare(image, between, cv2.CMP_LT)
-    steep = cv2.compare(cv2.subtract(most, least), _NEAR_STEP, cv2.CMP_GE)
+    _, steep = cv2.threshold(cv2.subtract(most, least), _NEAR_STEP, 255, cv2.THRESH_BINARY)
     return np.asarray(cv2.bitwise_and(dark, steep), dtype=np.uint8)
 
 
 def dark_by_mean(share: float) -> Segmentation:
     """Return what finds the pixels below a share of the local mean.
 
-    A low share parts a ring from a dark surrounding and from a shadow, a high one sees weak contrast.
+    A low one parts a ring from dark surroundings and from a shadow, a high one sees weak contrast.
     """
 
     def segment(image: U8) -> U8:
