@@ -70,6 +70,22 @@ def test_help_does_not_wait_for_numpy() -> None:
         (["sim", "--set", "camera.calibration=none.yaml"], "none.yaml: cannot be read: No such"),
         (["sim", "--set", "gimbal.driver=simm"], "found 'simm', expected one of "),
         (["sim", "-c", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
+        (["sim", "--set", "sim.faults=[{fault: gost, at: {time_s: 1}}]"], "found 'gost', expected"),
+        (["sim", "--set", "sim.faults=[{fault: gust, at: {}}]"], "expected one of time_s, "),
+        (
+            [
+                *("sim", "--set", "gimbal.driver=siyi"),
+                *("--set", "sim.faults=[{fault: gimbal-lost, at: {time_s: 1}}]"),
+            ],
+            "gimbal-lost needs gimbal.driver sim, found siyi",
+        ),
+        (
+            [
+                *("sim", "--autopilot", "tcp:127.0.0.1:1"),
+                *("--set", "sim.faults=[{fault: gust, at: {time_s: 1}}]"),
+            ],
+            "sim.faults: not with --autopilot",
+        ),
         (["sim", "--picture", "no/such/folder.png"], "expected a .png in a folder that exists"),
         (["sim", "--autopilot", "sitl"], "--autopilot: link 'sitl': expected udpin:HOST:PORT"),
         (["sim", "--autopilot", "tcp:127.0.0.1:1"], "tcp:127.0.0.1:1: no connection: "),

@@ -265,7 +265,7 @@ def _why(run: Run) -> str | None:
     result = run.result
     if result is None:
         return run.error
-    if result["faults_flown"]:
+    if result.get("faults_flown"):
         return "; ".join(failures(run)) or None
     broken = "; ".join(result["rules_broken"])
     if broken:

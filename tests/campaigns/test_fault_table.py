@@ -8,12 +8,12 @@ from tests.campaigns.landings import landing
 
 
 def flown(
-    seed: int = 1, *, fault: str = "gust", phase: str = "DESCENT", lasts_s: Any = 1.0, **more: Any
+    seed: int = 1,
     *,
     fault: str = "gust",
     phase: str = "DESCENT",
-    lasts_s: Any = 1.0,
-    **changes: Any,
+    lasts_s: float | None = 1.0,
+    **more: Any,
 ) -> Run:
     note = {
         "fault": fault,
