@@ -30,7 +30,7 @@ def broken(simulation: Simulation) -> set[str]:
         ("{time_s: 2.5}", None, None),
         ("{phase: DESCENT, after_s: 0.5}", "DESCENT", None),
         ("{height_m: 1.0}", "DESCENT", 1.0),
-        ("{height_m: 0}", "LANDED", 0.05),
+        ("{height_m: 0}", "LANDED", 0.0),
     ],
 )
 def test_it_begins_when_it_is_to(at: str, phase: str | None, high: float | None) -> None:
