@@ -32,6 +32,11 @@ _SILENT = (
     "motion on a set-point older",
 )
 
+# Once it stands on the pad nothing is looked at any more.
+_UNDER_ITS_FEET = ("6: said to have landed",)
+# Until it is seen that the pad rises, the vehicle sinks onto it as fast as it did.
+_COMES_UP = ("2: sinking faster than the autopilot",)
+
 FAULTS: Mapping[str, FaultKind] = {
     # -- pictures, on their way and as they are ----------------------------------------------------
     "pictures-lost": FaultKind("camera", "pictures are lost: 30 % to all"),
@@ -60,9 +65,9 @@ FAULTS: Mapping[str, FaultKind] = {
     # -- the pad moves -----------------------------------------------------------------------------
     "pad-stops": FaultKind("pad", "it brakes to a stand at 1 to 8 m/s2", ends=False),
     "pad-starts": FaultKind("pad", "it speeds up by 0.5 to 3 m/s at 2 m/s2", ends=False),
-    "pad-jerks": FaultKind("pad", "it jumps aside by 0.1 to 1 m in 0.2 s", ends=False),
+    "pad-jerks": FaultKind("pad", "it jumps aside by 0.1 to 1 m in 0.2 s", False, _UNDER_ITS_FEET),
     "pad-turns": FaultKind("pad", "it turns about itself at 5 to 40 degrees/s"),
-    "pad-lifted": FaultKind("pad", "it rises by 0.1 to 1 m at 0.5 m/s", ends=False),
+    "pad-lifted": FaultKind("pad", "it rises by 0.1 to 1 m at 0.5 m/s", False, _COMES_UP),
     "pad-carried-away": FaultKind(
         "pad", "it rises by 1 m and goes off at 1 to 5 m/s", ends=False, lands=False
     ),

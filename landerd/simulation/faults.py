@@ -11,7 +11,8 @@ from hw.sim.faults.table import EFFECTS
 from landerd.messages import Phase
 
 LOOKS_S = 0.01
-EXCUSED_S = 3.0  # what a fault has broken may show so long after it
+EXCUSED_S = 3.0  # what a fault has broken may show so long after it,
+LASTING_S = 6.0  # and after the moment of one that is done at once: a stall, a restart
 
 
 @dataclass
@@ -86,12 +87,13 @@ class Faults:
     def excuses(self, finding: str, t: float) -> bool:
         """Tell whether no landerd could have kept a rule, first broken at t, for a fault."""
         for note in self.happened:
-            began, ended = note.began, note.ended
-            if began is None or t < began:
+            kind = FAULTS[note.fault]
+            if note.began is None or t < note.began:
                 continue
-            if ended is not None and t > ended + EXCUSED_S and FAULTS[note.fault].ends:
+            after_s = EXCUSED_S if kind.ends else LASTING_S
+            if note.ended is not None and t > note.ended + after_s:
                 continue
-            if any(finding.startswith(words) for words in FAULTS[note.fault].excuses):
+            if any(finding.startswith(words) for words in kind.excuses):
                 return True
         return False
 
