@@ -36,6 +36,7 @@ from landerd.vision import Vision
 from landerd.vision.square import Image
 
 SIZES_PX = (0, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 30, 50, 80, 120, 200, 400, 4000)
+LONGEST_S = 40.0
 CHI2_95 = 7.815  # three degrees of freedom
 FLIPPED = math.cos(math.radians(15.0))
 
@@ -196,7 +197,7 @@ def main() -> None:
             )
             simulation = Simulation(loaded, seed)
             simulation.daemon._observers += (Beside(simulation, loaded, seed, table),)
-            run_virtual(simulation.run())
+            run_virtual(simulation.run(longest_s=LONGEST_S))
     table.show()
 
 

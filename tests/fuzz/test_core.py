@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from landerd.geometry import horizontal
+from landerd.geometry import Vec3, horizontal
 from landerd.messages import (
     Attitude,
     AutopilotRestarted,
@@ -18,6 +19,7 @@ from landerd.messages import (
     Landed,
     LandedState,
     LocalPosition,
+    PoseSolution,
     RcChannels,
     Reference,
     Setpoint,
@@ -57,13 +59,17 @@ def told() -> st.SearchStrategy[Input]:
     )
 
 
+def _at(place: Vec3, true: PoseSolution) -> PoseSolution:
+    return replace(true, position=place)
+
+
 STEP = st.tuples(st.booleans(), st.lists(told(), max_size=4), st.floats(0.5, 3.0) | st.just(1.0))
 
 
 @examples(40)
 @given(st.floats(0.3, 9.0), st.lists(STEP, min_size=1, max_size=60), st.lists(VECTOR, max_size=10))
 def test_no_message_raises_or_breaks_a_limit(
-    height: float, steps: list[tuple[bool, list[Input], float]], places: list[tuple[float, ...]]
+    height: float, steps: list[tuple[bool, list[Input], float]], places: list[Vec3]
 ) -> None:
     flight = Flight(position=(-1.5, 0.5, -height - 0.2)).engaged()
     limits = flight.config.guidance.limits
@@ -71,8 +77,7 @@ def test_no_message_raises_or_breaks_a_limit(
     for i, (visible, messages, ahead) in enumerate(steps):
         flight.visible = visible
         if places:  # sightings at impossible places, too
-            north, east, down = places[i % len(places)]
-            flight.distort = lambda true, p=(north, east, down): replace(true, position=p)
+            flight.distort = partial(_at, places[i % len(places)])
         for message in messages:
             flight.give(replace(message, t=flight.t + message.t))
         flight.t += (ahead - 1.0) * DT

@@ -43,7 +43,7 @@ _AMBIGUITY_CHI2 = 6.0  # between a square's solutions (`square_fit`)
 class _Sight:
     """One marker in one picture, as it would be measured."""
 
-    px: F64  # (n, 2) of its edges
+    px: F64  # (n, 2) of its edges that are shown
     shown: float  # share of them
     size_px: float
     chance: float  # that it is not found is less likely than this: from 0 to 1, drawn
@@ -53,6 +53,7 @@ class _Sight:
     offset_px: F64
     weight: F64
     blur_px: float
+    by_edges: bool  # a ring is fitted to its edges alone
     bias: F64  # (6,) standard normal: of what no residual shows
 
     @property
@@ -208,18 +209,18 @@ class ModelledDetectors:
         self, ring: Ring, sight: _Sight, down: Vec3 | None, *, level_only: bool
     ) -> MarkerSighting:
         """Return both poses of a ring; level only: the mirrored one if a pad could lie so."""
-        fits = [self._ring_fit(sight.pose)]
+        fits = [self._ring_fit(ring, sight, sight.pose)]
         start = _mirrored(sight.pose, ring.radius_m)
         if start is not None and (
             not level_only or down is None or start.normal @ np.array(down) > _MAX_TILT_COS
         ):
             other = self._fitted(ring, sight, start)
             if other is not None:
-                fits.append(self._ring_fit(other))
+                fits.append(self._ring_fit(ring, sight, other))
         fits.sort(key=lambda f: f.cost)
         return ring_sighting(fits, ring, self._camera, down)
 
-    def _ring_fit(self, pose: Pose) -> RingFit:
+    def _ring_fit(self, ring: Ring, sight: _Sight, pose: Pose) -> RingFit:
         e = np.array([*tangents(pose.normal), pose.normal])
         C = np.linalg.inv(pose.information)
         # A turn w moves the normal by w x n: along a tangent by w . (n x tangent), and the
@@ -229,6 +230,12 @@ class ModelledDetectors:
         to_axes[3, 3:], to_axes[4, 3:] = np.cross(e[2], e[0]), np.cross(e[2], e[1])
         covariance = to_axes @ C @ to_axes.T
         covariance += frontal_inflation(covariance, e @ pose.t / np.linalg.norm(pose.t))
+        of_position = e.T @ covariance[:3, :3] @ e
+        if sight.by_edges:
+            alike, aside = (px / self._focal for px in statistics.BY_EDGES_PX)
+            distance = float(np.linalg.norm(pose.t))
+            along = alike * distance / ring.radius_m * pose.t
+            of_position += np.outer(along, along) + (aside * distance) ** 2 * np.eye(3)
         return RingFit(
             position=pose.t,
             normal=pose.normal,
@@ -240,10 +247,11 @@ class ModelledDetectors:
             noise=0.0,
             cost=pose.cost,
             inliers=1.0,
-            covariance=e.T @ covariance[:3, :3] @ e,
+            covariance=of_position,
             sigma_tilt=math.sqrt(float(np.trace(covariance[3:, 3:])) / 2.0),
             ratio=1.0,
             sigma_ratio=0.0,
+            stage="edges" if sight.by_edges else "grey",
         )
 
     def _code_poses(self, code: WhyCode, sight: _Sight, normal: Vec3 | None) -> tuple[Pose, ...]:
@@ -297,7 +305,7 @@ class ModelledDetectors:
             return None
         shown, blur_px = float(seen.shown.mean()), self._blur(seen.path_px)
         sight = _Sight(
-            px=seen.px,
+            px=seen.px[seen.shown],
             shown=shown,
             size_px=size_px,
             chance=chance,
@@ -307,6 +315,7 @@ class ModelledDetectors:
             offset_px=offset,
             weight=weight,
             blur_px=float(blur_px),
+            by_edges=statistics.is_by_edges(self._options, levels),
             bias=rng.standard_normal(6),
         )
         return replace(sight, pose=self._biased(marker, sight, pose))
@@ -319,7 +328,9 @@ class ModelledDetectors:
     def _biased(self, marker: Marker, sight: _Sight, pose: Pose) -> Pose:
         """Return a pose with the errors that no residual shows; of a square they are stated."""
         if isinstance(marker, Ring):
-            alike, *aside = statistics.ring_bias_px(sight.size_px, sight.bias[:3]).tolist()
+            alike, *aside = statistics.ring_bias_px(
+                sight.size_px, sight.bias[:3], by_edges=sight.by_edges
+            ).tolist()
             k = float(np.linalg.norm(pose.t)) / self._focal
             step = alike * k / marker.radius_m * pose.t
             step[:2] += np.array(aside) * k

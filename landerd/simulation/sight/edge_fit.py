@@ -15,7 +15,7 @@ from landerd.simulation.sight.edges import Edges
 from landerd.vision.pose import Pose
 
 _STEPS = 4
-_CONVERGED = 0.02  # reduction of chi-square by a step
+_CONVERGED = 0.5  # reduction of chi-square by a step: the next one is far smaller
 _TILT_STEP, _TILT_SIGMA = 0.2, 1.0  # rad: as `ring_fit` damps steps, and knows tilts
 _FREE = 1e-6  # 1/rad^2: what nothing tells (a ring's turn) is held by so much
 

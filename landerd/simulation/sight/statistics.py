@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hw.sim.options import SimOptions
 from hw.sim.picture.levels import Levels
 from landerd.camera_model import F64
 from landerd.vision.ring_pixels import MARGIN
@@ -55,11 +56,12 @@ _SURROUNDINGS_PX, _SURROUNDINGS_DECAY_PX = 0.18, 0.33
 _FITTED_SIDE_PX = 25.0  # larger prints are fitted on a reduced image
 _PRINT_BIAS_PX, _REDUCED_BIAS_PX, _UNSHARP_BIAS = 0.006, 0.001, 0.05
 _SHARP_PX = 0.666  # blur of a sharp lens, and of a pixel's width
+BY_EDGES_PX = (0.055, 0.05)  # of rings by their edges: alike all round, from side to side
 _SURROUNDINGS_TRUE = 1.6  # the error itself, over the stated one: it makes rings seem farther
 
 
 def found_share(kind: Kind, size_px: float, levels: Levels) -> float:
-    """Return how often a marker of a size in the image is found."""
+    """Return how often a marker of a size in the image is found, all of it in sight."""
     noise = math.hypot(levels.noise, _ROUNDING)
     if levels.contrast < max(_LEAST_CONTRAST, _LEAST_NOISES * noise):
         return 0.0
@@ -83,11 +85,20 @@ def print_bias_px(size_px: float, blur_px: float) -> float:
     return reduced * math.hypot(_PRINT_BIAS_PX, _REDUCED_BIAS_PX * reduced) + unsharp
 
 
-def ring_bias_px(size_px: float, draws: F64) -> F64:
+def is_by_edges(options: SimOptions, levels: Levels) -> bool:
+    """Tell whether rings are fitted to their edges alone: the grey levels cannot be explained."""
+    camera, tone = options.camera, options.camera.tone
+    is_even = options.render.leaf_shade == 0.0 and options.pad.dirt == 0.0
+    is_linear = tone.curve == "linear" and tone.contrast == 0.0 and camera.sharpening == 0.0
+    return not (is_even and is_linear and levels.clipped <= 1.0)
+
+
+def ring_bias_px(size_px: float, draws: F64, *, by_edges: bool) -> F64:
     """Return the error (3,) of a ring's edges: alike all round, and from side to side, px.
 
-    `draws` (3,) are standard normal. Pictures state it (`ring_sighting`), and so does their place.
+    `draws` (3,) are standard normal.
     """
     white = math.exp(-MARGIN * 0.5 * size_px / _SURROUNDINGS_DECAY_PX)
-    alike = _RING_BIAS_PX * draws[0] + _SURROUNDINGS_TRUE * _SURROUNDINGS_PX * white
-    return np.array([alike, *(_RING_LATERAL_PX * draws[1:])])
+    alike, aside = BY_EDGES_PX if by_edges else (_RING_BIAS_PX, _RING_LATERAL_PX)
+    shone = _SURROUNDINGS_TRUE * _SURROUNDINGS_PX * white
+    return np.array([alike * draws[0] + shone, *(aside * draws[1:])])
