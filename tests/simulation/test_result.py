@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from hw.sim.judge.monitor import Worst
 from hw.sim.judge.score import Contact, Score
 from hw.sim.judge.truth import Feet
 from landerd.camera_model import load_camera
