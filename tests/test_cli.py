@@ -74,13 +74,6 @@ def test_help_does_not_wait_for_numpy() -> None:
         (["sim", "--set", "sim.faults=[{fault: gust, at: {}}]"], "expected one of time_s, "),
         (
             [
-                *("sim", "--set", "gimbal.driver=siyi"),
-                *("--set", "sim.faults=[{fault: gimbal-lost, at: {time_s: 1}}]"),
-            ],
-            "gimbal-lost needs gimbal.driver sim, found siyi",
-        ),
-        (
-            [
                 *("sim", "--autopilot", "tcp:127.0.0.1:1"),
                 *("--set", "sim.faults=[{fault: gust, at: {time_s: 1}}]"),
             ],
@@ -106,6 +99,12 @@ def test_wrong_input_is_one_line_and_exit_code_2(
 ) -> None:
     (line,) = wrong_input(*arguments, cwd=tmp_path)
     assert says in line
+
+
+def test_faults_of_a_gimbal_that_does_not_fly_are_refused(tmp_path: Path) -> None:
+    faults = "sim.faults=[{fault: gimbal-lost, at: {time_s: 1}}]"
+    lines = wrong_input("sim", "--set", "gimbal.driver=siyi", "--set", faults, cwd=tmp_path)
+    assert lines[-1] == "sim.faults: gimbal-lost needs gimbal.driver sim, found siyi"
 
 
 def test_a_wrong_configuration_gives_a_line_a_fault(tmp_path: Path) -> None:

@@ -2,8 +2,6 @@
 
 import asyncio
 import gc
-import tracemalloc
-from typing import Any
 
 import pytest
 
@@ -93,26 +91,23 @@ def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
 
 
 def test_tasks_and_memory_stay_flat_while_it_hovers_without_a_pad() -> None:
-    """For two minutes in virtual time: with a loss of sight, a lost camera and a lost gimbal."""
+    """With a loss of sight, and with a camera and a gimbal that are lost and found."""
     seen: list[tuple[int, int]] = []
 
     async def script(simulation: Simulation) -> None:
         for _ in range(3):
-            await asyncio.sleep(25.0)
+            await asyncio.sleep(14.0)
             gc.collect()
-            seen.append((len(asyncio.all_tasks()), tracemalloc.get_traced_memory()[0]))
+            seen.append((len(asyncio.all_tasks()), len(gc.get_objects())))
 
     faults = (
         "sim.faults=[{fault: pad-gone, at: {phase: APPROACH}},"
-        " {fault: camera-lost, at: {time_s: 30}, for_s: 4},"
-        " {fault: gimbal-lost, at: {time_s: 31}, for_s: 4}]"
+        " {fault: camera-lost, at: {time_s: 16}, for_s: 3},"
+        " {fault: gimbal-lost, at: {time_s: 17}, for_s: 3}]"
     )
-    settings: list[Any] = [*ABOVE, MODELLED, faults, "guidance.lost.give_up_s=600"]
-    tracemalloc.start()
-    try:
-        fly(script, overrides=[*settings, "guidance.lost.total_s=600"], longest_s=80.0)
-    finally:
-        tracemalloc.stop()
-    assert seen[0][0] == seen[1][0] == seen[2][0]
-    # What the recording keeps for the drawing, ten samples a second and more.
-    assert seen[2][1] - seen[1][1] < 4e6
+    patient = ("guidance.lost.give_up_s=600", "guidance.lost.total_s=600")
+    fly(script, overrides=[*ABOVE, MODELLED, faults, *patient], longest_s=44.0)
+    (tasks, _), (then, objects), (last, most) = seen
+    assert tasks >= then >= last
+    # What the recording keeps for the drawing: ten samples a second.
+    assert most - objects < 14 * 10 * 10
