@@ -21,10 +21,12 @@ from landerd.commands.shared import (
     load_config,
     print_json,
     refusing,
+    tell,
     whole_number,
 )
 from landerd.config.files import Loaded, config_files
 from landerd.pad import PadError
+from landerd.runtime.worker import exit_without_waiting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,9 +78,13 @@ def run(args: argparse.Namespace) -> int:
         for name, path in (("picture", args.picture), ("flight log", args.log)):
             if path is not None and not any(str(path) in line for line in result["not_written"]):
                 print(f"  {name}: {path}{without}")
+    code = 0 if result["landed"] and not result["rules_broken"] else 1
     if result["not_written"]:
-        raise InputError("\n".join(result["not_written"]))
-    return 0 if result["landed"] and not result["rules_broken"] else 1
+        tell("\n".join(result["not_written"]))
+        code = 2
+    if args.realtime:  # a search may still be going on
+        exit_without_waiting(code)
+    return code
 
 
 def _load(args: argparse.Namespace) -> Loaded:

@@ -84,6 +84,7 @@ class Simulation:
         realtime: bool = False,
         log: Path | None = None,
         surroundings: Surroundings | None = None,
+        observers: tuple[Observer, ...] = (),
     ) -> None:
         """Build everything; nothing runs yet.
 
@@ -93,6 +94,7 @@ class Simulation:
             realtime: the loop's clock does not wait for the machine: vision in a thread.
             surroundings: None: the stand-in flies, sent on its way by a fake ground station.
             log: where to record the flight.
+            observers: see the daemon's flight too.
 
         Raises:
             CalibrationError: the camera's calibration cannot be used.
@@ -141,11 +143,9 @@ class Simulation:
         self.recording = Recording(
             world, self.score, camera_model, gimbal.true_angles, has_pictures=self.has_pictures
         )
-        observers: list[Observer] = [self.recording]
-        if self.recorder is not None:
-            observers.append(self.recorder)
-        if options.faults:
-            observers.append(FaultyDisk(self._computer))
+        recorders = (self.recorder,) if self.recorder else ()
+        disks = (FaultyDisk(self._computer),) if options.faults else ()
+        watching: tuple[Observer, ...] = (self.recording, *recorders, *disks, *observers)
         drivers = [autopilot]  # a process that is started again has a new one
 
         def start() -> Daemon:
@@ -160,7 +160,7 @@ class Simulation:
                 ),
                 vision_latency_s=None if realtime else self._companion.vision_latency_s,
                 detectors=self._modelled(loaded, pad, lens, seed),
-                observers=tuple(observers),
+                observers=watching,
                 computer=self._computer,
             )
 
