@@ -7,6 +7,7 @@ import cv2
 from pydantic import AfterValidator, ConfigDict, Field
 
 from hw.sim.camera_options import SimCameraOptions
+from hw.sim.fault_options import FaultOptions
 from landerd.section import Finite, NotNegative, Positive, Section
 
 GroundKind = Literal[
@@ -228,4 +229,7 @@ class SimOptions(Section):
     airframe: AirframeOptions = AirframeOptions()
     build: BuildOptions = BuildOptions()
     companion: CompanionOptions = CompanionOptions()
+    # once: he opens the gate; obeys: he lowers and raises the switch where landerd asks for it, too
+    pilot: Literal["once", "obeys"] = "once"
+    faults: tuple[FaultOptions, ...] = ()
     render: RenderOptions = RenderOptions()

@@ -31,6 +31,7 @@ PAD_VELOCITY_TIME_CONSTANT_S = 0.7  # of its smoothing before it is flown
 # (bench/step_response.py).
 VERTICAL_LAG_S = 0.35
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
+SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
 REGION_MARGIN = 1.3  # times the error: how wide the region is to be where it sinks to
 
 # ---- heading -----------------------------------------------------------------------------------
@@ -86,7 +87,7 @@ class TrackingMethod:
         """
         gains = self._gains
         relative = self._smoothed(relative, dt)
-        north, east = self._error_ahead(relative)
+        north, east = _error_ahead(relative, self._lead_s)
         distance = math.hypot(north, east)
         closing = min(_braking_speed(distance, self._kp, self._brake), gains.approach_mps)
         k = closing / distance if distance > 0.0 else 0.0
@@ -119,10 +120,6 @@ class TrackingMethod:
             error_rate=add(relative.error_rate, change),
         )
 
-    def _error_ahead(self, relative: RelativeState) -> tuple[float, float]:
-        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
-        return north + self._lead_s * v_north, east + self._lead_s * v_east
-
     def _integrate(self, relative: RelativeState, dt: float) -> None:
         if relative.distance > INTEGRAL_RANGE_M:
             return
@@ -135,7 +132,7 @@ class TrackingMethod:
 
     def _sink_rate(self, relative: RelativeState, floor_m: float) -> float:
         """Return the downward speed relative to the pad, m/s."""
-        ahead = math.hypot(*self._error_ahead(relative))
+        ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
         off = REGION_MARGIN * max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
         height = relative.height - VERTICAL_LAG_S * max(0.0, relative.error_rate[2] * -1.0)
@@ -158,6 +155,11 @@ class TrackingMethod:
         max_rate = math.radians(self._limits.yaw_rate_deg_s)
         turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), error)
         return clamp(relative.pad_turn_rate + turn, -max_rate, max_rate)
+
+
+def _error_ahead(relative: RelativeState, lead_s: float) -> tuple[float, float]:
+    (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+    return north + lead_s * v_north, east + lead_s * v_east
 
 
 def _braking_speed(distance: float, kp: float, deceleration: float) -> float:

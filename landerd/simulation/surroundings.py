@@ -13,16 +13,14 @@ from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.copter import CopterParameters
 from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
-from hw.sim.stand_in.pilot import PilotRadio
 from hw.sim.stand_in.shared_link import SharedLink
+from hw.sim.stand_in.switch import GateSwitch, ObedientPilot
 from landerd.config.models import Config
 from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
 from landerd.guidance.pilot_texts import HOLDING_OVER
 
 WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
-LOW_US, HIGH_US = 1100, 1900  # its ends, where it is moved
-OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
 FOLLOWED_M = 5000.0  # and along the way of one that it follows
 
@@ -47,6 +45,7 @@ class StandIn:
         link: landerd's end.
         autopilot_end: the other one.
         ekf: the autopilot's.
+        switch: the pilot's, that opens the gate.
     """
 
     def __init__(self, world: World, config: Config, seed: int) -> None:
@@ -65,7 +64,12 @@ class StandIn:
             [self.autopilot_end, autopilot_ground_end],
             ekf=self.ekf,
             rng=stream(seed, "autopilot"),
-            parameters=CopterParameters(guid_timeout_s=options.autopilot.guid_timeout_s),
+            parameters=CopterParameters(
+                guid_timeout_s=options.autopilot.guid_timeout_s,
+                wpnav_accel_mps2=options.response.acceleration_mps2,
+                wpnav_accel_z_mps2=options.response.vertical_acceleration_mps2,
+                psc_jerk_xy_mps3=options.response.jerk_mps3,
+            ),
             options=options.autopilot,
             flying=True,
             system_id=system_id,
@@ -76,58 +80,34 @@ class StandIn:
             speed_mps=speed_on_the_way(world),
             system_id=system_id,
         )
-        self._rc = config.rc
-        self._gate_channel = config.rc.gate_channel
-        self._hold_s = options.autopilot.hold_s
-        self._radio_has_gate = (
-            options.autopilot.gate == "radio"
-            and self._gate_channel <= options.autopilot.rc_channels
-        )
+        channel, radio = config.rc.gate_channel, options.autopilot
+        by_radio = radio.gate == "radio" and channel <= radio.rc_channels
+        self.switch = GateSwitch(self.autopilot, channel, by_radio=by_radio)
+        self._pilot_obeys = options.pilot == "obeys"
+        self._rc, self._hold_s = config.rc, radio.hold_s
 
     @property
     def jobs(self) -> list[Callable[[], Awaitable[None]]]:
         """What runs beside the flight."""
-        return [self.autopilot.run, self.ground_station.run, self.open_gate]
+        jobs: list[Callable[[], Awaitable[None]]] = [
+            self.autopilot.run,
+            self.ground_station.run,
+            self.switch.run,
+            self._open_gate,
+        ]
+        if self._pilot_obeys:
+            jobs.append(ObedientPilot(self.switch, self.autopilot, self.ground_station).run)
+        return jobs
 
-    async def open_gate(self) -> None:
+    async def _open_gate(self) -> None:
         """Move the pilot's switch up, by way of its middle if the vehicle is to hold first."""
-        async with asyncio.TaskGroup() as tasks:
-            switch = _Switch(self.autopilot.pilot, self._gate_channel, radio=self._radio_has_gate)
-            tasks.create_task(switch.run())
-            await asyncio.sleep(GATE_OPENS_S)
-            if self._hold_s > 0.0:
-                switch.move((self._rc.gate_threshold_us + self._rc.land_threshold_us) // 2)
-                while not any(HOLDING_OVER in t.text for t in self.ground_station.texts):
-                    await asyncio.sleep(0.1)
-                await asyncio.sleep(self._hold_s)
-            switch.move(HIGH_US)
-
-
-class _Switch:
-    """The pilot's switch; where the radio has none, a ground station's override."""
-
-    def __init__(self, pilot: PilotRadio, channel: int, *, radio: bool) -> None:
-        self._pilot, self._channel, self._radio = pilot, channel, radio
-        self._pulse_us = LOW_US
-
-    def move(self, us: int) -> None:
-        """Put it into another position."""
-        self._pulse_us = us
-        self._say()
-
-    async def run(self) -> None:
-        """Say an override again and again, for ever."""
-        while not self._radio:
-            self._say()
-            await asyncio.sleep(OVERRIDE_S)
-
-    def _say(self) -> None:
-        if self._radio:
-            self._pilot.set(self._channel, self._pulse_us)
-            return
-        raw = [0xFFFF] * 18
-        raw[self._channel - 1] = self._pulse_us
-        self._pilot.override(tuple(raw), asyncio.get_running_loop().time())
+        await asyncio.sleep(GATE_OPENS_S)
+        if self._hold_s > 0.0:
+            self.switch.move((self._rc.gate_threshold_us + self._rc.land_threshold_us) // 2)
+            while not any(HOLDING_OVER in t.text for t in self.ground_station.texts):
+                await asyncio.sleep(0.1)
+            await asyncio.sleep(self._hold_s)
+        self.switch.set(high=True)
 
 
 def link_faults(options: LinkOptions, delay_s: float, rng: Random) -> LinkFaults:

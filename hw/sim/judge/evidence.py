@@ -171,6 +171,13 @@ class Evidence:
         if "take over" in text:
             self._ended_t = min(self._ended_t, t)
 
+    def on_death(self, t: float) -> None:
+        """landerd's process is killed."""
+        self.latched = True
+        self.flown_t = self.stops_since = self.landing_since = None
+        self.blind_since = self.missing_since = None
+        self.free_t = t
+
     # ---- what follows from it ------------------------------------------------------------------
 
     def closed_t(self, t: float) -> float:
