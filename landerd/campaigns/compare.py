@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any, NamedTuple
 
+from landerd.campaigns.fault_table import failures
 from landerd.campaigns.intervals import mcnemar, mean_interval, wilson
 from landerd.campaigns.pool import Run, Task
-from landerd.campaigns.table import has_failed, right_aligned
+from landerd.campaigns.table import has_failed as has_failed_to_land
+from landerd.campaigns.table import right_aligned
 
 ALL = "all rows"
 SIGNIFICANT = 0.05
@@ -71,6 +73,13 @@ def compare_row(name: str, row: Sequence[Pair]) -> dict[str, Any]:
         "succeeded": _rates(row),
         "figures": {f.key: found for f in FIGURES if (found := _means(row, f.key)) is not None},
     }
+
+
+def has_failed(run: Run) -> bool:
+    """Tell whether a run failed, by the standards of its own row."""
+    if run.result is not None and run.result.get("faults_flown"):
+        return bool(failures(run))
+    return has_failed_to_land(run)
 
 
 def _rates(row: Sequence[Pair]) -> dict[str, Any]:

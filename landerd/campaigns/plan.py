@@ -57,6 +57,7 @@ class Row(Section):
     goal: Goal = "landing"
     settings: tuple[str, ...] = ()  # KEY=VALUE, as of --set
     days: bool = False  # every seed is another day: tell what those that fail have in common
+    faults: bool = False  # every seed has faults of its own: tell what came of them
     needed: Needed = Needed()
     poses: Poses | None = None  # for this goal
     thesis: Published = Published()

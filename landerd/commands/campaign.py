@@ -2,79 +2,40 @@
 
 import argparse
 import contextlib
-import gc
 import hashlib
-import logging
-import os
-import sys
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any
 
 from landerd.camera_model import CalibrationError, load_camera
 from landerd.campaigns.failures import as_lines, summary
+from landerd.campaigns.fault_table import as_lines as fault_lines
+from landerd.campaigns.fault_table import failures
+from landerd.campaigns.fault_table import summary as fault_summary
 from landerd.campaigns.journal import Journal, JournalError
-from landerd.campaigns.plan import Campaign, Goal, Row, load_campaigns
-from landerd.campaigns.pool import Run, Task, run_all
+from landerd.campaigns.plan import Campaign, load_campaigns
+from landerd.campaigns.pool import Run
 from landerd.campaigns.poses import as_text as poses_as_text
 from landerd.campaigns.poses import make_pose_row
-from landerd.campaigns.table import as_text, best_rows, has_failed, make_row
+from landerd.campaigns.table import as_text, best_rows, make_row
+from landerd.commands.fault_runs import SHRUNK_SEEDS, shrink
+from landerd.commands.flying import SimulatedLanding, add_jobs, fly_all
 from landerd.commands.shared import (
     add_config,
     add_json,
+    check_faults,
     check_stand_in_flies,
     config_path,
     print_json,
     refusing,
-    tell,
     whole_number,
 )
 from landerd.config.files import ConfigError, Loaded, config_files
-from landerd.drivers import read_configuration
 from landerd.pad import PadError, load_pad
-
-
-@dataclass(frozen=True)
-class _SimulatedLanding:
-    """Flies one landing; what `landerd.campaigns` is handed."""
-
-    campaign: Campaign
-    config: Path
-    overrides: tuple[str, ...]
-
-    def __call__(self, name: str, seed: int) -> dict[str, Any]:
-        logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
-        row = self.campaign.row(name)
-        try:
-            return reach(row.goal, self.load(row, seed), name, seed, self.campaign.longest_s)
-        finally:
-            gc.collect()  # flights are circles of objects, and large
-
-    def load(self, row: Row, seed: int = 1) -> Loaded:
-        """Return the configuration of a row as a seed draws it. Raises ConfigError."""
-        overlays = [config_files("scenarios")[row.scenario]]
-        overrides = (*row.settings, *self.overrides)
-        return read_configuration(self.config, overlays=overlays, overrides=overrides, seed=seed)
-
-
-def reach(goal: Goal, loaded: Loaded, name: str, seed: int, longest_s: float) -> dict[str, Any]:
-    """Simulate what a row asks for and return what there is to know of it."""
-    match goal:
-        case "landing":
-            from landerd.simulation.flight import simulate
-
-            return simulate(loaded, name, seed, longest_s=longest_s)
-        case "poses":
-            from landerd.simulation.poses import see_poses
-
-            return see_poses(loaded, name, seed)
-        case part:
-            from landerd.simulation.goals import simulate_part
-
-            return simulate_part(loaded, part, name, seed, longest_s=longest_s)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,9 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--runs", type=_count, metavar="N", help="seeds 1 to N; without: what the campaign says"
     )
-    parser.add_argument(
-        "--jobs", type=_count, metavar="N", help="processes; without: one for every core"
-    )
+    add_jobs(parser)
     parser.add_argument(
         "--keep",
         type=Path,
@@ -103,12 +62,13 @@ def run(args: argparse.Namespace) -> int:
     """Fly the campaign; return 0, or 1 if a row misses what it needs."""
     with refusing(ConfigError, CalibrationError, PadError, JournalError):
         parts = [
-            _Part(name, campaign, _SimulatedLanding(campaign, config_path(args), tuple(args.set)))
+            _Part(name, campaign, SimulatedLanding(campaign, config_path(args), tuple(args.set)))
             for name, campaign in load_campaigns(args.name).items()
         ]
         loaded = [part.landing.load(row) for part in parts for row in part.campaign.all_rows]
         for each in loaded:
             check_stand_in_flies(each)
+            check_faults(each)
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
         journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
@@ -122,7 +82,7 @@ class _Part:
 
     name: str
     campaign: Campaign
-    landing: _SimulatedLanding
+    landing: SimulatedLanding
 
 
 def _settings(name: str, loaded: Iterable[Loaded]) -> str:
@@ -137,7 +97,7 @@ def _settings(name: str, loaded: Iterable[Loaded]) -> str:
 
 def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | None) -> int:
     started = time.monotonic()
-    jobs = args.jobs or len(os.sched_getaffinity(0))
+    jobs = args.jobs
     flown, missed = [], False
     for part in parts:
         campaign = part.campaign
@@ -148,7 +108,7 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
         kept = {(run.scenario, run.seed) for run in runs}
         waiting = [task for task in tasks if task not in kept]
         try:
-            _fly_all(part.landing, waiting, jobs, journal, runs)
+            fly_all(part.landing, waiting, jobs, journal, runs)
         except KeyboardInterrupt:
             if not args.json:
                 _print_rows(campaign, _rows(campaign, runs))
@@ -156,11 +116,14 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
             raise
         rows = _rows(campaign, runs)
         missed = missed or any(row["missed"] for row in rows)
-        flown.append({"campaign": part.name, "rows": rows})
+        least = _least(campaign, part.landing, runs)
+        flown.append({"campaign": part.name, "rows": rows, "least": least})
         if not args.json:
             if len(parts) > 1:
                 print(f"---- {part.name}")
             _print_rows(campaign, rows)
+            for each in least:
+                print(f"{'; '.join(each['failures'])}: {each['again']}")
             minutes = (time.monotonic() - started) / 60.0
             print(f"{len(waiting)} landings, {minutes:.1f} min from the beginning")
     if args.json:
@@ -180,28 +143,8 @@ def _print_rows(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> None:
             print(poses_as_text(row))
         for line in as_lines(row["days"]) if "days" in row else ():
             print(line)
-
-
-def _fly_all(
-    landing: _SimulatedLanding,
-    tasks: Sequence[Task],
-    jobs: int,
-    journal: Journal | None,
-    runs: list[Run],
-) -> None:
-    """Fly all tasks, and add each run as it ends, also to the journal, while telling how far."""
-    # Runs are what is spread over the cores; the children take this over.
-    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-    progress = _Progress(len(tasks))
-    try:
-        with contextlib.closing(run_all(landing, tasks, jobs)) as series:
-            for ended in series:
-                runs.append(ended)
-                if journal is not None:
-                    journal.keep(ended)
-                progress.show(ended)
-    finally:
-        progress.clear()
+        for line in fault_lines(row["faults"]) if "faults" in row else ():
+            print(line)
 
 
 def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
@@ -215,49 +158,26 @@ def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
             made = make_pose_row(row, flown) if row.poses else make_row(row, flown)
             if row.days:
                 made["days"] = summary(flown)
+            if row.faults:
+                made["faults"] = found = fault_summary(flown)
+                failed = made["failed_seeds"] = found["failed_seeds"]
+                made["missed"] = [f"{len(failed)} flights failed"] if failed else []
             rows.append(made)
     return rows
 
 
-class _Progress:
-    """Says on stderr how far the campaign is: a line for every failure and, on a terminal, one
-    that changes, elsewhere one whenever another tenth is flown.
-    """
-
-    def __init__(self, total: int) -> None:
-        self._total = total
-        self._done = self._failed = 0
-        self._started = time.monotonic()
-        self._terminal = sys.stderr.isatty()
-
-    def show(self, ended: Run) -> None:
-        """Count a run."""
-        self._done += 1
-        if has_failed(ended):
-            self._failed += 1
-            why = ended.error or _why(ended.result or {})
-            self.clear()
-            tell(f"{ended.scenario}, seed {ended.seed}: {why}")
-        left_min = (time.monotonic() - self._started) / self._done * self._left / 60.0
-        line = f"{self._done} of {self._total}, {self._failed} failed, {left_min:.0f} min left"
-        if self._terminal:
-            print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
-        elif self._left and 10 * self._done // self._total > 10 * (self._done - 1) // self._total:
-            print(line, file=sys.stderr, flush=True)
-
-    @property
-    def _left(self) -> int:
-        return self._total - self._done
-
-    def clear(self) -> None:
-        """Take the line off the terminal."""
-        if self._terminal:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-def _why(result: dict[str, Any]) -> str:
-    broken = "; ".join(result["rules_broken"])
-    return f"rules broken: {broken}" if broken else f"did not land: {result['outcome']}"
+def _least(
+    campaign: Campaign, landing: SimulatedLanding, runs: Iterable[Run]
+) -> list[dict[str, Any]]:
+    """Return the least faults with which the first of the flights that failed still fail."""
+    rows = {row.name: row for row in campaign.all_rows if row.faults}
+    failed = [run for run in runs if run.scenario in rows and failures(run)]
+    found = []
+    for run in sorted(failed, key=lambda run: run.seed)[:SHRUNK_SEEDS]:
+        row = rows[run.scenario]
+        fly = partial(landing.fly_with, row, run.seed)
+        found.append(shrink(row, run, fly, landing.overrides))
+    return found
 
 
 def _count(text: str) -> int:
