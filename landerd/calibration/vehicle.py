@@ -8,7 +8,7 @@ SITL; here its delay, limits and bandwidth are fitted to the set-points and velo
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,10 +20,14 @@ from landerd.messages import LocalPosition, Phase, PhaseChange, Setpoint
 STEP_S = 0.01  # of the model
 DAMPING = 0.34  # of the lag, as measured in SITL
 GAP_S = 0.3  # a stretch of orders ends where none came for so long
+SETTLED_S = 3.0  # after which nothing is left of what was ordered before landerd flew
 LEAST_S = 4.0  # shorter stretches tell nothing
+FIRST_S = 0.3  # by which its acceleration at the beginning is told
 LEAST_CHANGE_MPS = 1.0  # of the velocity in them: a vehicle that hovers tells nothing, either
-# Of two values, of which one fits better by less than this share, the log cannot tell.
-SAME_FIT = 1.02
+# A fit that is worse by no more than this share is as good: the log cannot tell. Nor can it below
+# the errors of its own velocities.
+SAME_FIT = 1.05
+VELOCITY_ERROR_MPS = 0.01
 
 
 class ResponseError(Exception):
@@ -77,13 +81,14 @@ class Fit:
         response: that fits best.
         rms_mps: of what it leaves unexplained, each axis.
         flown_s: length of the stretches.
-        bounds_only: names of what the flights were too gentle to tell: it may as well be more.
+        limits_reached: the flights were brisk enough to tell acceleration and jerk; else these are
+            the least that explain the flights, and the vehicle may have more.
     """
 
     response: Response
     rms_mps: float
     flown_s: float
-    bounds_only: tuple[str, ...]
+    limits_reached: bool
 
 
 def stretches(log: FlightLog) -> list[Stretch]:
@@ -147,19 +152,23 @@ def fit(flights: Sequence[Stretch], minimise: Callable[..., Sequence[float]]) ->
     def rms(place: Sequence[float]) -> float:
         return _rms(_at(place), flights)
 
-    place = minimise(rms, _place(REFERENCE))
-    response, least = _at(place), rms(place)
-    names = ("acceleration_mps2", "jerk_mps3", "omega")
-    open_ended = tuple(
-        name for i, name in enumerate(names, start=1) if rms(_moved(place, i)) < SAME_FIT * least
-    )
+    best = _at(minimise(rms, _place(REFERENCE)))
+    same = SAME_FIT * max(_rms(best, flights), VELOCITY_ERROR_MPS)
+    reached = _rms(_scaled(best, 1.5), flights) > same
+    response = best
+    while response.acceleration_mps2 > _LEAST.acceleration_mps2:
+        gentler = _scaled(response, 0.95)
+        if _rms(gentler, flights) > same:
+            break
+        response = gentler
     flown_s = sum(s.flown_t[-1] - s.flown_t[0] for s in flights)
-    return Fit(response, least, flown_s, open_ended)
+    return Fit(response, _rms(response, flights), flown_s, reached)
 
 
-def _moved(place: Sequence[float], i: int) -> list[float]:
-    """Return the place with one coordinate raised by a fifth of its range."""
-    return [min(1.0, x + 0.2) if j == i else x for j, x in enumerate(place)]
+def _scaled(response: Response, k: float) -> Response:
+    """Return a response with other limits and the same lag of the shaper, acceleration / jerk."""
+    a, j = k * response.acceleration_mps2, k * response.jerk_mps3
+    return replace(response, acceleration_mps2=a, jerk_mps3=j)
 
 
 def _place(response: Response) -> list[float]:
@@ -189,7 +198,12 @@ def _at(place: Sequence[float]) -> Response:
 
 
 def _rms(response: Response, flights: Sequence[Stretch]) -> float:
-    squares = [((answer(response, s) - np.array(s.flown)) ** 2).mean(axis=1) for s in flights]
+    """Return what the model leaves unexplained, but for a constant error of the velocities."""
+    squares = []
+    for s in flights:
+        settled = np.array(s.flown_t) > s.flown_t[0] + SETTLED_S
+        rest = (answer(response, s) - np.array(s.flown))[settled]
+        squares.append(((rest - rest.mean(axis=0)) ** 2).mean(axis=1))
     return math.sqrt(float(np.concatenate(squares).mean()))
 
 
@@ -198,15 +212,19 @@ def answer(response: Response, stretch: Stretch) -> F64:
     times = np.arange(stretch.flown_t[0], stretch.flown_t[-1] + STEP_S, STEP_S)
     due = np.searchsorted(stretch.orders_t, times - response.delay_s, side="right") - 1
     orders = np.array(stretch.orders)[np.maximum(due, 0)]
-    flown = _fly(response, orders, stretch.flown[0])
+    first = bisect_right(stretch.flown_t, times[0] + FIRST_S) - 1
+    pull = (np.array(stretch.flown[first]) - stretch.flown[0]) / (stretch.flown_t[first] - times[0])
+    flown = _fly(response, orders, stretch.flown[0], (float(pull[0]), float(pull[1])))
     return np.stack([np.interp(stretch.flown_t, times, flown[:, i]) for i in (0, 1)], axis=1)
 
 
-def _fly(response: Response, orders: F64, start: tuple[float, float]) -> F64:
-    """Return the velocities (N, 2) for orders (N, 2), one a step, from steady flight."""
+def _fly(
+    response: Response, orders: F64, start: tuple[float, float], pull: tuple[float, float]
+) -> F64:
+    """Return the velocities (N, 2) for orders (N, 2), one a step, from a velocity and a pull."""
     vn, ve = start
     sn, se = start  # shaped
-    an = ae = bn = be = 0.0  # accelerations, of the vehicle and of the shaper
+    an, ae = bn, be = pull  # accelerations, of the vehicle and of the shaper
     k_jerk = response.jerk_mps3 * STEP_S
     gain = response.jerk_mps3 / response.acceleration_mps2
     stiffness, damping = response.omega**2, 2.0 * DAMPING * response.omega

@@ -75,6 +75,6 @@ def _in_words(found: Fit) -> list[str]:
         f"delay {r.delay_s:.2f} s, acceleration {r.acceleration_mps2:.2f} m/s^2, "
         f"jerk {r.jerk_mps3:.1f} m/s^3, loops below {r.omega:.1f} rad/s ({r.lag_s:.2f} s late)",
     ]
-    if found.bounds_only:
-        lines.append(f"flown too gently to tell from more: {', '.join(found.bounds_only)}")
+    if not found.limits_reached:
+        lines.append("flown gently: acceleration and jerk may be more, these explain the flights")
     return lines
