@@ -17,7 +17,7 @@ from landerd.camera_model import F64
 from landerd.flightlog.reader import FlightLog
 from landerd.messages import LocalPosition, Phase, PhaseChange, Setpoint
 
-STEP_S = 0.01  # of the model
+STEP_S = 0.02  # of the model
 DAMPING = 0.34  # of the lag, as measured in SITL
 GAP_S = 0.3  # a stretch of orders ends where none came for so long
 SETTLED_S = 3.0  # after which nothing is left of what was ordered before landerd flew
@@ -157,7 +157,7 @@ def fit(flights: Sequence[Stretch], minimise: Callable[..., Sequence[float]]) ->
     reached = _rms(_scaled(best, 1.5), flights) > same
     response = best
     while response.acceleration_mps2 > _LEAST.acceleration_mps2:
-        gentler = _scaled(response, 0.95)
+        gentler = _scaled(response, 0.92)
         if _rms(gentler, flights) > same:
             break
         response = gentler

@@ -96,20 +96,19 @@ def _as_place(x: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Place:
 
 
 def minimised(
-    function: Callable[[Sequence[float]], float], start: Sequence[float], places: int = 600
+    function: Callable[[Sequence[float]], float], start: Sequence[float], places: int = 320
 ) -> Place:
     """Return the best place that CMA-ES finds for a function that is not costly.
 
     Raises:
         MissingLibrary: cmaes is not installed.
     """
-    best = tuple(start)
-    least = function(best)
+    known = {tuple(start): function(start)}
 
     def costs_of(found: Sequence[Place], seeds: Sequence[int]) -> list[Cost]:
-        return [Cost(0.0, function(place)) for place in found]
+        known.update((place, function(place)) for place in found if place not in known)
+        return [Cost(0.0, known[place]) for place in found]
 
-    for generation in cma_es(best, places, (0,), costs_of, patience=15):
-        if generation[0].cost.mean < least:
-            best, least = generation[0].place, generation[0].cost.mean
-    return best
+    for _ in cma_es(tuple(start), places, (0,), costs_of, patience=15):
+        pass
+    return min(known, key=known.__getitem__)
