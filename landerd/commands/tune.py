@@ -82,8 +82,11 @@ def run(args: argparse.Namespace) -> int:
     args.config = config_path(args)
     with refusing(ConfigError, JournalError):
         tuning = load_tuning(args.name)
+        # Not laid over the rows, as a campaign's: what is tried wins.
+        changed: dict[str, Any] = {"settings": (*tuning.settings, *args.set)}
         if args.sets is not None:
-            tuning = tuning.model_copy(update={"sets": args.sets})
+            changed["sets"] = args.sets
+        tuning = tuning.model_copy(update=changed)
         start = _start(tuning, args)
         journal = Journal(args.keep, _fingerprint(tuning, args)) if args.keep else None
     with journal or contextlib.nullcontext(), refusing(MissingLibrary):
@@ -112,9 +115,7 @@ def _start(tuning: Tuning, args: argparse.Namespace) -> dict[str, float]:
 
 
 def _load(tuning: Tuning, args: argparse.Namespace, settings: Sequence[str] = ()) -> Loaded:
-    return read_configuration(
-        args.config, overrides=(*tuning.settings, *args.set, *settings), seed=1
-    )
+    return read_configuration(args.config, overrides=(*tuning.settings, *settings), seed=1)
 
 
 def _fingerprint(tuning: Tuning, args: argparse.Namespace) -> str:
@@ -140,7 +141,7 @@ class _Flights:
         by_set = [self.tuning.rows(values) for values in sets]
         rows = {row.name: row for rows in by_set for row in rows}  # places may round to the same
         campaign = Campaign(rows=tuple(rows.values()), longest_s=LONGEST_S)
-        landing = SimulatedLanding(campaign, self._args.config, tuple(self._args.set))
+        landing = SimulatedLanding(campaign, self._args.config, ())
         tasks = [(name, seed) for seed in seeds for name in rows]
         flown: list[Run] = []
         waiting = [task for task in tasks if task not in self._runs]
@@ -211,7 +212,7 @@ def _tell_and_write(args: argparse.Namespace, tuning: Tuning, found: dict[str, A
     if args.json:
         print_json(_finite(found))
     else:
-        print("\n".join([*lines, *(f"  {setting}" for setting in settings_of(values))]))
+        print("\n".join([*lines, *(f"  {setting}" for setting in settings_of(values) if fresh)]))
     if fresh is not None and args.out is not None:
         write_text(args.out, overlay(values, lines))
     return 0 if fresh is not None and fresh["holds"] else 1
