@@ -27,7 +27,8 @@ MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
-PAD_VELOCITY_TIME_CONSTANT_S = 0.7  # of its smoothing before it is flown
+# Of the pad's velocity before it is flown, s, and in leads: what is slow need not hurry.
+PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
 
 # ---- vertical ----------------------------------------------------------------------------------
 # Lag of the answer to a vertical order, s: ArduCopter 4.5.7 in SITL was half there after 0.43 s
@@ -117,7 +118,7 @@ class TrackingMethod:
         if self._pad_velocity is None:
             self._pad_velocity = (north, east)
         turned = rotate(rot_z(relative.pad_turn_rate * dt), (*self._pad_velocity, 0.0))
-        k = min(1.0, dt / PAD_VELOCITY_TIME_CONSTANT_S)
+        k = min(1.0, dt / max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s))
         smooth = (turned[0] + k * (north - turned[0]), turned[1] + k * (east - turned[1]))
         self._pad_velocity = smooth
         change = (smooth[0] - north, smooth[1] - east, 0.0)
