@@ -45,7 +45,7 @@ _EXACT = {"print_scale_sigma": 0.0, "placement_sigma_m": 0.0, "flatness_deg": 0.
 PAD = scenes.THESIS_PAD.model_copy(update=_EXACT)
 RING = PAD.rings[0]
 RING_PAD = PAD.model_copy(update={"name": "ring", "markers": (RING,)})
-OPTIONS = VisionSection(focal_sigma=0.0)
+OPTIONS = VisionSection(focal_sigma=0.0, readout_s=0.0)
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,7 @@ MAX_ANGLE_DEG = 45.0
 CHI2_95 = 7.815  # three degrees of freedom
 FOUND_SHARE = 0.1  # of the range
 READOUT_S, SKEW_PX = 0.02, 5.0
+ROLLING_OPTIONS = OPTIONS.model_copy(update={"readout_s": READOUT_S})
 _AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
 _NO_VEHICLE = VehiclePose((0.0, 0.0, -100.0), IDENTITY, (0.4, 0.3), 0.2)
 
@@ -331,11 +332,11 @@ class Line:
         )
 
 
-def looked(layout: PadLayout, made: list[Shot]) -> Line:
+def looked(layout: PadLayout, made: list[Shot], options: VisionSection) -> Line:
     """Look for a pad in each picture with nothing known; return what was found."""
     line = Line()
     for shot in made:
-        vision = Vision(layout, CAMERA, OPTIONS)
+        vision = Vision(layout, CAMERA, options)
         began = time.perf_counter()
         seen = vision.process(Frame(0.0, 0, shot.image))
         ms = (time.perf_counter() - began) * 1e3
@@ -376,10 +377,14 @@ def main() -> None:
         if not any(part in name for part in args.only.split(",")):
             continue
         made = shots(name, args.of, args.images, args.seed, args.keep)
-        line = looked(layout, made)
+        options = ROLLING_OPTIONS if name == ROLLING else OPTIONS
+        line = looked(layout, made, options)
         print(f"{name:20} {line.text()}  {line.stages} missed {line.missed}", flush=True)
         if args.pad:
-            print(f"{'  any marker':20} {looked(PAD, made).text()}  tag:{tags(made)}", flush=True)
+            print(
+                f"{'  any marker':20} {looked(PAD, made, options).text()}  tag:{tags(made)}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
