@@ -36,15 +36,17 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.config.models import VisionSection
-from landerd.messages import Frame
+from landerd.messages import Frame, MarkerSighting
 from landerd.pad import PadLayout, Plate, Ring, Square
 from landerd.vision import Vision
+from landerd.vision.ring_work import RingWork
 from landerd.vision.whycon import find_rings
 
 U8 = NDArray[np.uint8]
 
 _PLATE = Plate(north_m=1.0, south_m=1.0, east_m=1.0, west_m=1.0)
 _SAME_MIDDLE, _SAME_SIZE = 0.35, 1.4  # of what is asked for: share of its size, and a factor
+_MOST_SEARCHES = 40  # of a still
 _FAMILIES = {"APRILTAG_36h11": "tag36h11", "APRILTAG_25h9": "tag25h9", "APRILTAG_16h5": "tag16h5"}
 
 
@@ -130,7 +132,7 @@ def landerd(focal: float) -> Detector:
         one = asked[0]
         if is_ring(one):
             ring = Ring(kind="whycon", outer_diameter_m=1.0, inner_ratio=float(one.what))
-            outlines = [(None, s.outline_px) for s in find_rings(image, ring, camera)]
+            outlines = [(None, s.outline_px) for s in _rings(image, ring, camera)]
         else:
             kind = "apriltag" if one.kind.startswith("APRILTAG") else "aruco"
             squares = tuple(
@@ -143,6 +145,17 @@ def landerd(focal: float) -> Detector:
         return [_seen(number, np.array(outline)) for number, outline in outlines]
 
     return detect
+
+
+def _rings(image: U8, ring: Ring, camera: CameraModel) -> list[MarkerSighting]:
+    """Return the rings of a still: a search that is cut goes on, as in a film's next picture."""
+    work = RingWork()
+    found = find_rings(image, ring, camera, work=work)
+    for _ in range(_MOST_SEARCHES):
+        if found or not work.was_cut:
+            break
+        found = find_rings(image, ring, camera, work=work)
+    return found
 
 
 def opencv() -> Detector:
