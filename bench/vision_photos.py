@@ -244,10 +244,10 @@ def counted(
                 count.asked += len(asked)
                 count.found += len(asked) - len(lost)
                 is_placed = is_ring(asked[0]) and all(a.at is not None for a in asked)
-                count.false += sum(
-                    is_placed and not any(is_same(s, a) for a in asked) for s in seen
-                )
+                others = [s for s in seen if not any(is_same(s, a) for a in asked)]
+                count.false += len(others) if is_placed else 0
                 missed = [f"missed {a.what} at {a.at}" for a in lost]
+                missed += [f"false at {s.at}, {s.size} px" for s in others if is_placed]
             if verbose and missed:
                 print(f"{name}: {file}: {'; '.join(missed)}", flush=True)
     return counts
