@@ -46,7 +46,7 @@ def main() -> None:
     simulation = Simulation(loaded, seed=1)
     watch = Stopwatch()
     watch.wrap(simulation.daemon._vision, "process", "vision")
-    watch.wrap(simulation.camera._renderer, "render", "rendering")
+    watch.wrap(simulation.camera.pictures, "render", "rendering")
     watch.wrap(simulation.daemon.lander, "step", "core, per message")
     start = time.perf_counter()
     run_virtual(simulation.run())

@@ -28,7 +28,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -132,19 +132,22 @@ def landerd(focal: float) -> Detector:
         one = asked[0]
         if is_ring(one):
             ring = Ring(kind="whycon", outer_diameter_m=1.0, inner_ratio=float(one.what))
-            outlines = [(None, s.outline_px) for s in _rings(image, ring, camera)]
+            sightings = _rings(image, ring, camera)
         else:
-            kind = "apriltag" if one.kind.startswith("APRILTAG") else "aruco"
             squares = tuple(
-                Square(kind=kind, dictionary=one.kind, id=number, size_m=0.2)
+                Square(kind=_kind(one.kind), dictionary=one.kind, id=number, size_m=0.2)
                 for number in sorted({int(a.what) for a in asked})
             )
             pad = PadLayout(name="photographs", markers=squares, plate=_PLATE)
-            sightings = Vision(pad, camera, VisionSection()).process(Frame(0.0, 0, image))
-            outlines = [(s.id, s.outline_px) for s in sightings.markers]
-        return [_seen(number, np.array(outline)) for number, outline in outlines]
+            vision = Vision(pad, camera, VisionSection())
+            sightings = list(vision.process(Frame(0.0, 0, image)).markers)
+        return [_seen(s.id, np.array(s.outline_px)) for s in sightings]
 
     return detect
+
+
+def _kind(dictionary: str) -> Literal["apriltag", "aruco"]:
+    return "apriltag" if dictionary.startswith("APRILTAG") else "aruco"
 
 
 def _rings(image: U8, ring: Ring, camera: CameraModel) -> list[MarkerSighting]:
@@ -168,7 +171,8 @@ def opencv() -> Detector:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
         quads, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(image)
         numbers = [] if ids is None else ids.ravel().tolist()
-        return [_seen(i, q.reshape(4, 2)) for i, q in zip(numbers, quads, strict=True)]
+        outlines = [np.asarray(q, dtype=np.float64).reshape(4, 2) for q in quads]
+        return [_seen(int(i), o) for i, o in zip(numbers, outlines, strict=True)]
 
     return detect
 

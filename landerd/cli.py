@@ -43,6 +43,15 @@ _COMMANDS: Mapping[str, _Command] = {
         "find the pad's markers in images, a folder, a video or a camera",
         "landerd detect photos/ --camera config/cameras/thesis.yaml --pad config/pads/thesis.yaml",
     ),
+    "pad": _Command(
+        "pad",
+        "print a pad at true size, propose one, or enter what you measured on it",
+        "landerd pad nested -o pad.pdf --paper a4\n"
+        "  landerd pad nested -o pad.pdf --paper sheet             one sheet for a print shop\n"
+        "  landerd pad nested -o cut.svg --outline                 for a vinyl cutter\n"
+        "  landerd pad nested --measured ruler=99.2mm -o mine.yaml\n"
+        "  landerd pad --for 1.2m --seen-from 20m -o mine.pdf      writes mine.yaml too",
+    ),
     "calibrate": _Command(
         "calibrate",
         "find out what a camera's lens does, or how a gimbal answers",
@@ -146,7 +155,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         description="Lands an ArduPilot multicopter on a marked pad by what a camera sees.",
         epilog="Try: landerd sim",
     )
-    parser.add_argument("--version", action="version", version=f"landerd {__version__}")
+    parser.add_argument("-V", "--version", action="version", version=f"landerd {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, command in _COMMANDS.items():
         sub = commands.add_parser(

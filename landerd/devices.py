@@ -234,6 +234,8 @@ def simulated_camera(
         delivered: told of every sound frame, with the truth at its exposure.
     """
     from hw.sim.picture.camera import SimCamera
+    from hw.sim.picture.levels import Sensitivity
+    from hw.sim.picture.numbered import NumberedPictures
     from hw.sim.picture.renderer import Renderer
 
     options = sim_options(loaded)
@@ -244,7 +246,12 @@ def simulated_camera(
             camera = camera.model_copy(update={"exposure": "auto"})
         case "pad":
             camera = camera.model_copy(update={"exposure": "ordered"})
-    renderer = Renderer(layout, camera_model, options.render, seed, camera, options.pad)
+    renderer: Renderer | NumberedPictures
+    if options.sight == "modelled":
+        sensitivity = Sensitivity(options.render, camera, options.pad)
+        renderer = NumberedPictures(camera_model, layout.plate, sensitivity)
+    else:
+        renderer = Renderer(layout, camera_model, options.render, seed, camera, options.pad)
     return SimCamera(renderer, world.snapshot, camera, delivered, seed)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Awaitable, Callable, Sequence
 
-from landerd.config.files import config_dir
+from landerd.config.files import Loaded, config_dir
 from landerd.drivers import read_configuration
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
@@ -24,11 +24,15 @@ def fly(
     seed: int = 1,
 ) -> Simulation:
     """Fly the stationary scenario with overrides to its end and return it."""
-    loaded = read_configuration(
+    simulation = Simulation(configured(overrides), seed)
+    run_virtual(simulation.run(longest_s=longest_s, script=script))
+    return simulation
+
+
+def configured(overrides: Sequence[str]) -> Loaded:
+    """Return the configuration of the stationary scenario with overrides."""
+    return read_configuration(
         config_dir() / "default.yaml",
         overlays=[config_dir() / "scenarios" / "stationary.yaml"],
         overrides=overrides,
     )
-    simulation = Simulation(loaded, seed)
-    run_virtual(simulation.run(longest_s=longest_s, script=script))
-    return simulation

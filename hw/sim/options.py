@@ -210,6 +210,8 @@ class EkfOptions(Section):
 class SimOptions(Section):
     """The whole simulated world."""
 
+    # modelled: no picture is made; what vision would have seen is drawn from the truth.
+    sight: Literal["pictures", "modelled"] = "pictures"
     vehicle: Literal["reference", "fast"] = "reference"
     yaw_response: Literal["measured", "damped"] = "measured"
     start: StartOptions = StartOptions()

@@ -4,6 +4,7 @@ import difflib
 import itertools
 import json
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,11 +69,19 @@ class Campaign(Section):
             raise ValueError("found no rows, expected at least one")
         return self
 
-    @property
-    def all_rows(self) -> list[Row]:
+    @cached_property
+    def all_rows(self) -> tuple[Row, ...]:
         """The rows, and those of the sweeps after them."""
         swept = itertools.chain.from_iterable(sweep.rows() for sweep in self.sweeps)
-        return [*self.rows, *swept]
+        return (*self.rows, *swept)
+
+    def row(self, name: str) -> Row:
+        """Return the row of this name. Raises KeyError."""
+        return self._by_name[name]
+
+    @cached_property
+    def _by_name(self) -> dict[str, Row]:
+        return {row.name: row for row in self.all_rows}
 
 
 def load_campaign(name: str) -> Campaign:

@@ -47,7 +47,7 @@ class _SimulatedLanding:
         from landerd.simulation.flight import simulate
 
         logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
-        row = next(row for row in self.campaign.all_rows if row.name == name)
+        row = self.campaign.row(name)
         longest_s = self.campaign.longest_s
         try:
             return simulate(self.load(row, seed), name, seed, longest_s=longest_s)

@@ -22,6 +22,7 @@ from landerd.pad import PadError, PadLayout, load_pad
 from landerd.preflight.sensors import sensors_file, write_sensors
 from landerd.runtime.daemon import CoreFailed, Daemon, Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
+from landerd.runtime.worker import exit_without_waiting
 
 log = logging.getLogger("landerd")
 
@@ -85,14 +86,16 @@ def run(args: argparse.Namespace) -> int:
             Daemon(config, layout, camera_model, devices, observers=tuple(observers))
         )
 
+    code = 0
     try:
         asyncio.run(fly())
     except CoreFailed:
-        return 1  # systemd starts it again
+        code = 1  # systemd starts it again
     finally:
         if recorder is not None:
             recorder.close()
-    return 0
+    exit_without_waiting(code)
+    return code
 
 
 async def _run_until_signal(daemon: Daemon) -> None:

@@ -70,9 +70,11 @@ def run(args: argparse.Namespace) -> int:
         print_json(result)
     else:
         print(_summary(result))
+        is_modelled = result.get("sight") == "modelled"
+        without = " (without the camera's pictures: sim.sight is modelled)" if is_modelled else ""
         for name, path in (("picture", args.picture), ("flight log", args.log)):
             if path is not None and not any(str(path) in line for line in result["not_written"]):
-                print(f"  {name}: {path}")
+                print(f"  {name}: {path}{without}")
     if result["not_written"]:
         raise InputError("\n".join(result["not_written"]))
     return 0 if result["landed"] and not result["rules_broken"] else 1

@@ -50,7 +50,7 @@ from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedba
 from landerd.runtime.frozen import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
 from landerd.runtime.worker import JobHangs, Worker
-from landerd.vision import Vision
+from landerd.vision import Detectors, Vision
 
 log = logging.getLogger("landerd")
 
@@ -106,6 +106,7 @@ class Daemon:
         devices: Devices,
         *,
         vision_latency_s: float | None = None,
+        detectors: Detectors | None = None,
         observers: tuple[Observer, ...] = (),
     ) -> None:
         """Make a daemon.
@@ -117,6 +118,7 @@ class Daemon:
             devices: opened and closed by the daemon.
             vision_latency_s: None: search frames in a worker thread; else inline, taking the
                 result in this much later.
+            detectors: what of vision looks at pixels; None: the real ones.
             observers: see everything.
         """
         # Vision has one core; OpenCV's own threads would take that of the control task.
@@ -125,6 +127,7 @@ class Daemon:
         self._devices = devices
         self._shape = (camera_model.height, camera_model.width)
         self._layout, self._camera_model = layout, camera_model
+        self._detectors = detectors
         self._vision = self._new_vision()
         self._vision_latency_s = vision_latency_s
         self._observers = observers
@@ -394,7 +397,13 @@ class Daemon:
     def _new_vision(self) -> Vision:
         config = self._config
         meters = config.camera.exposure == "pad"
-        return Vision(self._layout, self._camera_model, config.vision, meters=meters)
+        return Vision(
+            self._layout,
+            self._camera_model,
+            config.vision,
+            meters=meters,
+            detectors=self._detectors,
+        )
 
     def _usable(self, frame: Frame, now: float) -> bool:
         image = frame.image

@@ -2,12 +2,17 @@
 
 import asyncio
 import contextlib
+import logging
+import os
+import sys
 import threading
 from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
+
+_threads: set[threading.Thread] = set()
 
 
 class JobHangs(Exception):
@@ -30,7 +35,11 @@ class Worker(Generic[T]):
         """
         if self._jobs is None:
             self._jobs = SimpleQueue()
-            threading.Thread(target=_work, args=(self._jobs,), name=self._name, daemon=True).start()
+            thread = threading.Thread(
+                target=_work, args=(self._jobs,), name=self._name, daemon=True
+            )
+            _threads.add(thread)
+            thread.start()
         loop = asyncio.get_running_loop()
         future: asyncio.Future[T] = loop.create_future()
         self._jobs.put(_Job(call, loop, future))
@@ -79,3 +88,17 @@ class _Job(Generic[T]):
 def _work(jobs: "SimpleQueue[_Job[T] | None]") -> None:
     while (job := jobs.get()) is not None:
         job.do()
+    _threads.discard(threading.current_thread())
+
+
+def exit_without_waiting(code: int) -> None:
+    """End the process now if a job still hangs; else do nothing, and it may end as usual.
+
+    Python stops a thread that comes back from OpenCV while the interpreter is torn down by an
+    exception that C++ answers with abort(): systemd would take that for a crash.
+    """
+    if _threads:
+        logging.shutdown()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)

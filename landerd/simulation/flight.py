@@ -18,16 +18,17 @@ from hw.links.tapped import TappedLink
 from hw.sim.judge.feasible import infeasible
 from hw.sim.physics.world import World, as_built, stream
 from hw.sim.picture.lens import true_camera
+from hw.sim.picture.numbered import NumberedPictures
 from hw.sim.picture.pad_print import printed
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
-from landerd.camera_model import load_camera
+from landerd.camera_model import CameraModel, load_camera
 from landerd.config.files import Loaded
 from landerd.config.parameters import ParameterSet
 from landerd.devices import make_autopilot, sim_options, simulated_camera, simulated_gimbal
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
-from landerd.pad import load_pad
+from landerd.pad import PadLayout, load_pad
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
 from landerd.simulation.companion import Companion
@@ -35,7 +36,9 @@ from landerd.simulation.drawn import seed_draws
 from landerd.simulation.judge import Judge
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
+from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
+from landerd.vision import Detectors
 
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
@@ -46,6 +49,7 @@ class Simulation:
 
     Attributes:
         over: set it to end the flight.
+        has_pictures: the camera's show something; else sight is modelled.
         timed_out: the flight took longer than it may.
         gimbal_model: the device below a real gimbal's driver, where it has a life of its own.
     """
@@ -82,6 +86,7 @@ class Simulation:
         layout = self.layout = load_pad(config.pad.layout)
         camera_model = self.camera_model = load_camera(config.camera.calibration)
         self.over = self.timed_out = False
+        self.has_pictures = sim_options(loaded).sight == "pictures"
         self._beside: list[Callable[[], Awaitable[None]]] = []  # what runs, all but the daemon
         around = surroundings or self._with_stand_in(loaded, seed, realtime=realtime)
         world = self.world = around.world
@@ -111,15 +116,28 @@ class Simulation:
         if gimbal.model is not None:
             self._beside.append(gimbal.model.run)
 
-        self.recording = Recording(world, self.score, camera_model, gimbal.true_angles)
+        self.recording = Recording(
+            world, self.score, camera_model, gimbal.true_angles, has_pictures=self.has_pictures
+        )
         self.daemon = Daemon(
             config,
             layout,
             camera_model,
             Devices(self.camera, self.gimbal, autopilot),
             vision_latency_s=None if realtime else self._companion.vision_latency_s,
+            detectors=self._modelled(loaded, pad, lens, seed),
             observers=(self.recording, self.recorder) if self.recorder else (self.recording,),
         )
+
+    def _modelled(
+        self, loaded: Loaded, pad: PadLayout, lens: CameraModel, seed: int
+    ) -> Detectors | None:
+        """Return what sees without pictures; None: the camera makes some."""
+        pictures = self.camera.pictures
+        if not isinstance(pictures, NumberedPictures):
+            return None
+        options = sim_options(loaded)
+        return ModelledDetectors(self.layout, pad, self.camera_model, lens, options, pictures, seed)
 
     def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
         config = loaded.config
@@ -143,9 +161,12 @@ class Simulation:
     def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
         path.unlink(missing_ok=True)
         path.with_suffix(".tlog").unlink(missing_ok=True)
+        options = self.config.log
+        if not self.has_pictures:
+            options = options.model_copy(update={"images": "none"})
         return Recorder(
             Head(self.config, self.layout, self.camera_model),
-            self.config.log,
+            options,
             path,
             background=realtime,
             mavlink=TlogEncoder,
@@ -250,6 +271,7 @@ def simulate(
         if simulation.recorder is not None:
             simulation.recorder.close()
     result = result_of(simulation.flown(), scenario, seed)
+    result["sight"] = sim_options(loaded).sight
     result["world"] = simulation.drawn
     result["infeasible"] = infeasible(sim_options(loaded))
     result["not_written"] = simulation.not_written(picture, result)

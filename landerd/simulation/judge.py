@@ -13,6 +13,7 @@ from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import Snapshot
 from landerd.camera_model import CameraModel
 from landerd.config.files import Loaded
+from landerd.devices import sim_options
 from landerd.messages import Frame
 from landerd.pad import PadLayout
 from landerd.simulation.surroundings import Surroundings
@@ -106,6 +107,7 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
         alignment_height_m=descent.alignment_height_m,
         has_heading=has_heading,
         guid_timeout_s=around.guid_timeout_s,
+        stall_s=sim_options(loaded).companion.stall_s,
         jitter_s=around.jitter_s,
         commit_slip_mps=descent.commit_slip_mps,
     )

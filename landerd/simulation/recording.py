@@ -48,6 +48,8 @@ class Recording:
         score: Score,
         camera_model: CameraModel,
         gimbal_angles: Callable[[], tuple[float, float]],
+        *,
+        has_pictures: bool = True,
     ) -> None:
         """The flight begins where and when the world is now.
 
@@ -56,6 +58,7 @@ class Recording:
             score: says when the pad was first seen.
             camera_model: intrinsics of the pictures.
             gimbal_angles: the true yaw and pitch, rad, against what orders are against.
+            has_pictures: frames show something.
         """
         self.began = world.t
         self.camera_model = camera_model
@@ -69,6 +72,7 @@ class Recording:
         self.nis: list[float] = []
         self.pad_velocity_error_mps: float | None = None
         self._world, self._score = world, score
+        self._has_pictures = has_pictures
         self._gimbal_angles = gimbal_angles
         self._start_pad = world.pad
         self._sampled_t = -math.inf
@@ -93,7 +97,7 @@ class Recording:
             model = self.camera_model
             self.off_centre_px.append(math.hypot(model.fx * x / z, model.fy * y / z))
         phase = self.lander.phase
-        if sightings.markers and phase not in self.views:
+        if self._has_pictures and sightings.markers and phase not in self.views:
             self.views[phase] = (frame.t - self.began, frame, sightings)
 
     def on_vision_reset(self) -> None:

@@ -236,7 +236,8 @@ class MarkerPrint:
         excess = max(0.0, estimate.blur - patch.blur)
         bias = patch.bias + _UNSHARP_BIAS * math.sqrt(excess)
         squares = float(weight @ equations.residual**2)
-        variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - _ROWS))
+        left = squares / max(1.0, float(weight.sum()) - _ROWS)
+        variance = max(_READ_NOISE**2, left)
         correlation = _correlation(equations)
         # Of residuals alike to either side and up and down, so many are one.
         together = ((1.0 + correlation) / (1.0 - correlation)) ** 2
@@ -244,7 +245,7 @@ class MarkerPrint:
             matrix = equations.matrix[: estimate.rows, : estimate.rows]
             shift = _SHIFT_BIAS * edge_shift(estimate.tone, estimate.blur)
             information = self._information(
-                matrix, together * variance, pose, bias * patch.pixel, shift * patch.pixel
+                matrix, max(variance, together * left), pose, bias * patch.pixel, shift * patch.pixel
             )
         except np.linalg.LinAlgError:
             return None

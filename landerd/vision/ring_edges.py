@@ -35,7 +35,9 @@ _COARSE_ROUNDS, _FINE_ROUNDS = 1, 2
 _DESCENTS = 2  # steps to the edges of one round
 _END = 5  # samples at either end of a band that tell black and white
 _LEAST_STEP = 6.0  # grey levels between black and white beside an edge
-_MOST_BLACK = 0.8  # over the white beside it
+# Over the white beside it: behind gamma a faded print's is two thirds, more where white is clipped.
+_MOST_BLACK, _MOST_BLACK_CLIPPED = 0.8, 0.92
+_CLIPPED = 240.0  # grey level
 _LEVEL_RAYS = 2  # to either side, of which black and white are medians
 _SIGMA_PER_MAD = 1.4826
 _ROBUST_SIGMAS = 3.0
@@ -192,7 +194,8 @@ def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float)
     found = np.take_along_axis(at, nearest, axis=1)[:, 0]
     is_edge = np.isfinite(np.take_along_axis(off, nearest, axis=1)[:, 0])
     in_image = inside.all(axis=1)
-    seen = is_edge & in_image & (white - black > _LEAST_STEP) & (black < _MOST_BLACK * white)
+    most_black = np.where(white < _CLIPPED, _MOST_BLACK, _MOST_BLACK_CLIPPED) * white
+    seen = is_edge & in_image & (white - black > _LEAST_STEP) & (black < most_black)
     spacing = np.hypot(*np.moveaxis(px[:, -1] - px[:, 0], -1, 0)) / (_SAMPLES - 1)
     slope = np.take_along_axis(step, nearest, axis=1)[:, 0] / np.maximum(spacing, 1e-3)
     blurs = ((white - black) / slope)[seen] / math.sqrt(2.0 * math.pi)

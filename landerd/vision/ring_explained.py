@@ -33,9 +33,13 @@ _MIN_VISIBLE = 0.6
 _MIN_DARK, _MIN_BRIGHT = 0.85, 0.78
 _MIN_CONTRAST = 12.0  # grey levels
 # How far a tone curve moves edges: px, of the blur, and what the print may be off, of the radius.
-# White twice over full scale leaves but the darkest part of each edge.
-_MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.4), (0.3, 1.0)
-_PRINT_SHARE = 0.009
+# Gamma 2.4 moves the edge of a blurred black on white by 0.7 sigma. White twice over full scale
+# leaves but the darkest part of each edge, which looks sharp however wide the blur was: a share of
+# the radius.
+_MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (0.3, 1.0)
+# White grows behind any of these curves; it shrinks by what print and fit are off.
+_PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06
+_MIN_SHIFT_PX, _MIN_SHIFT_BLURS = -0.1, 0.15
 _CLIPPED = 240.0  # grey level of the white
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 _SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
@@ -128,7 +132,7 @@ def is_ring_by_edges(e: EdgeFit) -> bool:
         and e.dark > _MIN_DARK
         and e.bright > _MIN_BRIGHT
         and min(inside, outside) - black > _MIN_CONTRAST
-        and abs(e.shift_px) < _max_shift_px(e)
+        and _MIN_SHIFT_PX - _MIN_SHIFT_BLURS * e.blur_px < e.shift_px < _max_shift_px(e)
     )
 
 
@@ -136,7 +140,8 @@ def _max_shift_px(e: EdgeFit) -> float:
     """Return how far a tone curve, and an inexact print, may have moved the edges."""
     is_clipped = min(e.levels[0], e.levels[2]) > _CLIPPED
     fixed, blurs = _MAX_CLIPPED_SHIFT_PX if is_clipped else _MAX_SHIFT_PX
-    return fixed + blurs * e.blur_px + _PRINT_SHARE * e.radius_px
+    share = _MAX_BLOOM if is_clipped else _PRINT_SHARE
+    return fixed + blurs * e.blur_px + share * e.radius_px
 
 
 def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:

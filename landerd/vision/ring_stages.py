@@ -199,11 +199,16 @@ def _fits(
     return [] if pixels is None else fit_ring(pixels, starts, ring, blur_px, effort.steps)
 
 
+def is_dark_in_white(fit: RingFit) -> bool:
+    """Tell whether a fit is of something dark in white, a ring or not: it is not hopeless."""
+    return fit.contrast > max(_MIN_POOR_CONTRAST_NOISES * fit.noise, _MIN_POOR_CONTRAST)
+
+
 def is_poor(fit: RingFit) -> bool:
     """Tell whether more is left over than a camera's noise, but the fit is not hopeless."""
     plain_noise = _PLAIN_NOISE + _PLAIN_NOISE_SHARE * fit.contrast
     noisy = fit.noise > plain_noise or fit.inliers < _PLAIN_INLIERS
-    return noisy and fit.contrast > max(_MIN_POOR_CONTRAST_NOISES * fit.noise, _MIN_POOR_CONTRAST)
+    return noisy and is_dark_in_white(fit)
 
 
 def is_ring(fit: RingFit, ring: Ring) -> bool:

@@ -17,7 +17,7 @@ from landerd.pad import Ring
 from landerd.vision.pose import Pose, circle, mat3, rotation_from
 from landerd.vision.square_pose import ray_derivative
 
-_KNOWN_FOR_S = 0.15  # so long after two sightings the motion is about what it was between them
+_KNOWN_FOR_S = 0.5  # so long after two sightings the motion is about what it was between them
 _UNKNOWN_RATE = 0.3  # rad/s, 1 sigma, along x and y: a gimbal that searches, a drone in wind
 # By trial on sheared pictures from 2 to 15 m: of the shear, how much it is as a tilt squared; and
 # of the error's length, what a linear model leaves.

@@ -9,14 +9,13 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
+from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
 from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_from
 from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
-from landerd.vision.square import FoundSquare, Image, SquareFinder
-from landerd.vision.square_fit import SquarePrint
+from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_pose import square_points
-from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
 
 _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer
@@ -42,15 +41,14 @@ class Search:
         layout: PadLayout,
         camera: CameraModel,
         min_ring_px: float,
-        prints: dict[Square, SquarePrint],
+        detectors: Detectors,
     ) -> None:
         """Prepare the search; rings smaller than min_ring_px across are not reported."""
         self._layout = layout
         self._camera = camera
         self._focal = 0.5 * (camera.fx + camera.fy)
         self._min_ring_px = min_ring_px
-        self._finder = SquareFinder(layout)
-        self._prints = prints
+        self._detectors = detectors
         self._state = policy.SearchState()
         self._ring_work = {ring: RingWork() for ring in layout.rings}
 
@@ -114,15 +112,15 @@ class Search:
     ) -> list[MarkerSighting]:
         """Look for a ring where its outline (n, 3) should be: a fit there, else detection."""
         centre = points.mean(axis=0)
-        tracked = track_ring(image, ring, self._camera, centre, expected.normal, down=down)
+        tracked = self._detectors.track_ring(image, ring, centre, expected.normal, down)
         if tracked is not None:
             return [tracked]
         window = self._window(points, expected)
         if window is None:
             return []
         size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
-        return find_rings(
-            image, ring, self._camera, window=window, down=down, expected_diameter_px=size
+        return self._detectors.find_rings(
+            image, ring, window=window, down=down, expected_diameter_px=size
         )
 
     def _rings_anywhere(self, image: Image, down: Vec3 | None, how: RingSearch) -> list[FoundRing]:
@@ -130,7 +128,7 @@ class Search:
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
             work = self._ring_work[ring]
-            found = find_rings(image, ring, self._camera, down=down, thorough=thorough, work=work)
+            found = self._detectors.find_rings(image, ring, down=down, thorough=thorough, work=work)
             rings += [(ring, s) for s in self._large_enough(found)]
         return rings
 
@@ -179,7 +177,7 @@ class Search:
         start = Pose(
             rotation_from(expected.normal, north), corners.mean(axis=0), np.zeros((6, 6)), 0.0
         )
-        fit = self._prints[square].track(image, self._camera, start)
+        fit = self._detectors.track_square(image, square, start)
         if fit is None:
             return None
         at = fit.pose.t + square_points(square.size_m) @ fit.pose.R[:, :2].T
@@ -194,7 +192,7 @@ class Search:
             if found:
                 return found
         is_wanted = where is SquareSearch.ANYWHERE and not rings
-        return self._finder.find(image) if is_wanted else []
+        return self._detectors.find_squares(image) if is_wanted else []
 
     def _squares_round(
         self, image: Image, ring: Ring, sighting: MarkerSighting
@@ -222,7 +220,7 @@ class Search:
         if window is None:
             return []
         scale = self._search_scale(size, position, normal)
-        found = self._finder.find(image, window, scale, _MIN_SIDE_PX)
+        found = self._detectors.find_squares(image, window, scale, _MIN_SIDE_PX)
         return [f for f in found if f.square.size_m == size]
 
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:

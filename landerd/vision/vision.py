@@ -10,18 +10,17 @@ from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
+from landerd.vision.detectors import Detectors, PixelDetectors
 from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
-from landerd.vision.metering import light
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
 from landerd.vision.pose import Pose, circle, solution
 from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
-from landerd.vision.square import FoundSquare, Image, printed_cells
-from landerd.vision.square_fit import SquarePrint
+from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_pose import square_points
-from landerd.vision.whycode import FoundCode, WhyCodeFinder
+from landerd.vision.whycode import FoundCode
 
 _SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SAME_SOLUTION_COS`)
 _AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
@@ -49,6 +48,7 @@ class Vision:
         options: VisionSection,
         *,
         meters: bool = False,
+        detectors: Detectors | None = None,
     ) -> None:
         """Prepare to find one pad with one camera.
 
@@ -57,15 +57,15 @@ class Vision:
             camera: the lens.
             options: how images are searched.
             meters: tell the brightness of every frame, too.
+            detectors: what looks at the pixels; None: the real ones.
         """
         self._layout = layout
         self._camera = camera
         self._options = options
         self._meters = meters
         self._focal = 0.5 * (camera.fx + camera.fy)
-        self._prints = {s: SquarePrint(s, printed_cells(s)) for s in layout.squares}
-        self._search = Search(layout, camera, options.min_ring_px, self._prints)
-        self._codes = WhyCodeFinder(layout, camera)
+        self._detectors = detectors or PixelDetectors(layout, camera)
+        self._search = Search(layout, camera, options.min_ring_px, self._detectors)
         self._errors = MarkerErrors(layout, options.focal_sigma)
         self._shutter = RollingShutter(camera, options.readout_s)
         self._last: SeenPad | None = None
@@ -92,7 +92,7 @@ class Vision:
             candidate = self._square(frame, found, prior, normal or _unambiguous_normal(rings))
             if candidate is not None:
                 candidates.append(candidate)
-        codes = self._codes.find(image, expected, normal)
+        codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
@@ -105,7 +105,7 @@ class Vision:
             self._shutter.saw(frame.t, np.array(pad[0].position))
             learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
-        shown = light(image, self._camera, self._layout.plate, seen) if self._meters else None
+        shown = self._detectors.light(image, seen) if self._meters else None
         return Sightings(frame.t, frame.seq, markers, pad, shown)
 
     @property
@@ -134,9 +134,7 @@ class Vision:
     ) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
-        poses = self._prints[square].poses(
-            frame.image, self._camera, found.corners, prior.down, normal, found.fit
-        )
+        poses = self._detectors.square_poses(frame.image, found, prior.down, normal)
         return self._decoded(frame.t, square, poses, square_points(square.size_m), prior)
 
     def _code(self, t: float, found: FoundCode, prior: Prior) -> Candidate | None:

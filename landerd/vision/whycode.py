@@ -28,13 +28,13 @@ from landerd.vision.pose import (
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit
 from landerd.vision.pyramid import SMALL_PX, levels
 from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
-from landerd.vision.ring_segment import ring_candidates
+from landerd.vision.ring_segment import dark_by_mean, ring_candidates
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
 
 _PLAIN_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
-_THRESHOLDS = (0.65, 0.88)  # shares of the local mean below which a pixel is dark
+_SEGMENTATIONS = (dark_by_mean(0.65), dark_by_mean(0.88))
 _CLEAR_SHARE = 0.9  # of a ring's spokes from which it is read at once: plain ones gave 1.0
 _MAX_LATER = 8  # of the others that are read, of a whole image
 _SAMPLES_PER_BIT = 16  # samples of the band along a cell
@@ -114,13 +114,13 @@ class WhyCodeFinder:
         """
         later: list[tuple[float, float, F64]] = []
         parts = list(levels(image, self._camera, None, None))
-        for threshold in _THRESHOLDS:
+        for segment in _SEGMENTATIONS:
             for level in parts:
                 # The largest image takes most of the time, and the higher threshold shows more.
-                if threshold == _THRESHOLDS[0] and level.largest_px <= SMALL_PX:
+                if segment is _SEGMENTATIONS[0] and level.largest_px <= SMALL_PX:
                     continue
                 clear = []
-                for c in ring_candidates(level.image, _PLAIN_RATIO, threshold, level.largest_px):
+                for c in ring_candidates(level.image, _PLAIN_RATIO, segment, level.largest_px):
                     outline = (c.outline.points() + 0.5) * level.reduction - 0.5
                     if c.share >= _CLEAR_SHARE:
                         clear.append(outline)

@@ -15,11 +15,18 @@ from landerd.vision.pyramid import SMALL_PX, Level, levels
 from landerd.vision.ring_explained import Explained, explained, has_rings_within, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pose import F64
-from landerd.vision.ring_segment import THRESHOLDS, Candidate, ring_candidates
+from landerd.vision.ring_segment import (
+    Candidate,
+    Segmentation,
+    dark_by_mean,
+    dark_by_range,
+    ring_candidates,
+)
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import (
     full_fits,
     hard_fits,
+    is_dark_in_white,
     is_poor,
     is_ring,
     rough_fit,
@@ -29,6 +36,10 @@ from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Place, Ri
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
+
+# How a search looks for what is dark: at first the way that sees most rings, in all levels; in a
+# thorough one the others too, where they are cheap (rings from 48 px on the finest level's side).
+_SEGMENTATIONS = (dark_by_range, dark_by_mean(0.86), dark_by_mean(0.55))
 
 # Share of the spokes from which an outline is fitted before all levels are searched: plain rings
 # gave 1.0, and 0.1 of the outlines in a photograph of the ground.
@@ -70,10 +81,10 @@ def find_rings(
     work.begin()
     search = _RingSearch(image, ring, camera, down, work)
     parts = list(levels(image, camera, window, expected_diameter_px))
-    for threshold in THRESHOLDS if thorough else THRESHOLDS[:1]:
+    for segment in _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]:
         for level in parts:
-            is_wanted = threshold == THRESHOLDS[0] or level.largest_px > SMALL_PX
-            if is_wanted and search.find_clear(level, threshold):
+            is_wanted = segment is _SEGMENTATIONS[0] or level.largest_px > SMALL_PX
+            if is_wanted and search.find_clear(level, segment):
                 return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
@@ -92,7 +103,7 @@ class _Try:
 
 @dataclass(frozen=True)
 class _Doubtful:
-    """Fits that may be those of a ring in shadow or motion."""
+    """Fits that may be those of a ring behind a tone curve, in shadow or motion."""
 
     place: Place
     share: float  # of the candidate's spokes
@@ -116,10 +127,10 @@ class _RingSearch:
         """Return what was found."""
         return sorted(self.found, key=lambda s: s.solutions[0].position[2])
 
-    def find_clear(self, level: Level, threshold: float) -> bool:
+    def find_clear(self, level: Level, segment: Segmentation) -> bool:
         """Fit what is clearly bright, dark and bright in a level; the rest is left for later."""
         ratio = self._ring.inner_ratio
-        for candidate in ring_candidates(level.image, ratio, threshold, level.largest_px):
+        for candidate in ring_candidates(level.image, ratio, segment, level.largest_px):
             one = _Try(level, candidate, _place(level, candidate))
             is_clear = candidate.share >= _CLEAR_SHARE and (
                 level.reduction <= 1.0 or one.place.size_px >= _CLEAR_PX * level.reduction
@@ -194,7 +205,7 @@ class _RingSearch:
     def _hard_now(self) -> list[_Doubtful]:
         """Return the doubtful ones that may be tried with shadow and motion in this image."""
         least = _CONTINUED_HARD_SHARE if self._work.is_continued else _HARD_SHARE
-        return [d for d in self._doubtful if d.share >= least]
+        return [d for d in self._doubtful if d.share >= least and is_poor(d.fits[0])]
 
     def _is_known(self, place: Place) -> bool:
         """Tell whether a place was tried and showed no ring by a plain fit."""
@@ -221,7 +232,7 @@ class _RingSearch:
         if fits and _is_ours(self._image, self._camera, self._ring, fits[0]):
             self._report(_untoned(self._image, self._camera, self._ring, fits))
             self._level_found = one.level
-        elif fits and is_poor(fits[0]):
+        elif fits and is_dark_in_white(fits[0]):
             self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
         else:
             self._work.refuse(one.place)
@@ -278,7 +289,7 @@ def track_ring(
         return None
     if is_ring(fits[0], ring):
         return ring_sighting(_untoned(image, camera, ring, fits), ring, camera, down)
-    by_edges = explained(image, camera, ring, fits) if is_poor(fits[0]) else None
+    by_edges = explained(image, camera, ring, fits) if is_dark_in_white(fits[0]) else None
     return None if by_edges is None else ring_sighting(by_edges.fits, ring, camera, down)
 
 

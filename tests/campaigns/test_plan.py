@@ -1,3 +1,4 @@
+import pickle
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,11 @@ def test_a_sweep_is_a_row_for_every_value_in_every_scenario() -> None:
         "moving --set 'a=1' --set 'sim.camera.tone.curve=\"srgb\"'",
         "moving --set 'a=1' --set 'sim.camera.tone.curve=2'",
     ]
+
+
+def test_a_row_is_found_by_its_name_in_another_process_too() -> None:
+    campaign = pickle.loads(pickle.dumps(load_campaign("effects")))
+    assert [campaign.row(row.name) for row in campaign.all_rows] == list(campaign.all_rows)
 
 
 def test_scenarios_leave_landerds_own_configuration_as_it_is() -> None:

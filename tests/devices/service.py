@@ -14,6 +14,7 @@ from itertools import pairwise
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from hw.links.udp import SILENT_S
 from landerd.runtime.clock import run_realtime
 from landerd.simulation.flight import Simulation
 from tests.devices.bench import run_checks, sh, show, wait_for
@@ -78,7 +79,8 @@ def with_vehicle(use: Callable[[Simulation, Orders], Awaitable[None]]) -> None:
             orders = Orders(simulation)
             watching = asyncio.create_task(orders.watch_the_time())
             switch(simulation, LOW)
-            await asyncio.sleep(3.0)  # the streams it asks for begin
+            # The vehicle before this one is the only one listened to until it is thought gone.
+            await asyncio.sleep(SILENT_S + 3.0)
             try:
                 await use(simulation, orders)
             except AssertionError:
@@ -152,7 +154,7 @@ def check_it_lands_a_vehicle_whose_camera_came_late() -> None:
             print(f"  not judged: this machine stood still for {orders.longest_pause_s:.2f} s")
         assert "landed" in texts(simulation)
 
-    began = 3.0
+    began = SILENT_S + 3.0
     with_vehicle(use)
     assert show("NRestarts") == "0"
     assert "camera lost" in sh("journalctl -u landerd -o cat -p warning")

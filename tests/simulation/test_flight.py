@@ -22,7 +22,7 @@ def test_the_core_believes_the_calibration_and_the_world_has_its_own_lens() -> N
     flight = simulation(errors)
     believed = load_camera(flight.config.camera.calibration)
     assert flight.camera_model == believed
-    for true in (flight._judge._frustum.camera, flight.camera._renderer._camera):
+    for true in (flight._judge._frustum.camera, flight.camera.pictures._camera):
         assert true.fx == pytest.approx(1.005 * believed.fx)
         assert (true.cx, true.cy) == (believed.cx + 3.0, believed.cy - 2.0)
 

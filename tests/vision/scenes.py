@@ -6,9 +6,9 @@ detectors or with the simulator's renderer, so a mistake there cannot hide itsel
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import cast
 
 import cv2
@@ -23,6 +23,8 @@ F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+# Tells which points of a pad's plane (north, east, m) are on the plate, and which are white.
+Paint = Callable[[F32, F32], tuple[Mask, Mask]]
 
 _SAMPLES_AT_ONCE = 32768  # that fit in a core's cache
 _RAYS_BEYOND_PX = 48  # round the image, kept from picture to picture
@@ -151,14 +153,18 @@ def render(
     optics: Optics,
     rng: np.random.Generator,
     layout: PadLayout = THESIS_PAD,
+    paint: Paint | None = None,
 ) -> U8:
-    """Return the image (height, width) of a pad, or of its surroundings alone when view is None."""
+    """Return the image (height, width) of a pad, or of its surroundings alone when view is None.
+
+    What is on its plate is what the layout says, or what `paint` does.
+    """
     h, w = camera.height, camera.width
     image = _background(optics, rng, (h, w))
     image *= _light(optics, *np.meshgrid(np.arange(w, dtype=np.float32), _column(h)))
     image = _blur(image, optics, 1.0, math.hypot(optics.blur_px, 0.29))
     if view is not None:
-        _paint_pad(image, view, camera, optics, layout)
+        _paint_pad(image, view, camera, optics, layout.plate, paint or partial(painted, layout))
     if optics.bar is not None:
         _paint_bar(image, optics.bar)
     image += rng.normal(0.0, optics.noise, (h, w))
@@ -341,10 +347,9 @@ def _background(optics: Optics, rng: np.random.Generator, shape: tuple[int, int]
 
 
 def _paint_pad(
-    image: F32, view: View, camera: CameraModel, optics: Optics, layout: PadLayout
+    image: F32, view: View, camera: CameraModel, optics: Optics, plate: Plate, paint: Paint
 ) -> None:
     """Lay the pad over the background, in place."""
-    plate = layout.plate
     corners = np.array(
         [
             (n, e)
@@ -365,7 +370,7 @@ def _paint_pad(
     ss = 16 if extent < 60 else 8 if extent < 200 else 4
     pad = int(spread) + 1  # blur needs what lies just outside the image
     albedo, cover = _sample(
-        view, camera, optics, layout, (x0 - pad, y0 - pad, x1 + pad, y1 + pad), ss
+        view, camera, optics, paint, (x0 - pad, y0 - pad, x1 + pad, y1 + pad), ss
     )
     size = (x1 - x0 + 2 * pad, y1 - y0 + 2 * pad)
     blurred = []
@@ -382,7 +387,7 @@ def _sample(
     view: View,
     camera: CameraModel,
     optics: Optics,
-    layout: PadLayout,
+    paint: Paint,
     box: tuple[int, int, int, int],
     ss: int,
 ) -> tuple[F32, F32]:
@@ -404,7 +409,7 @@ def _sample(
         ahead = q[2] > 1e-9  # the inverse of the depth
         inverse = 1.0 / np.where(ahead, q[2], 1.0)
         north, east = (q[0] * inverse).astype(np.float32), (q[1] * inverse).astype(np.float32)
-        on_plate, white = _painted(layout, north, east)
+        on_plate, white = paint(north, east)
         px, py = np.meshgrid((x0 + sx - 1.0), (y0 + sy[rows] - 1.0))
         cover[rows] = on_plate & ahead
         level = np.where(white, optics.white, optics.black) * cover[rows]
@@ -412,7 +417,7 @@ def _sample(
     return grey, cover
 
 
-def _painted(layout: PadLayout, north: F32, east: F32) -> tuple[Mask, Mask]:
+def painted(layout: PadLayout, north: F32, east: F32) -> tuple[Mask, Mask]:
     """Tell which points of the pad's plane (m) are on the plate, and which of those are white."""
     plate = layout.plate
     on_plate = (

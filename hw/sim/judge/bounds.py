@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 ZERO = 1e-3  # m/s and rad/s that count as zero on the wire
+STREAM_S = 0.05  # between set-points: 20 Hz
 
 
 @dataclass(frozen=True)
@@ -47,10 +48,15 @@ class RuleBounds:
     ride_mps: float = 0.3  # across the pad while pressed down
     settle_s: float = 5.0
     total_s: float = 120.0
-    stream_s: float = 0.05
+    stall_s: float = 0.0  # for so long the world lets the companion computer stand still
     jitter_s: float = 0.0  # of the times at which set-points are seen: none on a virtual clock
 
     @property
+    def stream_s(self) -> float:
+        """Longest gap between set-points: 20 Hz, while the computer does not stand still."""
+        return STREAM_S + self.stall_s
+
+    @property
     def tick_s(self) -> float:
-        """How late landerd may be: one control step."""
-        return 1.05 * self.control_period_s
+        """How late landerd may be: one control step, while the computer does not stand still."""
+        return 1.05 * self.control_period_s + self.stall_s

@@ -3,24 +3,25 @@
 import asyncio
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 
 from hw.sim.camera_options import SimCameraOptions
 from hw.sim.physics.world import stream
 from hw.sim.picture.exposure import SHORTEST_S, AutoExposure, Exposure
+from hw.sim.picture.numbered import NumberedPictures
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
-from hw.sim.snapshot import CameraPose, Snapshot
-from landerd.geometry import add, sub
+from hw.sim.snapshot import CameraPose, PadPose, Snapshot
+from landerd.geometry import IDENTITY, add, sub
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 
 OLDEST_S = 0.45  # a picture at its arrival, by jitter: the world remembers a little more
 ORDER_FRAMES = 2  # from an order to the first picture so exposed, as sensors have it
 JITTER_MOST = 0.45  # of the period: pictures keep their order
+_NO_PAD = PadPose((0.0, 0.0, -1e5), IDENTITY)  # it is seen from below, that is not at all
 
 
 @dataclass
@@ -35,6 +36,7 @@ class CameraFaults:
     not_a_number: bool = False  # pictures of NaN
     time_ahead_s: float = 0.0  # time stamps lie in the future
     disconnected: bool = False
+    pad_covered: bool = False  # nothing of the pad is to be seen
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
 
@@ -43,7 +45,7 @@ class SimCamera:
 
     def __init__(
         self,
-        renderer: Renderer,
+        renderer: Renderer | NumberedPictures,
         truth: Callable[[float], Snapshot],
         options: SimCameraOptions,
         delivered: Callable[[Frame, Snapshot], None] | None = None,
@@ -59,7 +61,7 @@ class SimCamera:
             seed: of all that jitters.
         """
         self.faults = CameraFaults()
-        self._renderer = renderer
+        self.pictures = renderer
         self._truth = truth
         self._options = options
         self._delivered = delivered
@@ -140,7 +142,10 @@ class SimCamera:
         exposure = self._exposure(t)
         half = 0.5 * exposure.time_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
-        image = self._renderer.render(
+        if self.faults.pad_covered:
+            middle = replace(middle, pad=_NO_PAD)
+            start, end = replace(start, pad=_NO_PAD), replace(end, pad=_NO_PAD)
+        image = self.pictures.render(
             self._seq,
             _beside_pad(start, middle),
             _beside_pad(end, middle),
@@ -150,7 +155,7 @@ class SimCamera:
             self._readout(middle, exposure),
         )
         if self._auto is not None:
-            self._auto.see(cv2.mean(image)[0] / 255.0, t)
+            self._auto.see(self.pictures.brightness(image), t)
         faults = self.faults
         stamp = self._stamp(t)
         if faults.wrong_size:
@@ -175,6 +180,8 @@ class SimCamera:
             steps = math.ceil(seconds / POSE_PERIOD_S)
             shares = (k / steps - 0.5 for k in range(steps + 1))
             snapshots = [self._truth(middle.t + seconds * share) for share in shares]
+            if self.faults.pad_covered:
+                snapshots = [replace(s, pad=_NO_PAD) for s in snapshots]
         return Readout(middle.t, seconds, exposure.time_s, tuple(snapshots), self._vibration)
 
 

@@ -41,6 +41,7 @@ F32 = NDArray[np.float32]
 
 MOTION_SPOT_PX = 0.3  # least sigma of a spot that is drawn along a path on whole pixels
 STILL_PX = 0.15  # motion during the exposure that is not worth a filter
+WIDE_SPOT_PX = 1.5  # sigma from which a spot is blurred by rows and columns before it is drawn out
 
 
 class Renderer:
@@ -125,13 +126,16 @@ class Renderer:
             self._shadow_edge.darken(image, pose, pad)
         sigma = unsharp if is_sharp else 0.0
         if moves:
-            kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), float(motion[0]), float(motion[1]))
-            image = cast(U8, cv2.filter2D(image, -1, kernel))
+            image = drawn_out(image, sigma, float(motion[0]), float(motion[1]))
         else:
             blur(image, sigma)
         if options.legs and vehicle is not None:
             draw_legs(image, self._frustum, pose, vehicle)
         return self._sensor.expose(image, frame_index, exposure)
+
+    def brightness(self, image: U8) -> float:
+        """Return the mean of a picture, share of full scale."""
+        return cv2.mean(image)[0] / 255.0
 
     # ---- pad and ground ------------------------------------------------------------------------
 
@@ -203,6 +207,19 @@ class Renderer:
             return np.zeros(2)
         first, last = self._camera.pixels(ends)
         return cast(F64, last - first)
+
+
+def drawn_out(image: U8, sigma: float, dx: float, dy: float) -> U8:
+    """Return an image blurred by a Gaussian spot drawn along (dx, dy) pixels; may change the image.
+
+    A spot smaller than MOTION_SPOT_PX is taken for one of that size.
+    """
+    if sigma >= WIDE_SPOT_PX:
+        # Variances of blurs add up; a wide spot's own kernel would take ten times as long.
+        blur(image, math.sqrt(sigma**2 - MOTION_SPOT_PX**2))
+        sigma = MOTION_SPOT_PX
+    kernel = motion_kernel(max(sigma, MOTION_SPOT_PX), dx, dy)
+    return cast(U8, cv2.filter2D(image, -1, kernel))
 
 
 def motion_kernel(sigma: float, dx: float, dy: float) -> F32:

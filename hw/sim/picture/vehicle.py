@@ -4,6 +4,7 @@ The airframe is a small quadcopter whose legs spread from under the body to the 
 corners of the footprint. Both hide the square marker when the heading is wrong (thesis 2.4.5).
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import cast
@@ -31,6 +32,12 @@ SUBPIXEL_BITS = 4
 
 _CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
 _OCTAGON = np.array([[math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)] for k in range(8)])
+_HUBS = np.column_stack([ROTOR_OFFSET_M * _CORNERS, np.full(4, -0.03)])
+_FLAT = np.column_stack([_OCTAGON, np.zeros(8)])
+# Outlines of rotors and hull, then the hubs, in the body frame.
+_DISCS = np.concatenate(
+    [*(hub + ROTOR_RADIUS_M * _FLAT for hub in _HUBS), HULL_RADIUS_M * _FLAT, _HUBS]
+)
 
 
 @dataclass(frozen=True)
@@ -47,8 +54,8 @@ def draw_legs(image: U8, frustum: Frustum, pose: CameraPose, vehicle: VehiclePos
     points = in_camera(pose, _in_local(vehicle, np.concatenate(_legs(vehicle))))
     hips, feet = points[:4], points[4:]
     # Seen from the lens, a thin rod is the flat strip across the line of sight, a ball a disc.
-    across = _unit(np.cross(hips, feet))
-    second = _unit(np.cross(across, feet))
+    across = _unit(_cross(hips, feet))
+    second = _unit(_cross(across, feet))
     r = LEG_RADIUS_M * across
     rods = np.stack([hips - r, hips + r, feet + r, feet - r], axis=1)
     discs = feet[:, None] + FOOT_RADIUS_M * (_OCTAGON @ np.stack([across, second], axis=1))
@@ -78,20 +85,15 @@ def vehicle_shadow(
         p = (_in_local(vehicle, points) - np.array(plane.position)) @ to_plane.T
         return cast(F64, p[:, :2] - p[:, 2:] * (light[:2] / light[2]))
 
-    hubs = np.column_stack([ROTOR_OFFSET_M * _CORNERS, np.full(4, -0.03)])
-    flat = np.column_stack([_OCTAGON, np.zeros(8)])
-    discs = [hub + ROTOR_RADIUS_M * flat for hub in hubs] + [HULL_RADIUS_M * flat]
-    hips, feet = _legs(vehicle)
-    ends = thrown(np.concatenate([*discs, hubs, hips, feet]))
-    hub, hip, tip = np.split(ends[40:], 3)
+    ends = thrown(np.concatenate([_DISCS, *_legs(vehicle)]))
+    hub, hip, tip = ends[40:44], ends[44:48], ends[48:52]
     hull = np.broadcast_to(ends[32:40].mean(axis=0), hub.shape)
-    discs = list(np.split(ends[:40], 5))
-    outlines = [*discs, *_strips(hull, hub, ARM_RADIUS_M), *_strips(hip, tip, LEG_RADIUS_M)]
-    sizes = np.cumsum([len(o) for o in outlines])[:-1]
-    stacked = np.concatenate(outlines)
+    strips = [_strips(hull, hub, ARM_RADIUS_M), _strips(hip, tip, LEG_RADIUS_M)]
+    stacked = np.concatenate([ends[:40], *(each.reshape(-1, 2) for each in strips)])
     local = np.column_stack([stacked, np.zeros(len(stacked))]) @ to_plane
     seen = in_camera(pose, local + np.array(plane.position))
-    polygons = frustum.outlines(np.split(seen, sizes))
+    # Five discs of eight corners, then eight strips of four.
+    polygons = frustum.outlines([*seen[:40].reshape(5, 8, 3), *seen[40:].reshape(8, 4, 3)])
     shares = [ROTOR_SHARE] * 4 + [1.0] * (len(polygons) - 4)
     sigma = SUN_SPREAD * way * frustum.camera.fx / max(float(centre[2]), 0.1)
     return Shadow(polygons, shares, sigma)
@@ -127,8 +129,13 @@ def fill(image: U8, polygon: F64, grey: int) -> None:
 
 def _legs(vehicle: VehiclePose) -> tuple[F64, F64]:
     """Hips (4, 3) and feet (4, 3) in the body frame."""
-    size = np.array(vehicle.footprint_m)
-    feet = np.column_stack([_CORNERS * size / 2, np.full(4, vehicle.gear_height_m)])
+    return _legs_of(vehicle.footprint_m, vehicle.gear_height_m)
+
+
+@functools.cache
+def _legs_of(footprint_m: tuple[float, float], gear_height_m: float) -> tuple[F64, F64]:
+    size = np.array(footprint_m)
+    feet = np.column_stack([_CORNERS * size / 2, np.full(4, gear_height_m)])
     hips = np.column_stack([_CORNERS * size / 5, np.full(4, 0.02)])
     return hips, feet
 
@@ -142,6 +149,11 @@ def _strips(a: F64, b: F64, radius: float) -> F64:
     along = _unit(b - a)
     r = radius * np.column_stack([-along[:, 1], along[:, 0]])
     return np.stack([a - r, a + r, b + r, b - r], axis=1)
+
+
+def _cross(a: F64, b: F64) -> F64:
+    """Return the vector products (n, 3) of rows; np.cross takes four times as long for a few."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
 def _unit(vectors: F64) -> F64:

@@ -1,6 +1,7 @@
 """One camera at one pose: from the world to pixels, and which markers are in view."""
 
 import functools
+import itertools
 import math
 from typing import cast
 
@@ -55,11 +56,12 @@ class Frustum:
 
     def clip(self, polygon: F64) -> F64:
         """Return the part of a convex polygon (n, 3), camera frame, that lies in view (m, 3)."""
-        distances = self._distances(polygon)
-        if (distances < 0.0).all(axis=0).any():
-            return polygon[:0]
+        return self._clipped([polygon])[0]
+
+    def _cut(self, polygon: F64, crossed: NDArray[np.bool_]) -> F64:
+        """Return the part of a convex polygon (n, 3) inside of the borders that it crosses."""
         points = [tuple(p) for p in polygon.tolist()]
-        for a, b, c, d in self.planes[(distances < 0.0).any(axis=0)].tolist():
+        for a, b, c, d in self.planes[crossed].tolist():
             kept: list[tuple[float, ...]] = []
             inside = [a * x + b * y + c * z + d for x, y, z in points]
             for i, (p, here) in enumerate(zip(points, inside, strict=True)):
@@ -90,17 +92,26 @@ class Frustum:
 
     def outlines(self, polygons: list[F64]) -> list[F64]:
         """Return the convex polygons (n, 3), camera frame, as seen: pixels (m, 2), m may be 0."""
-        everything = np.concatenate(polygons)
-        outside = self._distances(everything) < 0.0
-        if outside.any():
-            starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
-            cut = np.logical_or.reduceat(outside.any(axis=1), starts)
-            polygons = [self.clip(p) if c else p for p, c in zip(polygons, cut, strict=True)]
-            everything = np.concatenate(polygons)
-        if not len(everything):
-            return [p[:, :2] for p in polygons]
-        pixels = self.camera.pixels(everything)
-        return np.split(pixels, np.cumsum([len(p) for p in polygons])[:-1])
+        seen = self._clipped(polygons)
+        if not any(map(len, seen)):
+            return [p[:, :2] for p in seen]
+        pixels = self.camera.pixels(np.concatenate(seen))
+        ends = itertools.accumulate(map(len, seen), initial=0)
+        return [pixels[start:end] for start, end in itertools.pairwise(ends)]
+
+    def _clipped(self, polygons: list[F64]) -> list[F64]:
+        """Return the parts of convex polygons (n, 3), camera frame, that lie in view (m, 3)."""
+        outside = self._distances(np.concatenate(polygons)) < 0.0
+        if not outside.any():
+            return polygons
+        starts = list(itertools.accumulate(map(len, polygons[:-1]), initial=0))
+        crossed = np.asarray(np.logical_or.reduceat(outside, starts))
+        hidden = np.asarray(np.logical_and.reduceat(outside, starts))
+        cut, gone = np.asarray(crossed.any(axis=1)), np.asarray(hidden.any(axis=1))
+        return [
+            p[:0] if g else self._cut(p, borders) if c else p
+            for p, g, c, borders in zip(polygons, gone, cut, crossed, strict=True)
+        ]
 
     def _distances(self, points: F64) -> F64:
         """Distance (n, planes) of points (n, 3) inside each border."""

@@ -421,6 +421,17 @@ def test_3_set_points_come_at_20_hz(pause_s: float, broken: bool) -> None:
     assert court.broken == ([SELDOM] if broken else [])
 
 
+def test_3_no_set_points_come_while_the_world_lets_the_computer_stand_still() -> None:
+    court = Court(replace(BOUNDS, stall_s=0.1))
+    court.fly(0.5)
+    court.wait(0.1)
+    court.fly(0.5)
+    assert court.broken == []
+    court.wait(0.15)
+    court.fly(0.1)
+    assert court.broken == [SELDOM]
+
+
 def test_3_the_limits_are_judged_but_for_the_climb_of_a_wave_off() -> None:
     down, up = (0.0, 0.0, 0.3), (0.0, 0.0, -0.5)
     court = Court(limits=True)

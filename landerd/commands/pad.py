@@ -1,0 +1,314 @@
+"""`landerd pad`: a pad to print at true size, to cut, to propose, to mend after measuring."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.commands.shared import (
+    InputError,
+    add_json,
+    check_output,
+    print_json,
+    refusing,
+    write_text,
+)
+from landerd.config.files import config_dir, config_files, own_or
+from landerd.pad import Marker, PadError, PadLayout, load_pad
+from landerd.printing.contours import plate_size_mm, reaching_out
+from landerd.printing.measured import length_m, marker_names, measured, pad_file, size_m
+from landerd.printing.page import Document
+from landerd.printing.pdf import LARGEST_MM, pdf
+from landerd.printing.proposal import View, propose
+from landerd.printing.sheets import LARGEST_OVERLAP_MM, PAPERS, one_sheet, tiled, tiling
+from landerd.printing.svg import outline_svg, svg
+
+_Sheets = dict[str, Any]  # what --json says of the paper
+
+_SHEET = "sheet"
+_SUFFIXES = (".pdf", ".svg", ".yaml")
+_NONE = ("0", "0mm")
+_DEFAULT_PAD = "thesis"
+_THESIS_CAMERA = Path("cameras", "thesis.yaml")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    known = ", ".join(config_files("pads"))
+    parser.add_argument(
+        "pad",
+        nargs="?",
+        metavar="FILE",
+        help=f"pad file, or one of landerd's own by name: {known} (thesis)",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help=".pdf or .svg (one sheet); a pad file, .yaml, with --measured or --for",
+    )
+    parser.add_argument(
+        "--paper",
+        type=str.lower,
+        choices=[*PAPERS, _SHEET],
+        help="many sheets of this paper, or one as large as the pad, for a print shop (a4; of an "
+        ".svg: sheet)",
+    )
+    parser.add_argument(
+        "--overlap", type=_overlap, default=0.010, metavar="LENGTH", help="of sheets (10mm)"
+    )
+    parser.add_argument(
+        "--outline",
+        action="store_true",
+        help="outlines of the black areas for a vinyl cutter, and nothing else; an .svg",
+    )
+    parser.add_argument(
+        "--measured",
+        action="append",
+        default=[],
+        type=_measurement,
+        metavar="WHAT=LENGTH",
+        help="write a pad file with what you measured on the print: ruler=99.2mm (the bar of "
+        "100 mm: all markers and places) or one marker's outer diameter or black edge, as "
+        "whycon=994mm or apriltag-0=311mm; may be given again",
+    )
+    parser.add_argument(
+        "--for",
+        dest="side",
+        type=_length,
+        metavar="LENGTH",
+        help="propose a layout for a pad so wide, and write its pad file beside the print",
+    )
+    parser.add_argument(
+        "--seen-from",
+        type=_length,
+        metavar="LENGTH",
+        help="with --for: how far off it must be seen",
+    )
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="FILE",
+        help="with --for: its calibration (the thesis's camera, 640x480 of 77 degrees)",
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the pad and say what was written; return 0."""
+    _check_arguments(args)
+    with refusing(PadError, CalibrationError):
+        view = _view(args.camera)
+        layout = _layout(args, view)
+    files: list[Path] = []
+    sheets: _Sheets = {}
+    if args.side or args.measured:
+        files.append(args.output.with_suffix(".yaml"))
+    if args.side:
+        _check_new(files[0], _file_text(args, layout))
+    if args.output.suffix != ".yaml":
+        sheets = _write_print(args, layout)
+        files.append(args.output)
+    if args.side or args.measured:
+        write_text(files[0], _file_text(args, layout))
+    markers = [_described(name, m, view) for name, m in marker_names(layout).items()]
+    if args.json:
+        shown = {"pad": layout.name, "files": [str(f) for f in files], "markers": markers, **sheets}
+        print_json(shown)
+    else:
+        _say(layout, files, markers, sheets)
+    return 0
+
+
+# ---- arguments ---------------------------------------------------------------------------------
+
+
+def _length(text: str) -> float:
+    try:
+        return length_m(text)
+    except ValueError as e:
+        raise argparse.ArgumentTypeError(str(e)) from None
+
+
+def _overlap(text: str) -> float:
+    length = 0.0 if text in _NONE else _length(text)
+    if 1e3 * length > LARGEST_OVERLAP_MM:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected 0 to {LARGEST_OVERLAP_MM:g}mm")
+    return length
+
+
+def _measurement(text: str) -> tuple[str, float]:
+    what, _, length = text.partition("=")
+    if not (what and length):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected WHAT=LENGTH, as ruler=99.2mm")
+    return what, _length(length)
+
+
+def _check_arguments(args: argparse.Namespace) -> None:
+    """Refuse what does not go together.
+
+    Raises:
+        InputError: it does not.
+    """
+    if (args.side is None) != (args.seen_from is None):
+        raise InputError("--for and --seen-from: one is given without the other")
+    proposes = args.side is not None
+    suffix = args.output.suffix
+    tiles = args.paper not in (None, _SHEET)
+    for wrong, line in (
+        (proposes and args.pad, f"{args.pad}: not with --for, which proposes a layout of its own"),
+        (
+            proposes and args.measured,
+            "--measured: not with --for; give the pad file that you printed",
+        ),
+        (args.camera and not proposes, "--camera: only with --for"),
+        (suffix not in _SUFFIXES, f"-o {args.output}: expected a {', '.join(_SUFFIXES)}"),
+        (args.measured and suffix != ".yaml", "--measured: writes a pad file: -o NAME.yaml"),
+        (
+            suffix == ".yaml" and not (proposes or args.measured),
+            f"-o {args.output}: a pad file only with --measured or --for; expected .pdf or .svg",
+        ),
+        (args.outline and suffix != ".svg", "--outline: an SVG: -o NAME.svg"),
+        (
+            args.outline and tiles,
+            f"--outline: not on sheets of paper: leave out --paper {args.paper}",
+        ),
+        (suffix == ".svg" and tiles, f"--paper {args.paper}: an SVG has one page; -o NAME.pdf"),
+    ):
+        if wrong:
+            raise InputError(line)
+    check_output(args.output, suffix, "-o")
+
+
+def _view(camera: Path | None) -> View:
+    return _seen_by(load_camera(camera or config_dir() / _THESIS_CAMERA))
+
+
+def _seen_by(camera: CameraModel) -> View:
+    return View(min(camera.fx, camera.fy), min(camera.width, camera.height))
+
+
+def _layout(args: argparse.Namespace, view: View) -> PadLayout:
+    """Return the layout to be written.
+
+    Raises:
+        PadError: it cannot be read, proposed or measured so.
+        InputError: it does not fit its plate.
+    """
+    if args.side is not None:
+        return propose(args.side, args.seen_from, view)
+    name = args.pad or _DEFAULT_PAD
+    path = config_files("pads").get(name) if not Path(name).exists() else None
+    layout = load_pad(path or own_or(Path(name)))
+    for marker in reaching_out(layout):
+        raise InputError(f"{name}: the {marker.kind} reaches over the plate's edge; see plate:")
+    return measured(layout, dict(args.measured)) if args.measured else layout
+
+
+# ---- files -------------------------------------------------------------------------------------
+
+
+def _file_text(args: argparse.Namespace, layout: PadLayout) -> str:
+    if args.side is not None:
+        return pad_file(layout, ["Proposed by landerd. Measure the print: landerd pad --measured."])
+    found = ", ".join(f"{what} {1e3 * length:g} mm" for what, length in args.measured)
+    return pad_file(layout, [f"{args.pad or _DEFAULT_PAD} as it came out: {found}"])
+
+
+def _check_new(path: Path, text: str) -> None:
+    """Refuse a pad file that is there already, unless it is the same.
+
+    Raises:
+        InputError: there is another, or it cannot be written.
+    """
+    check_output(path, ".yaml")
+    try:
+        is_another = path.exists() and path.read_text(encoding="utf-8") != text
+    except (OSError, UnicodeDecodeError):
+        is_another = True
+    if is_another:
+        raise InputError(f"{path}: is there already, with something else in it; choose another -o")
+
+
+def _write_print(args: argparse.Namespace, layout: PadLayout) -> _Sheets:
+    """Write the PDF or SVG and return what paper it needs.
+
+    Raises:
+        InputError: it cannot be written, or a PDF cannot be so large.
+    """
+    is_svg = args.output.suffix == ".svg"
+    if args.outline:
+        write_text(args.output, outline_svg(layout))
+        return {}
+    paper = args.paper or (_SHEET if is_svg else "a4")
+    tiles = None if paper == _SHEET else tiling(layout, paper, 1e3 * args.overlap)
+    document = one_sheet(layout) if tiles is None else tiled(layout, tiles)
+    if is_svg:
+        write_text(args.output, svg(document))
+    else:
+        _write_pdf(args.output, document)
+    if tiles is None:
+        page = document.pages[0]
+        return {"paper": paper, "sheets": 1, "size_mm": [page.width, page.height]}
+    return {
+        "paper": paper,
+        "sheets": tiles.sheets,
+        "size_mm": list(tiles.paper),
+        "rows": tiles.rows,
+        "columns": tiles.columns,
+        "part_mm": list(tiles.part),
+        "overlap_mm": tiles.overlap,
+    }
+
+
+def _write_pdf(path: Path, document: Document) -> None:
+    longest = max(max(page.width, page.height) for page in document.pages)
+    if longest > LARGEST_MM:
+        most = f"{LARGEST_MM / 1e3:g} m"
+        raise InputError(
+            f"-o {path}: a page of {longest / 1e3:.2f} m; a PDF's is at most {most}: .svg"
+        )
+    try:
+        path.write_bytes(pdf(document))
+    except OSError as e:
+        raise InputError(f"{path}: cannot be written: {e.strerror}") from None
+
+
+# ---- what is said ------------------------------------------------------------------------------
+
+
+def _described(name: str, marker: Marker, view: View) -> dict[str, Any]:
+    """Return what a user wants to know of a marker; distances rounded to what they are worth."""
+    return {
+        "name": name,
+        "kind": marker.kind,
+        "size_m": size_m(marker),
+        "position_m": list(marker.position_m),
+        "seen_from_m": round(view.farthest_m(marker), 1),
+        "whole_from_m": round(view.nearest_m(marker), 2),
+    }
+
+
+def _say(
+    layout: PadLayout, files: list[Path], markers: list[dict[str, Any]], sheets: _Sheets
+) -> None:
+    width, height = plate_size_mm(layout)
+    print(f"pad {layout.name}: plate {width / 1e3:g} m wide, {height / 1e3:g} m north to south")
+    for m in markers:
+        print(
+            f"  {m['name']:12} {1e3 * m['size_m']:6g} mm, seen from {m['seen_from_m']:.2g} m, "
+            f"whole in the image down to {m['whole_from_m']:.2g} m"
+        )
+    if "rows" in sheets:
+        paper = sheets["paper"].capitalize()
+        print(
+            f"{sheets['sheets']} sheets of {paper}: {sheets['rows']} rows of {sheets['columns']}, "
+            f"overlap {sheets['overlap_mm']:g} mm; print at 100 %"
+        )
+    elif sheets:
+        w, h = sheets["size_mm"]
+        print(f"one sheet of {w:g} x {h:g} mm")
+    for file in files:
+        print(f"wrote {file}")

@@ -1,0 +1,1 @@
+"""Sight without pictures: what vision would have found, drawn from simulated truth."""

@@ -1,0 +1,408 @@
+"""Vision's detectors where there are no pictures: they draw what they would have found.
+
+A picture's number tells the true view. The edges of each marker go through the world's lens, get
+vision's noise, and come back through the lens that landerd believes in; the poses that explain them
+are what is seen. All else of vision is the real one.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hw.sim.options import SimOptions
+from hw.sim.picture.levels import Levels, Sensitivity
+from hw.sim.picture.numbered import NumberedPictures, View
+from landerd.camera_model import F64, CameraModel
+from landerd.geometry import Vec3
+from landerd.messages import Light, MarkerSighting, PoseSolution
+from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
+from landerd.simulation.sight import statistics
+from landerd.simulation.sight.edge_fit import SeenEdges, across, fitted
+from landerd.simulation.sight.edges import Edges, edges_of
+from landerd.simulation.sight.world_view import Seen, WorldView, size_m
+from landerd.vision.expected import Expected
+from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rotation_from
+from landerd.vision.print_fit import Fit
+from landerd.vision.ring_fit import RingFit, frontal_inflation
+from landerd.vision.ring_pose import mirrored, tangents
+from landerd.vision.ring_sighting import ring_sighting
+from landerd.vision.ring_work import RingWork
+from landerd.vision.square import FoundSquare, Image
+from landerd.vision.square_pose import corner_information, planar_poses, square_points
+from landerd.vision.tone import LINEAR
+from landerd.vision.whycode import FoundCode
+from landerd.vision.window import Window
+
+_TRACKED_PX = 4.0  # a ring's fit finds edges so far from where they are expected (`ring_stages`)
+_MAX_TILT_COS = math.cos(math.radians(25.0))  # of rings that are tracked, likewise
+_SIZE_FACTOR = 2.0  # within which a ring's size must be known to be found in a window
+_AMBIGUITY_CHI2 = 6.0  # between a square's solutions (`square_fit`)
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """One marker in one picture, as it would be measured."""
+
+    px: F64  # (n, 2) of its edges that are shown
+    shown: float  # share of them
+    size_px: float
+    chance: float  # that it is not found is less likely than this: from 0 to 1, drawn
+    found: float  # share of such sights in which it is
+    pose: Pose  # that explains it, with the stated information
+    edges: SeenEdges
+    offset_px: F64
+    weight: F64
+    blur_px: float
+    by_edges: bool  # a ring is fitted to its edges alone
+    bias: F64  # (6,) standard normal: of what no residual shows
+
+    @property
+    def is_found(self) -> bool:
+        return self.chance < self.found
+
+
+class ModelledDetectors:
+    """Implements landerd.vision.Detectors."""
+
+    def __init__(
+        self,
+        layout: PadLayout,
+        printed: PadLayout,
+        believed: CameraModel,
+        lens: CameraModel,
+        options: SimOptions,
+        pictures: NumberedPictures,
+        seed: int,
+    ) -> None:
+        """Prepare the markers.
+
+        Args:
+            layout: the pad as landerd's file has it.
+            printed: as it is in the world.
+            believed: landerd's calibration.
+            lens: the world's.
+            options: the world.
+            pictures: know what each would show.
+            seed: of what is found, and how far off.
+        """
+        self._layout, self._camera, self._options = layout, believed, options
+        self._world = WorldView(printed, lens, options)
+        self._pictures = pictures
+        self._seed = seed
+        self._sensitivity = Sensitivity(options.render, options.camera, options.pad)
+        self._edges = [edges_of(m) for m in layout.markers]
+        self._focal = 0.5 * (believed.fx + believed.fy)
+        self._image: Image | None = None
+        self._view: View | None = None
+        self._sights: dict[int, _Sight | None] = {}
+
+    # ---- what vision asks ------------------------------------------------------------------------
+
+    def track_ring(
+        self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
+    ) -> MarkerSighting | None:
+        """Return the ring if its edges are where they are expected, to some pixels."""
+        sight = self._sight(image, ring)
+        if sight is None or not sight.is_found:
+            return None
+        expected = Pose(rotation_from(normal, sight.pose.R[:, 0]), position, np.zeros((6, 6)), 0.0)
+        lie = across(sight.edges.edges, expected, self._focal)
+        off = self._focal * ((sight.edges.rays - lie.ray) * lie.normal).sum(axis=1)
+        used = sight.weight > 0.0
+        if not float(np.sqrt(np.mean(off[used] ** 2))) < _TRACKED_PX:
+            return None
+        return self._ring_sighting(ring, sight, down, level_only=True)
+
+    def find_rings(
+        self,
+        image: Image,
+        ring: Ring,
+        *,
+        window: Window | None = None,
+        down: Vec3 | None = None,
+        expected_diameter_px: float | None = None,
+        thorough: bool = True,
+        work: RingWork | None = None,
+    ) -> list[MarkerSighting]:
+        """Return the ring if it lies in the window."""
+        sight = self._sight(image, ring)
+        if sight is None or not sight.is_found or not _holds(window, sight.px):
+            return []
+        if expected_diameter_px is not None:
+            factor = sight.size_px / max(expected_diameter_px, 1e-9)
+            if not 1.0 / _SIZE_FACTOR < factor < _SIZE_FACTOR:
+                return []
+        return [self._ring_sighting(ring, sight, down, level_only=False)]
+
+    def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
+        """Return the square if its edges are where they are expected, to a cell."""
+        sight = self._sight(image, square)
+        if sight is None or not sight.is_found or sight.pose.normal @ expected.normal < 0.9:
+            return None
+        lie = across(sight.edges.edges, expected, self._focal)
+        off = self._focal * np.abs(sight.edges.rays - lie.ray).max(axis=1)
+        cell_px = sight.edges.edges.apart_m * self._focal / float(sight.pose.t[2])
+        if not float(off[sight.weight > 0.0].max()) < cell_px:
+            return None
+        return Fit(sight.pose, 1.0, sight.pose.cost, 1.0, 0.0, LINEAR)
+
+    def find_squares(
+        self,
+        image: Image,
+        window: Window | None = None,
+        scale: float = 1.0,
+        smallest_px: float | None = None,
+    ) -> list[FoundSquare]:
+        """Return the squares that lie wholly in the window."""
+        found = []
+        for square in self._layout.squares:
+            sight = self._sight(image, square)
+            if (
+                sight is None
+                or not sight.is_found
+                or sight.shown < statistics.DETECTED_SHOWN
+                or not _holds(window, sight.px)
+            ):
+                continue
+            corners = sight.pose.t + square_points(square.size_m) @ sight.pose.R[:, :2].T
+            found.append(FoundSquare(square, self._camera.pixels(corners)))
+        return found
+
+    def square_poses(
+        self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
+    ) -> list[Pose]:
+        """Return the poses that explain a square, best first."""
+        sight = self._sight(image, found.square)
+        assert sight is not None
+        best = sight.pose
+        if normal is not None and best.normal @ np.array(normal) > SAME_SOLUTION_COS:
+            return [_with_cost(best, 0.0)]
+        poses = [best]
+        corners = best.t + square_points(found.square.size_m) @ best.R[:, :2].T
+        for start, _ in planar_poses(corners[:, :2] / corners[:, 2:], found.square.size_m):
+            if float(start.normal @ best.normal) < EQUAL_NORMALS_COS:
+                other = self._fitted(found.square, sight, start)
+                if other is not None and other.normal @ best.normal < EQUAL_NORMALS_COS:
+                    poses.append(other)
+        return _ranked(poses, _AMBIGUITY_CHI2)
+
+    def find_codes(
+        self, image: Image, expected: Expected | None, normal: Vec3 | None
+    ) -> list[FoundCode]:
+        """Return the pad's WhyCodes in the picture."""
+        found = []
+        for code in self._layout.whycodes:
+            sight = self._sight(image, code)
+            if sight is not None and sight.is_found:
+                found.append(FoundCode(code, self._code_poses(code, sight, normal)))
+        return found
+
+    def light(self, image: Image, pad: PoseSolution | None) -> Light:
+        """Return the brightness of white, or of the ground."""
+        view = self._look(image)
+        levels = self._sensitivity.levels(None if view is None else view.exposure)
+        return Light(levels.white if pad is not None else levels.ground, on_pad=pad is not None)
+
+    # ---- poses -----------------------------------------------------------------------------------
+
+    def _ring_sighting(
+        self, ring: Ring, sight: _Sight, down: Vec3 | None, *, level_only: bool
+    ) -> MarkerSighting:
+        """Return both poses of a ring; level only: the mirrored one if a pad could lie so."""
+        fits = [self._ring_fit(ring, sight, sight.pose)]
+        start = _mirrored(sight.pose, ring.radius_m)
+        if start is not None and (
+            not level_only or down is None or start.normal @ np.array(down) > _MAX_TILT_COS
+        ):
+            other = self._fitted(ring, sight, start)
+            if other is not None:
+                fits.append(self._ring_fit(ring, sight, other))
+        fits.sort(key=lambda f: f.cost)
+        return ring_sighting(fits, ring, self._camera, down)
+
+    def _ring_fit(self, ring: Ring, sight: _Sight, pose: Pose) -> RingFit:
+        e = np.array([*tangents(pose.normal), pose.normal])
+        C = np.linalg.inv(pose.information)
+        # A turn w moves the normal by w x n: along a tangent by w . (n x tangent), and the
+        # tangents' handedness is that of both rows.
+        to_axes = np.zeros((5, 6))
+        to_axes[:3, :3] = e
+        to_axes[3, 3:], to_axes[4, 3:] = np.cross(e[2], e[0]), np.cross(e[2], e[1])
+        covariance = to_axes @ C @ to_axes.T
+        covariance += frontal_inflation(covariance, e @ pose.t / np.linalg.norm(pose.t))
+        of_position = e.T @ covariance[:3, :3] @ e
+        if sight.by_edges:
+            alike, aside = (px / self._focal for px in statistics.BY_EDGES_PX)
+            distance = float(np.linalg.norm(pose.t))
+            along = alike * distance / ring.radius_m * pose.t
+            of_position += np.outer(along, along) + (aside * distance) ** 2 * np.eye(3)
+        return RingFit(
+            position=pose.t,
+            normal=pose.normal,
+            blur_px=1.0,
+            motion_px=np.zeros(2),
+            inside=0.0,
+            black=0.0,
+            outside=0.0,
+            noise=0.0,
+            cost=pose.cost,
+            inliers=1.0,
+            covariance=of_position,
+            sigma_tilt=math.sqrt(float(np.trace(covariance[3:, 3:])) / 2.0),
+            ratio=1.0,
+            sigma_ratio=0.0,
+            stage="edges" if sight.by_edges else "grey",
+        )
+
+    def _code_poses(self, code: WhyCode, sight: _Sight, normal: Vec3 | None) -> tuple[Pose, ...]:
+        poses = [sight.pose]
+        if normal is None or sight.pose.normal @ np.array(normal) < SAME_SOLUTION_COS:
+            start = _mirrored(sight.pose, code.radius_m)
+            if start is not None:
+                other = self._fitted(code, sight, start)
+                if other is not None and other.normal @ sight.pose.normal < EQUAL_NORMALS_COS:
+                    poses.append(other)
+        return tuple(_ranked(poses, 1.0))
+
+    # ---- one picture -----------------------------------------------------------------------------
+
+    def _look(self, image: Image) -> View | None:
+        """Return what a picture shows; what is drawn of it is drawn once."""
+        if image is not self._image:
+            self._image, self._view = image, self._pictures.view_of(image)
+            self._sights.clear()
+        return self._view
+
+    def _sight(self, image: Image, marker: Marker) -> _Sight | None:
+        """Return how a marker is seen; None: out of sight, or too little of it."""
+        view = self._look(image)
+        number = self._layout.markers.index(marker)
+        if view is None:
+            return None
+        if number not in self._sights:
+            self._sights[number] = self._drawn(image, view, number)
+        return self._sights[number]
+
+    def _drawn(self, image: Image, view: View, number: int) -> _Sight | None:
+        marker, edges = self._layout.markers[number], self._edges[number]
+        seen = self._world.seen(image, view, number)
+        kind = statistics.KINDS[marker.kind]
+        if seen is None or seen.shown.mean() < kind.least_shown:
+            return None
+        rng = np.random.default_rng([self._seed, view.number, number])
+        levels = self._sensitivity.levels(view.exposure)
+        chance = float(rng.random())
+        size_px = self._size_px(marker, seen)
+        found = statistics.found_share(kind, size_px, levels)
+        if found < 1e-3:
+            return None
+        rays = self._rays(seen)
+        seen_edges = SeenEdges(edges, rays, self._focal)
+        weight = self._weight(kind, size_px, edges, seen, levels)
+        offset = self._offset(seen, weight, rng)
+        pose = fitted(seen_edges, seen.pose, offset, weight)
+        if pose is None:
+            return None
+        shown, blur_px = float(seen.shown.mean()), self._blur(seen.path_px)
+        sight = _Sight(
+            px=seen.px[seen.shown],
+            shown=shown,
+            size_px=size_px,
+            chance=chance,
+            found=found,
+            pose=pose,
+            edges=seen_edges,
+            offset_px=offset,
+            weight=weight,
+            blur_px=float(blur_px),
+            by_edges=statistics.is_by_edges(self._options, levels),
+            bias=rng.standard_normal(6),
+        )
+        return replace(sight, pose=self._biased(marker, sight, pose))
+
+    def _fitted(self, marker: Marker, sight: _Sight, start: Pose) -> Pose | None:
+        """Return another pose that explains the marker."""
+        pose = fitted(sight.edges, start, sight.offset_px, sight.weight)
+        return None if pose is None else self._biased(marker, sight, pose)
+
+    def _biased(self, marker: Marker, sight: _Sight, pose: Pose) -> Pose:
+        """Return a pose with the errors that no residual shows; of a square they are stated."""
+        if isinstance(marker, Ring):
+            alike, *aside = statistics.ring_bias_px(
+                sight.size_px, sight.bias[:3], by_edges=sight.by_edges
+            ).tolist()
+            k = float(np.linalg.norm(pose.t)) / self._focal
+            step = alike * k / marker.radius_m * pose.t
+            step[:2] += np.array(aside) * k
+            return replace(pose, t=pose.t + step)
+        bias = statistics.print_bias_px(sight.size_px, sight.blur_px) / self._focal
+        corners = np.linalg.inv(corner_information(pose, size_m(marker), bias))
+        information = np.linalg.inv(np.linalg.inv(pose.information) + corners)
+        moved = pose.moved(np.linalg.cholesky(corners) @ sight.bias)
+        return Pose(moved.R, moved.t, information, pose.cost)
+
+    def _blur(self, along_px: F64) -> F64:
+        """Return the blur of edges that move so far across themselves while exposed, px."""
+        still = math.hypot(self._options.render.defocus_px, statistics.PIXEL_BLUR)
+        blur: F64 = np.sqrt(still**2 + (along_px * along_px).sum(axis=-1) / 12.0)
+        return blur
+
+    def _rays(self, seen: Seen) -> F64:
+        """Return where landerd believes that the edges are seen, (n, 2)."""
+        px = np.where(seen.shown[:, None], seen.px, (self._camera.cx, self._camera.cy))
+        return self._camera.rays(px)
+
+    def _weight(
+        self, kind: statistics.Kind, size_px: float, edges: Edges, seen: Seen, levels: Levels
+    ) -> F64:
+        """Return the inverse variances (n,) of the edges' places, 1/px^2; of those not shown 0."""
+        lie = across(edges, seen.pose, self._focal)
+        apart_px = edges.apart_m * self._focal * _slant(seen.pose) / float(seen.pose.t[2])
+        blur = self._blur((lie.normal @ seen.path_px)[:, None])
+        variance = statistics.edge_variance(kind, size_px, blur, apart_px, levels)
+        weight: F64 = np.where(seen.shown, lie.length_px / variance, 0.0)
+        return weight
+
+    def _offset(self, seen: Seen, weight: F64, rng: np.random.Generator) -> F64:
+        noise = rng.standard_normal(len(weight)) / np.sqrt(np.maximum(weight, 1e-9))
+        offset: F64 = np.where(weight > 0.0, noise, 0.0)
+        return offset
+
+    def _size_px(self, marker: Marker, seen: Seen) -> float:
+        """Return the marker's smaller width in the image."""
+        return self._focal * size_m(marker) * _slant(seen.pose) / float(seen.pose.t[2])
+
+
+def _slant(pose: Pose) -> float:
+    """Return the cosine of the angle under which a marker is seen."""
+    return float(pose.normal @ pose.t) / float(np.linalg.norm(pose.t))
+
+
+def _holds(window: Window | None, px: F64) -> bool:
+    """Tell whether points (n, 2) lie in a window; None: the whole image."""
+    if window is None:
+        return True
+    (x0, y0), (x1, y1) = px.min(axis=0), px.max(axis=0)
+    return bool(x0 >= window.x0 and y0 >= window.y0 and x1 < window.x1 and y1 < window.y1)
+
+
+def _mirrored(pose: Pose, radius: float) -> Pose | None:
+    """Return the other pose whose outline is the same ellipse, its top at the same pixel."""
+    other = mirrored(pose.t, pose.normal, radius)
+    if other is None:
+        return None
+    t, normal = other
+    sight = pose.t + radius * pose.R[:, 0]
+    top = sight * (float(normal @ t) / float(normal @ sight))
+    return Pose(rotation_from(normal, top - t), t, np.zeros((6, 6)), 0.0)
+
+
+def _ranked(poses: list[Pose], unit: float) -> list[Pose]:
+    """Return poses best first, their costs from the best's on."""
+    poses = sorted(poses, key=lambda p: p.cost)
+    return [_with_cost(p, (p.cost - poses[0].cost) / unit) for p in poses]
+
+
+def _with_cost(pose: Pose, cost: float) -> Pose:
+    return Pose(pose.R, pose.t, pose.information, cost)

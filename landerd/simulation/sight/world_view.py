@@ -1,0 +1,138 @@
+"""Where the world's lens shows the points of a marker as it really is printed, placed and bent."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.sim.options import SimOptions
+from hw.sim.picture.numbered import View, carries
+from hw.sim.picture.pad_print import Fold, fold
+from hw.sim.picture.view import in_camera, matrix, middle, on_pad
+from hw.sim.snapshot import CameraPose, PadPose
+from landerd.camera_model import F64, CameraModel
+from landerd.pad import Marker, PadLayout, Ring, Square
+from landerd.simulation.sight.edges import Edges, edges_of
+from landerd.vision.pose import MIN_DEPTH_M, Pose
+
+_ROUNDS = 2  # to the row in which a rolling shutter shows a point
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One marker in one picture.
+
+    Attributes:
+        px: (n, 2) where its edges are, and
+        shown: (n,) which of them the picture shows.
+        pose: that the marker has, at the middle of the exposure.
+        path_px: (2,) of the image during it.
+    """
+
+    px: F64
+    shown: NDArray[np.bool_]
+    pose: Pose
+    path_px: F64
+
+
+class WorldView:
+    """The pad's markers through the world's lens."""
+
+    def __init__(self, printed: PadLayout, lens: CameraModel, options: SimOptions) -> None:
+        """Take the layout as printed, the true lens, and what bends the plate."""
+        self._printed, self._lens = printed, lens
+        self._fold = fold(printed, options.pad.bend_deg)
+        self._places = [_placed(m, edges_of(m)) for m in printed.markers]
+
+    def seen(self, image: NDArray[np.uint8], view: View, number: int) -> Seen | None:
+        """Return a marker, by its number in the layout; None: out of sight."""
+        camera, pad = middle(view.start, view.end), view.pad
+        pose = self._pose(camera, pad, self._printed.markers[number])
+        if float(pose.normal @ pose.t) <= 0.0 or pose.t[2] < MIN_DEPTH_M:
+            return None
+        flat = self._places[number]
+        points = in_camera(camera, self._on_pad(pad, flat))
+        in_front = points[:, 2] > MIN_DEPTH_M
+        if not in_front.any():
+            return None
+        points[~in_front] = pose.t
+        px = self._lens.pixels(points)
+        if view.readout is not None:
+            px = self._rolled(view, flat, points, px)
+        shown = in_front & carries(image, view, px)
+        return Seen(px, shown, pose, self._path(view, pose))
+
+    def _pose(self, camera: CameraPose, pad: PadPose, marker: Marker) -> Pose:
+        """Return the pose of the marker's file in the camera frame."""
+        place = np.array([[*marker.position_m, 0.0]])
+        t = in_camera(camera, on_pad(pad, place))[0]
+        R = matrix(camera.R_local_camera).T @ matrix(pad.R_local_pad)
+        if not isinstance(marker, Ring):
+            a = math.radians(marker.heading_deg)
+            c, s = math.cos(a), math.sin(a)
+            R = R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return Pose(R, t, np.zeros((6, 6)), 0.0)
+
+    def _on_pad(self, pad: PadPose, flat: F64) -> F64:
+        """Return points (n, 3) of the flat pad in the local frame, on the plate as it is bent."""
+        points = on_pad(pad, flat)
+        bent: Fold | None = self._fold
+        if bent is not None:
+            beyond = flat[:, :2] @ bent.way > bent.least
+            if beyond.any():
+                points[beyond] = on_pad(bent.far_part(pad), flat[beyond])
+        return points
+
+    def _rolled(self, view: View, flat: F64, points: F64, px: F64) -> F64:
+        """Return where points are seen (n, 2), each exposed with its row."""
+        readout = view.readout
+        assert readout is not None
+        snapshots = readout.snapshots
+        height = self._lens.height
+        shots = (
+            np.array([points])
+            if len(snapshots) == 1
+            else np.array([in_camera(s.camera, self._on_pad(s.pad, flat)) for s in snapshots])
+        )
+        for _ in range(_ROUNDS):
+            share = np.clip((px[:, 1] + 0.5) / height, 0.0, 1.0)
+            at = share * (len(shots) - 1)
+            before = np.minimum(at.astype(np.intp), max(len(shots) - 2, 0))
+            after = np.minimum(before + 1, len(shots) - 1)
+            n, k = np.arange(len(px)), (at - before)[:, None]
+            p = (1.0 - k) * shots[before, n] + k * shots[after, n]
+            if readout.vibration is not None:
+                t = readout.t + readout.readout_s * (share - 0.5)
+                turns = readout.vibration.turns(t, readout.exposure_s)
+                p = p - np.cross(np.column_stack([turns, np.zeros(len(p))]), p)
+            p[:, 2] = np.maximum(p[:, 2], MIN_DEPTH_M)
+            px = self._lens.pixels(p)
+        return px
+
+    def _path(self, view: View, pose: Pose) -> F64:
+        """Return the marker's way (2,) in the image during the exposure, px."""
+        if view.start == view.end:
+            return np.zeros(2)
+        marker = np.array(view.pad.position)[None]
+        first, last = (in_camera(c, marker)[0] for c in (view.start, view.end))
+        focal = 0.5 * (self._lens.fx + self._lens.fy)
+        if min(first[2], last[2]) < MIN_DEPTH_M:
+            return np.zeros(2)
+        path: F64 = focal * (last[:2] / last[2] - first[:2] / first[2])
+        return path
+
+
+def _placed(marker: Marker, edges: Edges) -> F64:
+    """Return a marker's edges (n, 3) in the pad frame."""
+    points = edges.points
+    if not isinstance(marker, Ring):
+        a = math.radians(marker.heading_deg)
+        turn = np.array([[math.cos(a), -math.sin(a)], [math.sin(a), math.cos(a)]])
+        points = points @ turn.T
+    return np.column_stack([points + np.array(marker.position_m), np.zeros(len(points))])
+
+
+def size_m(marker: Marker) -> float:
+    """Return a marker's side or diameter."""
+    return marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m

@@ -1,0 +1,153 @@
+"""What of vision looks at pixels: finders and fits of single markers in one camera's images.
+
+Everything else of vision (where is looked how often, which markers are of one pad, its pose) asks
+only these, so that a simulator without pictures puts its own in their place.
+"""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from landerd.camera_model import F64, CameraModel
+from landerd.geometry import Vec3
+from landerd.messages import Light, MarkerSighting, PoseSolution
+from landerd.pad import PadLayout, Ring, Square
+from landerd.vision.expected import Expected
+from landerd.vision.metering import light
+from landerd.vision.pose import Pose
+from landerd.vision.print_fit import Fit
+from landerd.vision.ring_work import RingWork
+from landerd.vision.square import FoundSquare, Image, SquareFinder, printed_cells
+from landerd.vision.square_fit import SquarePrint
+from landerd.vision.whycode import FoundCode, WhyCodeFinder
+from landerd.vision.whycon import find_rings, track_ring
+from landerd.vision.window import Window
+
+
+class Detectors(Protocol):
+    """Finds one pad's markers in one camera's images; what is found where, `Search` decides."""
+
+    def track_ring(
+        self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
+    ) -> MarkerSighting | None:
+        """See `whycon.track_ring`."""
+        ...
+
+    def find_rings(
+        self,
+        image: Image,
+        ring: Ring,
+        *,
+        window: Window | None = None,
+        down: Vec3 | None = None,
+        expected_diameter_px: float | None = None,
+        thorough: bool = True,
+        work: RingWork | None = None,
+    ) -> list[MarkerSighting]:
+        """See `whycon.find_rings`."""
+        ...
+
+    def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
+        """See `SquarePrint.track`."""
+        ...
+
+    def find_squares(
+        self,
+        image: Image,
+        window: Window | None = None,
+        scale: float = 1.0,
+        smallest_px: float | None = None,
+    ) -> list[FoundSquare]:
+        """See `SquareFinder.find`; smallest_px None: its own."""
+        ...
+
+    def square_poses(
+        self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
+    ) -> list[Pose]:
+        """See `SquarePrint.poses`."""
+        ...
+
+    def find_codes(
+        self, image: Image, expected: Expected | None, normal: Vec3 | None
+    ) -> list[FoundCode]:
+        """See `WhyCodeFinder.find`."""
+        ...
+
+    def light(self, image: Image, pad: PoseSolution | None) -> Light:
+        """See `metering.light`."""
+        ...
+
+
+class PixelDetectors:
+    """The real ones."""
+
+    def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
+        """Prepare finders and prints of a pad's markers."""
+        self._layout, self._camera = layout, camera
+        self._prints: Mapping[Square, SquarePrint] = {
+            s: SquarePrint(s, printed_cells(s)) for s in layout.squares
+        }
+        self._squares = SquareFinder(layout)
+        self._codes = WhyCodeFinder(layout, camera)
+
+    def track_ring(
+        self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
+    ) -> MarkerSighting | None:
+        """See `whycon.track_ring`."""
+        return track_ring(image, ring, self._camera, position, normal, down=down)
+
+    def find_rings(
+        self,
+        image: Image,
+        ring: Ring,
+        *,
+        window: Window | None = None,
+        down: Vec3 | None = None,
+        expected_diameter_px: float | None = None,
+        thorough: bool = True,
+        work: RingWork | None = None,
+    ) -> list[MarkerSighting]:
+        """See `whycon.find_rings`."""
+        return find_rings(
+            image,
+            ring,
+            self._camera,
+            window=window,
+            down=down,
+            expected_diameter_px=expected_diameter_px,
+            thorough=thorough,
+            work=work,
+        )
+
+    def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
+        """See `SquarePrint.track`."""
+        return self._prints[square].track(image, self._camera, expected)
+
+    def find_squares(
+        self,
+        image: Image,
+        window: Window | None = None,
+        scale: float = 1.0,
+        smallest_px: float | None = None,
+    ) -> list[FoundSquare]:
+        """See `SquareFinder.find`; smallest_px None: its own."""
+        if smallest_px is None:
+            return self._squares.find(image, window, scale)
+        return self._squares.find(image, window, scale, smallest_px)
+
+    def square_poses(
+        self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
+    ) -> list[Pose]:
+        """See `SquarePrint.poses`."""
+        return self._prints[found.square].poses(
+            image, self._camera, found.corners, down, normal, found.fit
+        )
+
+    def find_codes(
+        self, image: Image, expected: Expected | None, normal: Vec3 | None
+    ) -> list[FoundCode]:
+        """See `WhyCodeFinder.find`."""
+        return self._codes.find(image, expected, normal)
+
+    def light(self, image: Image, pad: PoseSolution | None) -> Light:
+        """See `metering.light`."""
+        return light(image, self._camera, self._layout.plate, pad)
