@@ -245,7 +245,11 @@ class MarkerPrint:
             matrix = equations.matrix[: estimate.rows, : estimate.rows]
             shift = _SHIFT_BIAS * edge_shift(estimate.tone, estimate.blur)
             information = self._information(
-                matrix, max(variance, together * left), pose, bias * patch.pixel, shift * patch.pixel
+                matrix,
+                max(variance, together * left),
+                pose,
+                bias * patch.pixel,
+                shift * patch.pixel,
             )
         except np.linalg.LinAlgError:
             return None
