@@ -77,6 +77,16 @@ _COMMANDS: Mapping[str, _Command] = {
         "say what landerd would have ordered on a recorded flight; sends nothing",
         "landerd dry-run -c my.yaml --video flight.mp4 --telemetry flight.bin --gimbal 0,-90",
     ),
+    "install": _Command(
+        "install",
+        "put landerd on this computer as a service",
+        "landerd install --board pixhawk-usb --dry-run",
+    ),
+    "uninstall": _Command(
+        "uninstall",
+        "take the service away; logs and configuration stay",
+        "landerd uninstall --dry-run",
+    ),
     "check": _Command(
         "check",
         "open and measure camera, gimbal and autopilot, and say what would stop a landing",

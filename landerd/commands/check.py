@@ -6,32 +6,55 @@ import dataclasses
 import logging
 import os
 import shutil
+import tempfile
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from hw.cameras import v4l2
-from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.camera_model import CalibrationError, CameraModel, camera_info, load_camera
 from landerd.commands.shared import (
+    InputError,
     add_config,
     add_json,
     add_overlay,
+    config_path,
     load_with_saved,
     print_json,
     refusing,
+    tell,
 )
-from landerd.config.files import Loaded
+from landerd.config.files import ConfigError, Loaded, config_dir
 from landerd.devices import SetUpError, camera_options, fitting_camera, make_devices
+from landerd.drivers import read_configuration
 from landerd.pad import PadError, load_pad
 from landerd.ports import Camera
 from landerd.preflight.autopilot import AutopilotCheck
 from landerd.preflight.camera import check_camera
+from landerd.preflight.computer import SYSTEM, budget_finding, computer_findings
+from landerd.preflight.configuration import first_flight, pad_findings, placeholder
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
-from landerd.preflight.sensors import read_sensors, sensor_findings, sensors_file
+from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
+from landerd.worker import exit_without_waiting
 
 _STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
 _LEAST_FREE_MB = 500.0  # of the logs' disk
+_AGAIN_S = 2.0
+_IN_THE_SIMULATOR = (
+    "camera.driver=sim",
+    "camera.exposure=fixed",
+    "gimbal.driver=sim",
+    "gimbal.yaw_limits_deg=[-90,90]",
+    "gimbal.pitch_limits_deg=[-180,0]",
+    'autopilot.url="memory:"',
+    "guidance.output=velocity",
+    "sim.start.position_m=[-3.0,2.0]",
+    "sim.start.altitude_m=6.0",
+    "sim.start.spread_m=0.0",
+)
 _MARKS = {"ok": "ok  ", "warn": "WARN", "fail": "FAIL"}
 
 
@@ -40,26 +63,92 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     add_config(parser, required=True)
     add_overlay(parser)
+    parser.add_argument(
+        "--watch", action="store_true", help="again and again, until nothing stops a landing"
+    )
+    parser.add_argument(
+        "--budget",
+        action="store_true",
+        help="measure this computer too: pictures a second, picture to set-point (a minute)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Check; return 0 if ready, or 1 if something would stop a landing."""
-    loaded, overlay = load_with_saved(args)
+    if args.watch and args.json:
+        raise InputError("--watch: not with --json, which prints one object")
     logging.basicConfig(level=logging.CRITICAL)  # what drivers would say is in the findings
+    budget = _budget(args) if args.budget else []
+    findings = [*_once(args), *budget]
+    shown: set[str] = set()
+    while args.watch and _is_stopped_by(findings):
+        new = [f for f in findings if f.level != "ok" and f"{f.item} {f.mend}" not in shown]
+        if new:
+            _show(new)
+            tell("not ready yet; mend this, it is looked at again (Ctrl-C ends it)")
+        shown = {f"{f.item} {f.mend}" for f in findings}
+        findings = [*_once_more(args), *budget]
+    ready = not _is_stopped_by(findings)
+    if args.json:
+        print_json({"ready": ready, "findings": [dataclasses.asdict(f) for f in findings]})
+    else:
+        _show(findings)
+        print("ready" if ready else "not ready: what is marked FAIL would stop a landing")
+    code = 0 if ready else 1
+    if args.budget:  # its daemon's last search may still be going on
+        exit_without_waiting(code)
+    return code
+
+
+def _is_stopped_by(findings: Sequence[Finding]) -> bool:
+    return any(f.level == "fail" for f in findings)
+
+
+def _show(findings: Sequence[Finding]) -> None:
+    for finding in findings:
+        mend = f" -> {finding.mend}" if finding.mend else ""
+        print(f"{_MARKS[finding.level]} {finding.item}: {finding.what}{mend}", flush=True)
+
+
+def _once(args: argparse.Namespace) -> list[Finding]:
+    """Read the configuration and check. Raises InputError."""
+    loaded, overlay = load_with_saved(args)
     with refusing(CalibrationError, PadError, SetUpError):
         load_pad(loaded.config.pad.layout)
         load_camera(loaded.config.camera.calibration)
         devices = make_devices(loaded, overlay)
-    findings = asyncio.run(check(loaded, devices, _service_folder(args.config)))
-    ready = not any(f.level == "fail" for f in findings)
-    if args.json:
-        print_json({"ready": ready, "findings": [dataclasses.asdict(f) for f in findings]})
-    else:
-        for finding in findings:
-            mend = f" -> {finding.mend}" if finding.mend else ""
-            print(f"{_MARKS[finding.level]} {finding.item}: {finding.what}{mend}")
-        print("ready" if ready else "not ready: what is marked FAIL would stop a landing")
-    return 0 if ready else 1
+    return asyncio.run(check(loaded, devices, _service_folder(args.config)))
+
+
+def _once_more(args: argparse.Namespace) -> list[Finding]:
+    """Check again; the configuration may be just being written."""
+    try:
+        return _once(args)
+    except InputError as e:
+        time.sleep(_AGAIN_S)
+        return [Finding("fail", "configuration", str(e), "mend and save it")]
+
+
+def _budget(args: argparse.Namespace) -> list[Finding]:
+    """Measure this computer with the vehicle's pad, camera and keys in the simulator."""
+    from landerd.simulation.budget import measure
+
+    loaded, _ = load_with_saved(args)
+    options = camera_options(loaded)
+    tell("measuring this computer")
+    with tempfile.TemporaryDirectory() as folder, refusing(CalibrationError, PadError, ConfigError):
+        calibration = Path(folder) / "camera.yaml"
+        calibration.write_text(camera_info(fitting_camera(loaded), "camera"), encoding="utf-8")
+        flown = read_configuration(
+            config_path(args),
+            overlays=[config_dir() / "scenarios" / "stationary.yaml"],
+            overrides=[*args.set, *_IN_THE_SIMULATOR, f"camera.calibration={calibration}"],
+        )
+        found = measure(flown)
+    fps = options.fps if options is not None else None
+    return [
+        budget_finding(found.pictures_hz, found.median_s, found.p99_s, found.gap_s, fps),
+    ]
 
 
 def _service_folder(config: Path) -> Path:
@@ -67,7 +156,9 @@ def _service_folder(config: Path) -> Path:
     return _STATE / (config.stem if config.stem.startswith("landerd") else "landerd")
 
 
-async def check(loaded: Loaded, devices: Devices, state: Path) -> list[Finding]:
+async def check(
+    loaded: Loaded, devices: Devices, state: Path, system: Path = SYSTEM
+) -> list[Finding]:
     """Return all findings; the devices are opened, measured side by side, and closed.
 
     The gimbal is moved only while the autopilot is heard to be disarmed.
@@ -76,8 +167,11 @@ async def check(loaded: Loaded, devices: Devices, state: Path) -> list[Finding]:
         loaded: the configuration.
         devices: not open.
         state: folder that the service has for what it keeps.
+        system: root of what Linux tells of this computer.
     """
     config = loaded.config
+    given = os.environ.get("STATE_DIRECTORY")
+    state = Path(given) if given else state
     autopilot = AutopilotCheck(config)
     model, calibration = _calibration(loaded)
     gimbal_done = asyncio.Event()
@@ -94,11 +188,18 @@ async def check(loaded: Loaded, devices: Devices, state: Path) -> list[Finding]:
 
     parts = await asyncio.gather(autopilot.run(devices.autopilot, gimbal_done), camera(), gimbal())
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
-    notes = sensors_file()
-    found = read_sensors(notes) if notes is not None else None
-    learned = sensor_findings(config, found) if found is not None else []
-    of_devices = [finding for part in parts for finding in part]
-    return [*calibration, *of_devices, *cut, *learned, disk(loaded, state)]
+    found = read_sensors(state / FILE)
+    return [
+        *pad_findings(load_pad(config.pad.layout)),
+        *placeholder(config),
+        *calibration,
+        *(finding for part in parts for finding in part),
+        *first_flight(config, state),
+        *cut,
+        *(sensor_findings(config, found) if found is not None else ()),
+        *computer_findings(config.autopilot.url, system),
+        disk(loaded, state),
+    ]
 
 
 def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
@@ -131,8 +232,7 @@ def disk(loaded: Loaded, state: Path) -> Finding:
         loaded: the configuration.
         state: folder that the service has for what it keeps; systemd makes it.
     """
-    given = os.environ.get("STATE_DIRECTORY")
-    folder = loaded.config.log.folder or (Path(given) if given else state) / "logs"
+    folder = loaded.config.log.folder or state / "logs"
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if loaded.config.log.folder is not None and not os.access(existing, os.W_OK):
         what = f"{existing} cannot be written by this user"

@@ -22,7 +22,7 @@ from landerd.pad import PadError, PadLayout, load_pad
 from landerd.preflight.sensors import sensors_file, write_sensors
 from landerd.runtime.daemon import CoreFailed, Daemon, Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
-from landerd.runtime.worker import exit_without_waiting
+from landerd.worker import exit_without_waiting
 
 log = logging.getLogger("landerd")
 

@@ -15,15 +15,18 @@ from landerd.commands.shared import (
     InputError,
     add_config,
     add_json,
+    check_faults,
     check_output,
     check_stand_in_flies,
     load_config,
     print_json,
     refusing,
+    tell,
     whole_number,
 )
 from landerd.config.files import Loaded, config_files
 from landerd.pad import PadError
+from landerd.worker import exit_without_waiting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,9 +78,13 @@ def run(args: argparse.Namespace) -> int:
         for name, path in (("picture", args.picture), ("flight log", args.log)):
             if path is not None and not any(str(path) in line for line in result["not_written"]):
                 print(f"  {name}: {path}{without}")
+    code = 0 if result["landed"] and not result["rules_broken"] else 1
     if result["not_written"]:
-        raise InputError("\n".join(result["not_written"]))
-    return 0 if result["landed"] and not result["rules_broken"] else 1
+        tell("\n".join(result["not_written"]))
+        code = 2
+    if args.realtime:  # a search may still be going on
+        exit_without_waiting(code)
+    return code
 
 
 def _load(args: argparse.Namespace) -> Loaded:
@@ -99,6 +106,7 @@ def _load(args: argparse.Namespace) -> Loaded:
     loaded = load_config(args, [known[args.scenario]], args.seed)
     if args.autopilot is None:
         check_stand_in_flies(loaded)
+    check_faults(loaded, has_stand_in=args.autopilot is None)
     return loaded
 
 
@@ -162,9 +170,18 @@ def _summary(result: dict[str, Any]) -> str:
         f"  pad lost from sight {result['aborts']} times; "
         f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
         f"  phases: {', '.join(phases)}".rstrip(),
+        *(f"  danger: {finding}" for finding in result["findings"]),
+        *(f"  fault: {_happened(fault)}" for fault in result["faults_flown"]),
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
     ]
     return "\n".join(lines)
+
+
+def _happened(fault: dict[str, Any]) -> str:
+    if fault["began"] is None:
+        return f"{fault['fault']}: it never came to it"
+    until = "the end" if fault["ended"] is None else f"{fault['ended']:.1f} s"
+    return f"{fault['fault']} from {fault['began']:.1f} s to {until}, begun in {fault['phase']}"
 
 
 def _height(text: str) -> float:

@@ -64,6 +64,7 @@ class LandingContext:
         landed: what the autopilot's land detector has said since commit.
         pad_velocity: as last seen, local NED, m/s.
         foothold: where the feet are on the plate.
+        hold_asked: the pilot asks to hold over the marker and not to land yet.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class LandingContext:
         self.orders = orders
         self.outcome: str | None = None
         self.aborts = 0
-        self.low = False
+        self.low = self.hold_asked = False
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
@@ -149,7 +150,7 @@ class LandingContext:
     def break_off(self) -> None:
         """Count an abort; those of descents are limited in number (guidance.lost.retries)."""
         self.aborts += 1
-        if self.low:
+        if self.low and not self.hold_asked:
             self._descents_broken_off += 1
 
     @property
@@ -158,7 +159,7 @@ class LandingContext:
         return self._descents_broken_off > self.options.lost.retries
 
     def forgive(self) -> None:
-        """Count broken-off descents and the landing's time anew: the pilot has the vehicle."""
+        """Count broken-off descents and the landing's time anew: the pilot flies, or waits."""
         self._descents_broken_off = 0
         self.end_landing()
 

@@ -12,13 +12,16 @@ guidance.tracking: with them every row of `landerd campaign guidance` reaches wh
 import math
 from dataclasses import replace
 
-from landerd.config.models import GuidanceSection
+from landerd.config.models import Config
 from landerd.geometry import Vec3, add, clamp, rot_z, rotate
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
 
 # ---- horizontal --------------------------------------------------------------------------------
+MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
+MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
+BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
 PAD_VELOCITY_TIME_CONSTANT_S = 0.7  # of its smoothing before it is flown
@@ -28,6 +31,7 @@ PAD_VELOCITY_TIME_CONSTANT_S = 0.7  # of its smoothing before it is flown
 # (bench/step_response.py).
 VERTICAL_LAG_S = 0.35
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
+SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
 REGION_MARGIN = 1.3  # times the error: how wide the region is to be where it sinks to
 
 # ---- heading -----------------------------------------------------------------------------------
@@ -43,13 +47,24 @@ YAW_BRAKE = math.radians(30.0)  # rad/s^2 that a turn is braked with: a quarter 
 class TrackingMethod:
     """Velocity and yaw rate that bring the vehicle onto the pad."""
 
-    def __init__(self, options: GuidanceSection) -> None:
-        self.configure(options)
+    def __init__(self, config: Config) -> None:
+        self.configure(config)
         self.restart()
 
-    def configure(self, options: GuidanceSection) -> None:
-        """Take new gains and limits."""
+    def configure(self, config: Config) -> None:
+        """Take new gains and limits, and how the autopilot shapes velocities.
+
+        ArduPilot's shaper asks for an acceleration of jerk / acceleration times what is missing of
+        the velocity: a first-order lag of acceleration / jerk, by which the errors are led. It
+        bounds the gain, and the gain that of the integral.
+        """
+        options, vehicle = config.guidance, config.autopilot
         self._gains = options.tracking
+        self._lead_s = vehicle.acceleration_mps2 / vehicle.jerk_mps3 + options.tracking.lead_s
+        slower = 1.0 / max(1.0, options.tracking.kp * self._lead_s / MAX_KP_LEAD)
+        self._kp = slower * options.tracking.kp
+        self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
+        self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits
         self._touchdown_mps = options.touchdown_descent_mps
@@ -72,12 +87,12 @@ class TrackingMethod:
         """
         gains = self._gains
         relative = self._smoothed(relative, dt)
-        north, east = self._error_ahead(relative, gains.lead_s)
+        north, east = _error_ahead(relative, self._lead_s)
         distance = math.hypot(north, east)
-        closing = min(_braking_speed(distance, gains.kp, gains.brake_mps2), gains.approach_mps)
+        closing = min(_braking_speed(distance, self._kp, self._brake), gains.approach_mps)
         k = closing / distance if distance > 0.0 else 0.0
         self._integrate(relative, dt)
-        v = relative.pad_velocity_ahead(gains.lead_s)
+        v = relative.pad_velocity_ahead(self._lead_s)
         velocity = (
             v[0] + k * north + self._integral[0],
             v[1] + k * east + self._integral[1],
@@ -105,14 +120,10 @@ class TrackingMethod:
             error_rate=add(relative.error_rate, change),
         )
 
-    def _error_ahead(self, relative: RelativeState, lead_s: float) -> tuple[float, float]:
-        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
-        return north + lead_s * v_north, east + lead_s * v_east
-
     def _integrate(self, relative: RelativeState, dt: float) -> None:
         if relative.distance > INTEGRAL_RANGE_M:
             return
-        step = self._gains.ki * dt
+        step = self._ki * dt
         north, east = self._integral
         north, east = north + step * relative.error[0], east + step * relative.error[1]
         size = math.hypot(north, east)
@@ -121,7 +132,7 @@ class TrackingMethod:
 
     def _sink_rate(self, relative: RelativeState, floor_m: float) -> float:
         """Return the downward speed relative to the pad, m/s."""
-        ahead = math.hypot(*self._error_ahead(relative, self._gains.lead_s))
+        ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
         off = REGION_MARGIN * max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
         height = relative.height - VERTICAL_LAG_S * max(0.0, relative.error_rate[2] * -1.0)
@@ -144,6 +155,11 @@ class TrackingMethod:
         max_rate = math.radians(self._limits.yaw_rate_deg_s)
         turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), error)
         return clamp(relative.pad_turn_rate + turn, -max_rate, max_rate)
+
+
+def _error_ahead(relative: RelativeState, lead_s: float) -> tuple[float, float]:
+    (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+    return north + lead_s * v_north, east + lead_s * v_east
 
 
 def _braking_speed(distance: float, kp: float, deceleration: float) -> float:

@@ -8,14 +8,12 @@ OUT=${OUT:?where it is built}
 rm -rf "$OUT"
 mkdir -p "$OUT/kernel" "$OUT/headers" "$OUT/pwm" "$OUT/initrd"
 
-# Root: a plain directory, no kernel in it; user and groups as in docs/install.md.
+# Root: a plain directory, no kernel in it, nothing of landerd.
 mmdebstrap --quiet --variant=minbase --mode=root --dpkgopt=force-unsafe-io \
     --dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
-    --include=systemd,systemd-sysv,udev,kmod,python3,v4l-utils bookworm "$OUT/root"
+    --include=systemd,systemd-sysv,udev,kmod,python3,python3-venv,v4l-utils bookworm "$OUT/root"
 ROOT=$OUT/root
-chroot "$ROOT" useradd --system --no-create-home landerd
-for group in dialout video i2c gpio; do chroot "$ROOT" groupadd -f -r $group; done
-mkdir -p "$ROOT/opt/landerd/venv/bin" "$ROOT/etc/landerd" "$ROOT/repo"
+mkdir "$ROOT/repo"
 echo landerd-devices > "$ROOT/etc/hostname"
 
 # Kernel: unpacked, never installed.

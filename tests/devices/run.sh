@@ -42,29 +42,49 @@ if [ "$(cat "$OUT/built-from" 2> /dev/null)" != "$KEY" ]; then
 fi
 
 WORK=$(mktemp -d)
-trap 'rm -rf "$WORK"' EXIT
+BOX=$(mktemp -d)  # the container's root, and what it changes
+clean_up() {
+    for mount in "$BOX/root" "$BOX"; do
+        ! mountpoint -q "$mount" || umount "$mount"
+    done
+    rm -rf "$WORK" "$BOX"
+}
+trap clean_up EXIT
 chmod 755 "$WORK"
-mkdir "$WORK/repo" "$WORK/wants"
-for part in landerd hw config systemd tests; do cp -r "$REPO/$part" "$WORK/repo"; done
+mkdir "$WORK/repo"
+for part in landerd hw config systemd tests pyproject.toml README.md LICENSE; do cp -r "$REPO/$part" "$WORK/repo"; done
 find "$WORK/repo" -name __pycache__ -prune -exec rm -r {} +
 
+# Two wheels: of what is here, and of a next version that has other keys.
+PYTHON=$REPO/.venv/bin/python
+[ -x "$PYTHON" ] || PYTHON=python3
+wheel() {
+    "$PYTHON" -m pip wheel -qq --disable-pip-version-check --no-deps -w "$WORK/$2" "$1" ||
+        { echo "the wheel could not be built"; exit 1; }
+}
+wheel "$WORK/repo" wheel
+cp -r "$WORK/repo" "$WORK/next"
+sed -i 's/^version = .*/version = "99.0"/' "$WORK/next/pyproject.toml"
+sed -i 's/min_ring_px: 8.0/min_ring_px: 9.0/' "$WORK/next/config/default.yaml"
+wheel "$WORK/next" next-wheel
+
+# Of the root, with changes that are thrown away.
+mount -t tmpfs landerd-devices "$BOX"
+mkdir "$BOX/upper" "$BOX/work" "$BOX/root"
+mount -t overlay overlay "$BOX/root" \
+    -o "lowerdir=$OUT/root,upperdir=$BOX/upper,workdir=$BOX/work"
 container() {
     timeout -k 5 "$LIMIT" systemd-nspawn --quiet --register=no --keep-unit --private-network \
-        --directory="$OUT/root" --bind="$WORK:/checks" --bind="$WORK/repo:/repo" "$@" < /dev/null
+        --machine=landerd-devices --directory="$BOX/root" --bind="$WORK:/checks" --bind="$WORK/repo:/repo" "$@" < /dev/null
 }
 # Byte code is made here once: starting landerd without takes a minute in the virtual machine.
-container --volatile=overlay python3 -m compileall -q /repo > "$OUT/container.log" 2>&1
+container python3 -m compileall -q /repo > "$OUT/container.log" 2>&1
 
-cp -r "$REPO/config" "$WORK/etc"
-cp "$HERE/container.yaml" "$WORK/etc/landerd.yaml"
-UNITS=/etc/systemd/system
-for unit in landerd checks; do ln -s $UNITS/$unit.service "$WORK/wants"; done
-container --volatile=overlay --bind="$WORK/etc:/etc/landerd" \
-    --bind-ro="$HERE/program.sh:/opt/landerd/venv/bin/landerd" \
-    --bind-ro="$REPO/systemd/landerd.service:$UNITS/landerd.service" \
-    --bind-ro="$HERE/checks.service:$UNITS/checks.service" \
-    --bind-ro="$WORK/wants:$UNITS/multi-user.target.wants" \
-    --boot systemd.show_status=0 >> "$OUT/container.log" 2>&1 || true
+mkdir "$WORK/only-tests"
+cp -r "$WORK/repo/tests" "$WORK/only-tests"
+cp "$HERE/container.yaml" "$HERE/program.conf" "$HERE/install.sh" "$HERE/checks.service" "$WORK"
+container sh /checks/install.sh >> "$OUT/container.log" 2>&1 || cat "$OUT/container.log"
+container --boot systemd.show_status=0 >> "$OUT/container.log" 2>&1 || true
 cat "$WORK/service.txt" 2> /dev/null || { echo "the container did not boot:"; cat "$OUT/container.log"; }
 grep -q "^ALL .* CHECKS OF THE SERVICE PASSED" "$WORK/service.txt" && service=0 || service=1
 

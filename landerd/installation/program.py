@@ -1,0 +1,83 @@
+"""The program itself, in a Python environment of its own below /opt.
+
+Debian's Python takes no packages from elsewhere (PEP 668), and the service can see no home folder.
+The environment sees Debian's packages too: picamera2 and GStreamer's binding come only as those.
+"""
+
+import hashlib
+import importlib.util
+import shutil
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from landerd.installation.steps import InstallError, Step, call
+
+OPT = Path("/opt/landerd")
+VENV = OPT / "venv"
+PROGRAM = VENV / "bin" / "landerd"
+_SOURCE_SUM = OPT / "source.sha256"  # of what the environment was filled from
+_PARTS = ("landerd", "hw", "config", "systemd", "pyproject.toml")  # of a checkout
+
+
+def is_installed_copy() -> bool:
+    """Tell whether this process runs the program in /opt."""
+    return Path(sys.prefix) == VENV
+
+
+def source() -> Path:
+    """Return the wheel or the checkout that this process runs from.
+
+    Raises:
+        InstallError: it runs from neither.
+    """
+    here = Path(__file__)
+    for wheel in here.parents:
+        if wheel.is_file():
+            return wheel
+    checkout = here.parents[2]
+    if (checkout / "pyproject.toml").is_file():
+        return checkout
+    raise InstallError(
+        f"landerd runs from {here.parents[1]}, which cannot be copied to {VENV}; run it from a "
+        "checkout (sudo python3 -m landerd install) or out of its wheel "
+        "(sudo python3 landerd-VERSION.whl/landerd install)"
+    )
+
+
+def program_steps(origin: Path) -> Iterator[Step]:
+    """Yield what brings the program of a wheel or checkout to /opt, if it is another one there."""
+    new = _sum_of(origin)
+    if PROGRAM.exists() and _SOURCE_SUM.exists() and _SOURCE_SUM.read_text() == new:
+        return
+    if not (VENV / "bin" / "python").exists():
+        if importlib.util.find_spec("ensurepip") is None:
+            if shutil.which("apt-get") is None:
+                raise InstallError("Python's venv module is missing: install your system's package")
+            apt = ("apt-get", "install", "--yes", "--quiet", "python3-venv")
+            yield Step("install Debian's package python3-venv", partial(call, *apt))
+        make = (sys.executable, "-m", "venv", "--system-site-packages", str(VENV))
+        yield Step(f"make a Python environment in {VENV}", partial(call, *make))
+    pip = (str(VENV / "bin" / "python"), "-m", "pip", "--quiet", "--disable-pip-version-check")
+
+    def fill() -> None:
+        if origin.is_file():  # a wheel of the same version is taken for installed
+            call(*pip, "install", "--force-reinstall", "--no-deps", str(origin))
+        call(*pip, "install", str(origin), where=OPT)
+        _SOURCE_SUM.write_text(new)
+
+    yield Step(f"install landerd from {origin} into it", fill)
+
+
+def _sum_of(origin: Path) -> str:
+    """Return a checksum of what would be installed."""
+    if origin.is_file():
+        return hashlib.sha256(origin.read_bytes()).hexdigest()
+    total = hashlib.sha256()
+    for part in _PARTS:
+        top = origin / part
+        for path in [top] if top.is_file() else sorted(top.rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                total.update(f"{path.relative_to(origin)}\0".encode() + path.read_bytes())
+    return total.hexdigest()
