@@ -164,7 +164,7 @@ class PidSection(Section):
 class TrackingSection(Section):
     """The controller on the pad filter's state."""
 
-    kp: Annotated[float, Field(gt=0, le=5)] = 1.8  # closing speed per m of distance, near the pad
+    kp: Annotated[float, Field(gt=0, le=5)] = 2.5  # closing speed per m of distance, near the pad
     ki: Annotated[float, Field(ge=0, le=2)] = 0.6
     lead_s: Annotated[float, Field(ge=0, le=2)] = 0.0  # later than ArduPilot's shaper
     approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad

@@ -21,8 +21,8 @@ from landerd.messages import Phase
 # ---- horizontal --------------------------------------------------------------------------------
 MIN_LEAD_S = 0.35  # the airframe, the link and what is seen are late too
 MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
-# 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.0.
-MAX_KP_PER_ACCELERATION = 0.72
+# 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.4.
+MAX_KP_PER_ACCELERATION = 1.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
