@@ -119,6 +119,9 @@ class VisionSection(Section):
     # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
     # by hand is good for, and what focus and warmth move.
     focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005
+    # From the exposure of the first row to that of the last: 0 for a global shutter. Ordinary
+    # cameras take 10 to 33 ms.
+    readout_s: Annotated[float, Field(ge=0, le=0.1)] = 0.02
 
 
 class EstimationSection(Section):

@@ -64,7 +64,8 @@ class Phases:
 
     def may_descend(self, relative: RelativeState) -> bool:
         """Tell whether the vehicle is inside the descent region, its own uncertainty counted."""
-        radius = descent_radius(self._options, relative.height)
+        at_least = relative.height - 2.0 * relative.sigma_height
+        radius = descent_radius(self._options, at_least)
         return relative.distance + 2.0 * relative.sigma_m < radius
 
     @property

@@ -19,12 +19,16 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
 
 # ---- horizontal --------------------------------------------------------------------------------
+MIN_LEAD_S = 0.35  # the airframe, the link and what is seen are late too
 MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
+# 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.4.
+MAX_KP_PER_ACCELERATION = 1.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
-PAD_VELOCITY_TIME_CONSTANT_S = 0.7  # of its smoothing before it is flown
+# Of the pad's velocity before it is flown, s, and in leads: what is slow need not hurry.
+PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
 
 # ---- vertical ----------------------------------------------------------------------------------
 # Lag of the answer to a vertical order, s: ArduCopter 4.5.7 in SITL was half there after 0.43 s
@@ -60,9 +64,13 @@ class TrackingMethod:
         """
         options, vehicle = config.guidance, config.autopilot
         self._gains = options.tracking
-        self._lead_s = vehicle.acceleration_mps2 / vehicle.jerk_mps3 + options.tracking.lead_s
-        slower = 1.0 / max(1.0, options.tracking.kp * self._lead_s / MAX_KP_LEAD)
-        self._kp = slower * options.tracking.kp
+        shaper_s = vehicle.acceleration_mps2 / vehicle.jerk_mps3
+        self._lead_s = max(shaper_s, MIN_LEAD_S) + options.tracking.lead_s
+        self._kp = min(
+            options.tracking.kp,
+            MAX_KP_LEAD / self._lead_s,
+            MAX_KP_PER_ACCELERATION * vehicle.acceleration_mps2,
+        )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
@@ -110,7 +118,7 @@ class TrackingMethod:
         if self._pad_velocity is None:
             self._pad_velocity = (north, east)
         turned = rotate(rot_z(relative.pad_turn_rate * dt), (*self._pad_velocity, 0.0))
-        k = min(1.0, dt / PAD_VELOCITY_TIME_CONSTANT_S)
+        k = min(1.0, dt / max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s))
         smooth = (turned[0] + k * (north - turned[0]), turned[1] + k * (east - turned[1]))
         self._pad_velocity = smooth
         change = (smooth[0] - north, smooth[1] - east, 0.0)

@@ -228,7 +228,7 @@ def test_a_vehicle_that_stands_for_days_leaves_the_flights_before_it(tmp_path: P
 
 def test_a_flights_own_files_are_kept_while_it_goes_on(tmp_path: Path) -> None:
     flight = RecordedFlight(recorder(tmp_path, PLENTY.model_copy(update=SPLIT)), SMALL_NOISE)
-    flight.engaged().run(1.0)
+    flight.engaged().run(2.0)
     flight.recorder.close()
     assert len(list(tmp_path.glob("00001-*"))) >= 3
 

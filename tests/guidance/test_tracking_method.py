@@ -114,7 +114,7 @@ def test_a_vehicle_that_its_autopilot_lets_answer_slowly_is_flown_gently() -> No
     slow = CONFIG.model_copy(
         update={"autopilot": CONFIG.autopilot.model_copy(update={"jerk_mps3": 1.25})}
     )
-    r = situation(0.4, 5.0)
+    r = situation(0.2, 5.0)
 
     (ordered, _, _), _ = TrackingMethod(CONFIG).step(Phase.APPROACH, r, 0.0, DT)
     (gently, _, _), _ = TrackingMethod(slow).step(Phase.APPROACH, r, 0.0, DT)
