@@ -11,6 +11,7 @@ import numpy as np
 
 from landerd.camera_model import CameraModel
 from landerd.geometry import horizontal, norm, wrap
+from landerd.guidance.phases import descent_radius
 from landerd.guidance.states import State
 from landerd.messages import Frame, Sightings
 from landerd.pad import PadLayout
@@ -33,7 +34,7 @@ class Fixed:
 
 def shown(view: View, fixed: Fixed) -> dict[str, Any]:
     """Return all of a view but its picture; numbers that are none are null."""
-    relative, config = view.relative, view.config
+    relative = view.relative
     shows: dict[str, Any] = {
         "t": view.t,
         "state": view.state.value,
@@ -59,7 +60,6 @@ def shown(view: View, fixed: Fixed) -> dict[str, Any]:
         "plate": fixed.layout.plate.model_dump(),
     }
     if relative is not None:
-        descent = config.guidance.descent
         heading = relative.heading_error
         shows["pad"] = {
             "north": _number(relative.error[0], 3),
@@ -72,7 +72,7 @@ def shown(view: View, fixed: Fixed) -> dict[str, Any]:
             "heading_deg": None
             if heading is None or view.attitude is None
             else _number(math.degrees(wrap(view.attitude.yaw + heading)), 1),
-            "region": _number(descent.k1_m * math.exp(descent.k2_per_m * relative.height), 2),
+            "region": _number(descent_radius(view.config.guidance.descent, relative.height), 2),
         }
     return shows
 
