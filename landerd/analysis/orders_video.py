@@ -20,7 +20,7 @@ class OrdersVideo:
     """An observer that writes the video of one flight."""
 
     def __init__(self, path: Path, camera: CameraModel, layout: PadLayout, fps: float) -> None:
-        """Make the file, MPEG-4.
+        """Make the file: .webm in VP8, which browsers play, or .mp4 in MPEG-4 Part 2.
 
         Raises:
             VideoNotWritten: it cannot be made.
@@ -28,7 +28,7 @@ class OrdersVideo:
         self._camera, self._layout = camera, layout
         self._path, self._frames = path, 0
         size = (camera.width, camera.height)
-        code = cv2.VideoWriter.fourcc(*"mp4v")
+        code = cv2.VideoWriter.fourcc(*("VP80" if path.suffix == ".webm" else "mp4v"))
         self._writer = cv2.VideoWriter(str(path), code, fps, size)
         if not self._writer.isOpened():
             raise VideoNotWritten(f"{path}: this video cannot be written")

@@ -249,7 +249,7 @@ def _battery(figure: Any, flight: Flight) -> None:
         other = axes.twinx()
         used = [math.nan if e is None else e / 100.0 for e in energy]
         other.plot(t, used, color="tab:red")
-        other.set_ylabel("used (hJ)", color="tab:red")
+        other.set_ylabel("used (hJ; 36 hJ are 1 Wh)", color="tab:red")
     _finish(figure, flight)
 
 
