@@ -85,19 +85,18 @@ class Flights:
     def _make(self, log: Path) -> bytes:
         with tempfile.TemporaryDirectory(prefix="landerd-") as folder:
             output = Path(folder) / "report.html"
-            process = subprocess.Popen(
+            with subprocess.Popen(
                 [sys.executable, "-m", "landerd", "report", str(log), "-o", str(output)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-            )
-            with contextlib.suppress(OSError):  # a hardened service may not
-                os.setpriority(os.PRIO_PROCESS, process.pid, 19)
-            try:
-                error = self._end_of(process)
-            finally:
-                process.kill()
-                process.wait()
+            ) as process:
+                with contextlib.suppress(OSError):  # a hardened service may not
+                    os.setpriority(os.PRIO_PROCESS, process.pid, 19)
+                try:
+                    error = self._end_of(process)
+                finally:
+                    process.kill()
             if process.returncode != 0:
                 raise NoReport(error or "no report can be made of it")
             return output.read_bytes()

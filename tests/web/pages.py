@@ -54,7 +54,7 @@ class Shown:
         self.page, self.flight, self.daemon, self.door = page, flight, daemon, door
 
     def get(self, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
-        connection = http.client.HTTPConnection(self.door.host, self.door.port, timeout=10)
+        connection = http.client.HTTPConnection(self.door.host, self.door.port, timeout=60)
         try:
             connection.request("GET", path, headers=headers)
             answer = connection.getresponse()
