@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
-.PHONY: sim test test-devices check bench bench-vision mutants golden clean
+.PHONY: sim test test-devices check bench bench-vision mutants fuzz golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
@@ -35,6 +35,11 @@ test-devices:  ## drivers and service against a real kernel and systemd, in a vi
 
 mutants: $(SETUP)  ## break each safety rule in turn and show the test that catches it
 	$(BIN)/python tests/mutants.py
+
+fuzz: $(SETUP)  ## damaged bytes, files and command lines for hours, other ones each time; FUZZ=times longer
+	LANDERD_FUZZ=$(or $(FUZZ),200) $(BIN)/python -m pytest -n 2 tests/fuzz \
+		tests/hw/gimbals/test_fuzz.py tests/hw/autopilots/test_mavlink.py \
+		tests/hw/autopilots/test_mavlink_codec.py
 
 golden: $(SETUP)  ## fly the golden flights again after an intended change of the core
 	$(BIN)/python -m tests.renew_golden

@@ -2,6 +2,7 @@
 
     python -m bench.vision_conditions --images 200         # the table
     python -m bench.vision_conditions --only gamma,glare   # some lines
+    python -m bench.vision_conditions --of whycode         # of 1 m alone, or a tag of 0.6 m
     python -m bench.vision_conditions --keep FOLDER        # made once, then read from there
 
 The thesis's pad from 2 to 15 m at 0 to 45 degrees, nothing known beforehand. Lines marked * are
@@ -31,23 +32,60 @@ from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.config.models import VisionSection
 from landerd.geometry import IDENTITY
 from landerd.messages import Frame, PoseSolution
-from landerd.pad import PadLayout
+from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision import Vision
 from tests.vision import scenes
 
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]
 
-CAMERA, PAD = scenes.THESIS_CAMERA, scenes.THESIS_PAD
+# Print and lens are exact here, and said to be: what a pad file allows would hide a wrong sigma.
+CAMERA = scenes.THESIS_CAMERA
+_EXACT = {"print_scale_sigma": 0.0, "placement_sigma_m": 0.0, "flatness_deg": 0.0}
+PAD = scenes.THESIS_PAD.model_copy(update=_EXACT)
 RING = PAD.rings[0]
-RING_PAD = PadLayout(name="ring", markers=(RING,), plate=PAD.plate)
-DISTANCES = (2.0, 4.0, 7.0, 10.0, 15.0)
+RING_PAD = PAD.model_copy(update={"name": "ring", "markers": (RING,)})
+OPTIONS = VisionSection(focal_sigma=0.0, readout_s=0.0)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A pad of which pictures are made, and from how far, m."""
+
+    pad: PadLayout
+    distances: tuple[float, ...]
+
+    @property
+    def outlined(self) -> Ring | WhyCode:
+        """The ring that is wholly in the image, or one as large as what is there."""
+        if self.pad.rings:
+            return self.pad.rings[0]
+        if self.pad.whycodes:
+            return self.pad.whycodes[0]
+        return Ring(kind="whycon", outer_diameter_m=1.5 * self.pad.squares[0].size_m)
+
+
+def _alone(marker: WhyCode | Square) -> PadLayout:
+    return PAD.model_copy(update={"name": "alone", "markers": (marker,)})
+
+
+_TAG = PAD.squares[0].model_copy(update={"size_m": 0.6, "position_m": (0.0, 0.0)})
+_CODE = WhyCode(kind="whycode", outer_diameter_m=1.0, bits=6, id=5)
+TARGETS = {
+    "thesis": Target(PAD, (2.0, 4.0, 7.0, 10.0, 15.0)),
+    "tag": Target(_alone(_TAG), (1.0, 2.0, 4.0, 7.0, 10.0)),
+    "whycode": Target(_alone(_CODE), (2.0, 4.0, 7.0, 10.0, 15.0)),
+}
 MAX_ANGLE_DEG = 45.0
 CHI2_95 = 7.815  # three degrees of freedom
 FOUND_SHARE = 0.1  # of the range
 READOUT_S, SKEW_PX = 0.02, 5.0
+ROLLING_OPTIONS = OPTIONS.model_copy(update={"readout_s": READOUT_S})
 _AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
 _NO_VEHICLE = VehiclePose((0.0, 0.0, -100.0), IDENTITY, (0.4, 0.3), 0.2)
+
+
+Maker = Callable[[scenes.View, Target, np.random.Generator], U8]
 
 
 @dataclass(frozen=True)
@@ -83,40 +121,39 @@ def exposed(light: F64, sensor: Sensor, rng: np.random.Generator) -> U8:
 
 
 def exact(
-    sensor: Sensor, alter: Callable[[scenes.Optics, scenes.View, np.random.Generator], Any]
-) -> Callable[[scenes.View, np.random.Generator], U8]:
+    sensor: Sensor, alter: Callable[[scenes.Optics, F64, np.random.Generator], scenes.Optics]
+) -> Maker:
     """Return a maker of exact pictures under altered optics on a sensor."""
 
-    def make(view: scenes.View, rng: np.random.Generator) -> U8:
+    def make(view: scenes.View, target: Target, rng: np.random.Generator) -> U8:
         optics = scenes.random_optics(rng)
         white = 220.0
         optics = replace(optics, white=white, black=optics.black / optics.white * white, noise=0.0)
-        optics = alter(optics, view, rng)
-        light = scenes.render(view, CAMERA, optics, rng).astype(np.float64) / white
+        optics = alter(optics, scenes.outline(view, CAMERA, target.outlined), rng)
+        light = scenes.render(view, CAMERA, optics, rng, target.pad).astype(np.float64) / white
         return exposed(light, sensor, rng)
 
     return make
 
 
-def plainly(optics: scenes.Optics, _view: scenes.View, _rng: np.random.Generator) -> scenes.Optics:
+def plainly(optics: scenes.Optics, _edge: F64, _rng: np.random.Generator) -> scenes.Optics:
     """Leave the optics as they are."""
     return optics
 
 
-def moving(share: float) -> Callable[[scenes.Optics, scenes.View, np.random.Generator], Any]:
+def moving(share: float) -> Callable[[scenes.Optics, F64, np.random.Generator], scenes.Optics]:
     """Return a change that moves the image by a share of the ring's diameter, at most 15 px."""
 
-    def alter(optics: scenes.Optics, view: scenes.View, rng: np.random.Generator) -> scenes.Optics:
-        size = float(np.ptp(scenes.outline(view, CAMERA, RING), axis=0).max())
+    def alter(optics: scenes.Optics, edge: F64, rng: np.random.Generator) -> scenes.Optics:
+        size = float(np.ptp(edge, axis=0).max())
         px, a = min(share * size, 15.0), rng.uniform(0.0, 2.0 * math.pi)
         return replace(optics, motion_px=(px * math.cos(a), px * math.sin(a)))
 
     return alter
 
 
-def with_leg(optics: scenes.Optics, view: scenes.View, rng: np.random.Generator) -> scenes.Optics:
+def with_leg(optics: scenes.Optics, edge: F64, rng: np.random.Generator) -> scenes.Optics:
     """Lay a bar over a tenth of the ring."""
-    edge = scenes.outline(view, CAMERA, RING)
     size = float(np.ptp(edge, axis=0).max())
     centre, a = edge.mean(axis=0), rng.uniform(0.0, 2.0 * math.pi)
     off = rng.uniform(-0.4, 0.4) * size
@@ -129,16 +166,14 @@ def with_leg(optics: scenes.Optics, view: scenes.View, rng: np.random.Generator)
 # ---- the simulator's renderer ------------------------------------------------------------------
 
 
-def simulated(
-    camera: dict[str, Any], render: dict[str, Any], pad: dict[str, Any]
-) -> Callable[[scenes.View, np.random.Generator], U8]:
+def simulated(camera: dict[str, Any], render: dict[str, Any], pad: dict[str, Any]) -> Maker:
     """Return a maker of the simulator's pictures under these options."""
     options = SimCameraOptions.model_validate(camera)
-    worlds: dict[int, Renderer] = {}
+    worlds: dict[tuple[int, Target], Renderer] = {}
 
-    def make(view: scenes.View, rng: np.random.Generator) -> U8:
+    def make(view: scenes.View, target: Target, rng: np.random.Generator) -> U8:
         seed = int(rng.integers(8))
-        if seed not in worlds:
+        if (seed, target) not in worlds:
             scene = RenderOptions.model_validate(
                 {"vehicle_shadow": False, "legs": False, "illumination": 0.95}
                 | render
@@ -152,7 +187,8 @@ def simulated(
                 )
             )
             at = PadOptions.model_validate({"position_m": (0.0, 0.0), **pad})
-            worlds[seed] = Renderer(printed(PAD, at, seed), CAMERA, scene, seed, options, at)
+            print_ = printed(target.pad, at, seed)
+            worlds[seed, target] = Renderer(print_, CAMERA, scene, seed, options, at)
         R = view.R_camera_pad.T
         middle = -R @ np.array(view.position)
         # Against the view's own axes a rolling shutter's motion is across the rows and along them.
@@ -170,7 +206,7 @@ def simulated(
             )
             readout = Readout(0.0, options.readout_s, options.exposure_s, shots, None)
         frame = int(rng.integers(1000))
-        return worlds[seed].render(frame, still, still, _AT_ORIGIN, None, None, readout)
+        return worlds[seed, target].render(frame, still, still, _AT_ORIGIN, None, None, readout)
 
     return make
 
@@ -183,7 +219,7 @@ def _pose(position: F64, R: F64) -> CameraPose:
 
 ROLLING = "rolling shutter"
 _SUN = {"sun_elevation_deg": 50.0}
-CONDITIONS: dict[str, Callable[[scenes.View, np.random.Generator], U8]] = {
+CONDITIONS: dict[str, Maker] = {
     "plain*": exact(Sensor(), plainly),
     "plain": simulated({}, {}, {}),
     "gamma 2.2, JPEG*": exact(Sensor(0.85, 2.2, 3.0, 85), plainly),
@@ -215,11 +251,10 @@ CONDITIONS: dict[str, Callable[[scenes.View, np.random.Generator], U8]] = {
 }
 
 
-def shots(name: str, images: int, seed: int, keep: Path | None) -> list[Shot]:
-    """Return the pictures of a line, made or kept."""
-    file = (
-        None if keep is None else keep / f"{name.replace(' ', '_').replace('/', '')}-{images}.npz"
-    )
+def shots(name: str, of: str, images: int, seed: int, keep: Path | None) -> list[Shot]:
+    """Return the pictures of a line and a target, made or kept."""
+    target = TARGETS[of]
+    file = None if keep is None else keep / f"{of}-{name.replace(' ', '_')}-{images}.npz"
     if file is not None and file.is_file():
         kept = np.load(file)
         return [
@@ -229,12 +264,12 @@ def shots(name: str, images: int, seed: int, keep: Path | None) -> list[Shot]:
     made: list[Shot] = []
     for k in range(images):
         rng = np.random.default_rng([seed, k])
-        distance = DISTANCES[k % len(DISTANCES)]
+        distance = target.distances[k % len(target.distances)]
         view = None
         while view is None:
             tilt = math.radians(rng.uniform(0.0, MAX_ANGLE_DEG))
-            view = scenes.random_view(rng, CAMERA, distance, tilt, RING)
-        image = CONDITIONS[name](view, rng)
+            view = scenes.random_view(rng, CAMERA, distance, tilt, target.outlined)
+        image = CONDITIONS[name](view, target, rng)
         if name == ROLLING:
             # Where the pad is as the row of its ring is exposed.
             row = (CAMERA.pixels(np.array([view.position]))[0, 1] - 239.5) / CAMERA.height
@@ -263,7 +298,7 @@ class Line:
     false: int = 0
     inside: int = 0
     stages: dict[str, int] = field(default_factory=dict)
-    missed: dict[float, int] = field(default_factory=dict)  # by range
+    missed: dict[int, int] = field(default_factory=dict)  # by range
     errors: list[float] = field(default_factory=list)  # share of the range
     ms: list[float] = field(default_factory=list)
 
@@ -278,7 +313,7 @@ class Line:
         error = np.array(poses[0].position) - truth if poses else None
         if error is None or float(np.linalg.norm(error)) > FOUND_SHARE * reach:
             self.false += error is not None
-            at = min(DISTANCES, key=lambda d: abs(d - reach))
+            at = round(reach)
             self.missed[at] = self.missed.get(at, 0) + 1
             return
         self.found += 1
@@ -297,11 +332,11 @@ class Line:
         )
 
 
-def looked(layout: PadLayout, made: list[Shot]) -> Line:
+def looked(layout: PadLayout, made: list[Shot], options: VisionSection) -> Line:
     """Look for a pad in each picture with nothing known; return what was found."""
     line = Line()
     for shot in made:
-        vision = Vision(layout, CAMERA, VisionSection())
+        vision = Vision(layout, CAMERA, options)
         began = time.perf_counter()
         seen = vision.process(Frame(0.0, 0, shot.image))
         ms = (time.perf_counter() - began) * 1e3
@@ -332,18 +367,24 @@ def main() -> None:
     parser.add_argument("--only", default="", help="lines whose names hold one of these")
     parser.add_argument("--keep", type=Path, help="folder in which pictures are kept")
     parser.add_argument("--pad", action="store_true", help="the whole pad besides its ring alone")
+    parser.add_argument("--of", choices=TARGETS, default="thesis", help="what is looked at")
     args = parser.parse_args()
     cv2.setNumThreads(1)
+    layout = RING_PAD if args.of == "thesis" else TARGETS[args.of].pad
     columns = "found % bad  in 95 % med o/oo    p95     ms    max"
-    print(f"{'':20} ring: {columns}")
+    print(f"{'':20} {layout.name:>5}: {columns}")
     for name in CONDITIONS:
         if not any(part in name for part in args.only.split(",")):
             continue
-        made = shots(name, args.images, args.seed, args.keep)
-        ring = looked(RING_PAD, made)
-        print(f"{name:20} {ring.text()}  {ring.stages} missed {ring.missed}", flush=True)
+        made = shots(name, args.of, args.images, args.seed, args.keep)
+        options = ROLLING_OPTIONS if name == ROLLING else OPTIONS
+        line = looked(layout, made, options)
+        print(f"{name:20} {line.text()}  {line.stages} missed {line.missed}", flush=True)
         if args.pad:
-            print(f"{'  any marker':20} {looked(PAD, made).text()}  tag:{tags(made)}", flush=True)
+            print(
+                f"{'  any marker':20} {looked(PAD, made, options).text()}  tag:{tags(made)}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

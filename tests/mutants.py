@@ -25,7 +25,7 @@ class Mutant(NamedTuple):
     file: str
     old: str
     new: str
-    test: str  # in tests/test_safety.py
+    test: str  # in tests/test_safety.py, or FILE::TEST in tests/
 
 
 GATE = "landerd/guidance/gate.py"
@@ -33,7 +33,8 @@ SILENT, FLYING = "landerd/guidance/state_silent.py", "landerd/guidance/state_fly
 PAD, CONTEXT = "landerd/guidance/state_pad.py", "landerd/guidance/landing_context.py"
 ORDERS, ESTIMATOR = "landerd/guidance/orders.py", "landerd/estimation/estimator.py"
 LIMITS, PHASES = "landerd/guidance/limits.py", "landerd/guidance/phases.py"
-TOUCHDOWN = "landerd/guidance/touchdown.py"
+TOUCHDOWN, LANDING = "landerd/guidance/touchdown.py", "landerd/guidance/landing.py"
+TRACKING = "landerd/guidance/tracking_method.py"
 
 MUTANTS = [
     Mutant(
@@ -116,7 +117,7 @@ MUTANTS = [
     Mutant(
         "1b: flies on stale RC",
         GATE,
-        "now - self._rc_t > self._freshness.rc_s",
+        "now - self._rc_t + self._clock_s > self._freshness.rc_s",
         "False",
         "test_1b_stale_rc_closes_the_gate_but_does_not_latch",
     ),
@@ -288,6 +289,223 @@ MUTANTS = [
         "pass",
         "test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back",
     ),
+    Mutant(
+        "1b: told to stop it flies on",
+        GATE,
+        "if self._ending:",
+        "if False:",
+        "test_lander.py::test_told_to_stop_it_hovers_and_lets_go_whatever_the_switch_does",
+    ),
+    Mutant(
+        "1: no signal counts as the switch seen low",
+        GATE,
+        "if 0 < self._pulse_us <= self._threshold_us:",
+        "if self._pulse_us <= self._threshold_us:",
+        "guidance/test_gate.py::test_no_signal_closes_the_gate_but_is_not_the_switch_seen_low",
+    ),
+    Mutant(
+        "1: a hand-back does not latch",
+        LANDING,
+        "        self._gate.latch()\n",
+        "",
+        "test_lander.py::test_out_of_sight_it_holds_climbs_and_hands_back_and_says_so",
+    ),
+    Mutant(
+        "1b: the switch's old position overtakes its new one",
+        GATE,
+        "if rc.t < self._rc_t:",
+        "if False:",
+        "guidance/test_gate.py::test_messages_older_than_the_last_are_dropped",
+    ),
+    Mutant(
+        "1: an old heartbeat overtakes a new one",
+        GATE,
+        "if last is not None and heartbeat.t < last.t:",
+        "if False:",
+        "guidance/test_gate.py::test_messages_older_than_the_last_are_dropped",
+    ),
+    Mutant(
+        "1b: a wave-off does not climb",
+        FLYING,
+        "context.orders.climb_away((north, east, -context.options.limits.climb_mps))",
+        "context.orders.climb_away((north, east, context.options.limits.climb_mps))",
+        "guidance/test_landing.py::test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding",
+    ),
+    Mutant(
+        "1d: sinks to see more",
+        "landerd/guidance/lost.py",
+        "return (0.0, 0.0, -o.climb_mps), pilot_texts.CLIMBING",
+        "return (0.0, 0.0, o.climb_mps), pilot_texts.CLIMBING",
+        "guidance/test_lost.py::test_then_it_climbs_straight_up_by_as_much_as_configured",
+    ),
+    Mutant(
+        "2: sinks on while asked to hold",
+        FLYING,
+        "hold_m = o.hold.height_m if self._context.hold_asked else 0.0",
+        "hold_m = 0.0",
+        "guidance/test_hold.py::test_asked_in_the_descent_it_climbs_to_where_it_holds",
+    ),
+    Mutant(
+        "2: descends to commit while asked to hold",
+        PHASES,
+        "descends = self._aligned and may_land",
+        "descends = self._aligned",
+        "guidance/test_hold.py::test_it_holds_over_the_marker_says_so_once_and_lands_at_the_go",
+    ),
+    Mutant(
+        "2: touches down although asked to hold since commit",
+        PAD,
+        "if context.hold_asked and not self._touchdown.may_touch:",
+        "if False:",
+        "guidance/test_hold.py::test_committed_it_climbs_away_and_holds_and_that_is_no_failed_descent",
+    ),
+    Mutant(
+        "2: the middle of the switch means nothing",
+        GATE,
+        "return self._threshold_us < self._pulse_us <= self._land_threshold_us",
+        "return False",
+        "guidance/test_gate.py::test_between_its_ends_a_switch_of_three_positions_asks_to_hold",
+    ),
+    Mutant(
+        "2: commits with an old sighting",
+        PHASES,
+        "and sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S < MAX_BLIND_S",
+        "and sighting_age < MAX_BLIND_S",
+        "guidance/test_phases.py::test_the_higher_it_commits_the_younger_the_last_sighting_must_be",
+    ),
+    Mutant(
+        "2: commits to a bad touch-down",
+        PHASES,
+        "and self.will_land_well(relative)",
+        "",
+        "guidance/test_phases.py::test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again",
+    ),
+    Mutant(
+        "3: flies away from the pad, north",
+        TRACKING,
+        "v[0] + k * north + self._integral[0],",
+        "v[0] - k * north + self._integral[0],",
+        "test_lander.py::test_it_lands_on_the_pad_and_disarms",
+    ),
+    Mutant(
+        "3: flies away from the pad, east",
+        TRACKING,
+        "v[1] + k * east + self._integral[1],",
+        "v[1] - k * east + self._integral[1],",
+        "test_lander.py::test_it_lands_on_the_pad_and_disarms",
+    ),
+    Mutant(
+        "3: turns the wrong way",
+        TRACKING,
+        "turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), error)",
+        "turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), -error)",
+        "guidance/test_tracking_method.py::test_it_turns_the_short_way_as_soon_as_it_looks_down_on_the_pad",
+    ),
+    Mutant(
+        "3: no limit of the vertical speed",
+        LIMITS,
+        "clamp(v[2], -limits.climb_mps, limits.descent_mps)",
+        "v[2]",
+        "guidance/test_limits.py::test_no_demand_breaks_a_limit",
+    ),
+    Mutant(
+        "3: no limit of the vertical acceleration",
+        LIMITS,
+        "a = _square_root_control(abs(error), limits.vertical_acceleration_mps2, limits.jerk_mps3)",
+        "a = _square_root_control(abs(error), 9.0, limits.jerk_mps3)",
+        "guidance/test_limits.py::test_no_demand_breaks_a_limit",
+    ),
+    Mutant(
+        "3: an order not to turn fades out",
+        LIMITS,
+        "self._yaw_rate = slewed if rate != 0.0 else 0.0",
+        "self._yaw_rate = slewed",
+        "guidance/test_limits.py::test_an_order_not_to_turn_is_immediate",
+    ),
+    Mutant(
+        "3: a late step is a large one",
+        LIMITS,
+        "MAX_STEP_S = 0.05",
+        "MAX_STEP_S = 9.0",
+        "guidance/test_limits.py::test_a_late_tick_breaks_no_limit_either",
+    ),
+    Mutant(
+        "4: contact is believed at any height",
+        TOUCHDOWN,
+        "if touches and clearance <= MAX_CONTACT_HEIGHT_M:",
+        "if touches:",
+        "guidance/test_touchdown.py::test_no_contact_is_believed_higher_up_than_a_leg",
+    ),
+    Mutant(
+        "4: stays without thrust while it sinks",
+        TOUCHDOWN,
+        "self._level = due and now - self._slow_since >= CONTACT_S",
+        "self._level = due",
+        "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
+    ),
+    Mutant(
+        "5: the clock's uncertainty is no age",
+        GATE,
+        "self._clock_s = clock.uncertainty_s",
+        "self._clock_s = 0.0",
+        "guidance/test_gate.py::test_half_the_round_trip_counts_as_age",
+    ),
+    Mutant(
+        "6: says landed with a foot beside the plate",
+        LANDING,
+        "return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD",
+        "return Event.DISARMED",
+        "test_lander.py::test_disarmed_with_a_foot_beside_the_plate_is_not_said_to_be_landed",
+    ),
+    Mutant(
+        "6: a landing may take for ever",
+        CONTEXT,
+        "return now - self._began > self.options.lost.total_s",
+        "return False",
+        "test_lander.py::test_a_landing_that_takes_too_long_is_handed_back",
+    ),
+    Mutant(
+        "6: holding ends when a landing would take too long",
+        LANDING,
+        "if authority is not Authority.GRANTED or hold_asked:",
+        "if authority is not Authority.GRANTED:",
+        "guidance/test_hold.py::test_it_holds_for_longer_than_a_landing_may_take",
+    ),
+    Mutant(
+        "6: descents may be broken off for ever",
+        CONTEXT,
+        "return self._descents_broken_off > self.options.lost.retries",
+        "return False",
+        "test_lander.py::test_a_landing_that_is_never_good_enough_is_given_back_to_the_pilot_from_higher_up",
+    ),
+    Mutant(
+        "7: saves parameters while armed",
+        "hw/autopilots/mavlink.py",
+        "            if disarmed:\n                result",
+        "            if True:\n                result",
+        "hw/autopilots/test_parameter_protocol.py::test_nothing_is_saved_while_armed",
+    ),
+    Mutant(
+        "7: limits and switch may be changed in flight",
+        "landerd/config/parameters.py",
+        "if not (disarmed or parameter.in_flight):",
+        "if False:",
+        "config/test_parameters.py::test_while_armed_gains_change_and_the_gate_and_limits_do_not",
+    ),
+    Mutant(
+        "7: a stranger on UDP is listened to",
+        "hw/links/udp.py",
+        "if self._listen and not self._accepts(data, addr):",
+        "if False:",
+        "hw/links/test_udp_peer.py::test_a_stranger_is_neither_heard_nor_answered",
+    ),
+    Mutant(
+        "7: a signed message counts twice",
+        "hw/autopilots/signing.py",
+        "if stamp <= oldest:",
+        "if False:",
+        "hw/autopilots/test_signing.py::test_unsigned_forged_and_repeated_messages_are_refused_and_counted",
+    ),
 ]
 
 
@@ -320,7 +538,7 @@ def _is_noticed(mutant: Mutant, tree: Path) -> bool:
     path.write_text(sound.replace(mutant.old, mutant.new), encoding="utf-8")
     try:
         run = subprocess.run(
-            [*PYTEST, f"tests/test_safety.py::{mutant.test}"],
+            [*PYTEST, _where(mutant.test)],
             cwd=tree,
             env={**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"},
             capture_output=True,
@@ -332,6 +550,10 @@ def _is_noticed(mutant: Mutant, tree: Path) -> bool:
     if run.returncode not in (0, 1):
         raise SystemExit(f"{mutant.rule}: the test did not run:\n{run.stdout}{run.stderr}")
     return run.returncode == 1
+
+
+def _where(test: str) -> str:
+    return f"tests/{test}" if "::" in test else f"tests/test_safety.py::{test}"
 
 
 if __name__ == "__main__":

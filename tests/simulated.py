@@ -1,6 +1,7 @@
 """Short simulated flights for tests: the whole daemon, real pictures, real bytes, virtual time."""
 
 from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
 
 from landerd.config.files import Loaded, config_dir
 from landerd.drivers import read_configuration
@@ -22,10 +23,13 @@ def fly(
     longest_s: float = 30.0,
     overrides: Sequence[str] = ABOVE,
     seed: int = 1,
+    log: Path | None = None,
 ) -> Simulation:
-    """Fly the stationary scenario with overrides to its end and return it."""
-    simulation = Simulation(configured(overrides), seed)
+    """Fly the stationary scenario with overrides to its end and return it; log: recorded there."""
+    simulation = Simulation(configured(overrides), seed, log=log)
     run_virtual(simulation.run(longest_s=longest_s, script=script))
+    if simulation.recorder is not None:
+        simulation.recorder.close()
     return simulation
 
 

@@ -70,6 +70,15 @@ def test_help_does_not_wait_for_numpy() -> None:
         (["sim", "--set", "camera.calibration=none.yaml"], "none.yaml: cannot be read: No such"),
         (["sim", "--set", "gimbal.driver=simm"], "found 'simm', expected one of "),
         (["sim", "-c", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
+        (["sim", "--set", "sim.faults=[{fault: gost, at: {time_s: 1}}]"], "found 'gost', expected"),
+        (["sim", "--set", "sim.faults=[{fault: gust, at: {}}]"], "expected one of time_s, "),
+        (
+            [
+                *("sim", "--autopilot", "tcp:127.0.0.1:1"),
+                *("--set", "sim.faults=[{fault: gust, at: {time_s: 1}}]"),
+            ],
+            "sim.faults: not with --autopilot",
+        ),
         (["sim", "--picture", "no/such/folder.png"], "expected a .png in a folder that exists"),
         (["sim", "--autopilot", "sitl"], "--autopilot: link 'sitl': expected udpin:HOST:PORT"),
         (["sim", "--autopilot", "tcp:127.0.0.1:1"], "tcp:127.0.0.1:1: no connection: "),
@@ -90,6 +99,12 @@ def test_wrong_input_is_one_line_and_exit_code_2(
 ) -> None:
     (line,) = wrong_input(*arguments, cwd=tmp_path)
     assert says in line
+
+
+def test_faults_of_a_gimbal_that_does_not_fly_are_refused(tmp_path: Path) -> None:
+    faults = "sim.faults=[{fault: gimbal-lost, at: {time_s: 1}}]"
+    lines = wrong_input("sim", "--set", "gimbal.driver=siyi", "--set", faults, cwd=tmp_path)
+    assert lines[-1] == "sim.faults: gimbal-lost needs gimbal.driver sim, found siyi"
 
 
 def test_a_wrong_configuration_gives_a_line_a_fault(tmp_path: Path) -> None:

@@ -1,10 +1,13 @@
 """Errors that nobody foresaw, in a whole simulated flight: none ends it without stop orders."""
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from landerd.flightlog.reader import read_log
+from landerd.flightlog.replay import replay, replay_vision
 from landerd.messages import Command, Frame, Input, Phase, Prior, Sightings, Tick
 from landerd.runtime.daemon import CoreFailed
 from landerd.simulation.flight import Simulation
@@ -29,6 +32,28 @@ def test_a_search_that_raises_costs_a_frame_and_not_the_flight() -> None:
     assert simulation.daemon.faults["image not searched"] == 1
     assert simulation.score.landed
     assert simulation.rules.broken == {}
+
+
+def test_a_search_that_failed_replays_to_the_bit(tmp_path: Path) -> None:
+    async def script(simulation: Simulation) -> None:
+        await flying(simulation)
+        simulation.daemon._vision.process = fails  # type: ignore[method-assign]
+        await asyncio.sleep(1.0)
+        simulation.over = True
+
+    def fails(frame: Frame, prior: Prior | None = None) -> Sightings:
+        raise ZeroDivisionError("in vision")
+
+    file = tmp_path / "a.mcap"
+    lossless = ("log.images=lossless", "log.every_nth=1", "log.keep_free_mb=0")
+    simulation = fly(script, longest_s=10.0, overrides=[*ABOVE, *lossless], log=file)
+    assert simulation.daemon.faults["image not searched"] == 1
+    log = read_log(file)
+    assert sum(searched.anew for searched in log.searched) == 1
+    assert replay(log, simulation.config).comparison.identical
+    vision = replay_vision(log, simulation.config)
+    assert not isinstance(vision, str), vision
+    assert vision.comparison.identical
 
 
 def test_an_observer_that_raises_changes_nothing() -> None:

@@ -745,3 +745,43 @@ def test_the_core_touches_no_clock_file_socket_or_chance() -> None:
         check=False,
     )
     assert done.stdout == "landed", done.stderr
+
+
+# ---- how a landing ends without one ------------------------------------------------------------
+
+
+def test_a_landing_that_takes_too_long_is_handed_back() -> None:
+    config = Config.model_validate({"guidance": {"lost": {"total_s": 4.0}}})
+    flight = Flight(config=config, position=(-60.0, 0.0, -20.0)).engaged()
+    flight.run(3.0)
+    assert flight.lander.outcome is None
+    flown = flight.run(3.0)
+    assert flown[-1] == STOP
+    assert flight.lander.outcome == "handed_back"
+    assert said(flight, "no landing in time: pilot, take over")
+    assert flight.run(3.0) == []  # until the switch was low
+    assert flight.engaged().run(1.0) != []
+
+
+def test_the_time_of_a_landing_runs_on_while_it_searches_and_anew_after_a_release() -> None:
+    config = Config.model_validate({"guidance": {"lost": {"total_s": 6.0}}})
+    flight = Flight(config=config, position=(-60.0, 0.0, -20.0)).engaged()
+    flight.run(2.0)
+    flight.visible = False
+    flight.run(2.0)
+    flight.visible = True
+    flight.run(2.5)
+    assert flight.lander.outcome == "handed_back"
+    flight.engaged().run(4.0)
+    assert flight.lander.outcome is None
+
+
+def test_disarmed_with_a_foot_beside_the_plate_is_not_said_to_be_landed() -> None:
+    flight = Flight().engaged()
+    flight.skids = 0.9
+    flight.until_contact()
+    flight.run(4.0)
+    assert not flight.armed
+    assert flight.lander.outcome == "landed_off_pad"
+    assert said(flight, "disarmed beside the pad")
+    assert not said(flight, "landed and disarmed")

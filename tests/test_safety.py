@@ -365,6 +365,30 @@ def test_2_no_descent_below_the_alignment_height_with_the_heading_off() -> None:
     assert simulation.rules.broken == {}
 
 
+SWITCH_OF_THREE = ("rc.gate_threshold_us=1300", "rc.land_threshold_us=1700")
+
+
+@pytest.mark.parametrize("height_m", [1.0, 0.12])
+def test_2_asked_to_hold_it_sinks_no_further_and_lands_at_the_go(height_m: float) -> None:
+    seen: dict[str, float] = {}
+
+    async def script(simulation: Simulation) -> None:
+        pilot = simulation.autopilot.pilot
+        while simulation.world.height > height_m:
+            await asyncio.sleep(0.01)
+        pilot.set(11, 1500)
+        await asyncio.sleep(6.0)
+        seen["height"] = simulation.world.height
+        pilot.set(11, 1900)
+
+    moves = "sim.pad.speed_mps=1.0"
+    simulation = fly(script, longest_s=40.0, overrides=[*ABOVE, *SWITCH_OF_THREE, moves])
+    assert seen["height"] == pytest.approx(2.0, abs=0.3)
+    assert "holding over the marker, switch to land" in texts(simulation)
+    assert simulation.score.landed
+    assert simulation.rules.broken == {}
+
+
 # ---- rule 3: limits ----------------------------------------------------------------------------
 
 

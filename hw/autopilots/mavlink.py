@@ -38,8 +38,22 @@ _RESTART_S = 1.0  # boot time going back by more than this is a restart
 _HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
 _HEADING_AHEAD_S = 0.2  # how far a turn is carried on from the last attitude
 _STATUSTEXT_LENGTH = 50
-_GUIDED_TIMEOUT = "GUID_TIMEOUT"  # what the core needs to know of the autopilot's parameters
-_ASK_S = 5.0  # it is asked for again until it is told
+# What the core needs to know of the autopilot's parameters: its key, the unit in SI, and the values
+# that the configuration may have. ArduCopter 4.7 has new names for some.
+_ACCELERATION = ("autopilot.acceleration_mps2", 0.5, 10.0)
+_VERTICAL_ACCELERATION = ("autopilot.vertical_acceleration_mps2", 0.3, 5.0)
+_JERK = ("autopilot.jerk_mps3", 1.0, 50.0)
+_CORE_PARAMETERS: dict[str, tuple[float, tuple[str, float, float]]] = {
+    "GUID_TIMEOUT": (1.0, ("autopilot.guided_timeout_s", 0.1, 10.0)),
+    "WPNAV_ACCEL": (0.01, _ACCELERATION),
+    "WP_ACC": (1.0, _ACCELERATION),
+    "WPNAV_ACCEL_Z": (0.01, _VERTICAL_ACCELERATION),
+    "WP_ACC_Z": (1.0, _VERTICAL_ACCELERATION),
+    "PSC_JERK_XY": (1.0, _JERK),
+    "PSC_JERK_NE": (1.0, _JERK),
+    "PSC_NE_JERK": (1.0, _JERK),
+}
+_ASK_S = 5.0  # they are asked for again until they are told
 _TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry
 
 _GROUND_STATION_MESSAGES = frozenset(
@@ -246,10 +260,11 @@ class MavlinkAutopilot:
                 self._pending.append(ClockSync(now, uncertainty_s))
 
     def _on_parameter(self, name: str, value: float, now: float) -> None:
-        """Keep one of the autopilot's parameters; pass on the one that the core goes by."""
-        if name == _GUIDED_TIMEOUT and value != self.vehicle_parameters.get(name):
-            timeout_s = min(max(float(value), 0.1), 10.0)  # what the configuration may say
-            self._pending.append(ParameterChange(now, "autopilot.guided_timeout_s", timeout_s))
+        """Keep one of the autopilot's parameters; pass on those that the core goes by."""
+        if name in _CORE_PARAMETERS and 0.0 < value != self.vehicle_parameters.get(name):
+            unit, (key, least, most) = _CORE_PARAMETERS[name]
+            si = min(max(unit * float(value), least), most)  # what the configuration may say
+            self._pending.append(ParameterChange(now, key, si))
         self.vehicle_parameters[name] = value
 
     def _on_command_ack(self, m: Message) -> None:
@@ -322,9 +337,16 @@ class MavlinkAutopilot:
             self._timesync_sent.append(stamp)
             self.send(mavlink.MAVLink_timesync_message(0, stamp))
         self._streams.request_missing(now)
-        if _GUIDED_TIMEOUT not in self.vehicle_parameters and now >= self._ask_due:
+        if now >= self._ask_due:
             self._ask_due = now + _ASK_S
-            self.ask_parameter(_GUIDED_TIMEOUT)
+            self._ask_core_parameters()
+
+    def _ask_core_parameters(self) -> None:
+        """Ask for what the core goes by and has not been told under any name."""
+        told = {_CORE_PARAMETERS[n][1] for n in self.vehicle_parameters if n in _CORE_PARAMETERS}
+        for name, (_, key) in _CORE_PARAMETERS.items():
+            if key not in told:
+                self.ask_parameter(name)
 
     def _ask_stream(self, message_id: int, rate_hz: float) -> None:
         self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), 1e6 / rate_hz)

@@ -13,14 +13,12 @@ import asyncio
 import math
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import Annotated, Literal, Protocol
 
 from pydantic import Field, model_validator
-from smbus2 import SMBus
 
+from hw.gimbals.i2c import I2c, I2cDevice
 from landerd.geometry import Vec3, add, cross, dot, norm, scale, sub, unit
-from landerd.ports import DeviceLost
 from landerd.section import Section
 
 # MPU-6050
@@ -90,88 +88,84 @@ class Imu(ABC):
     """A sensor on the camera."""
 
     latency_s: float  # of what it tells
+    _register: int  # of its data, and how they are packed
+    _data: struct.Struct
 
-    def __init__(
-        self, options: ImuOptions, address: int, open_bus: Callable[[int], ReadableBus]
-    ) -> None:
-        self._number, self._open_bus = options.bus, open_bus
+    def __init__(self, options: ImuOptions, address: int, i2c: I2c[ReadableBus]) -> None:
         self._address = address if options.address is None else options.address
         self._rows = tuple(AXES[axis] for axis in options.axes)
-        self._bus: ReadableBus | None = None
+        self._device = I2cDevice(f"IMU at 0x{self._address:02x}", options.bus, i2c)
 
-    def open(self) -> None:
+    async def open(self) -> None:
         """Set the sensor up. Raises DeviceLost."""
-        self.close()
-        try:
-            self._bus = self._open_bus(self._number)
-            self._set_up(self._bus, self._address)
-        except OSError as e:
-            self.close()
-            raise self._lost(e.strerror or str(e)) from None
+        await self._device.open(self._set_up)
 
-    def pitch(self) -> float | None:
+    async def pitch(self) -> float | None:
         """Return the lens's angle above the horizon, rad; None: not yet. Raises DeviceLost.
 
         Counted on beyond straight up and down: level to the rear is -pi.
         """
-        if self._bus is None:
-            raise self._lost("closed")
-        try:
-            down = self._down(self._bus, self._address)
-        except OSError as e:
-            raise self._lost(e.strerror or str(e)) from None
+        down = self._down(await self._device.do(self._read))
         if down is None:
             return None
         return math.atan2(-down[0], down[2])  # of Rz(yaw) Rx(roll) Ry(pitch)
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Release the bus; safe to call twice."""
-        bus, self._bus = self._bus, None
-        if bus is not None:
-            bus.close()
+        await self._device.close()
 
     @abstractmethod
-    def _set_up(self, bus: ReadableBus, address: int) -> None:
-        """Make it measure. Raises OSError, DeviceLost."""
+    def _set_up(self, bus: ReadableBus) -> None:
+        """Make it measure. Raises OSError."""
 
     @abstractmethod
-    def _down(self, bus: ReadableBus, address: int) -> Vec3 | None:
-        """Return the direction of gravity in the gimbal frame, a unit vector. Raises OSError."""
+    def _down(self, data: tuple[int, ...]) -> Vec3 | None:
+        """Return the direction of gravity in the gimbal frame, a unit vector."""
+
+    def _read(self, bus: ReadableBus) -> tuple[int, ...]:
+        found = bus.read_i2c_block_data(self._address, self._register, self._data.size)
+        return self._data.unpack(bytes(found))
+
+    def _expect(self, bus: ReadableBus, register: int, chip: int, name: str) -> None:
+        """See that the chip is what it should be. Raises OSError."""
+        found = bus.read_byte_data(self._address, register)
+        if found != chip:
+            raise OSError(f"found 0x{found:02x}, expected {name}")
 
     def _in_gimbal(self, x: float, y: float, z: float) -> Vec3:
         along, right, bottom = self._rows
         v = (x, y, z)
         return (dot(along, v), dot(right, v), dot(bottom, v))
 
-    def _lost(self, why: str) -> DeviceLost:
-        return DeviceLost(f"IMU at 0x{self._address:02x} of /dev/i2c-{self._number}: {why}")
-
 
 class Mpu6050(Imu):
     """Accelerometer and gyroscope; the filter is here."""
 
     latency_s = 0.005  # of its low-pass at 44 Hz
+    _register, _data = ACCEL_XOUT_H, MPU_DATA
 
-    def __init__(self, options: ImuOptions, open_bus: Callable[[int], ReadableBus]) -> None:
-        super().__init__(options, 0x68, open_bus)
+    def __init__(self, options: ImuOptions, i2c: I2c[ReadableBus]) -> None:
+        super().__init__(options, 0x68, i2c)
         self._bias: Vec3 = (0.0, 0.0, 0.0)  # of the gyroscope, rad/s
         self._still: list[tuple[Vec3, Vec3]] = []
         self._direction: Vec3 | None = None
         self._t = 0.0
 
-    def _set_up(self, bus: ReadableBus, address: int) -> None:
-        found = bus.read_byte_data(address, WHO_AM_I)
-        if found != MPU_ID:
-            raise self._lost(f"found 0x{found:02x}, expected an MPU-6050")
+    async def open(self) -> None:
+        """Set the sensor up; it finds the horizon anew. Raises DeviceLost."""
+        self._still, self._direction = [], None
+        await super().open()
+
+    def _set_up(self, bus: ReadableBus) -> None:
+        address = self._address
+        self._expect(bus, WHO_AM_I, MPU_ID, "an MPU-6050")
         bus.write_byte_data(address, PWR_MGMT_1, 0x01)  # awake, clock of the gyroscope
         bus.write_byte_data(address, CONFIG, 0x03)  # low-pass 44 Hz
         bus.write_byte_data(address, GYRO_CONFIG, 0x08)
         bus.write_byte_data(address, ACCEL_CONFIG, 0x08)
-        self._still, self._direction = [], None
 
-    def _down(self, bus: ReadableBus, address: int) -> Vec3 | None:
-        data = bytes(bus.read_i2c_block_data(address, ACCEL_XOUT_H, MPU_DATA.size))
-        ax, ay, az, _, p, q, r = MPU_DATA.unpack(data)
+    def _down(self, data: tuple[int, ...]) -> Vec3 | None:
+        ax, ay, az, _, p, q, r = data
         force = scale(self._in_gimbal(ax, ay, az), ACCEL_UNIT)
         rates = scale(self._in_gimbal(p, q, r), GYRO_UNIT)
         now = asyncio.get_running_loop().time()
@@ -218,23 +212,23 @@ class Bno055(Imu):
     """A sensor that does the fusion itself."""
 
     latency_s = 0.01
+    _register, _data = GRV_DATA, BNO_DATA
 
-    def __init__(self, options: ImuOptions, open_bus: Callable[[int], ReadableBus]) -> None:
-        super().__init__(options, 0x28, open_bus)
+    def __init__(self, options: ImuOptions, i2c: I2c[ReadableBus]) -> None:
+        super().__init__(options, 0x28, i2c)
 
-    def _set_up(self, bus: ReadableBus, address: int) -> None:
-        found = bus.read_byte_data(address, CHIP_ID)
-        if found != BNO_ID:
-            raise self._lost(f"found 0x{found:02x}, expected a BNO055")
+    def _set_up(self, bus: ReadableBus) -> None:
+        address = self._address
+        self._expect(bus, CHIP_ID, BNO_ID, "a BNO055")
         bus.write_byte_data(address, UNIT_SEL, 0x00)  # m/s^2; may only be set before the fusion
         bus.write_byte_data(address, OPR_MODE, MODE_IMU)
 
-    def _down(self, bus: ReadableBus, address: int) -> Vec3 | None:
-        data = bytes(bus.read_i2c_block_data(address, GRV_DATA, BNO_DATA.size))
-        up = self._in_gimbal(*BNO_DATA.unpack(data))
+    def _down(self, data: tuple[int, ...]) -> Vec3 | None:
+        x, y, z = data
+        up = self._in_gimbal(x, y, z)
         return unit(scale(up, -1.0)) if norm(up) > 0.0 else None  # zero until the fusion runs
 
 
-def make_imu(options: ImuOptions, open_bus: Callable[[int], ReadableBus] = SMBus) -> Imu:
+def make_imu(options: ImuOptions, i2c: I2c[ReadableBus]) -> Imu:
     """Return the sensor that the options name."""
-    return {"mpu6050": Mpu6050, "bno055": Bno055}[options.kind](options, open_bus)
+    return {"mpu6050": Mpu6050, "bno055": Bno055}[options.kind](options, i2c)

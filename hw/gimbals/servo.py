@@ -9,13 +9,12 @@ the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
 
 import asyncio
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Annotated, Protocol
 
 from pydantic import Field, model_validator
-from smbus2 import SMBus
 
+from hw.gimbals.i2c import KERNELS, I2c
 from hw.gimbals.imu import ImuOptions, ReadableBus, make_imu
 from hw.gimbals.mounting import SERVO_SIGMA
 from landerd.geometry import clamp, wrap
@@ -25,7 +24,7 @@ from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
 _LEVELLING_S = 0.2  # time constant with which the pitch servo makes up for the airframe's pitch
-OpenBus = Callable[[int], ReadableBus]
+_LATEST_S = 0.05  # that a reading of the sensor may take: of a longer one the time is not known
 Pulse = Annotated[float, Field(ge=400, le=2600)]
 TILT = ((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))  # a usual servo, middle at 45 down
 
@@ -79,13 +78,13 @@ class ServoOptions(Section):
 class PulseOutput(Protocol):
     """Where the pulses come out. Writing must not block."""
 
-    def open(self) -> None:
+    async def open(self) -> None:
         """Get ready. Raises DeviceLost."""
 
     def write(self, pulses: dict[int, float]) -> None:
         """Set pulse widths (us) by channel. Raises DeviceLost."""
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Leave the pulses as they are; safe to call twice."""
 
 
@@ -120,9 +119,9 @@ class ServoGimbal:
     """Servos behind any output; a Gimbal."""
 
     def __init__(
-        self, options: ServoOptions, output: PulseOutput, open_imu: OpenBus = SMBus
+        self, options: ServoOptions, output: PulseOutput, imu_i2c: I2c[ReadableBus] = KERNELS
     ) -> None:
-        self._imu = make_imu(options.imu, open_imu) if options.imu is not None else None
+        self._imu = make_imu(options.imu, imu_i2c) if options.imu is not None else None
         self._levelled = False
         self._airframe_pitch = 0.0  # under the pitch servo, as the IMU shows it, rad
         slew = math.radians(options.slew_deg_s)
@@ -138,9 +137,9 @@ class ServoGimbal:
     async def open(self) -> None:
         """Get output and sensor ready. Raises DeviceLost."""
         if self._imu is not None:
-            self._imu.open()
+            await self._imu.open()
             self._levelled = False
-        self._output.open()
+        await self._output.open()
         self._due = self._t = asyncio.get_running_loop().time()
         self._lost = None
         self._is_open = True
@@ -157,14 +156,16 @@ class ServoGimbal:
             yaw = self._yaw.angle if self._yaw else 0.0
             if self._imu is None:
                 return GimbalState(self._t, yaw, self._pitch.angle, 0.0, Reference.BODY)
-            pitch = self._imu.pitch()
-            if pitch is not None:
+            t, modelled = self._t, self._pitch.angle  # as an order may come meanwhile
+            pitch = await self._imu.pitch()
+            took_s = loop.time() - t
+            if pitch is not None and took_s < _LATEST_S:
                 self._levelled = True
-                airframe_pitch = wrap(pitch - self._pitch.angle)
+                airframe_pitch = wrap(pitch - modelled)
                 self._airframe_pitch += (airframe_pitch - self._airframe_pitch) / (
                     _LEVELLING_S * _RATE_HZ
                 )
-                t = self._t - self._imu.latency_s
+                t += 0.5 * took_s - self._imu.latency_s
                 return GimbalState(t, yaw, pitch, 0.0, Reference.TILT)
 
     def command(self, command: GimbalCommand) -> None:
@@ -186,9 +187,9 @@ class ServoGimbal:
     async def close(self) -> None:
         """Release the output; the servos hold their angles."""
         self._is_open = False
-        self._output.close()
+        await self._output.close()
         if self._imu is not None:
-            self._imu.close()
+            await self._imu.close()
 
     def _advance(self, now: float) -> None:
         dt, self._t = now - self._t, now

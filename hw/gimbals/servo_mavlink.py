@@ -10,10 +10,11 @@ from typing import Annotated
 
 from pydantic import Field
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from smbus2 import SMBus
 
 from hw.autopilots.mavlink import MavlinkAutopilot
-from hw.gimbals.servo import TILT, OpenBus, ServoAxisOptions, ServoGimbal, ServoOptions
+from hw.gimbals.i2c import KERNELS, I2c
+from hw.gimbals.imu import ReadableBus
+from hw.gimbals.servo import TILT, ServoAxisOptions, ServoGimbal, ServoOptions
 
 _REPEAT_S = 1.0  # an order is repeated after this: one may have been lost
 
@@ -32,9 +33,9 @@ class ServoMavlinkGimbal(ServoGimbal):
         self,
         options: ServoMavlinkOptions,
         autopilot: MavlinkAutopilot,
-        open_imu: OpenBus = SMBus,
+        imu_i2c: I2c[ReadableBus] = KERNELS,
     ) -> None:
-        super().__init__(options, AutopilotOutputs(autopilot, 1.0 / options.command_hz), open_imu)
+        super().__init__(options, AutopilotOutputs(autopilot, 1.0 / options.command_hz), imu_i2c)
 
 
 class AutopilotOutputs:
@@ -44,7 +45,7 @@ class AutopilotOutputs:
         self._autopilot, self._period_s = autopilot, period_s
         self._sent: dict[int, tuple[float, int]] = {}  # by channel: when and which pulse
 
-    def open(self) -> None:
+    async def open(self) -> None:
         """Begin anew."""
         self._sent.clear()
 
@@ -61,5 +62,5 @@ class AutopilotOutputs:
                     mavlink.MAV_CMD_DO_SET_SERVO, float(channel), float(pulse_us)
                 )
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Leave the outputs as they are."""

@@ -4,13 +4,15 @@ Source: NXP, "PCA9685 16-channel, 12-bit PWM Fm+ I2C-bus LED controller", rev. 4
 LEDn_ON and LEDn_OFF (7.3.3), PRE_SCALE (7.3.5), which may only be written in sleep.
 """
 
-from collections.abc import Callable
+import asyncio
+from functools import partial
 from typing import Annotated, Protocol
 
 from pydantic import Field
-from smbus2 import SMBus
 
-from hw.gimbals.servo import OpenBus, ServoGimbal, ServoOptions
+from hw.gimbals.i2c import KERNELS, I2c, I2cDevice
+from hw.gimbals.imu import ReadableBus
+from hw.gimbals.servo import ServoGimbal, ServoOptions
 from landerd.ports import DeviceLost
 
 MODE1, LED0_ON_L, PRE_SCALE = 0x00, 0x06, 0xFE
@@ -29,7 +31,7 @@ class ServoPca9685Options(ServoOptions):
     )
 
 
-class Bus(Protocol):
+class WritableBus(Protocol):
     """What is used of an I2C bus (smbus2.SMBus)."""
 
     def write_byte_data(self, i2c_addr: int, register: int, value: int) -> None: ...  # noqa: D102
@@ -45,53 +47,60 @@ class ServoPca9685Gimbal(ServoGimbal):
     def __init__(
         self,
         options: ServoPca9685Options,
-        open_bus: Callable[[int], Bus] = SMBus,
-        open_imu: OpenBus = SMBus,
+        i2c: I2c[WritableBus] = KERNELS,
+        imu_i2c: I2c[ReadableBus] = KERNELS,
     ) -> None:
-        super().__init__(options, Pca9685(options, open_bus), open_imu)
+        super().__init__(options, Pca9685(options, i2c), imu_i2c)
 
 
 class Pca9685:
     """The chip: twelve bits of time for each channel in a common period."""
 
-    def __init__(self, options: ServoPca9685Options, open_bus: Callable[[int], Bus]) -> None:
-        self._options, self._open_bus = options, open_bus
-        self._bus: Bus | None = None
+    def __init__(self, options: ServoPca9685Options, i2c: I2c[WritableBus]) -> None:
+        self._address = options.address
+        self._device = I2cDevice(f"PCA9685 at 0x{options.address:02x}", options.bus, i2c)
         # 7.3.5: round(oscillator / (4096 * frequency)) - 1
         self._prescale = round(options.oscillator_hz / (STEPS * options.frequency_hz)) - 1
         self._step_us = 1e6 * (self._prescale + 1) / options.oscillator_hz
+        self._next: dict[int, float] | None = None  # pulses not written yet
+        self._writing: asyncio.Task[None] | None = None
+        self._failure: DeviceLost | None = None
 
-    def open(self) -> None:
+    async def open(self) -> None:
         """Set the period and wake the chip. Raises DeviceLost."""
-        self.close()
-        address = self._options.address
-        try:
-            self._bus = self._open_bus(self._options.bus)
-            self._bus.write_byte_data(address, MODE1, SLEEP | AUTO_INCREMENT)
-            self._bus.write_byte_data(address, PRE_SCALE, self._prescale)
-            self._bus.write_byte_data(address, MODE1, AUTO_INCREMENT)
-        except OSError as e:
-            raise self._lost(e) from None
+        self._next = self._failure = None
+        await self._device.open(self._set_up)
 
     def write(self, pulses: dict[int, float]) -> None:
-        """Set pulse widths, us by channel. Raises DeviceLost."""
-        if self._bus is None:
-            return
-        try:
-            for channel, pulse_us in pulses.items():
-                off = min(STEPS - 1, round(pulse_us / self._step_us))
-                self._bus.write_i2c_block_data(
-                    self._options.address, LED0_ON_L + 4 * channel, [0, 0, off & 0xFF, off >> 8]
-                )
-        except OSError as e:
-            raise self._lost(e) from None
+        """Set pulse widths, us by channel, soon. Raises DeviceLost if it failed the last time."""
+        if self._failure is not None:
+            raise self._failure
+        self._next = pulses
+        if self._writing is None or self._writing.done():
+            self._writing = asyncio.create_task(self._write())
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Release the bus; the chip goes on with the last pulses."""
-        bus, self._bus = self._bus, None
-        if bus is not None:
-            bus.close()
+        self._next = None
+        await self._device.close()
 
-    def _lost(self, e: OSError) -> DeviceLost:
-        o = self._options
-        return DeviceLost(f"PCA9685 at 0x{o.address:02x} of /dev/i2c-{o.bus}: {e.strerror or e}")
+    async def _write(self) -> None:
+        """Write until there is nothing newer."""
+        while (pulses := self._next) is not None:
+            self._next = None
+            try:
+                await self._device.do(partial(self._put, pulses))
+            except DeviceLost as e:
+                self._failure = e
+                return
+
+    def _set_up(self, bus: WritableBus) -> None:
+        bus.write_byte_data(self._address, MODE1, SLEEP | AUTO_INCREMENT)
+        bus.write_byte_data(self._address, PRE_SCALE, self._prescale)
+        bus.write_byte_data(self._address, MODE1, AUTO_INCREMENT)
+
+    def _put(self, pulses: dict[int, float], bus: WritableBus) -> None:
+        for channel, pulse_us in pulses.items():
+            off = min(STEPS - 1, round(pulse_us / self._step_us))
+            register = LED0_ON_L + 4 * channel
+            bus.write_i2c_block_data(self._address, register, [0, 0, off & 0xFF, off >> 8])

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
-from smbus2 import SMBus
 
-from hw.gimbals.servo import OpenBus, ServoGimbal, ServoOptions
+from hw.gimbals.i2c import KERNELS, I2c
+from hw.gimbals.imu import ReadableBus
+from hw.gimbals.servo import ServoGimbal, ServoOptions
 from landerd.ports import DeviceLost
 
 
@@ -24,8 +25,8 @@ class ServoSysfsOptions(ServoOptions):
 class ServoSysfsGimbal(ServoGimbal):
     """Servos on sysfs PWM."""
 
-    def __init__(self, options: ServoSysfsOptions, open_imu: OpenBus = SMBus) -> None:
-        super().__init__(options, SysfsPwm(options.chip, options.frequency_hz), open_imu)
+    def __init__(self, options: ServoSysfsOptions, imu_i2c: I2c[ReadableBus] = KERNELS) -> None:
+        super().__init__(options, SysfsPwm(options.chip, options.frequency_hz), imu_i2c)
 
 
 class SysfsPwm:
@@ -36,7 +37,7 @@ class SysfsPwm:
         self._period_ns = round(1e9 / frequency_hz)
         self._ready: set[int] = set()
 
-    def open(self) -> None:
+    async def open(self) -> None:
         """See that the chip is there. Raises DeviceLost."""
         self._ready.clear()
         if not (self._chip / "export").exists():
@@ -56,7 +57,7 @@ class SysfsPwm:
             except OSError as e:
                 raise DeviceLost(f"{e.filename or folder}: {e.strerror}") from None
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Leave the pulses as they are."""
 
     def _export(self, channel: int, folder: Path) -> None:

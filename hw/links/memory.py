@@ -23,6 +23,7 @@ class LinkFaults:
     delay_s: float = 0.0
     jitter_s: float = 0.0  # the longest extra delay of a write, drawn evenly
     baud: float | None = None  # bits a second on the wire, ten a byte; None: no time at all
+    double: float = 0.0  # probability that a write arrives twice
     rng: Random = field(default_factory=lambda: Random(0))
 
 
@@ -76,6 +77,8 @@ class MemoryLink:
             return
         if faults.corrupt > 0.0:
             data = _corrupted(data, faults)
+        if faults.double > 0.0 and faults.rng.random() < faults.double:
+            data += data
         arrival = loop.time() + self._delay(loop.time(), len(data))
         if arrival > loop.time() or self._under_way:
             self._send_off(arrival, data)

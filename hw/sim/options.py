@@ -7,6 +7,7 @@ import cv2
 from pydantic import AfterValidator, ConfigDict, Field
 
 from hw.sim.camera_options import SimCameraOptions
+from hw.sim.fault_options import FaultOptions
 from landerd.section import Finite, NotNegative, Positive, Section
 
 GroundKind = Literal[
@@ -101,6 +102,8 @@ class AutopilotOptions(Section):
     boot_age_s: Annotated[float, Field(ge=0, lt=2**32)] = 60.0  # on its clock at the start
     rc_channels: Annotated[int, Field(ge=4, le=18)] = 16  # of the receiver
     gate: Literal["radio", "override"] = "radio"  # how the pilot's switch reaches it
+    # The pilot asks to hold, and gives the go so long after it was told that it does; 0: never.
+    hold_s: NotNegative = 0.0
     guid_timeout_s: Annotated[float, Field(ge=0.1, le=5)] = 3.0  # GUID_TIMEOUT
 
 
@@ -226,4 +229,7 @@ class SimOptions(Section):
     airframe: AirframeOptions = AirframeOptions()
     build: BuildOptions = BuildOptions()
     companion: CompanionOptions = CompanionOptions()
+    # once: he opens the gate; obeys: he lowers and raises the switch where landerd asks for it, too
+    pilot: Literal["once", "obeys"] = "once"
+    faults: tuple[FaultOptions, ...] = ()
     render: RenderOptions = RenderOptions()

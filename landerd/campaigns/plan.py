@@ -32,6 +32,7 @@ class Row(Section):
     scenario: str
     settings: tuple[str, ...] = ()  # KEY=VALUE, as of --set
     days: bool = False  # every seed is another day: tell what those that fail have in common
+    faults: bool = False  # every seed has faults of its own: tell what came of them
     needed: Needed = Needed()
 
     @property

@@ -114,11 +114,11 @@ def _work(run_one: RunOne, connection: Connection) -> None:
             try:
                 result = run_one(*task)
             except Exception as e:
-                error = _in_a_line(e)
+                error = error_line(e)
             connection.send((result, error))
 
 
-def _in_a_line(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """Say what went wrong and where."""
     while isinstance(error, BaseExceptionGroup):  # task groups wrap the one that matters
         error = error.exceptions[0]

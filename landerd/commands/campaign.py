@@ -10,19 +10,26 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any
 
+from hw.sim.fault_options import FaultOptions
 from landerd.camera_model import CalibrationError, load_camera
 from landerd.campaigns.failures import as_lines, summary
+from landerd.campaigns.fault_table import as_lines as fault_lines
+from landerd.campaigns.fault_table import failures
+from landerd.campaigns.fault_table import summary as fault_summary
 from landerd.campaigns.journal import Journal, JournalError
 from landerd.campaigns.plan import Campaign, Row, load_campaign
-from landerd.campaigns.pool import Run, Task, run_all
+from landerd.campaigns.pool import Run, Task, error_line, run_all
 from landerd.campaigns.table import as_text, has_failed, make_row
+from landerd.commands.fault_runs import SHRUNK_SEEDS, settings_of, shrink
 from landerd.commands.shared import (
     add_config,
     add_json,
+    check_faults,
     check_stand_in_flies,
     config_path,
     print_json,
@@ -56,9 +63,24 @@ class _SimulatedLanding:
 
     def load(self, row: Row, seed: int = 1) -> Loaded:
         """Return the configuration of a row as a seed draws it. Raises ConfigError."""
+        return self.load_with(row, seed, settings_of(seed) if row.faults else ())
+
+    def load_with(self, row: Row, seed: int, settings: Sequence[str]) -> Loaded:
+        """Return the same with further settings. Raises ConfigError."""
         overlays = [config_files("scenarios")[row.scenario]]
-        overrides = (*row.settings, *self.overrides)
+        overrides = (*row.settings, *self.overrides, *settings)
         return read_configuration(self.config, overlays=overlays, overrides=overrides, seed=seed)
+
+    def fly_with(self, row: Row, seed: int, faults: Sequence[FaultOptions]) -> Run:
+        """Fly a seed with these faults instead of its own."""
+        from landerd.simulation.flight import simulate
+
+        loaded = self.load_with(row, seed, settings_of(seed, faults))
+        try:
+            result = simulate(loaded, row.name, seed, longest_s=self.campaign.longest_s)
+        except Exception as e:
+            return Run(row.name, seed, None, error_line(e))
+        return Run(row.name, seed, result)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
         loaded = [landing.load(row) for row in campaign.all_rows]
         for each in loaded:
             check_stand_in_flies(each)
+            check_faults(each)
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
         journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
@@ -130,13 +153,18 @@ def _fly(
         raise
     rows = _rows(campaign, runs)
     wall_s = time.monotonic() - started
+    least = _least(campaign, landing, runs)
     if args.json:
-        print_json({"campaign": args.name, "rows": rows, "wall_s": wall_s})
+        print_json({"campaign": args.name, "rows": rows, "least": least, "wall_s": wall_s})
     else:
         print(as_text(rows, get_terminal_size().columns))
         for row in rows:
             for line in as_lines(row["days"]) if "days" in row else ():
                 print(line)
+            for line in fault_lines(row["faults"]) if "faults" in row else ():
+                print(line)
+        for each in least:
+            print(f"{'; '.join(each['failures'])}: {each['again']}")
         print(f"{len(waiting)} landings in {wall_s / 60.0:.1f} min")
     return 1 if any(row["missed"] for row in rows) else 0
 
@@ -174,8 +202,26 @@ def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
             made = make_row(row, flown)
             if row.days:
                 made["days"] = summary(flown)
+            if row.faults:
+                made["faults"] = found = fault_summary(flown)
+                failed = made["failed_seeds"] = found["failed_seeds"]
+                made["missed"] = [f"{len(failed)} flights failed"] if failed else []
             rows.append(made)
     return rows
+
+
+def _least(
+    campaign: Campaign, landing: _SimulatedLanding, runs: Iterable[Run]
+) -> list[dict[str, Any]]:
+    """Return the least faults with which the first of the flights that failed still fail."""
+    rows = {row.name: row for row in campaign.all_rows if row.faults}
+    failed = [run for run in runs if run.scenario in rows and failures(run)]
+    found = []
+    for run in sorted(failed, key=lambda run: run.seed)[:SHRUNK_SEEDS]:
+        row = rows[run.scenario]
+        fly = partial(landing.fly_with, row, run.seed)
+        found.append(shrink(row, run, fly, landing.overrides))
+    return found
 
 
 class _Progress:
@@ -192,9 +238,9 @@ class _Progress:
     def show(self, ended: Run) -> None:
         """Count a run."""
         self._done += 1
-        if has_failed(ended):
+        why = _why(ended)
+        if why is not None:
             self._failed += 1
-            why = ended.error or _why(ended.result or {})
             self.clear()
             tell(f"{ended.scenario}, seed {ended.seed}: {why}")
         left_min = (time.monotonic() - self._started) / self._done * self._left / 60.0
@@ -214,9 +260,17 @@ class _Progress:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def _why(result: dict[str, Any]) -> str:
+def _why(run: Run) -> str | None:
+    """Say why a run has failed; None: it has not."""
+    result = run.result
+    if result is None:
+        return run.error
+    if result.get("faults_flown"):
+        return "; ".join(failures(run)) or None
     broken = "; ".join(result["rules_broken"])
-    return f"rules broken: {broken}" if broken else f"did not land: {result['outcome']}"
+    if broken:
+        return f"rules broken: {broken}"
+    return f"did not land: {result['outcome']}" if has_failed(run) else None
 
 
 def _count(text: str) -> int:

@@ -38,8 +38,8 @@ from landerd.preflight.gimbal import check_gimbal
 from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
 from landerd.preflight.status_page import page_findings
 from landerd.runtime.daemon import Devices
-from landerd.runtime.worker import exit_without_waiting
 from landerd.vision import Vision
+from landerd.worker import exit_without_waiting
 
 _STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
 _LEAST_FREE_MB = 500.0  # of the logs' disk

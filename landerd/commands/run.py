@@ -23,8 +23,8 @@ from landerd.preflight.computer import temperature_c
 from landerd.preflight.sensors import sensors_file, write_sensors
 from landerd.runtime.daemon import CoreFailed, Daemon, Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
-from landerd.runtime.worker import exit_without_waiting
 from landerd.web import StatusPage
+from landerd.worker import exit_without_waiting
 
 log = logging.getLogger("landerd")
 

@@ -123,6 +123,24 @@ def load_with_saved(args: argparse.Namespace) -> tuple["Loaded", Path]:
     return load_config(args, [overlay] if overlay.exists() else []), overlay
 
 
+def check_faults(loaded: "Loaded", *, has_stand_in: bool = True) -> None:
+    """Refuse faults of devices that do not fly.
+
+    Raises:
+        InputError: there are some.
+    """
+    from hw.sim.fault_options import FAULTS
+    from landerd.devices import sim_options
+
+    faults = [each.fault for each in sim_options(loaded).faults]
+    if faults and not has_stand_in:
+        raise InputError("sim.faults: not with --autopilot; only the simulated devices fail")
+    driver = loaded.config.gimbal.driver
+    for fault in faults:
+        if FAULTS[fault].device == "gimbal" and driver != "sim":
+            raise InputError(f"sim.faults: {fault} needs gimbal.driver sim, found {driver}")
+
+
 def check_stand_in_flies(loaded: "Loaded") -> None:
     """Refuse a configuration in which the autopilot itself lands: the stand-in for it cannot.
 

@@ -17,6 +17,7 @@ from landerd.commands.shared import (
     InputError,
     add_config,
     add_json,
+    check_faults,
     check_output,
     check_stand_in_flies,
     load_config,
@@ -27,7 +28,7 @@ from landerd.commands.shared import (
 )
 from landerd.config.files import Loaded, config_files
 from landerd.pad import PadError
-from landerd.runtime.worker import exit_without_waiting
+from landerd.worker import exit_without_waiting
 
 if TYPE_CHECKING:
     from landerd.web import StatusPage
@@ -113,6 +114,7 @@ def _load(args: argparse.Namespace) -> Loaded:
     loaded = load_config(args, [known[args.scenario]], args.seed)
     if args.autopilot is None:
         check_stand_in_flies(loaded)
+    check_faults(loaded, has_stand_in=args.autopilot is None)
     return loaded
 
 
@@ -212,9 +214,18 @@ def _summary(result: dict[str, Any]) -> str:
         f"  pad lost from sight {result['aborts']} times; "
         f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
         f"  phases: {', '.join(phases)}".rstrip(),
+        *(f"  danger: {finding}" for finding in result["findings"]),
+        *(f"  fault: {_happened(fault)}" for fault in result["faults_flown"]),
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
     ]
     return "\n".join(lines)
+
+
+def _happened(fault: dict[str, Any]) -> str:
+    if fault["began"] is None:
+        return f"{fault['fault']}: it never came to it"
+    until = "the end" if fault["ended"] is None else f"{fault['ended']:.1f} s"
+    return f"{fault['fault']} from {fault['began']:.1f} s to {until}, begun in {fault['phase']}"
 
 
 def _height(text: str) -> float:

@@ -90,6 +90,10 @@ class AutopilotSection(Section):
     system_id: Annotated[int, Field(ge=1, le=255)] = 1
     # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
     guided_timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    # how it shapes velocities (WPNAV_ACCEL, WPNAV_ACCEL_Z, PSC_JERK_XY), until it tells that too
+    acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
+    vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0
+    jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
@@ -101,6 +105,15 @@ class RcSection(Section):
 
     gate_channel: Annotated[int, Field(ge=5, le=18)] = 11
     gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500
+    # Of a switch with three positions: above this it lands, between the two it holds over the
+    # marker (guidance.hold). 0: there is no position between.
+    land_threshold_us: Annotated[int, Field(ge=0, le=1900)] = 0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if 0 < self.land_threshold_us < self.gate_threshold_us + 200:
+            raise ValueError("expected land_threshold_us 200 above gate_threshold_us, or 0")
+        return self
 
 
 class FreshnessSection(Section):
@@ -121,6 +134,9 @@ class VisionSection(Section):
     # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
     # by hand is good for, and what focus and warmth move.
     focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005
+    # From the exposure of the first row to that of the last: 0 for a global shutter. Ordinary
+    # cameras take 10 to 33 ms.
+    readout_s: Annotated[float, Field(ge=0, le=0.1)] = 0.02
 
 
 class EstimationSection(Section):
@@ -165,7 +181,7 @@ class TrackingSection(Section):
 
     kp: Annotated[float, Field(gt=0, le=5)] = 2.5  # closing speed per m of distance, near the pad
     ki: Annotated[float, Field(ge=0, le=2)] = 0.6
-    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.5  # how late the vehicle answers an order
+    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.0  # later than ArduPilot's shaper
     approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
     brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
     descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45
@@ -223,6 +239,12 @@ class LostSection(Section):
     retries: Annotated[int, Field(ge=0, le=100)] = 5  # descents that may be broken off before that
 
 
+class HoldSection(Section):
+    """Where the vehicle is held while the pilot asks for it (rc.land_threshold_us)."""
+
+    height_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0  # of the feet over the pad
+
+
 class GuidanceSection(Section):
     """How the vehicle is led onto the pad."""
 
@@ -233,6 +255,7 @@ class GuidanceSection(Section):
     descent: DescentSection = DescentSection()
     limits: LimitsSection = LimitsSection()
     lost: LostSection = LostSection()
+    hold: HoldSection = HoldSection()
     release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
     touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # after commit
     touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0
@@ -262,7 +285,9 @@ class LogSection(Section):
     images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
     every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
     disarmed_images: bool = False  # also while the vehicle is disarmed
-    most_mb: Positive = 8000.0  # of all logs together: then the oldest are deleted
+    most_file_mb: Annotated[float, Field(ge=1)] = 500.0  # then a flight goes on in another file
+    # of all logs together but the file that is written: then the oldest are deleted
+    most_mb: Positive = 8000.0
     keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
 
 

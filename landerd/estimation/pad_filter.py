@@ -21,12 +21,14 @@ from landerd.geometry import (
     Vec3,
     add,
     clamp,
+    diagonal,
     dot,
     matadd,
     matscale,
     norm,
     outer,
     rotate,
+    rotate_covariance,
     scale,
     sub,
     unit,
@@ -294,12 +296,15 @@ class PadFilter:
         return motion.innovation(seen.position, noise, (by_lens, by_gimbal))
 
     def _white_noise(self, seen: PadObservation) -> Mat3:
-        """Return what is new in every frame as it was learned, m^2."""
-        across, along = self._noise_scale
-        in_range = dot(seen.sight, rotate(seen.covariance, seen.sight)) * (along - across)
-        return matadd(
-            matscale(seen.covariance, across), matscale(outer(seen.sight, seen.sight), in_range)
-        )
+        """Return what is new in every frame as it was learned, m^2.
+
+        Errors, not covariances, are stretched: where range and place err together the sum of two
+        scaled parts would be no covariance.
+        """
+        across, along = (math.sqrt(scale) for scale in self._noise_scale)
+        d = seen.sight
+        stretch = matadd(diagonal(across, across, across), matscale(outer(d, d), along - across))
+        return rotate_covariance(stretch, seen.covariance)
 
     def _reject(self, seen: PadObservation, innovation: Innovation) -> bool:
         """Refuse it; tell whether it was accepted after all, as evidence of a step.

@@ -77,35 +77,49 @@ def next_number(folder: Path) -> int:
     )
 
 
-def rotate(folder: Path, most_bytes: int, keep: Path) -> list[Path]:
+def rotate(folder: Path, most_bytes: int, running: Path) -> list[Path]:
     """Delete the oldest logs until all together have at most this many bytes.
 
     Args:
         folder: of numbered logs; files of other names are left alone.
         most_bytes: that may stay.
-        keep: the log in progress, never deleted.
+        running: the log in progress: neither counted nor deleted, however long it gets.
 
     Returns:
         What was deleted.
     """
     logs = sorted(
-        (number, path)
+        (number, part_number(path), path)
         for path in folder.iterdir()
         if path.suffix in (".mcap", ".tlog") and (number := _number(path)) is not None
     )
-    sizes = {path: path.stat().st_size for _, path in logs}
+    sizes = {path: path.stat().st_size for *_, path in logs if path.stem != running.stem}
     total = 0
     for size in sizes.values():
         total += size
     deleted = []
-    for _, path in logs:
+    for path, size in sizes.items():
         if total <= most_bytes:
             break
-        if path.stem != keep.stem:
-            path.unlink()
-            total -= sizes[path]
-            deleted.append(path)
+        path.unlink()
+        total -= size
+        deleted.append(path)
     return deleted
+
+
+# ---- a flight in several files: NAME.mcap, NAME.2.mcap, NAME.3.mcap ----------------------------
+
+
+def part_number(path: Path) -> int:
+    """Return which part of its flight a log is, from 1."""
+    digits = Path(path.stem).suffix.removeprefix(".")
+    return int(digits) if digits.isdecimal() else 1
+
+
+def part(path: Path, number: int) -> Path:
+    """Return the file of another part of a log's flight."""
+    first = path.stem if part_number(path) == 1 else Path(path.stem).stem
+    return path.with_name(f"{first}{f'.{number}' if number > 1 else ''}{path.suffix}")
 
 
 def _number(path: Path) -> int | None:

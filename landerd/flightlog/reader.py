@@ -22,6 +22,7 @@ from zstandard import ZstdError
 from landerd.camera_model import CameraModel
 from landerd.flightlog import codec, contents, foxglove
 from landerd.flightlog.contents import Dropped, Searched, State
+from landerd.flightlog.disk import part, part_number
 from landerd.messages import Command, Frame, Input
 from landerd.pad import PadLayout
 
@@ -122,11 +123,25 @@ def read_images(path: Path) -> Iterator[tuple[Frame, str]]:
 
 
 def records(path: Path, notes: list[str]) -> Iterator[tuple[str, McapRecord]]:
-    """Yield a file's records with their topic ("" without one); damage is added to notes.
+    """Yield the records of a file, and of those in which its flight goes on.
+
+    Args:
+        path: of a flight's first file, or a later one.
+        notes: damage is added to it.
+
+    Yields:
+        A record and its topic, "" without one.
 
     Raises:
-        LogError: it cannot be read, or is no MCAP file.
+        LogError: a file cannot be read, or is no MCAP file.
     """
+    yield from _records_of(path, notes)
+    number = part_number(path)
+    while (more := part(path, number := number + 1)).exists():
+        yield from _records_of(more, notes)
+
+
+def _records_of(path: Path, notes: list[str]) -> Iterator[tuple[str, McapRecord]]:
     stream, size = _opened(path)
     with stream:
         topics: dict[int, str] = {}

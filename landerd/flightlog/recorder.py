@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from landerd.config.models import Config, LogSection
 from landerd.flightlog.contents import Dropped, Head, Searched, State
-from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, rotate
+from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, part, part_number, rotate
 from landerd.flightlog.writer import LogWriter
 from landerd.lander import Lander
 from landerd.messages import Command, Frame, Heartbeat, Input, Prior, Sightings, Tick
@@ -85,6 +85,8 @@ class Recorder:
         self._frames = 0
         self._anew = False
         self._armed = True  # as far as is known
+        self._idle = True  # in all of this file so far
+        self._idle_part: Path | None = None  # an earlier one of this flight
         self._number = 0
         self._flights = 0
         self._lander: Lander | None = None
@@ -221,16 +223,46 @@ class Recorder:
 
     def _begin(self, config: Config) -> None:
         self._end()
+        self._head = replace(self._head, config=config)
+        self._idle_part = None
         path = self._path()
         path.parent.mkdir(parents=True, exist_ok=True)
-        mcap = SyncedFile(path)
-        tlog = SyncedFile(path.with_suffix(".tlog")) if self._mavlink is not None else None
-        mavlink = self._mavlink() if self._mavlink is not None else None
-        writer = LogWriter(mcap, replace(self._head, config=config))
-        self._files = _Files(mcap, writer, tlog, mavlink)
-        writer.calibration(self._now)
+        self._files = self._new_files(path, self._mavlink() if self._mavlink is not None else None)
         self._sync(self._now)
         log.info("recording to %s", path)
+
+    def _new_files(self, path: Path, mavlink: MavlinkLog | None) -> _Files:
+        """Begin the files of a flight, or its next ones. Raises OSError."""
+        mcap = SyncedFile(path)
+        try:
+            tlog = SyncedFile(path.with_suffix(".tlog")) if mavlink is not None else None
+        except OSError:
+            mcap.close()
+            path.unlink()
+            raise
+        self._idle = True
+        writer = LogWriter(mcap, self._head)
+        writer.calibration(self._now)
+        return _Files(mcap, writer, tlog, mavlink)
+
+    def _go_on_in_another(self, old: _Files) -> None:
+        """Let the flight go on in its next files.
+
+        Of a vehicle that stands disarmed for days only the last two are kept: the flights before
+        are worth more.
+        """
+        path, was_idle = old.mcap.path, self._idle
+        try:
+            new = self._new_files(part(path, part_number(path) + 1), old.mavlink)
+        except OSError as e:
+            log.warning("%s: goes on growing: %s", path, e.strerror)
+            return
+        self._end()
+        self._files, self._dropped_written = new, Dropped(0, 0, 0, 0)
+        idle, self._idle_part = self._idle_part, path if was_idle else None
+        if idle is not None:
+            idle.unlink(missing_ok=True)
+            idle.with_suffix(".tlog").unlink(missing_ok=True)
 
     def _path(self) -> Path:
         self._flights += 1
@@ -271,8 +303,7 @@ class Recorder:
         folder = files.mcap.path.parent
         try:
             if folder == self._target:
-                for path in rotate(folder, int(self._options.most_mb * _MB), files.mcap.path):
-                    log.info("deleted the old log %s", path.name)
+                self._keep_in_bounds(files)
             free = free_bytes(folder)
         except OSError:
             free = 0
@@ -283,6 +314,14 @@ class Recorder:
             lost = "images are" if low == 1 else "images and detail are"
             log.warning("%s: %s, %s not recorded", folder, files.mcap.error or "nearly full", lost)
         self._low = low
+
+    def _keep_in_bounds(self, files: _Files) -> None:
+        """Begin another file when this one is large, and delete old ones. Raises OSError."""
+        if files.mcap.tell() >= self._options.most_file_mb * _MB:
+            self._go_on_in_another(files)
+        running = self._files.mcap.path if self._files is not None else files.mcap.path
+        for path in rotate(self._target, int(self._options.most_mb * _MB), running):
+            log.info("deleted the old log %s", path.name)
 
     def _write_dropped(self, files: _Files, now: float) -> None:
         count = self._dropped
@@ -298,6 +337,7 @@ class Recorder:
     ) -> None:
         if self._files is None:
             return
+        self._idle = self._idle and not (isinstance(message, Heartbeat) and message.armed)
         self._files.writer.step(number, now, message, commands)
         if detail:
             self._files.writer.events(now, commands)

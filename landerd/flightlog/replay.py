@@ -133,7 +133,7 @@ def replay_vision(log: FlightLog, config: Config) -> VisionReplayed | str:
         if form != "png" or frame.seq != searched.seq:
             return f"frame {searched.seq} was not recorded without loss"
         if searched.anew:
-            vision = Vision(log.layout, log.camera, config.vision)
+            vision = Vision(log.layout, log.camera, config.vision, meters=meters)
         sightings = vision.process(Frame(searched.t, searched.seq, frame.image), searched.prior)
         logged = seen.get(searched.seq)
         if logged is None:  # the log ends before the core took them

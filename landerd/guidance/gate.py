@@ -39,6 +39,7 @@ class Gate:
             self._rc = rc
             self._channel = rc.gate_channel
             self._threshold_us = rc.gate_threshold_us
+            self._land_threshold_us = rc.land_threshold_us
             self._pulse_us = 0
             self._latched = True  # as when just started
 
@@ -46,6 +47,11 @@ class Gate:
     def disarmed(self) -> bool:
         """Whether the last heartbeat said disarmed; False while there was none."""
         return self._heartbeat is not None and not self._heartbeat.armed
+
+    @property
+    def asks_to_hold(self) -> bool:
+        """Whether the switch is in its middle: to hold over the marker and not to land yet."""
+        return self._threshold_us < self._pulse_us <= self._land_threshold_us
 
     def on_heartbeat(self, heartbeat: Heartbeat) -> None:
         """Take the autopilot's heartbeat; one older than the last is dropped."""

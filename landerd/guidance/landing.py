@@ -8,7 +8,7 @@ from landerd.guidance import pilot_texts
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_context import ControlStep, LandingContext, LandingState
 from landerd.guidance.last_orders import LastOrders
-from landerd.guidance.limits import STOPPED
+from landerd.guidance.limits import STOPPED, flyable_limits
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.method import make_method
 from landerd.guidance.orders import Orders
@@ -36,10 +36,10 @@ class Landing:
     def __init__(self, config: Config, layout: PadLayout, gate: Gate, estimator: Estimator) -> None:
         guidance = config.guidance
         self._gate = gate
-        self._orders = Orders(guidance.limits)
+        self._orders = Orders(flyable_limits(config))
         self._context = LandingContext(config, layout, estimator, self._orders)
         self._phases = Phases(guidance.descent, has_heading=layout.has_heading)
-        self._method = make_method(guidance)
+        self._method = make_method(config)
         self._lost = LostPlan(guidance.lost)
         self._touchdown = Touchdown(
             guidance.touchdown_timeout_s,
@@ -64,9 +64,9 @@ class Landing:
         """Go on with changed parameters."""
         guidance = config.guidance
         self._context.configure(config)
-        self._orders.configure(guidance.limits)
+        self._orders.configure(flyable_limits(config))
         self._phases.configure(guidance.descent)
-        self._method.configure(guidance)
+        self._method.configure(config)
         self._lost.configure(guidance.lost)
         self._touchdown.configure(guidance.touchdown_timeout_s, guidance.touchdown_descent_mps)
 
@@ -107,7 +107,8 @@ class Landing:
             self._orders.enter(Phase.NOT_LANDING, pilot_texts.PRECISION_LANDING)
             return self._orders.commands
         authority, why = self._gate.authority(now)
-        if authority is not Authority.GRANTED:
+        hold_asked = self._context.hold_asked = self._gate.asks_to_hold
+        if authority is not Authority.GRANTED or hold_asked:
             self._context.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
         event: Event | None = self._event_of(authority)

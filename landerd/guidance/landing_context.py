@@ -8,7 +8,7 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, horizontal
+from landerd.geometry import Vec3, horizontal, rot_z, rotate
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
 from landerd.guidance.orders import Orders
@@ -64,6 +64,7 @@ class LandingContext:
         landed: what the autopilot's land detector has said since commit.
         pad_velocity: as last seen, local NED, m/s.
         foothold: where the feet are on the plate.
+        hold_asked: the pilot asks to hold over the marker and not to land yet.
     """
 
     def __init__(
@@ -74,9 +75,10 @@ class LandingContext:
         self.orders = orders
         self.outcome: str | None = None
         self.aborts = 0
-        self.low = False
+        self.low = self.hold_asked = False
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
+        self._pad_turn_rate = 0.0  # rad/s
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._just_over_pad = False
         self._began = math.inf  # this landing, without having come to commit since, s
@@ -123,6 +125,11 @@ class LandingContext:
         self.low = relative.height < self.options.descent.alignment_height_m
         self._just_over_pad = relative.height < JUST_OVER_PAD_M
         self.pad_velocity = relative.pad_velocity
+        self._pad_turn_rate = relative.pad_turn_rate
+
+    def ride(self, dt: float) -> None:
+        """Let the pad drive on unseen for dt, s, turning as it did when it was seen last."""
+        self.pad_velocity = rotate(rot_z(self._pad_turn_rate * dt), self.pad_velocity)
 
     @property
     def over_fast_pad(self) -> bool:
@@ -149,7 +156,7 @@ class LandingContext:
     def break_off(self) -> None:
         """Count an abort; those of descents are limited in number (guidance.lost.retries)."""
         self.aborts += 1
-        if self.low:
+        if self.low and not self.hold_asked:
             self._descents_broken_off += 1
 
     @property
@@ -158,7 +165,7 @@ class LandingContext:
         return self._descents_broken_off > self.options.lost.retries
 
     def forgive(self) -> None:
-        """Count broken-off descents and the landing's time anew: the pilot has the vehicle."""
+        """Count broken-off descents and the landing's time anew: the pilot flies, or waits."""
         self._descents_broken_off = 0
         self.end_landing()
 

@@ -6,7 +6,7 @@ ours. The shaper is the square-root controller that ArduPilot itself uses.
 
 import math
 
-from landerd.config.models import LimitsSection
+from landerd.config.models import Config, LimitsSection
 from landerd.geometry import Vec3, clamp
 from landerd.messages import Setpoint
 
@@ -17,6 +17,19 @@ MAX_YAW_ACCELERATION = math.radians(120.0)
 # A tick that came late is no leave for a larger step, s: the period of the slowest control rate.
 # After 0.1 s in one step the vertical speed went 3 % beyond its limit.
 MAX_STEP_S = 0.05
+
+
+def flyable_limits(config: Config) -> LimitsSection:
+    """Return the configured limits, but no more acceleration than the autopilot lets pass.
+
+    It would only fall behind what is ordered, and overshoot.
+    """
+    limits, autopilot = config.guidance.limits, config.autopilot
+    level = min(limits.acceleration_mps2, autopilot.acceleration_mps2)
+    vertical = min(limits.vertical_acceleration_mps2, autopilot.vertical_acceleration_mps2)
+    return limits.model_copy(
+        update={"acceleration_mps2": level, "vertical_acceleration_mps2": vertical}
+    )
 
 
 class Limiter:

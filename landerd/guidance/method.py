@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from landerd.config.models import GuidanceSection
+from landerd.config.models import Config
 from landerd.geometry import Vec3
 from landerd.guidance.pid_method import PidMethod
 from landerd.guidance.relative_state import RelativeState
@@ -13,8 +13,8 @@ from landerd.messages import Phase
 class Method(Protocol):
     """Turns errors into velocities; the limits are kept by who sends them."""
 
-    def configure(self, options: GuidanceSection) -> None:
-        """Take new gains and limits."""
+    def configure(self, config: Config) -> None:
+        """Take new gains, limits and what the autopilot has told of itself."""
 
     def restart(self) -> None:
         """Begin a landing."""
@@ -25,6 +25,7 @@ class Method(Protocol):
         """Return velocity (local NED, m/s) and yaw rate (rad/s)."""
 
 
-def make_method(options: GuidanceSection) -> Method:
+def make_method(config: Config) -> Method:
     """Return the configured controller."""
-    return TrackingMethod(options) if options.method == "tracking" else PidMethod(options)
+    tracks = config.guidance.method == "tracking"
+    return TrackingMethod(config) if tracks else PidMethod(config)

@@ -64,7 +64,8 @@ class Phases:
 
     def may_descend(self, relative: RelativeState) -> bool:
         """Tell whether the vehicle is inside the descent region, its own uncertainty counted."""
-        radius = descent_radius(self._options, relative.height)
+        at_least = relative.height - 2.0 * relative.sigma_height
+        radius = descent_radius(self._options, at_least)
         return relative.distance + 2.0 * relative.sigma_m < radius
 
     @property
@@ -74,17 +75,25 @@ class Phases:
             return self._options.retry_height_m
         return 0.0 if self._aligned else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
-    def step(self, relative: RelativeState, sighting_age: float = 0.0) -> tuple[Phase, str]:
-        """Return the phase that holds from now on and why; the age is that at exposure, s."""
+    def step(
+        self, relative: RelativeState, sighting_age: float = 0.0, *, may_land: bool = True
+    ) -> tuple[Phase, str]:
+        """Return the phase that is in force from now on, and why.
+
+        Args:
+            relative: pad relative to the vehicle.
+            sighting_age: at exposure, s.
+            may_land: False: the pilot asks to hold, and it gets no further than YAW_CORRECTION.
+        """
         self._update_alignment(relative.heading_error)
-        self._move_on(relative)
+        self._move_on(relative, may_land=may_land)
         if self._commits(relative, sighting_age):
             self.phase = Phase.LANDED
         else:
             self._decide_go_around(relative)
         return self.phase, self._why(relative)
 
-    def _move_on(self, relative: RelativeState) -> None:
+    def _move_on(self, relative: RelativeState, *, may_land: bool) -> None:
         """Take the phases up to DESCENT that hold; several may be passed in one step."""
         close = self._options.close_factor * descent_radius(self._options, relative.height)
         distance = relative.distance
@@ -94,9 +103,10 @@ class Phases:
             self.phase = Phase.APPROACH
         if self.phase is Phase.CLOSE_APPROACH and self.may_descend(relative):
             self.phase = Phase.YAW_CORRECTION
-        if self.phase is Phase.YAW_CORRECTION and self._aligned:
+        descends = self._aligned and may_land
+        if self.phase is Phase.YAW_CORRECTION and descends:
             self.phase = Phase.DESCENT
-        elif self.phase is Phase.DESCENT and not self._aligned:
+        elif self.phase is Phase.DESCENT and not descends:
             self.phase = Phase.YAW_CORRECTION
 
     def _commits(self, relative: RelativeState, sighting_age: float) -> bool:

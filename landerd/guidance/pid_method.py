@@ -2,7 +2,7 @@
 
 import math
 
-from landerd.config.models import GuidanceSection, PidGains
+from landerd.config.models import Config, PidGains
 from landerd.geometry import Vec3, clamp
 from landerd.guidance.pid import Pid
 from landerd.guidance.relative_state import RelativeState
@@ -12,18 +12,19 @@ from landerd.messages import Phase
 class PidMethod:
     """Velocity and yaw rate that bring the vehicle onto the pad."""
 
-    def __init__(self, options: GuidanceSection) -> None:
-        pid = options.pid
+    def __init__(self, config: Config) -> None:
+        pid = config.guidance.pid
         limit = pid.integral_limit_mps
         self._north = Pid(pid.approach, integral_limit=limit)
         self._east = Pid(pid.approach, integral_limit=limit)
         self._up = Pid(pid.up, integral_limit=limit)
         self._yaw = Pid(pid.yaw, integral_limit=limit)
         self._saturated = self._down_saturated = False
-        self.configure(options)
+        self.configure(config)
 
-    def configure(self, options: GuidanceSection) -> None:
+    def configure(self, config: Config) -> None:
         """Take new gains, which fade in, and limits."""
+        options = config.guidance
         pid = options.pid
         self._gains: dict[Phase, PidGains] = {
             Phase.APPROACH: pid.approach,

@@ -6,6 +6,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 |---|---|---|
 | landerd does not fly, or flies without sight | WARNING | the reason |
 | a phase of the landing begins | NOTICE | the phase and the reason |
+| it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | on the pad, and the land detector is silent | CRITICAL | UNCONFIRMED |
@@ -42,6 +43,7 @@ REASONS: Mapping[Event, str] = {
     Event.DISARMED: "landed and disarmed",
     Event.DISARMED_OFF_PAD: "disarmed beside the pad",
     Event.PAD_MISSED: "pad missed",
+    Event.HOLD_ASKED: "asked to hold",
     Event.PAD_NOT_FOUND: "pad not found",
     Event.NO_LANDING_POSSIBLE: "no landing possible",
     Event.HEADING_NOT_SEEN: "pad's heading not seen",
@@ -51,6 +53,7 @@ HANDED_BACK = "{reason}: pilot, take over"
 
 # ---- with the pad in sight (guidance.phases) ---------------------------------------------------
 UNDER_WAY = "{distance:.1f} m away, {height:.1f} m up"
+HOLDING_OVER = "holding over the marker, switch to land"
 NO_HEADING = "pad's heading not seen"
 NO_HEADING_CLIMBING = "pad's heading not seen, climbing again"
 OFF_CLIMBING = "off by {distance:.2f} m, climbing again"

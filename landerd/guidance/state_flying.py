@@ -8,6 +8,7 @@ from landerd.guidance.landing_context import ControlStep, LandingContext, Sight
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.method import Method
 from landerd.guidance.phases import Phases
+from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import Event
 from landerd.messages import Phase, Severity
@@ -15,13 +16,18 @@ from landerd.messages import Phase, Severity
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 # A wave-off climbs for so long, or so far; design rule 1b: at most 1 s or 0.5 m.
 WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
+# Held over the pad: climbing speed per m below the height asked for, as TrackingMethod sinks above
+# it; and no higher over it the pilot is told that it is there, m.
+HOLD_KP = 1.5
+HOLD_TOLERANCE_M = 0.3
 
 
 class Tracking:
     """Flies to the pad and down, as phase and method say; climbs where it could not land.
 
-    Leaves when sight is lost, to commit, or to hand back: after too many refused descents, or when
-    the pad's heading stays unseen.
+    While the pilot asks to hold it stays over the pad at guidance.hold.height_m, for as long as he
+    does, and climbs there from below. Leaves when sight is lost, to commit, or to hand back: after
+    too many refused descents, or when the pad's heading stays unseen.
     """
 
     def __init__(self, context: LandingContext, phases: Phases, method: Method) -> None:
@@ -29,6 +35,7 @@ class Tracking:
         self._phases = phases
         self._method = method
         self._heading_t = 0.0  # when the landing last did not wait for the pad's heading, s
+        self._holds = False  # where the pilot asked to, and he was told
 
     def enter(self, step: ControlStep) -> None:
         """Begin a landing, from the velocity that the vehicle has."""
@@ -37,6 +44,7 @@ class Tracking:
         if vehicle is not None:
             context.orders.go_on_from(vehicle.velocity)
         self._heading_t = step.now
+        self._holds = False
         context.begin_landing(step.now)
         context.outcome = None
         self._phases.restart()
@@ -52,11 +60,16 @@ class Tracking:
         if event is not None:
             return event
         relative, phases = sight.relative, self._phases
-        velocity, yaw_rate = self._method.step(phases.phase, relative, phases.floor_m, step.dt)
-        if phases.goes_around:
-            velocity = (velocity[0], velocity[1], -self._context.options.lost.climb_mps)
-        # Were this the last order, the autopilot's own timeout must stop the vehicle in time.
         o = self._context.options
+        hold_m = o.hold.height_m if self._context.hold_asked else 0.0
+        floor_m = max(phases.floor_m, hold_m)
+        velocity, yaw_rate = self._method.step(phases.phase, relative, floor_m, step.dt)
+        if phases.goes_around:
+            velocity = (velocity[0], velocity[1], -o.lost.climb_mps)
+        elif relative.height < hold_m:
+            climb = min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
+            velocity = (velocity[0], velocity[1], relative.heave - climb)
+        # Were this the last order, the autopilot's own timeout must stop the vehicle in time.
         safe = safe_sink_rate(
             relative.height,
             -relative.error_rate[2],
@@ -65,7 +78,7 @@ class Tracking:
         )
         north, east, down = velocity
         velocity = (north, east, min(down, relative.sure_heave + safe))
-        may_descend = phases.may_descend(relative) and relative.height > phases.floor_m
+        may_descend = phases.may_descend(relative) and relative.height > floor_m
         self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
 
@@ -77,18 +90,33 @@ class Tracking:
         if context.takes_too_long(step.now):
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
-        phase, why = phases.step(relative, sight.age)
+        phase, why = phases.step(relative, sight.age, may_land=not context.hold_asked)
         context.orders.enter(phase, why)
+        self._tell_of_hold(phase, relative)
         if phases.goes_around and not went_around:
             context.break_off()
             context.orders.say(Severity.WARNING, why)
         elif went_around and not phases.goes_around and context.tried_enough:
             return Event.NO_LANDING_POSSIBLE
-        if phase is not Phase.YAW_CORRECTION or relative.heading_error is not None:
+        if not context.hold_asked:
+            context.begin_landing(step.now)
+        waits = phase is Phase.YAW_CORRECTION and not context.hold_asked
+        if not waits or relative.heading_error is not None:
             self._heading_t = step.now
         elif step.now - self._heading_t > context.options.lost.give_up_s:
             return Event.HEADING_NOT_SEEN
         return Event.COMMITS if phase is Phase.LANDED else None
+
+    def _tell_of_hold(self, phase: Phase, relative: RelativeState) -> None:
+        """Tell the pilot, once, that it is where he asked to hold and waits for him."""
+        context, held = self._context, self._holds
+        is_there = relative.height < context.options.hold.height_m + HOLD_TOLERANCE_M
+        is_over = context.hold_asked and phase is Phase.YAW_CORRECTION
+        self._holds = is_over and (held or is_there)
+        if self._holds:
+            context.orders.enter(phase, pilot_texts.HOLDING_OVER)
+            if not held:
+                context.orders.say(Severity.NOTICE, pilot_texts.HOLDING_OVER)
 
 
 class WavingOff:

@@ -24,7 +24,7 @@ class Committed:
 
     Without sight it goes on with the pad as last known, and breaks off when contact would come
     later than touchdown.MAX_BLIND_S after it; with sight it breaks off when it would miss the pad.
-    Leaves at contact.
+    So it does when the pilot asks to hold after all. Leaves at contact.
     """
 
     def __init__(self, context: LandingContext, method: Method, touchdown: Touchdown) -> None:
@@ -70,6 +70,8 @@ class Committed:
             return event
         # A touch turns the airframe faster than the lens's direction is known: nothing is to be
         # told of where the pad is then.
+        if context.hold_asked and not self._touchdown.may_touch:
+            return Event.HOLD_ASKED
         if clearance > 0.0 and self._misses(step.now, relative, pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
@@ -128,6 +130,7 @@ class OnPad:
     def order(self, step: ControlStep) -> Event | None:
         """Order disarming when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
+        context.ride(step.dt)
         if self._touchdown.disarm_due(now, context.landed):
             orders.disarm()
         if self._touchdown.unconfirmed(now, context.landed):

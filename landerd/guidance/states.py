@@ -16,7 +16,9 @@ class State(Enum):
 
     SILENT = "silent"  # nothing: the pilot or a ground station flies
     RELEASING = "releasing"  # zero velocity for guidance.release_s: its last order must not live on
-    TRACKING = "tracking"  # to the pad and down, as phase and guidance.method say
+    # to the pad and down, as phase and guidance.method say; while the pilot asks to hold, at
+    # guidance.hold.height_m over it and not down
+    TRACKING = "tracking"
     SEARCHING = "searching"  # hover, then climb (guidance.lost), without turning or sinking
     COMMITTED = "committed"  # down onto the pad, no longer bound by region and heading
     WAVING_OFF = "waving off"  # up from the pad at the pad's velocity, for a moment
@@ -40,6 +42,7 @@ class Event(Enum):
     PAD_IN_SIGHT = "pad confirmed, last sighting and telemetry young"
     SIGHT_LOST = "last sighting or telemetry too old"
     PAD_MISSED = "would touch beside the pad, or slide across it"
+    HOLD_ASKED = "the pilot asks to hold after all, not touching yet"
     CLEAR_OF_PAD = "climbed away from the pad"
     COMMITS = "just over the pad, and the touch-down will be good"
     CONTACT = "feet on the pad, or ON_GROUND said since commit"
@@ -102,6 +105,7 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         Event.SIGHT_LOST: State.WAVING_OFF,
         # A pad that stops, starts, jerks or is carried away under it.
         Event.PAD_MISSED: State.WAVING_OFF,
+        Event.HOLD_ASKED: State.WAVING_OFF,
     },
     State.WAVING_OFF: {
         **_FLYING,

@@ -12,22 +12,30 @@ guidance.tracking: with them every row of `landerd campaign guidance` reaches wh
 import math
 from dataclasses import replace
 
-from landerd.config.models import GuidanceSection
+from landerd.config.models import Config
 from landerd.geometry import Vec3, add, clamp, rot_z, rotate
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
 
 # ---- horizontal --------------------------------------------------------------------------------
+MIN_LEAD_S = 0.35  # the airframe, the link and what is seen are late too
+MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
+# 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.4.
+MAX_KP_PER_ACCELERATION = 1.0
+MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
+BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
-PAD_VELOCITY_TIME_CONSTANT_S = 0.7  # of its smoothing before it is flown
+# Of the pad's velocity before it is flown, s, and in leads: what is slow need not hurry.
+PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
 
 # ---- vertical ----------------------------------------------------------------------------------
 # Lag of the answer to a vertical order, s: ArduCopter 4.5.7 in SITL was half there after 0.43 s
 # (bench/step_response.py).
 VERTICAL_LAG_S = 0.35
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
+SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
 REGION_MARGIN = 1.3  # times the error: how wide the region is to be where it sinks to
 
 # ---- heading -----------------------------------------------------------------------------------
@@ -43,13 +51,28 @@ YAW_BRAKE = math.radians(30.0)  # rad/s^2 that a turn is braked with: a quarter 
 class TrackingMethod:
     """Velocity and yaw rate that bring the vehicle onto the pad."""
 
-    def __init__(self, options: GuidanceSection) -> None:
-        self.configure(options)
+    def __init__(self, config: Config) -> None:
+        self.configure(config)
         self.restart()
 
-    def configure(self, options: GuidanceSection) -> None:
-        """Take new gains and limits."""
+    def configure(self, config: Config) -> None:
+        """Take new gains and limits, and how the autopilot shapes velocities.
+
+        ArduPilot's shaper asks for an acceleration of jerk / acceleration times what is missing of
+        the velocity: a first-order lag of acceleration / jerk, by which the errors are led. It
+        bounds the gain, and the gain that of the integral.
+        """
+        options, vehicle = config.guidance, config.autopilot
         self._gains = options.tracking
+        shaper_s = vehicle.acceleration_mps2 / vehicle.jerk_mps3
+        self._lead_s = max(shaper_s, MIN_LEAD_S) + options.tracking.lead_s
+        self._kp = min(
+            options.tracking.kp,
+            MAX_KP_LEAD / self._lead_s,
+            MAX_KP_PER_ACCELERATION * vehicle.acceleration_mps2,
+        )
+        self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
+        self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits
         self._touchdown_mps = options.touchdown_descent_mps
@@ -72,12 +95,12 @@ class TrackingMethod:
         """
         gains = self._gains
         relative = self._smoothed(relative, dt)
-        north, east = self._error_ahead(relative, gains.lead_s)
+        north, east = _error_ahead(relative, self._lead_s)
         distance = math.hypot(north, east)
-        closing = min(_braking_speed(distance, gains.kp, gains.brake_mps2), gains.approach_mps)
+        closing = min(_braking_speed(distance, self._kp, self._brake), gains.approach_mps)
         k = closing / distance if distance > 0.0 else 0.0
         self._integrate(relative, dt)
-        v = relative.pad_velocity_ahead(gains.lead_s)
+        v = relative.pad_velocity_ahead(self._lead_s)
         velocity = (
             v[0] + k * north + self._integral[0],
             v[1] + k * east + self._integral[1],
@@ -95,7 +118,7 @@ class TrackingMethod:
         if self._pad_velocity is None:
             self._pad_velocity = (north, east)
         turned = rotate(rot_z(relative.pad_turn_rate * dt), (*self._pad_velocity, 0.0))
-        k = min(1.0, dt / PAD_VELOCITY_TIME_CONSTANT_S)
+        k = min(1.0, dt / max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s))
         smooth = (turned[0] + k * (north - turned[0]), turned[1] + k * (east - turned[1]))
         self._pad_velocity = smooth
         change = (smooth[0] - north, smooth[1] - east, 0.0)
@@ -105,14 +128,10 @@ class TrackingMethod:
             error_rate=add(relative.error_rate, change),
         )
 
-    def _error_ahead(self, relative: RelativeState, lead_s: float) -> tuple[float, float]:
-        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
-        return north + lead_s * v_north, east + lead_s * v_east
-
     def _integrate(self, relative: RelativeState, dt: float) -> None:
         if relative.distance > INTEGRAL_RANGE_M:
             return
-        step = self._gains.ki * dt
+        step = self._ki * dt
         north, east = self._integral
         north, east = north + step * relative.error[0], east + step * relative.error[1]
         size = math.hypot(north, east)
@@ -121,7 +140,7 @@ class TrackingMethod:
 
     def _sink_rate(self, relative: RelativeState, floor_m: float) -> float:
         """Return the downward speed relative to the pad, m/s."""
-        ahead = math.hypot(*self._error_ahead(relative, self._gains.lead_s))
+        ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
         off = REGION_MARGIN * max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
         height = relative.height - VERTICAL_LAG_S * max(0.0, relative.error_rate[2] * -1.0)
@@ -144,6 +163,11 @@ class TrackingMethod:
         max_rate = math.radians(self._limits.yaw_rate_deg_s)
         turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), error)
         return clamp(relative.pad_turn_rate + turn, -max_rate, max_rate)
+
+
+def _error_ahead(relative: RelativeState, lead_s: float) -> tuple[float, float]:
+    (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+    return north + lead_s * v_north, east + lead_s * v_east
 
 
 def _braking_speed(distance: float, kp: float, deceleration: float) -> float:

@@ -166,6 +166,12 @@ class AutopilotCheck:
             mend = "give the channel to a switch in the transmitter, or set rc.gate_channel"
             return [Finding("fail", "gate", what, mend)]
         if pulse > rc.gate_threshold_us:
-            what = f"{name} is high ({pulse} us): landerd flies only after it was low"
+            place = "in its middle" if pulse <= rc.land_threshold_us else "high"
+            what = f"{name} is {place} ({pulse} us): landerd flies only after it was low"
             return [Finding("warn", "gate", what, "put the switch low; is it the right channel?")]
-        return [Finding("ok", "gate", f"{name} is low ({pulse} us)")]
+        what = f"{name} is low ({pulse} us)"
+        if rc.land_threshold_us:
+            what += (
+                f"; above {rc.gate_threshold_us} us it holds, above {rc.land_threshold_us} lands"
+            )
+        return [Finding("ok", "gate", what)]

@@ -89,8 +89,10 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return super().call_soon(callback, *args, context=context)
 
     def _go_on(self) -> None:
-        if self._jumping.now < self._stalled_until:
+        # A timer may be early by the clock's resolution.
+        if self._jumping.now < self._stalled_until - self._clock_resolution:
             return  # it stalled again meanwhile
+        self._stalled_until = self._jumping.now
         held_up, self._held_up = self._held_up, []
         for handle in held_up:
             if not handle.cancelled():

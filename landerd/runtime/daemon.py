@@ -49,8 +49,8 @@ from landerd.pad import PadLayout
 from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
 from landerd.runtime.frozen import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
-from landerd.runtime.worker import JobHangs, Worker
 from landerd.vision import Detectors, Vision
+from landerd.worker import JobHangs, Worker
 
 log = logging.getLogger("landerd")
 
@@ -138,7 +138,7 @@ class Daemon:
         self._frozen = FrozenInput()
         self._is_measured = devices.gimbal.traits.feedback is Feedback.MEASURED
         self._guided = False  # armed and in GUIDED by the last heartbeat
-        self._worker: Worker[Sightings] | None = None
+        self._worker: Worker | None = None
         if vision_latency_s is None:
             self._worker = Worker("vision")
         self._failure: Exception | None = None  # of the core

@@ -34,8 +34,13 @@ class Companion:
         options = self._options
         while options.stall_s > 0.0:
             await asyncio.sleep(self._rng.expovariate(1.0 / options.stall_every_s))
-            loop = asyncio.get_running_loop()
-            if isinstance(loop, VirtualLoop):
-                loop.stall(options.stall_s)
-            else:
-                time.sleep(options.stall_s)
+            stand_still(options.stall_s)
+
+
+def stand_still(duration_s: float) -> None:
+    """Hold up all that runs in the computer's context."""
+    loop = asyncio.get_running_loop()
+    if isinstance(loop, VirtualLoop):
+        loop.stall(duration_s)
+    else:
+        time.sleep(duration_s)

@@ -15,11 +15,17 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
 from hw.links.tapped import TappedLink
+from hw.sim.faults.bench import Bench
+from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.feasible import infeasible
+from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.physics.world import World, as_built, stream
+from hw.sim.picture.camera import Renders
 from hw.sim.picture.lens import true_camera
 from hw.sim.picture.numbered import NumberedPictures
 from hw.sim.picture.pad_print import printed
+from hw.sim.picture.renderer import Renderer
+from hw.sim.picture.view import Frustum
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
 from landerd.camera_model import CameraModel, load_camera
@@ -29,17 +35,27 @@ from landerd.devices import make_autopilot, sim_options, simulated_camera, simul
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.pad import PadLayout, load_pad
+from landerd.ports import ByteLink
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices, Observer
 from landerd.simulation.companion import Companion
 from landerd.simulation.drawn import seed_draws
+from landerd.simulation.faults import Faults
 from landerd.simulation.judge import Judge
+from landerd.simulation.process import (
+    BreakableDaemon,
+    BreakableLink,
+    Computer,
+    FaultyDisk,
+    Process,
+)
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
 from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
 from landerd.vision import Detectors
 
+AFTER_END_S = 5.0  # what the vehicle does once landerd has ended
 AFTER_LANDING_S = 1.2  # heartbeats tell of the disarming once a second
 LONGEST_S = 150.0
 
@@ -103,12 +119,18 @@ class Simulation:
         self._judge = Judge(loaded, pad, lens, around)
         self._judge.listen()
         self.score, self.rules = self._judge.score, self._judge.rules
+        self.monitor = self._judge.monitor
 
         self.recorder = self._make_recorder(log, realtime=realtime) if log is not None else None
-        link = TappedLink(around.link, self.recorder.raw) if self.recorder else around.link
+        link: ByteLink = around.link
+        if self.recorder is not None:
+            link = TappedLink(link, self.recorder.raw)
         self.camera = simulated_camera(loaded, pad, lens, world, seed, self._judge.on_delivered)
-        autopilot = make_autopilot(config, link, ParameterSet(config))
-        assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
+        options = sim_options(loaded)
+        self._computer = Computer()
+        if options.faults:
+            link = BreakableLink(link, self._computer)
+        autopilot = self._make_autopilot(link)
         flown_by = self.autopilot if surroundings is None else None
         gimbal = simulated_gimbal(loaded, world, seed, autopilot, flown_by, realtime=realtime)
         self.gimbal, self.gimbal_model = gimbal.driver, gimbal.model
@@ -122,14 +144,69 @@ class Simulation:
             world, self.score, camera_model, gimbal.true_angles, has_pictures=self.has_pictures
         )
         recorders = (self.recorder,) if self.recorder else ()
-        self.daemon = Daemon(
-            config,
-            layout,
-            camera_model,
-            Devices(self.camera, self.gimbal, autopilot),
-            vision_latency_s=None if realtime else self._companion.vision_latency_s,
-            detectors=self._modelled(loaded, pad, lens, seed),
-            observers=(self.recording, *recorders, *observers),
+        disks = (FaultyDisk(self._computer),) if options.faults else ()
+        watching: tuple[Observer, ...] = (self.recording, *recorders, *disks, *observers)
+        drivers = [autopilot]  # a process that is started again has a new one
+
+        def start() -> Daemon:
+            return BreakableDaemon(
+                config,
+                layout,
+                camera_model,
+                Devices(
+                    self.camera,
+                    self.gimbal,
+                    drivers.pop() if drivers else self._make_autopilot(link),
+                ),
+                vision_latency_s=None if realtime else self._companion.vision_latency_s,
+                detectors=self._modelled(loaded, pad, lens, seed),
+                observers=watching,
+                computer=self._computer,
+            )
+
+        self.process = self._computer.process = Process(
+            start, self._companion, self.rules.on_death, restarts=bool(options.faults)
+        )
+        self.faults = Faults(
+            options.faults,
+            lambda number: self._bench(number, gimbal.mount, pad, lens, seed),
+            lambda: self.daemon.lander.phase,
+        )
+
+    @property
+    def daemon(self) -> Daemon:
+        """The daemon that runs, or ran last."""
+        return self.process.daemon
+
+    def _make_autopilot(self, link: ByteLink) -> MavlinkAutopilot:
+        autopilot = make_autopilot(self.config, link, ParameterSet(self.config))
+        assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
+        return autopilot
+
+    def _bench(
+        self, number: int, mount: SimMount, pad: PadLayout, lens: CameraModel, seed: int
+    ) -> Bench:
+        """Return what a fault lays hands on."""
+
+        def renderer(render: RenderOptions, print_: PadOptions) -> Renders:
+            if not self.has_pictures:
+                return self.camera.pictures  # light and print are not modelled in this detail
+            return Renderer(pad, lens, render, seed, self.world.options.camera, print_)
+
+        return Bench(
+            world=self.world,
+            camera=self.camera,
+            gimbal=self.gimbal,
+            mount=mount,
+            autopilot=self.autopilot,
+            near=self.link,
+            far=self.autopilot_end,
+            switch=self.stand_in.switch,
+            computer=self._computer,
+            plate=pad.plate,
+            frustum=Frustum(lens),
+            renderer=renderer,
+            rng=stream(seed, f"fault {number}"),
         )
 
     def _modelled(
@@ -191,8 +268,10 @@ class Simulation:
         async with asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(as_coroutine(work())) for work in self._beside]
             running.append(tasks.create_task(self._companion.stall()))
-            context = self._companion.context()
-            running.append(tasks.create_task(self.daemon.run(), context=context))
+            self.process.begin()
+            running.append(tasks.create_task(self.process.run()))
+            if self.faults.happened:
+                running.append(tasks.create_task(self.faults.run()))
             if script is not None:
                 running.append(tasks.create_task(as_coroutine(script(self))))
             end = loop.time() + longest_s
@@ -209,6 +288,9 @@ class Simulation:
 
     def _has_ended(self, now: float) -> bool:
         """Tell whether the landing is over and landerd has said so, or had the time to."""
+        ended_t = self.process.over_t
+        if ended_t is not None and now > ended_t + AFTER_END_S:
+            return True
         over_t = self.score.disarm_t
         if self.ends_at_contact and self.score.contact is not None:
             over_t = self.score.contact.t
@@ -227,6 +309,9 @@ class Simulation:
             rules_broken=self.rules.broken,
             lander=self.daemon.lander,
             faults=self.daemon.faults,
+            findings=self.monitor.found,
+            happened=self.faults,
+            worst=self.monitor.worst,
             recording=self.recording,
             innovation_gate=float(self.config.estimation.gate_sigma**2),
         )

@@ -6,6 +6,7 @@ import math
 from hw.gimbals.servo_mavlink import ServoMavlinkOptions
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.bounds import RuleBounds
+from hw.sim.judge.monitor import SafetyMonitor
 from hw.sim.judge.rules import Rules
 from hw.sim.judge.score import Score
 from hw.sim.judge.truth import Feet, Truth
@@ -38,6 +39,9 @@ class Judge:
         self._feet = Feet(world, world.airframe, layout.plate)
         self.score = Score(world, self._feet)
         self.rules = Rules(bounds, self._truth)
+        self.monitor = SafetyMonitor(world, self._feet, bounds, lambda: self.rules.guided)
+        self.rules.on_order.append(self.monitor.on_order)
+        self.rules.on_text.append(self.monitor.on_text)
         self._world = world
         self._layout = layout
         self._frustum = Frustum(camera_model)
@@ -89,6 +93,8 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
         control_period_s=1.0 / config.control.rate_hz,
         gate_channel=config.rc.gate_channel,
         gate_threshold_us=config.rc.gate_threshold_us,
+        land_threshold_us=config.rc.land_threshold_us,
+        hold_height_m=guidance.hold.height_m,
         release_s=guidance.release_s,
         heartbeat_s=fresh.heartbeat_s,
         rc_s=fresh.rc_s,

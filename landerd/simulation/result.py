@@ -2,16 +2,18 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from hw.sim.judge.monitor import Worst
 from hw.sim.judge.score import Score
 from landerd.analysis.picture import Trace
 from landerd.lander import Lander
 from landerd.messages import Phase
 from landerd.pad import PadLayout
+from landerd.simulation.faults import Faults
 from landerd.simulation.recording import Recording
 from landerd.vision.draw import draw
 
@@ -30,6 +32,9 @@ class Flown:
     rules_broken: Mapping[str, float]  # with the time of the first break
     lander: Lander
     faults: Mapping[str, int]  # bad input, by kind
+    findings: Mapping[str, float]  # of the safety monitor, with the first time
+    happened: Faults  # what was made to go wrong
+    worst: Worst  # contact
     recording: Recording
     innovation_gate: float  # sightings with a NIS beyond this were refused
 
@@ -64,6 +69,10 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "aborts": lander.aborts,
         "phases": _phases(flown),
         "rules_broken": _breaks(flown, flown.rules_broken),
+        "findings": _breaks(flown, flown.findings),
+        "excused": _excused(flown),
+        "faults_flown": flown.happened.as_plain(),
+        "worst_contact": asdict(flown.worst),
         "simulated_s": flown_s,
         "frames_per_s": recording.frames / flown_s,
         "faults": dict(flown.faults),
@@ -72,6 +81,15 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
 
 def _breaks(flown: Flown, broken: Mapping[str, float]) -> list[str]:
     return [f"{rule} (at {t - flown.began:.2f} s)" for rule, t in broken.items()]
+
+
+def _excused(flown: Flown) -> list[str]:
+    """Return those breaks and findings that nobody could have kept for a fault."""
+    broken = {**flown.rules_broken, **flown.findings}
+    excused = {
+        rule: t for rule, t in broken.items() if flown.happened.excuses(rule, t - flown.began)
+    }
+    return _breaks(flown, excused)
 
 
 def _outcome(flown: Flown) -> str:

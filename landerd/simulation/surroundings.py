@@ -14,12 +14,13 @@ from hw.sim.stand_in.copter import CopterParameters
 from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
+from hw.sim.stand_in.switch import GateSwitch, ObedientPilot
 from landerd.config.models import Config
 from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
+from landerd.guidance.pilot_texts import HOLDING_OVER
 
 WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
-OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
 FOLLOWED_M = 5000.0  # and along the way of one that it follows
 
@@ -44,6 +45,7 @@ class StandIn:
         link: landerd's end.
         autopilot_end: the other one.
         ekf: the autopilot's.
+        switch: the pilot's, that opens the gate.
     """
 
     def __init__(self, world: World, config: Config, seed: int) -> None:
@@ -62,7 +64,12 @@ class StandIn:
             [self.autopilot_end, autopilot_ground_end],
             ekf=self.ekf,
             rng=stream(seed, "autopilot"),
-            parameters=CopterParameters(guid_timeout_s=options.autopilot.guid_timeout_s),
+            parameters=CopterParameters(
+                guid_timeout_s=options.autopilot.guid_timeout_s,
+                wpnav_accel_mps2=options.response.acceleration_mps2,
+                wpnav_accel_z_mps2=options.response.vertical_acceleration_mps2,
+                psc_jerk_xy_mps3=options.response.jerk_mps3,
+            ),
             options=options.autopilot,
             flying=True,
             system_id=system_id,
@@ -73,30 +80,34 @@ class StandIn:
             speed_mps=speed_on_the_way(world),
             system_id=system_id,
         )
-        self._gate_channel = config.rc.gate_channel
-        self._radio_has_gate = (
-            options.autopilot.gate == "radio"
-            and self._gate_channel <= options.autopilot.rc_channels
-        )
+        channel, radio = config.rc.gate_channel, options.autopilot
+        by_radio = radio.gate == "radio" and channel <= radio.rc_channels
+        self.switch = GateSwitch(self.autopilot, channel, by_radio=by_radio)
+        self._pilot_obeys = options.pilot == "obeys"
+        self._rc, self._hold_s = config.rc, radio.hold_s
 
     @property
     def jobs(self) -> list[Callable[[], Awaitable[None]]]:
         """What runs beside the flight."""
-        return [self.autopilot.run, self.ground_station.run, self.open_gate]
+        jobs: list[Callable[[], Awaitable[None]]] = [
+            self.autopilot.run,
+            self.ground_station.run,
+            self.switch.run,
+            self._open_gate,
+        ]
+        if self._pilot_obeys:
+            jobs.append(ObedientPilot(self.switch, self.autopilot, self.ground_station).run)
+        return jobs
 
-    async def open_gate(self) -> None:
-        """Move the pilot's switch; where the radio has none, a ground station's override."""
-        if self._radio_has_gate:
-            await asyncio.sleep(GATE_OPENS_S)
-            self.autopilot.pilot.set(self._gate_channel, 1900)
-            return
-        loop = asyncio.get_running_loop()
-        opens_t = loop.time() + GATE_OPENS_S
-        raw = [0xFFFF] * 18
-        while True:
-            raw[self._gate_channel - 1] = 1900 if loop.time() >= opens_t else 1100
-            self.autopilot.pilot.override(tuple(raw), loop.time())
-            await asyncio.sleep(OVERRIDE_S)
+    async def _open_gate(self) -> None:
+        """Move the pilot's switch up, by way of its middle if the vehicle is to hold first."""
+        await asyncio.sleep(GATE_OPENS_S)
+        if self._hold_s > 0.0:
+            self.switch.move((self._rc.gate_threshold_us + self._rc.land_threshold_us) // 2)
+            while not any(HOLDING_OVER in t.text for t in self.ground_station.texts):
+                await asyncio.sleep(0.1)
+            await asyncio.sleep(self._hold_s)
+        self.switch.set(high=True)
 
 
 def link_faults(options: LinkOptions, delay_s: float, rng: Random) -> LinkFaults:

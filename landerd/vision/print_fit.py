@@ -2,8 +2,8 @@
 
 The whole print is known, so every edge of every cell helps, not only the four corners. The model
 image is the print seen under a pose, blurred by the camera and lit with a linear gradient; pose,
-blur and light are fitted together (Gauss-Newton). Its information matrix is the pose's after
-blur and light are eliminated.
+blur and light are fitted together (Gauss-Newton), and the camera's tone curve where the picture
+shows one. The information matrix is the pose's after all else is eliminated.
 """
 
 import math
@@ -17,15 +17,20 @@ from landerd.vision.blurred_print import BlurredPrint
 from landerd.vision.patch import Image, Patch, marker_patch, on_plane
 from landerd.vision.pose import Pose
 from landerd.vision.square_pose import corner_information, square_points
+from landerd.vision.tone import LINEAR, TONE_SIGMA, TONES, bounded, edge_shift, toned
 
 # Rows of the derivative.
 _POSE = slice(0, 6)  # (dt, w) on the marker's own axes
 _BLUR = 6  # variance, pixels^2
 _LIGHT = slice(7, 11)  # black, contrast, gradients along the image's x and y
-_ROWS = 11
+_TONE = slice(11, 11 + TONES)
+_ROWS = 11 + TONES
 
 _MAX_STEPS = 8
+# Of chi-square, from which a camera's tone curve is believed in: by chance once in 400 fits.
+_TONE_CHI2 = 12.0
 _DAMPED = 1.0 + 1e-6 * np.eye(_ROWS)
+_PRIOR = np.diag([0.0] * _TONE.start + [TONE_SIGMA**-2] * TONES)  # information
 # Where nothing else is said, the numbers below were set by trial on `bench.vision_square`'s images.
 
 # A last step moves the corners by less than this and reduces chi-square by less than this: along
@@ -37,6 +42,7 @@ _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
 _MAX_CORRELATION = 0.95  # of neighbouring residuals: what they tell is never nothing
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
+_SHIFT_BIAS = 0.2  # of what a tone curve moves edges by: no camera's is a cubic
 _UNSHARP_BIAS = 0.05  # of the corners, over the blur beyond a sharp lens's: it is no Gaussian
 # Share of the pixels' variance: a fit that explains less is no better than the corners.
 MIN_EXPLAINED = 0.85
@@ -51,6 +57,7 @@ class Fit:
     squares: float  # weighted sum of squared residuals, grey levels^2
     variance: float  # of one residual, grey levels^2
     correlation: float  # of neighbouring residuals, 0 (noise alone) to below 1
+    tone: F64  # as `toned` takes it; zeros: none is seen
 
 
 @dataclass
@@ -60,6 +67,13 @@ class _Estimate:
     pose: Pose
     blur: float  # variance, pixels^2
     light: F64  # black, contrast, gradients: (4,)
+    tone: F64  # (2,)
+    is_toned: bool  # else the tone is held: most information, where the camera is linear
+
+    @property
+    def rows(self) -> int:
+        """Number of parameters that are fitted: the first ones."""
+        return _ROWS if self.is_toned else _TONE.start
 
 
 @dataclass(frozen=True)
@@ -71,6 +85,28 @@ class _NormalEquations:
     sigma: float  # of a residual, robust, grey levels
     matrix: F64  # information times sigma^2, (rows, rows)
     gradient: F64  # (rows,)
+
+    def step(self, rows: int) -> F64:
+        """Return the step (rows,) of the first rows, the others held.
+
+        Raises:
+            LinAlgError: the pixels leave something open.
+        """
+        step = np.zeros(_ROWS)
+        step[:rows] = np.linalg.solve(self.matrix[:rows, :rows], self.gradient[:rows])
+        return step
+
+    def tone_gain(self) -> float:
+        """Return by how much a curve that bulges would reduce chi-square."""
+        bulging = self.step(_TONE.start + 1) - self.step(_TONE.start)
+        return float(bulging @ self.gradient) / self.sigma**2
+
+    def tone_loss(self, tone: F64) -> float:
+        """Return by how much chi-square would rise if a tone that was fitted did not bulge."""
+        unit = np.zeros(_ROWS)
+        unit[_TONE.start] = 1.0
+        variance = float(np.linalg.solve(self.matrix, unit)[_TONE.start]) * self.sigma**2
+        return float(tone[0]) ** 2 / max(variance, 1e-12)
 
 
 class MarkerPrint:
@@ -93,6 +129,7 @@ class MarkerPrint:
         self._corners = square_points(size)
         self._blurred = BlurredPrint(fine, per_m)
         self._blur = 1.0  # of the last fit, in a sharp lens's: the next is likely alike
+        self._tone = LINEAR  # of the camera, as far as it is known
 
     def fit(
         self, image: Image, camera: CameraModel, start: Pose, *, has_rival: bool = True
@@ -105,12 +142,17 @@ class MarkerPrint:
         if patch is None:
             return None
         blur = max(patch.blur, self._blur * patch.blur)
-        estimate = _Estimate(start, blur, _first_light(patch.grey))
+        was_toned = bool(self._tone.any())
+        estimate = _Estimate(start, blur, _first_light(patch.grey), self._tone, was_toned)
         equations = self._descended(patch, estimate, has_rival)
         if equations is None:
             return None
         self._blur = estimate.blur / patch.blur
         return self._judged(patch, estimate, equations)
+
+    def remember(self, fit: Fit) -> None:
+        """Let the next fits start with the tone of this one."""
+        self._tone = fit.tone
 
     def corner_rays(self, pose: Pose) -> F64:
         """Return the rays (4, 2) of the corners under a pose, on z = 1."""
@@ -131,9 +173,9 @@ class MarkerPrint:
         equations = None
         for _ in range(_MAX_STEPS):
             residual = self._linearise(patch, estimate, J)
-            equations = _normal_equations(J, residual)
+            equations = _normal_equations(J, residual, estimate.tone)
             try:
-                step = np.linalg.solve(equations.matrix, equations.gradient)
+                step = equations.step(estimate.rows)
             except np.linalg.LinAlgError:
                 return None
             motion_px = self._move(patch, estimate, step)
@@ -142,6 +184,10 @@ class MarkerPrint:
                 return None
             # Not of the blur: its step has no effect until the print is blurred anew.
             reduction = float(step @ equations.gradient - step[_BLUR] * equations.gradient[_BLUR])
+            if motion_px < _LEARN_BLUR_PX and not estimate.is_toned:
+                estimate.is_toned = equations.tone_gain() > _TONE_CHI2
+                if estimate.is_toned:
+                    continue
             is_settled = motion_px < _CONVERGED_PX
             if is_settled and (reduction < _CONVERGED * equations.sigma**2 or not has_rival):
                 break
@@ -155,8 +201,11 @@ class MarkerPrint:
         north, east = on_plane(patch.rays, pose)
         value, slope_n, slope_e, J[_BLUR] = self._blurred.at(layers, north, east)
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
+        value, slope, by_tone = toned(value, estimate.tone)
         level = light[0] + light[1] * value
         contrast = light[1] * shade
+        J[_TONE] = contrast * by_tone
+        contrast = contrast * slope
         _pose_slope(J[_POSE], pose, north, east, contrast * slope_n, contrast * slope_e)
         J[_BLUR] *= contrast
         black, difference, along_x, along_y = J[_LIGHT]
@@ -178,6 +227,7 @@ class MarkerPrint:
             blur = estimate.blur
             estimate.blur = min(max(blur + float(step[_BLUR]), 0.5 * blur, 0.05), 2.0 * blur)
         estimate.light = estimate.light + step[_LIGHT]
+        estimate.tone = bounded(estimate.tone + step[_TONE])
         return motion_px
 
     def _judged(self, patch: Patch, estimate: _Estimate, equations: _NormalEquations) -> Fit | None:
@@ -186,21 +236,38 @@ class MarkerPrint:
         excess = max(0.0, estimate.blur - patch.blur)
         bias = patch.bias + _UNSHARP_BIAS * math.sqrt(excess)
         squares = float(weight @ equations.residual**2)
-        variance = max(_READ_NOISE**2, squares / max(1.0, float(weight.sum()) - _ROWS))
+        left = squares / max(1.0, float(weight.sum()) - _ROWS)
+        variance = max(_READ_NOISE**2, left)
+        correlation = _correlation(equations)
+        # Of residuals alike to either side and up and down, so many are one.
+        together = ((1.0 + correlation) / (1.0 - correlation)) ** 2
         try:
-            information = self._information(equations.matrix, variance, pose, bias * patch.pixel)
+            matrix = equations.matrix[: estimate.rows, : estimate.rows]
+            shift = _SHIFT_BIAS * edge_shift(estimate.tone, estimate.blur)
+            information = self._information(
+                matrix,
+                max(variance, together * left),
+                pose,
+                bias * patch.pixel,
+                shift * patch.pixel,
+            )
         except np.linalg.LinAlgError:
             return None
         grey = patch.grey
         scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
         fitted = Pose(pose.R, pose.t, information, 0.0)
         explained = 1.0 - squares / max(scatter, 1e-9)
-        return Fit(fitted, explained, squares, variance, _correlation(equations))
+        is_seen = estimate.is_toned and equations.tone_loss(estimate.tone) > _TONE_CHI2
+        tone = estimate.tone if is_seen else LINEAR
+        return Fit(fitted, explained, squares, variance, correlation, tone)
 
-    def _information(self, matrix: F64, variance: float, pose: Pose, bias: float) -> F64:
+    def _information(
+        self, matrix: F64, variance: float, pose: Pose, bias: float, shift: float
+    ) -> F64:
         """Return the information of (dt, w) from the normal matrix (rows, rows) of the fit.
 
-        `bias` is the error of the corners that no residual shows, on the plane z = 1.
+        `bias` is the error of the corners that no residual shows, `shift` that of all edges
+        together, outwards; on the plane z = 1.
 
         Raises:
             LinAlgError: the pixels leave the pose open.
@@ -209,9 +276,11 @@ class MarkerPrint:
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = pose.R
         of_pose = turn @ (matrix[:6, :6] - matrix[:6, 6:] @ rest) @ turn.T
+        nearer = np.concatenate([2.0 * shift * pose.t[2] / self._size * pose.t, np.zeros(3)])
         information: F64 = np.linalg.inv(
             variance * np.linalg.inv(of_pose)
             + np.linalg.inv(corner_information(pose, self._size, bias))
+            + np.outer(nearer, nearer)
         )
         return information
 
@@ -225,7 +294,7 @@ def _first_light(grey: F64) -> F64:
     return np.array([dark, bright - dark, 0.0, 0.0])
 
 
-def _normal_equations(J: F64, residual: F64) -> _NormalEquations:
+def _normal_equations(J: F64, residual: F64, tone: F64) -> _NormalEquations:
     n = len(residual)
     size = np.abs(residual)
     sigma = max(_READ_NOISE, _SIGMA_PER_MAD * float(np.partition(size, n // 2)[n // 2]))
@@ -234,6 +303,8 @@ def _normal_equations(J: F64, residual: F64) -> _NormalEquations:
     matrix = JW @ J.T
     gradient = JW @ residual
     matrix *= _DAMPED
+    matrix += sigma**2 * _PRIOR
+    gradient[_TONE] -= sigma**2 * TONE_SIGMA**-2 * tone
     return _NormalEquations(residual, weight, sigma, matrix, gradient)
 
 

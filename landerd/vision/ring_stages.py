@@ -104,7 +104,13 @@ def full_fits(
     if reduction > 1.0:
         blur = min(max(0.6, blur - 0.3 * reduction), 8.0)
     band = max(_FULL_BAND_PX, _BAND_BLURS * blur)
-    return _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur)
+    fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur)
+    if fits and fits[0].blur_px > band:
+        # Pixels within the blur show neither black nor white: any contrast explains them.
+        start, blur = (fits[0].position, fits[0].normal), fits[0].blur_px
+        band = _BAND_BLURS * blur
+        fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur)
+    return fits
 
 
 def tracked_fits(

@@ -23,6 +23,7 @@ class Place:
 
     centre: F64  # (2,), px
     size_px: float
+    reduction: float = 1.0  # of the image in which it shows
 
     def is_same(self, other: "Place") -> bool:
         """Tell whether two places are about the same."""
@@ -34,13 +35,16 @@ class Place:
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A search that would cost more than a frame may is cut short. The next one begins with what was
-    not tried: places that were refused come last until none is left to try.
+    A search that would cost more than a frame may is cut short. The next one goes on with what was
+    not tried: places that were refused come last, as they show in another reduction of the image;
+    what was refused in the same one is not tried again. So it comes to an end, after which a new
+    search begins.
     """
 
     def __init__(self) -> None:
         self._left = _FRAME_COST
         self._refused: list[Place] = []
+        self._before = 0  # of them, in the images before
         self.was_cut = False
         self.is_continued = False  # the image before was not searched to the end
 
@@ -49,6 +53,7 @@ class RingWork:
         self.is_continued = self.was_cut
         if not self.is_continued:
             self._refused = []
+        self._before = len(self._refused)
         self._left, self.was_cut = _FRAME_COST, False
 
     def has(self, cost: int) -> bool:
@@ -70,6 +75,11 @@ class RingWork:
     def refuse(self, place: Place) -> None:
         """Remember that no ring is at a place."""
         self._refused.append(place)
+
+    def is_done(self, place: Place) -> bool:
+        """Tell whether an image before showed no ring at a place, in the same reduction."""
+        before = self._refused[: self._before]
+        return any(place.reduction == r.reduction and place.is_same(r) for r in before)
 
     def is_refused(self, place: Place) -> bool:
         """Tell whether no ring was found at a place, in this image or since searches are cut."""

@@ -77,8 +77,11 @@ class SquarePrint(MarkerPrint):
             known_normal is not None
             and first.pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS
         ):
+            self.remember(first)
             return [first.pose]
-        return _ranked([first, *self._rivals(image, camera, first.pose, down)])
+        fits = [first, *self._rivals(image, camera, first.pose, down)]
+        self.remember(min(fits, key=lambda f: f.squares))
+        return _ranked(fits)
 
     def track(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | None:
         """Return the fit of the square where it is expected, to a cell; None: it is not there.

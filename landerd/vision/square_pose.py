@@ -64,10 +64,14 @@ def planar_poses(rays: F64, size: float) -> list[tuple[Pose, float]]:
 
 def corner_information(pose: Pose, size: float, sigma: float) -> F64:
     """Return the information (6, 6) that four corners of a square give, sigma of rays each."""
-    points = square_points(size)
-    _, J = _residual(np.zeros((4, 2)), points, pose)
+    J = ray_derivative(square_points(size), pose)
     information: F64 = J.T @ J / sigma**2
     return information
+
+
+def ray_derivative(points: F64, pose: Pose) -> F64:
+    """Return the derivative (2n, 6) of points' (n, 2) rays on z = 1 by the pose's (dt, w)."""
+    return _residual(np.zeros_like(points), points, pose)[1]
 
 
 def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:

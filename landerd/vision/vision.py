@@ -16,6 +16,7 @@ from landerd.vision.expected import SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
 from landerd.vision.pose import Pose, circle, solution
+from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_pose import square_points
@@ -36,6 +37,7 @@ class Vision:
       nothing where the pad was expected;
     - for each square and WhyCode the blur of its last fit, with which the next one starts, and its
       print so blurred;
+    - how fast the pad moves in the image (`RollingShutter`);
     - how the markers lie to one another, where that is not as the pad file says (`MarkerErrors`).
     """
 
@@ -65,6 +67,7 @@ class Vision:
         self._detectors = detectors or PixelDetectors(layout, camera)
         self._search = Search(layout, camera, options.min_ring_px, self._detectors)
         self._errors = MarkerErrors(layout, options.focal_sigma)
+        self._shutter = RollingShutter(camera, options.readout_s)
         self._last: SeenPad | None = None
         self._found: list[Measurement] = []  # of the last frame, each marker once
 
@@ -83,14 +86,14 @@ class Vision:
         rings, squares = self._search.find(
             image, expected, prior.down, holds_heading=prior.pad is not None
         )
-        candidates = [self._ring(ring, sighting) for ring, sighting in rings]
+        candidates = [self._ring(frame.t, ring, sighting) for ring, sighting in rings]
         normal = self._last_normal(frame.t)
         for found in squares:
-            candidate = self._square(image, found, prior, normal or _unambiguous_normal(rings))
+            candidate = self._square(frame, found, prior, normal or _unambiguous_normal(rings))
             if candidate is not None:
                 candidates.append(candidate)
         codes = self._detectors.find_codes(image, expected, normal)
-        candidates += [c for found in codes if (c := self._code(found, prior)) is not None]
+        candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         self._found = _once([*chosen, *candidates]) if poses else []
@@ -99,6 +102,7 @@ class Vision:
         pad = tuple(s for s in poses if self._is_certain(s))
         if pad:
             self._last = SeenPad(frame.t, pad[0])
+            self._shutter.saw(frame.t, np.array(pad[0].position))
             learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
         shown = self._detectors.light(image, seen) if self._meters else None
@@ -119,28 +123,30 @@ class Vision:
             return None
         return self._last.pose.normal
 
-    def _ring(self, ring: Ring, sighting: MarkerSighting) -> Candidate:
+    def _ring(self, t: float, ring: Ring, sighting: MarkerSighting) -> Candidate:
         number = self._layout.markers.index(ring)
+        sighting = self._shutter.of_ring(t, ring, sighting)
         measured = ring_measurement(number, ring.position_m, sighting.solutions)
         return Candidate(ring, sighting, measured)
 
     def _square(
-        self, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
+        self, frame: Frame, found: FoundSquare, prior: Prior, normal: Vec3 | None
     ) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
-        poses = self._detectors.square_poses(image, found, prior.down, normal)
-        return self._decoded(square, poses, square_points(square.size_m), prior)
+        poses = self._detectors.square_poses(frame.image, found, prior.down, normal)
+        return self._decoded(frame.t, square, poses, square_points(square.size_m), prior)
 
-    def _code(self, found: FoundCode, prior: Prior) -> Candidate | None:
+    def _code(self, t: float, found: FoundCode, prior: Prior) -> Candidate | None:
         """Return a WhyCode with its pose; None if that is too uncertain."""
         outline = circle(found.code.radius_m)
-        return self._decoded(found.code, list(found.poses), outline, prior)
+        return self._decoded(t, found.code, list(found.poses), outline, prior)
 
     def _decoded(
-        self, marker: Square | WhyCode, poses: list[Pose], outline: F64, prior: Prior
+        self, t: float, marker: Square | WhyCode, poses: list[Pose], outline: F64, prior: Prior
     ) -> Candidate | None:
         """Return a marker that tells its id and heading; None if its pose is too uncertain."""
+        poses = [self._shutter.of_pose(t, p, outline) for p in poses]
         level = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in level if (s := solution(p)) and self._is_certain(s))
         if not solutions:

@@ -191,6 +191,7 @@ class WhyCodeFinder:
             fit = None if other is None else printed.fit(image, camera, other)
             if fit is not None and fit.pose.normal @ fits[0].pose.normal < EQUAL_NORMALS_COS:
                 fits.append(fit)
+        printed.remember(min(fits, key=lambda f: f.variance))
         poses = _ranked(fits)
         return poses if self._carries(image, code, poses[0]) else ()
 

@@ -146,6 +146,8 @@ class _RingSearch:
         later = sorted(self._later, key=lambda t: (-t.candidate.share, -t.candidate.score))
         again = []
         for one in later:
+            if self._work.is_done(one.place):
+                continue
             if self._is_known(one.place):
                 again.append(one)
             elif not self._try_of_level(one):
@@ -161,6 +163,9 @@ class _RingSearch:
             self._find_shaded_or_moving()
         if unclear is not None and not self.found:
             self._report(unclear.fits)
+        for one in self._doubtful:
+            if one.share < _CONTINUED_HARD_SHARE:
+                self._work.refuse(one.place)
 
     def _find_by_edges(self) -> Explained | None:
         """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
@@ -239,14 +244,16 @@ def _place(level: Level, candidate: Candidate) -> Place:
     outline = candidate.outline
     k = level.reduction
     size = 2.0 * k * math.sqrt(abs(float(np.linalg.det(outline.axes))))
-    return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size)
+    return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size, k)
 
 
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
     if not is_ring(fit, ring):
         return False
-    return not (is_poor(fit) and has_rings_within(image, camera, ring, fit))
+    # Motion explains much, a target of several rings too.
+    is_doubtful = is_poor(fit) or bool(np.any(fit.motion_px))
+    return not (is_doubtful and has_rings_within(image, camera, ring, fit))
 
 
 def _untoned(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> list[RingFit]:

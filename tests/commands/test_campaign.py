@@ -8,9 +8,12 @@ from typing import Any
 
 import pytest
 
+from landerd.campaigns.plan import load_campaign
 from landerd.campaigns.pool import Run, RunOne, Task
 from landerd.cli import main
 from landerd.commands import campaign as campaign_command
+from landerd.config.files import config_dir
+from landerd.devices import sim_options
 from tests.campaigns.landings import landing
 
 
@@ -169,3 +172,29 @@ def test_it_flies_the_simulator() -> None:
     (row,) = as_json(done.stdout)["rows"]
     assert (row["landed"], row["failed_seeds"]) == (2, [])
     assert 0.0 < row["touchdown_error_m_median"] < 0.3
+
+
+def test_a_campaign_of_faults_tells_what_came_of_them(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    note = {"fault": "gust", "severity": 0.5, "lasts_s": 1.0, "lands": True, "began": 5.0}
+    note |= {"ended": 6.0, "phase": "DESCENT", "height_m": 1.0}
+    harmless = {"findings": [], "excused": [], "worst_contact": {"down_mps": 0.3}}
+    for seed in (1, 2):
+        result = landing("field", seed, faults_flown=[note], **harmless)
+        flown["field", seed] = Run("field", seed, result)
+    assert main(["campaign", "faults", "--runs", "2", "--json"]) == 0
+    printed = as_json(capsys.readouterr().out)
+    assert printed["rows"][0]["faults"]["coverage"] == {"gust": {"DESCENT": 2}}
+    assert printed["least"] == []
+
+
+def test_each_seed_of_a_campaign_of_faults_has_its_own() -> None:
+    landings = campaign_command._SimulatedLanding(
+        load_campaign("faults"), config_dir() / "default.yaml", ()
+    )
+    (row,) = landings.campaign.all_rows
+    first, second = (sim_options(landings.load(row, seed)) for seed in (1, 2))
+    assert first.pilot == second.pilot == "obeys"
+    assert first.faults
+    assert first.faults != second.faults

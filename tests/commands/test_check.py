@@ -176,6 +176,11 @@ def gate_high(set_up: SetUp) -> None:
     set_up.vehicle.pilot.set(11, 1900)
 
 
+def gate_in_its_middle(set_up: SetUp) -> None:
+    set_up.overrides += ["rc.gate_threshold_us=1300", "rc.land_threshold_us=1700"]
+    set_up.vehicle.pilot.set(11, 1500)
+
+
 def taken_switch(set_up: SetUp) -> None:
     set_up.vehicle.parameters["RC11_OPTION"] = 31.0
 
@@ -267,6 +272,7 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
         (no_position, "fail", "position", "no position comes", "GPS"),
         (no_signal, "fail", "gate", "RC 11 has no signal", "transmitter"),
         (gate_high, "warn", "gate", r"high \(1900 us\)", "low"),
+        (gate_in_its_middle, "warn", "gate", r"in its middle \(1500 us\)", "low"),
         (long_timeout, "warn", "parameters", "GUID_TIMEOUT is 5", "GUID_TIMEOUT 1"),
         (fast, "warn", "speed limit", "up to 20 m/s", "speed_mps to 3"),
         (real_camera, "fail", "calibration", "thesis's camera and not yours", "calibrate camera"),

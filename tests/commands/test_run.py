@@ -30,9 +30,16 @@ sys.exit(main(["run", *sys.argv[1:]]))
 """
 
 
-async def landerd(folder: Path, *arguments: str) -> asyncio.subprocess.Process:
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        port: int = s.getsockname()[1]
+        return port
+
+
+async def landerd(folder: Path, *arguments: str, before: str = "") -> asyncio.subprocess.Process:
     return await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", RUN, *arguments),
+        *(sys.executable, "-c", before + RUN, *arguments),
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=asyncio.subprocess.PIPE,
@@ -48,9 +55,7 @@ async def until(done: Any, what: str) -> None:
 
 
 def test_it_serves_a_vehicle_and_a_ground_station_and_ends_when_told(tmp_path: Path) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        port = s.getsockname()[1]
+    port = free_port()
     mine = tmp_path / "mine.yaml"
     mine.write_text(
         f"include: [{config_dir() / 'default.yaml'}]\n"
@@ -126,5 +131,48 @@ def test_with_a_key_all_it_says_is_signed_and_an_open_key_is_refused(tmp_path: P
         assert process.returncode == 2
         assert stderr.decode() == (f"{key}: others may read the key; expected: chmod 600 {key}\n")
         await asyncio.sleep(0.05)
+
+    asyncio.run(asyncio.wait_for(main(), 90.0))
+
+
+# The core fails at the first tick after the vehicle's heartbeats are there.
+FAILING = """
+from landerd.lander import Lander
+from landerd.messages import Heartbeat, Tick
+sound, heard = Lander.step, []
+def step(self, message):
+    heard.extend([message] if isinstance(message, Heartbeat) else [])
+    if isinstance(message, Tick) and len(heard) > 2:
+        raise OverflowError("in the core")
+    return sound(self, message)
+Lander.step = step
+"""
+
+
+def test_a_core_that_fails_is_told_and_ends_the_process_so_that_it_is_started_again(
+    tmp_path: Path,
+) -> None:
+    port = free_port()
+
+    async def main() -> None:
+        near, far = memory_pair()
+        client = Client(near)
+        standin = plain_autopilot(
+            PlainAirframe((0.0, 0.0, 0.0)), [far, open_link(f"udpout:127.0.0.1:{port}")]
+        )
+        tasks = [asyncio.create_task(job) for job in (standin.run(), client.run())]
+        file = str(config_dir() / "default.yaml")
+        url = f"autopilot.url=udpin:127.0.0.1:{port}"
+        process = await landerd(tmp_path, "-c", file, "--set", url, before=FAILING)
+        _, stderr = await asyncio.wait_for(process.communicate(), 60.0)
+        assert process.returncode == 1
+        assert b"the core failed" in stderr
+        assert b"OverflowError: in the core" in stderr
+        await asyncio.sleep(0.1)
+        assert "landerd: failed: pilot, take over" in client.texts
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await standin._channels[1].link.close()
 
     asyncio.run(asyncio.wait_for(main(), 90.0))

@@ -106,6 +106,14 @@ def test_every_fault_of_a_file_is_told_with_its_line_key_finding_and_expectation
     ]
 
 
+@pytest.mark.parametrize("land_us", [1300, 1499])
+def test_the_positions_of_a_switch_must_lie_apart(folder: Path, land_us: int) -> None:
+    text = f"rc: {{gate_threshold_us: 1300, land_threshold_us: {land_us}}}"
+    assert faults(write(folder / "a.yaml", text)) == [
+        "a.yaml:1: rc: expected land_threshold_us 200 above gate_threshold_us, or 0"
+    ]
+
+
 @pytest.mark.parametrize("value", ["'5'", "five", "true", "[5]", "{a: 5}", ".inf", "1e999", ""])
 def test_what_is_not_a_number_is_never_made_one(folder: Path, value: str) -> None:
     path = write(folder / "a.yaml", f"aim: {{idle_yaw_deg: {value} }}")

@@ -20,6 +20,7 @@ from tests.recorded_flight import PLENTY, RecordedFlight, recorder
 
 ROOT = Path(__file__).parents[2]
 NOISE = np.random.default_rng(1).integers(0, 256, (480, 640)).astype(np.uint8)
+SMALL_NOISE = NOISE[:64, :64].copy()
 
 
 def test_lossless_images_come_back_as_they_were(tmp_path: Path) -> None:
@@ -176,6 +177,74 @@ def test_the_oldest_logs_make_room_but_nothing_else_is_touched(tmp_path: Path) -
     left = sorted(path.name for path in tmp_path.iterdir())
     kept = ["00004", "00004", "00005", "00005", "00006", "mine.", "notes"]
     assert [name[:5] for name in left] == kept
+
+
+def test_the_log_in_progress_is_neither_counted_nor_deleted(tmp_path: Path) -> None:
+    (tmp_path / "00001-20260101-000000.mcap").write_bytes(bytes(40_000))
+    options = PLENTY.model_copy(update={"most_mb": 0.05, "images": "lossless", "every_nth": 1})
+    flight = RecordedFlight(recorder(tmp_path, options), SMALL_NOISE)
+    flight.run(2.0)
+    flight.recorder.close()
+    sizes = {path.name[:5]: path.stat().st_size for path in tmp_path.iterdir()}
+    assert sizes["00002"] > 80_000
+    assert sizes["00001"] == 40_000
+
+
+SPLIT = {"most_file_mb": 0.05, "images": "lossless", "every_nth": 1}
+
+
+def test_a_long_flight_goes_on_in_further_files_and_replays_as_one(tmp_path: Path) -> None:
+    options = PLENTY.model_copy(update=SPLIT)
+    flight = RecordedFlight(recorder(tmp_path, options), SMALL_NOISE)
+    flight.engaged().run(1.0)
+    flight.recorder.close()
+    first, *further = sorted(tmp_path.iterdir(), key=lambda path: len(path.name))
+    assert further
+    assert {path.name for path in further} == {
+        f"{first.stem}.{number}.mcap" for number in range(2, 2 + len(further))
+    }
+    assert all(path.stat().st_size < 500_000 for path in (first, *further))
+    log = read_log(first)
+    assert [step.message for step in log.steps] == flight.inputs
+    assert log.images == len(log.searched) == len(list(read_images(first)))
+    assert replay(log, Config()).comparison.identical
+    assert log.notes == []
+    assert read_log(further[-1]).replayable == 0
+
+
+def test_a_vehicle_that_stands_for_days_leaves_the_flights_before_it(tmp_path: Path) -> None:
+    before = tmp_path / "00001-20260101-000000.mcap"
+    before.write_bytes(bytes(100_000))
+    update = {**SPLIT, "most_mb": 0.5, "disarmed_images": True}
+    flight = RecordedFlight(recorder(tmp_path, PLENTY.model_copy(update=update)), SMALL_NOISE)
+    flight.armed = False
+    flight.run(6.0)
+    flight.recorder.close()
+    assert before.exists()
+    parts = sorted(path.name.split(".")[-2] for path in tmp_path.glob("00002-*"))
+    assert len(parts) == 2
+    assert int(parts[-1]) > 3
+
+
+def test_a_flights_own_files_are_kept_while_it_goes_on(tmp_path: Path) -> None:
+    flight = RecordedFlight(recorder(tmp_path, PLENTY.model_copy(update=SPLIT)), SMALL_NOISE)
+    flight.engaged().run(2.0)
+    flight.recorder.close()
+    assert len(list(tmp_path.glob("00001-*"))) >= 3
+
+
+@pytest.mark.parametrize(("asked", "pictures"), [(False, False), (True, True)])
+def test_no_pictures_are_recorded_while_disarmed_unless_asked(
+    tmp_path: Path, asked: bool, pictures: bool
+) -> None:
+    options = PLENTY.model_copy(update={"every_nth": 1, "disarmed_images": asked})
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap", options), SMALL_NOISE)
+    flight.armed = False
+    flight.run(1.0)
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    assert (log.images > 3) is pictures  # some before the first heartbeat
+    assert len(log.searched) > 10
 
 
 def test_what_is_not_synced_is_not_on_the_disk(tmp_path: Path) -> None:

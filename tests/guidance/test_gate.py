@@ -2,7 +2,7 @@ import pytest
 
 from landerd.config.models import FreshnessSection, RcSection
 from landerd.guidance.gate import Authority, Gate
-from landerd.messages import Heartbeat, RcChannels
+from landerd.messages import ClockSync, Heartbeat, RcChannels
 
 LOW, HIGH = 1100, 1900
 
@@ -114,6 +114,15 @@ def test_stale_rc_releases_but_does_not_latch() -> None:
     assert pilot.switch(HIGH).may() is Authority.GRANTED
 
 
+def test_half_the_round_trip_counts_as_age() -> None:
+    pilot = Pilot().granted()
+    pilot.gate.on_clock(ClockSync(pilot.t, 0.2))
+    pilot.t += 0.29
+    assert pilot.may() is Authority.GRANTED
+    pilot.t += 0.02
+    assert pilot.may() is Authority.RELEASED
+
+
 @pytest.mark.parametrize(
     ("pulse_us", "granted"), [(1500, False), (1501, True), (900, False), (2100, True)]
 )
@@ -144,6 +153,30 @@ def test_the_configured_channel_is_the_one_that_counts() -> None:
         channels[6] = pulse
         pilot.gate.on_rc(RcChannels(pilot.t, tuple(channels)))
     assert pilot.may() is Authority.GRANTED
+
+
+@pytest.mark.parametrize(
+    ("pulse_us", "may", "holds"),
+    [
+        (1300, Authority.RELEASED, False),
+        (1301, Authority.GRANTED, True),
+        (1700, Authority.GRANTED, True),
+        (1701, Authority.GRANTED, False),
+    ],
+)
+def test_between_its_ends_a_switch_of_three_positions_asks_to_hold(
+    pulse_us: int, may: Authority, holds: bool
+) -> None:
+    pilot = Pilot()
+    pilot.gate.configure(RcSection(gate_threshold_us=1300, land_threshold_us=1700))
+    pilot.granted().switch(pulse_us)
+    assert pilot.may() is may
+    assert pilot.gate.asks_to_hold is holds
+
+
+@pytest.mark.parametrize("pulse_us", [1400, 1501, 1600, 2000])
+def test_a_switch_of_two_positions_never_asks_to_hold(pulse_us: int) -> None:
+    assert not Pilot().granted().switch(pulse_us).gate.asks_to_hold
 
 
 def test_messages_older_than_the_last_are_dropped() -> None:

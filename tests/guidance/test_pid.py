@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from landerd.config.models import GuidanceSection, PidGains, PidSection
+from landerd.config.models import Config, GuidanceSection, PidGains, PidSection
 from landerd.guidance.pid import Pid
 from landerd.guidance.pid_method import PidMethod
 from landerd.messages import Phase
@@ -103,7 +103,7 @@ def test_reset_forgets_the_integral() -> None:
 
 
 def method(**pid_options: object) -> PidMethod:
-    return PidMethod(GuidanceSection(pid=PidSection.model_validate(pid_options)))
+    return PidMethod(Config(guidance=GuidanceSection(pid=PidSection.model_validate(pid_options))))
 
 
 def test_it_flies_towards_the_pad_and_down_to_it() -> None:

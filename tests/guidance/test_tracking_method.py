@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from landerd.config.models import GuidanceSection
+from landerd.config.models import Config
 from landerd.geometry import Vec3, add, horizontal, scale, sub
 from landerd.guidance.limits import Limiter
 from landerd.guidance.tracking_method import TrackingMethod
@@ -10,7 +10,8 @@ from landerd.messages import Phase
 from tests.guidance.situations import situation
 
 DT = 0.025
-OPTIONS = GuidanceSection()
+CONFIG = Config()
+OPTIONS = CONFIG.guidance
 
 
 def order(
@@ -22,7 +23,7 @@ def order(
     floor_m: float = 0.0,
 ) -> tuple[Vec3, float]:
     r = situation(distance, height, rate=rate, heading_deg=heading_deg)
-    return TrackingMethod(OPTIONS).step(Phase.APPROACH, r, floor_m, DT)
+    return TrackingMethod(CONFIG).step(Phase.APPROACH, r, floor_m, DT)
 
 
 def test_far_away_it_closes_in_at_the_approach_speed_and_no_faster() -> None:
@@ -43,7 +44,7 @@ def test_a_vehicle_that_lags_comes_to_rest_over_any_pad_without_overshoot(
     pad_velocity: Vec3,
 ) -> None:
     # First-order velocity response of 0.5 s, from 12 m away.
-    method, limiter = TrackingMethod(OPTIONS), Limiter(OPTIONS.limits)
+    method, limiter = TrackingMethod(CONFIG), Limiter(OPTIONS.limits)
     limiter.reset(pad_velocity)
     error, velocity = (12.0, 0.0, 5.0), pad_velocity
     beyond = 0.0
@@ -62,7 +63,7 @@ def test_a_vehicle_that_lags_comes_to_rest_over_any_pad_without_overshoot(
 
 def test_a_gust_does_not_push_it_out_of_the_descent_region() -> None:
     # 1 m/s^2 for half a second on a vehicle that answers an order after 0.5 s.
-    method, limiter = TrackingMethod(OPTIONS), Limiter(OPTIONS.limits)
+    method, limiter = TrackingMethod(CONFIG), Limiter(OPTIONS.limits)
     position = velocity = farthest = 0.0
     for i in range(round(8.0 / DT)):
         seen = situation(error=(-position, 0.0, 2.0), rate=(-velocity, 0.0, 0.0))
@@ -107,3 +108,16 @@ def test_braking_its_descent_leaves_room_for_the_decks_own_acceleration() -> Non
     for to_go in (0.05, 0.2, 0.5, 1.0):
         speed, lower = (order(height=above + x)[0][2] for x in (to_go, to_go - 0.02))
         assert (speed**2 - lower**2) / (2 * 0.02) < most
+
+
+def test_a_vehicle_that_its_autopilot_lets_answer_slowly_is_flown_gently() -> None:
+    slow = CONFIG.model_copy(
+        update={"autopilot": CONFIG.autopilot.model_copy(update={"jerk_mps3": 1.25})}
+    )
+    r = situation(0.2, 5.0)
+
+    (ordered, _, _), _ = TrackingMethod(CONFIG).step(Phase.APPROACH, r, 0.0, DT)
+    (gently, _, _), _ = TrackingMethod(slow).step(Phase.APPROACH, r, 0.0, DT)
+
+    # It lags by 2 s instead of 0.5 s, so a quarter of the gain leaves as much of the phase.
+    assert gently == pytest.approx(0.25 * ordered, rel=0.05)

@@ -145,3 +145,26 @@ def test_a_stalled_computer_stands_still_while_the_world_goes_on() -> None:
     assert [t for t in inside if 0.055 < t < 0.15] == []
     assert max(gaps) == pytest.approx(0.105)
     assert sum(gap > 0.011 for gap in gaps) == 1
+
+
+def test_a_stall_ends_with_another_timer_that_is_due_at_nearly_the_same_time() -> None:
+    async def main() -> float:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualLoop)
+        woke = loop.create_future()
+
+        async def wake() -> None:
+            await asyncio.sleep(0.05)
+            woke.set_result(loop.time())
+
+        on_it = copy_context()
+        on_it.run(STALLS.set, True)
+        waking = asyncio.create_task(wake(), context=on_it)
+        await asyncio.sleep(0.01)
+        loop.stall(0.1)
+        loop.call_later(0.1 - 5e-10, lambda: None)
+        await asyncio.sleep(1.0)
+        assert waking.done()
+        return float(await woke)
+
+    assert run_virtual(main()) == pytest.approx(0.11)

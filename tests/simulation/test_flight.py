@@ -2,6 +2,7 @@
 
 import pytest
 
+from hw.sim.picture.renderer import Renderer
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.drivers import read_configuration
@@ -22,6 +23,7 @@ def test_the_core_believes_the_calibration_and_the_world_has_its_own_lens() -> N
     flight = simulation(errors)
     believed = load_camera(flight.config.camera.calibration)
     assert flight.camera_model == believed
+    assert isinstance(flight.camera.pictures, Renderer)
     for true in (flight._judge._frustum.camera, flight.camera.pictures._camera):
         assert true.fx == pytest.approx(1.005 * believed.fx)
         assert (true.cx, true.cy) == (believed.cx + 3.0, believed.cy - 2.0)

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from hw.sim.judge.monitor import Worst
 from hw.sim.judge.score import Contact, Score
 from hw.sim.judge.truth import Feet
 from landerd.camera_model import load_camera
@@ -13,6 +14,7 @@ from landerd.config.models import Config, VehicleSection
 from landerd.lander import Lander
 from landerd.messages import Phase, PhaseChange
 from landerd.pad import load_pad
+from landerd.simulation.faults import Faults
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of
 from tests.hw.sim.worlds import world
@@ -36,6 +38,9 @@ def flown() -> Flown:
         rules_broken={},
         lander=Lander(Config(), layout),
         faults={"image of a wrong size": 2},
+        findings={},
+        happened=Faults((), lambda number: None, lambda: Phase.NOT_LANDING),  # type: ignore[arg-type,return-value]
+        worst=Worst(),
         recording=recording,
         innovation_gate=16.0,
     )

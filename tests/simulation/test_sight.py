@@ -100,7 +100,8 @@ def test_what_is_black_in_a_picture_hides_what_would_be_there() -> None:
     simulation, watcher = watched(longest_s=2.0)
     frame, sightings = watcher.frames[-1]
     assert sightings.pad
-    detectors = simulation.daemon._vision._detectors
+    detectors = simulation.daemon._detectors
+    assert detectors is not None
     black = np.zeros_like(frame.image)
     assert detectors.find_rings(black, simulation.layout.rings[0]) == []
     hidden = frame.image.copy()

@@ -1,9 +1,9 @@
 """The registers of an IMU on the camera of a servo gimbal; an I2C bus with nothing else on it."""
 
 import math
-from collections.abc import Callable
 from random import Random
 
+from hw.gimbals.i2c import I2c
 from hw.gimbals.imu import (
     ACCEL_UNIT,
     ACCEL_XOUT_H,
@@ -112,11 +112,11 @@ class ImuModel:
             raise OSError(121, "Remote I/O error")
 
 
-def imu_bus(options: ImuOptions | None, mount: SimMount) -> Callable[[int], ImuModel]:
-    """Return what opens a bus with the sensor."""
+def imu_bus(options: ImuOptions | None, mount: SimMount) -> I2c[ImuModel]:
+    """Return a bus with the sensor."""
 
     def open_bus(number: int) -> ImuModel:
         assert options is not None
         return ImuModel(options, mount)
 
-    return open_bus
+    return I2c(open_bus, in_thread=False)

@@ -40,12 +40,16 @@ class SimMount:
         pitch_bias: the same of the pitch.
         measured_t: when the angles were measured last, s.
         reported: is told when angles reach landerd, with the time of their measurement, s.
+        slipped: yaw and pitch by which measured angles are off beside the biases, rad.
+        reversed: orders turn the axes the other way.
     """
 
     def __init__(self, world: World, options: SimGimbalOptions, rng: Random) -> None:
         self.plant = world.gimbal
         self.reported: Callable[[float], None] = _nobody
         self.measured_t = -math.inf
+        self.slipped = (0.0, 0.0)
+        self.reversed = False
         self._world = world
         self._rng = rng
         self._noise = math.radians(options.noise_deg)
@@ -69,6 +73,9 @@ class SimMount:
     def aim(self, yaw: float, pitch: float) -> None:
         """Order angles, rad."""
         self.advance()
+        yaw_now, pitch_now = self._counted(self.plant.yaw.angle, self.plant.pitch.angle)
+        if self.reversed:
+            yaw, pitch = 2.0 * yaw_now - yaw, 2.0 * pitch_now - pitch
         self.plant.aim(
             self._yaw_sign * yaw + self._yaw_zero, self._pitch_sign * pitch + self._pitch_zero
         )
@@ -128,6 +135,6 @@ class SimMount:
         yaw, pitch = self._scale * yaw, self._scale * pitch
         pitch = pitch if pitch_measured else self.ordered[1]
         return (
-            yaw + self.yaw_bias + self._rng.gauss(0.0, self._noise),
-            pitch + self.pitch_bias + self._rng.gauss(0.0, self._noise),
+            yaw + self.yaw_bias + self.slipped[0] + self._rng.gauss(0.0, self._noise),
+            pitch + self.pitch_bias + self.slipped[1] + self._rng.gauss(0.0, self._noise),
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import Message
+from hw.gimbals.i2c import I2c
 from hw.gimbals.servo import ServoAxisOptions, ServoOptions
 from hw.gimbals.servo_mavlink import ServoMavlinkGimbal, ServoMavlinkOptions
 from hw.gimbals.servo_pca9685 import (
@@ -192,4 +193,4 @@ def connect_pca9685(options: ServoPca9685Options, bench: Bench) -> Connected:
     """Return the driver on a bus with the chip."""
     chip = Pca9685Model(Servos(options, bench.mount), options.address, options.oscillator_hz)
     imu = imu_bus(options.imu, bench.mount)
-    return ServoPca9685Gimbal(options, lambda _: chip, imu), None
+    return ServoPca9685Gimbal(options, I2c(lambda _: chip, in_thread=False), imu), None

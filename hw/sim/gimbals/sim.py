@@ -2,11 +2,14 @@
 
 import asyncio
 import math
+from collections import deque
+from dataclasses import replace
 from enum import Enum
 
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.gimbal import PITCH_LIMITS, YAW_LIMITS
+from hw.sim.physics.response import STEP_S
 from landerd.messages import GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost, Feedback, GimbalTraits
 
@@ -20,10 +23,16 @@ class GimbalFault(Enum):
     FROZEN = "frozen"  # repeats the last angles with new times
     NAN = "nan"  # reports angles that are no numbers
     LOST = "lost"  # is gone from the bus
+    RAISES = "raises"  # its driver has an error that nobody foresaw
 
 
 class SimGimbal:
-    """The device that landerd talks to (landerd.ports.Gimbal). Set `fault` to break it."""
+    """The device that landerd talks to (landerd.ports.Gimbal).
+
+    Attributes:
+        fault: set it to break the device.
+        late_s: reports are so old, and say nothing of it.
+    """
 
     def __init__(self, mount: SimMount, options: SimGimbalOptions) -> None:
         self.fault: GimbalFault | None = None
@@ -31,6 +40,8 @@ class SimGimbal:
         self._options = options
         self._next_report = 0.0
         self._last: GimbalState | None = None
+        self.late_s = 0.0
+        self._under_way: deque[tuple[float, GimbalState]] = deque()  # when measured, what
         self.traits = GimbalTraits(
             Reference.BODY,
             Feedback.MEASURED if options.pitch_feedback else Feedback.ORDERED,
@@ -54,6 +65,8 @@ class SimGimbal:
             await asyncio.sleep(self._next_report - loop.time())
             if self.fault is GimbalFault.LOST:
                 raise DeviceLost("simulated gimbal is gone")
+            if self.fault is GimbalFault.RAISES:
+                raise ZeroDivisionError("in the simulated gimbal's driver")
             if self.fault is not GimbalFault.SILENT:
                 return self._report(loop.time())
 
@@ -74,6 +87,12 @@ class SimGimbal:
             return GimbalState(t, self._last.yaw, self._last.pitch, 0.0, Reference.BODY)
         measured = self._options.pitch_feedback
         yaw, pitch = self._mount.measure(pitch_measured=measured)
-        self._mount.reported(self._mount.measured_t)
-        self._last = GimbalState(t, yaw, pitch, 0.0, Reference.BODY, pitch_measured=measured)
+        made = GimbalState(t, yaw, pitch, 0.0, Reference.BODY, pitch_measured=measured)
+        self._under_way.append((self._mount.measured_t, made))
+        # The world's time may be a rounding error ahead of the loop's.
+        while len(self._under_way) > 1 and self._under_way[1][0] <= t - self.late_s + STEP_S:
+            self._under_way.popleft()
+        measured_t, arriving = self._under_way[0]
+        self._mount.reported(measured_t)
+        self._last = replace(arriving, t=t)
         return self._last

@@ -48,6 +48,8 @@ class RuleBounds:
     ride_mps: float = 0.3  # across the pad while pressed down
     settle_s: float = 5.0
     total_s: float = 120.0
+    land_threshold_us: int = 0  # between the gate's and this the pilot asks to hold
+    hold_height_m: float = 2.0  # over the pad
     stall_s: float = 0.0  # for so long the world lets the companion computer stand still
     jitter_s: float = 0.0  # of the times at which set-points are seen: none on a virtual clock
 
@@ -60,3 +62,8 @@ class RuleBounds:
     def tick_s(self) -> float:
         """How late landerd may be: one control step, while the computer does not stand still."""
         return 1.05 * self.control_period_s + self.stall_s
+
+    @property
+    def least_hold_height_m(self) -> float:
+        """The height over which to hold, less what the range to the pad may be wrong by."""
+        return 0.95 * self.hold_height_m - 0.1

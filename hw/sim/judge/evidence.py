@@ -61,6 +61,7 @@ class Evidence:
         authority_lost_t: since when it is not both, or was not.
         latched: the gate must be seen low before landerd may fly.
         gate_low_t: since when the gate is low.
+        hold_since: since when the pilot asks to hold over the marker.
         sighting_t: exposure of the newest delivered picture with a marker really in it.
         texts: what the pilot was told.
         asked_t: when a configured ground station last asked landerd for something.
@@ -87,6 +88,7 @@ class Evidence:
         self.authority_lost_t = 0.0
         self.latched = True
         self.gate_low_t: float | None = 0.0
+        self.hold_since: float | None = None
         self.sighting_t = -math.inf
         self.texts: list[tuple[float, str]] = []
         self.asked_t = -math.inf
@@ -135,6 +137,10 @@ class Evidence:
         if present and not high:
             self.latched = False
             self._ended_t = math.inf
+        if not (high and pulse <= self._b.land_threshold_us):
+            self.hold_since = None
+        elif self.hold_since is None:
+            self.hold_since = t
         if high:
             self.gate_low_t = None
         elif self.gate_low_t is None:
@@ -164,6 +170,13 @@ class Evidence:
         self.texts.append((t, text))
         if "take over" in text:
             self._ended_t = min(self._ended_t, t)
+
+    def on_death(self, t: float) -> None:
+        """landerd's process is killed."""
+        self.latched = True
+        self.flown_t = self.stops_since = self.landing_since = None
+        self.blind_since = self.missing_since = None
+        self.free_t = t
 
     # ---- what follows from it ------------------------------------------------------------------
 
@@ -253,7 +266,7 @@ class Evidence:
         low = truth.height < b.commit_height_m
         if low:
             self.low_since = t
-        if low or self.touched or not self.granted(t):
+        if low or self.touched or self.hold_since is not None or not self.granted(t):
             self.landing_since = None
         elif self.landing_since is None:
             self.landing_since = t

@@ -38,11 +38,15 @@ class Rules:
     Attributes:
         broken: each rule once with the time it was first broken.
         disarm_orders: how many there were.
+        on_order: told of each order to fly, after the rules.
+        on_text: told of what the pilot is told, with the time, s.
     """
 
     def __init__(self, bounds: RuleBounds, truth: Callable[[], Truth]) -> None:
         self.broken: dict[str, float] = {}
         self.disarm_orders = 0
+        self.on_order: list[Callable[[Order], None]] = []
+        self.on_text: list[Callable[[float, str], None]] = []
         self._b = bounds
         self._truth = truth
         self._evidence = Evidence(bounds)
@@ -51,9 +55,18 @@ class Rules:
         self._departures = Departures()
 
     @property
+    def guided(self) -> bool:
+        """Whether the last heartbeat said armed and GUIDED."""
+        return self._evidence.armed and self._evidence.guided
+
+    @property
     def texts(self) -> list[tuple[float, str]]:
         """What the pilot was told, with the times."""
         return self._evidence.texts
+
+    def on_death(self, t: float) -> None:
+        """landerd's process is killed: it owes nothing more, and what follows it is latched."""
+        self._evidence.on_death(t)
 
     # ---- what the judge sees -------------------------------------------------------------------
 
@@ -150,6 +163,8 @@ class Rules:
             waves_off = evidence.waves_off(order)
             self._limits.check(order.t, order.velocity, order.yaw_rate, waves_off=waves_off)
         evidence.last_order_t = order.t
+        for tell in self.on_order:
+            tell(order)
 
     def _on_command(self, t: float, message: mavlink.MAVLink_message) -> None:
         if not allowed.command_is_allowed(message, self._b):
@@ -171,6 +186,8 @@ class Rules:
 
     def _on_text(self, t: float, text: str) -> None:
         self._evidence.tell(t, text)
+        for tell in self.on_text:
+            tell(t, text)
         if _LANDED_NEWS in text and not self._truth().on_plate:
             self._break(t, "6: said to have landed, and does not stand on the pad")
 

@@ -14,6 +14,7 @@ from hw.sim.judge.evidence import BOUNCE_S, Evidence, Order
 from landerd.geometry import horizontal
 
 CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
+CONTACT_S = 0.3  # that something is contact is known only after this
 RIDES_S = 1.0  # the same to the time it goes with the pad: rule 3 lets no order end at once
 LEVEL_AFTER_S = 0.5  # for so long the vehicle goes with the pad before it may stand level
 HOVER_MPS = 0.02  # an order of less, horizontally, is one to hover
@@ -142,6 +143,15 @@ def _dies_hard(e: Evidence, o: Order, b: RuleBounds) -> bool:
     left_m = max(0.0, o.truth.height - speed * b.guid_timeout_s)
     braked = speed * speed - 2.0 * b.vertical_acceleration_mps2 * left_m
     return braked > 1.05 * b.dead_companion_mps**2
+
+
+def _sinks_below_hold(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    if e.hold_since is None:
+        return False
+    # Just over the pad it may be taking contact for made.
+    late_s = b.tick_s + (CONTACT_S if o.truth.height < b.commit_height_m else 0.0)
+    low = o.truth.height < b.least_hold_height_m
+    return _sinks(e, o) and low and o.t - e.hold_since > late_s
 
 
 def _misses(e: Evidence, o: Order, b: RuleBounds) -> bool:
@@ -280,6 +290,7 @@ ORDER_RULES = (
     OrderRule("2: a downward set-point outside the descent region", _outside_region),
     OrderRule("2: a downward set-point with the heading off", _heading_off),
     OrderRule("2: sinking faster than the autopilot's timeout allows", _dies_hard),
+    OrderRule("2: descending below the height to hold at", _sinks_below_hold),
     OrderRule("2: descending to a pad that will be missed", _misses),
     OrderRule("4: no descent ordered after contact", _no_descent),
     OrderRule("4: not going with the pad after contact", _does_not_ride),

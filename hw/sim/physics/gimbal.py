@@ -16,6 +16,9 @@ class Axis:
     """One joint: torque by PID (thesis Table 3.1) against damping, inertia and a spring to 0.
 
     One that is given speeds follows them with a lag, and the spring slows it; a bolted one stays.
+
+    Attributes:
+        stuck: it does not move for as long as this is set.
     """
 
     _KP, _KI, _KD = 0.25, 0.1, 0.025
@@ -29,6 +32,7 @@ class Axis:
     ) -> None:
         self.angle = self.target = angle
         self.rate = 0.0
+        self.stuck = False
         self._low, self._high = limits
         # Set-point and angle pass the same derivative, so damping alone makes the lag.
         self._damping = self._KP * lag_s
@@ -54,7 +58,8 @@ class Axis:
 
     def step(self) -> None:
         """Go on by STEP_S towards target (rad), or at the ordered speed."""
-        if self._bolted:
+        if self._bolted or self.stuck:
+            self.rate = 0.0
             return
         if self._speed is None:
             self._step_angle()

@@ -1,6 +1,7 @@
 """How the pad moves: still, driving, circling, heaving, swaying, tilted."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 
@@ -40,11 +41,20 @@ class PadState:
         return rotate(transpose(self.R_local_pad), sub(point, self.position))
 
 
+Disturbance = Callable[[float, PadState], PadState]
+
+
 class PadMotion:
-    """The pad's pose as a function of time since the start."""
+    """The pad's pose as a function of time since the start.
+
+    Attributes:
+        disturbances: what makes it move otherwise, one after the other; each is a function of the
+            time since the start (s) and of the state without it.
+    """
 
     def __init__(self, options: PadOptions, plate: Plate, rng: Random) -> None:
         self.plate = plate
+        self.disturbances: list[Disturbance] = []
         self._north, self._east = options.position_m
         self._heading = math.radians(options.heading_deg)
         self._course = math.radians(options.course_deg)
@@ -74,6 +84,12 @@ class PadMotion:
 
     def at(self, t: float) -> PadState:
         """Return pose and motion t seconds after the start."""
+        state = self._undisturbed(t)
+        for disturbance in self.disturbances:
+            state = disturbance(t, state)
+        return state
+
+    def _undisturbed(self, t: float) -> PadState:
         rolled_t, v = self._rolled(t)
         turned = self._turn_rate * rolled_t
         course, heading = self._course + turned, self._heading + turned

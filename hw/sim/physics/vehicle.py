@@ -83,7 +83,11 @@ class Touchdown:
 
 
 class Vehicle:
-    """Position, velocity and attitude in local NED, step by step."""
+    """Position, velocity and attitude in local NED, step by step.
+
+    Attributes:
+        ground_effect: None: there is none.
+    """
 
     _VERTICAL_P = 5.0  # PSC_VELZ_P, 1/s
     _VERTICAL_I = 29.7  # takes the thrust away 0.95 s after contact at 0.3 m/s of descent, 1/s^2
@@ -105,7 +109,7 @@ class Vehicle:
         self._wander = Wander(rng)
         self._horizontal = HorizontalResponse(model.response)
         self._vertical = VerticalResponse(model.response)
-        self._ground_effect = GroundEffect(model.ground_effect) if model.ground_effect else None
+        self.ground_effect = GroundEffect(model.ground_effect) if model.ground_effect else None
         self._yaw_response: YawResponse = (
             MeasuredYawResponse() if yaw_response == "measured" else DampedYawResponse()
         )
@@ -214,8 +218,8 @@ class Vehicle:
         if self.motors:
             self._wander.step()
             ad = self._fly_vertical(vd, feet_down)
-            if self._ground_effect is not None and pad is not None:
-                ad -= self._ground_effect.step(self.position, pad)
+            if self.ground_effect is not None and pad is not None:
+                ad -= self.ground_effect.step(self.position, pad)
             push_n, push_e = self._fly_horizontal(vn, ve)
             self._yaw_response.step(self._yaw_rate_order)
             if disturbed:

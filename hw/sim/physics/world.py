@@ -11,7 +11,7 @@ from hw.sim.options import BuildOptions, SimOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.physics.contact import LandingGear
 from hw.sim.physics.gimbal import GimbalPlant
-from hw.sim.physics.pad_motion import PadMotion, PadState
+from hw.sim.physics.pad_motion import Disturbance, PadMotion, PadState
 from hw.sim.physics.response import STEP_S
 from hw.sim.physics.vehicle import Vehicle, vehicle_model
 from hw.sim.physics.wind import UPDATE_S, make_wind
@@ -90,7 +90,11 @@ def stream(seed: int, name: str) -> Random:
 
 
 class World:
-    """Everything that is true. Times are the event loop's; devices call `advance` first."""
+    """Everything that is true. Times are the event loop's; devices call `advance` first.
+
+    Attributes:
+        gust: what blows on top of the wind, north and east, m/s.
+    """
 
     def __init__(
         self, options: SimOptions, airframe: Airframe, plate: Plate, seed: int, t0: float = 0.0
@@ -114,6 +118,7 @@ class World:
         self._motion = PadMotion(options.pad, plate, stream(seed, "pad"))
         self._wind = make_wind(options.wind, stream(seed, "wind"))
         self._wind_now = self._wind.at(0.0)
+        self.gust = (0.0, 0.0)
         gear = LandingGear(airframe.footprint_m, airframe.gear_height_m, plate)
         self.vehicle = Vehicle(
             vehicle_model(options.vehicle, options.airframe, options.response),
@@ -162,9 +167,11 @@ class World:
         target = math.floor((t - self._t0) / STEP_S + 1e-6)
         while self._steps < target:
             if self._steps % _WIND_STEPS == 0:
-                self._wind_now = self._wind.at(self._steps * STEP_S)
+                n, e = self._wind.at(self._steps * STEP_S)
+                self._wind_now = (n + self.gust[0], e + self.gust[1])
             self._steps += 1
-            near = -self.vehicle.position[2] < self._contact_height
+            low = -self.vehicle.position[2] < self._contact_height
+            near = low or bool(self._motion.disturbances)  # which may lift the pad
             self._move(self._motion.at(self._steps * STEP_S) if near else None)
             self.gimbal.step()
             self._record()
@@ -262,6 +269,10 @@ class World:
             b.gimbal_yaw + share * (a.gimbal_yaw - b.gimbal_yaw),
             b.gimbal_pitch + share * (a.gimbal_pitch - b.gimbal_pitch),
         )
+
+    def disturb_pad(self, disturbance: Disturbance) -> None:
+        """Let the pad move otherwise from now on; times are those since the start."""
+        self._motion.disturbances.append(disturbance)
 
     def snapshot(self, t: float) -> Snapshot:
         """Return what a picture taken at time t shows; t lies within HISTORY_S before now.

@@ -2,24 +2,28 @@
 
 import asyncio
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.sim.camera_options import SimCameraOptions
 from hw.sim.physics.world import stream
 from hw.sim.picture.exposure import SHORTEST_S, AutoExposure, Exposure
-from hw.sim.picture.numbered import NumberedPictures
-from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout, Vibration
-from hw.sim.snapshot import CameraPose, PadPose, Snapshot
+from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
 from landerd.geometry import IDENTITY, add, sub
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 
+U8 = NDArray[np.uint8]
+
 OLDEST_S = 0.45  # a picture at its arrival, by jitter: the world remembers a little more
 ORDER_FRAMES = 2  # from an order to the first picture so exposed, as sensors have it
+FORGIVEN_S = 0.05  # a stamp so far in the future may still be taken
 JITTER_MOST = 0.45  # of the period: pictures keep their order
 _NO_PAD = PadPose((0.0, 0.0, -1e5), IDENTITY)  # it is seen from below, that is not at all
 
@@ -34,18 +38,51 @@ class CameraFaults:
     wrong_size: bool = False
     wrong_type: bool = False  # pictures of 16 bits
     not_a_number: bool = False  # pictures of NaN
-    time_ahead_s: float = 0.0  # time stamps lie in the future
-    disconnected: bool = False
+    time_ahead_s: float = 0.0  # time stamps lie in the future; negative: in the past
+    time_jumps_s: float = 0.0  # each by up to so much, either way
+    time_stands: bool = False  # new pictures have the last time
+    late_s: float = 0.0  # pictures arrive so much later, with their own times
+    swap: float = 0.0  # probability that a picture comes after the next one
+    spoil: Callable[[U8], U8] | None = None  # what becomes of a picture
     pad_covered: bool = False  # nothing of the pad is to be seen
+    hides_pad: bool = False  # nobody could find the pad in what is delivered
+    raises: Exception | None = None  # nobody foresaw it; once
+    disconnected: bool = False
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
 
+class Renders(Protocol):
+    """Draws pictures, as `hw.sim.picture.renderer.Renderer` does."""
+
+    def render(
+        self,
+        frame_index: int,
+        start: CameraPose,
+        end: CameraPose,
+        pad: PadPose,
+        vehicle: VehiclePose | None,
+        exposure: Exposure | None = None,
+        readout: Readout | None = None,
+    ) -> U8:
+        """Return the picture (height, width) of an exposure from pose start to pose end."""
+        ...
+
+    def brightness(self, image: U8) -> float:
+        """Return the mean of a picture, share of full scale."""
+        ...
+
+
 class SimCamera:
-    """Implements landerd.ports.Camera; a frame not fetched in time is replaced by the next."""
+    """Implements landerd.ports.Camera; a frame not fetched in time is replaced by the next.
+
+    Attributes:
+        faults: what is wrong with it.
+        pictures: makes them; may be changed at any time.
+    """
 
     def __init__(
         self,
-        renderer: Renderer | NumberedPictures,
+        renderer: Renders,
         truth: Callable[[float], Snapshot],
         options: SimCameraOptions,
         delivered: Callable[[Frame, Snapshot], None] | None = None,
@@ -75,6 +112,9 @@ class SimCamera:
         self._seq = 0
         self._due_t = 0.0  # middle of the exposure of the newest frame, but for jitter
         self._last: Frame | None = None
+        self._line: deque[_Made] = deque()  # under way
+        self._overtaken: _Made | None = None  # the next one comes before it
+        self._behind: _Made | None = None  # it comes now
 
     async def open(self) -> None:
         """Start the stream. Raises DeviceLost."""
@@ -96,18 +136,55 @@ class SimCamera:
             await asyncio.sleep(max(0.0, exposed_t + late_s - loop.time()))
             if loop.time() - late_s - exposed_t > period:
                 continue  # the loop was late: there is a newer one by now
-            faults = self.faults
-            if faults.disconnected:
-                raise DeviceLost("simulated camera is unplugged")
-            if faults.drop > 0.0 and faults.random.random() < faults.drop:
+            if self._misses():
                 continue
-            if self._timing.drops():
-                continue
-            if faults.frozen and self._last is not None:
-                return self._last
-            if faults.frozen_fresh and self._last is not None:
-                return Frame(self._stamp(exposed_t), self._seq, self._last.image)
-            return self._expose(exposed_t)
+            made = self._on_the_way(self._made(exposed_t))
+            if made is not None:
+                return self._deliver(made)
+
+    def _misses(self) -> bool:
+        """Tell whether the next picture is lost. Raises what a broken camera's driver does."""
+        faults = self.faults
+        if faults.disconnected:
+            raise DeviceLost("simulated camera is unplugged")
+        if faults.raises is not None:
+            raised, faults.raises = faults.raises, None
+            raise raised
+        if faults.drop > 0.0 and faults.random.random() < faults.drop:
+            return True
+        return self._timing.drops()
+
+    def _made(self, exposed_t: float) -> "_Made":
+        faults, last = self.faults, self._last
+        if faults.frozen and last is not None:
+            return _Made(last, None)
+        if faults.frozen_fresh and last is not None:
+            return _Made(Frame(self._stamp(exposed_t), self._seq, last.image), None)
+        return self._expose(exposed_t)
+
+    def _on_the_way(self, made: "_Made") -> "_Made | None":
+        """Return what arrives when a picture sets out that is made now; None: nothing does."""
+        faults, period = self.faults, 1.0 / self._options.fps
+        self._line.append(made)
+        waiting = round(faults.late_s / period)
+        if len(self._line) <= waiting:
+            return None
+        while len(self._line) > waiting + 1:
+            self._line.popleft()  # they are not so late any more
+        arriving = self._line.popleft()
+        if self._behind is not None:
+            arriving, self._behind = self._behind, None
+        elif self._overtaken is not None:
+            self._behind, self._overtaken = self._overtaken, None
+        elif faults.swap > 0.0 and faults.random.random() < faults.swap:
+            self._overtaken = arriving
+            return None
+        return arriving
+
+    def _deliver(self, made: "_Made") -> Frame:
+        if self._delivered is not None and made.truth is not None:
+            self._delivered(made.frame, made.truth)
+        return made.frame
 
     async def close(self) -> None:
         """Stop the stream; safe to call twice."""
@@ -136,9 +213,14 @@ class SimCamera:
     def _stamp(self, t: float) -> float:
         """Return what the camera's clock says at t."""
         offset_s = self._options.clock_offset_s + self._timing.clock_jitter()
-        return t + offset_s + self.faults.time_ahead_s
+        faults = self.faults
+        if faults.time_stands and self._last is not None:
+            return self._last.t
+        if faults.time_jumps_s > 0.0:
+            offset_s += float(faults.random.uniform(-faults.time_jumps_s, faults.time_jumps_s))
+        return t + offset_s + faults.time_ahead_s
 
-    def _expose(self, t: float) -> Frame:
+    def _expose(self, t: float) -> "_Made":
         exposure = self._exposure(t)
         half = 0.5 * exposure.time_s
         start, middle, end = (self._truth(at) for at in (t - half, t, t + half))
@@ -159,15 +241,16 @@ class SimCamera:
         faults = self.faults
         stamp = self._stamp(t)
         if faults.wrong_size:
-            return Frame(stamp, self._seq, image[::2, ::2])
+            return _Made(Frame(stamp, self._seq, image[::2, ::2]), None)
         if faults.wrong_type:
-            return Frame(stamp, self._seq, image.astype(np.uint16))
+            return _Made(Frame(stamp, self._seq, image.astype(np.uint16)), None)
         if faults.not_a_number:
-            return Frame(stamp, self._seq, np.full(image.shape, np.nan))
+            return _Made(Frame(stamp, self._seq, np.full(image.shape, np.nan)), None)
+        if faults.spoil is not None:
+            image = faults.spoil(image)
         self._last = Frame(stamp, self._seq, image)
-        if self._delivered is not None and faults.time_ahead_s == 0.0:
-            self._delivered(self._last, middle)
-        return self._last
+        is_sound = not faults.hides_pad and faults.time_ahead_s <= FORGIVEN_S
+        return _Made(self._last, middle if is_sound else None)
 
     def _readout(self, middle: Snapshot, exposure: Exposure) -> Readout | None:
         """Look up what the rows see from the first to the last; None: all see the same."""
@@ -183,6 +266,14 @@ class SimCamera:
             if self.faults.pad_covered:
                 snapshots = [replace(s, pad=_NO_PAD) for s in snapshots]
         return Readout(middle.t, seconds, exposure.time_s, tuple(snapshots), self._vibration)
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A picture, and the truth at its exposure if the pad can be found in it."""
+
+    frame: Frame
+    truth: Snapshot | None
 
 
 class _Timing:

@@ -47,6 +47,9 @@ _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 _FAILED: int = mavlink.MAV_RESULT_FAILED
 
 
+Tamper = Callable[[Message, Callable[[Message], None]], None]
+
+
 class World(Protocol):
     """The simulated world as far as the autopilot moves it."""
 
@@ -102,6 +105,8 @@ class SimAutopilot:
         copter: the flight code.
         pilot: the pilot's radio.
         mute: ids of messages that it is to withhold, a fault to fly with.
+        tamper: what becomes of messages on their way out, by id: called with each and with what
+            sends it, now or later; another fault.
         parameters: what it answers when asked for one by name.
     """
 
@@ -119,7 +124,13 @@ class SimAutopilot:
     ) -> None:
         """Make it; flying: starts armed, in LOITER."""
         self.mute: set[int] = set()
-        self.parameters = {"GUID_TIMEOUT": parameters.guid_timeout_s}  # those it is asked for
+        self.tamper: dict[int, Tamper] = {}
+        self.parameters = {  # those it is asked for
+            "GUID_TIMEOUT": parameters.guid_timeout_s,
+            "WPNAV_ACCEL": 100.0 * parameters.wpnav_accel_mps2,
+            "WPNAV_ACCEL_Z": 100.0 * parameters.wpnav_accel_z_mps2,
+            "PSC_JERK_XY": parameters.psc_jerk_xy_mps3,
+        }
         self._mount: Mount | None = None
         self.pilot = PilotRadio(options.rc_channels)
         self.copter = Copter(world.vehicle, self.pilot, parameters, self._say, flying=flying)
@@ -169,6 +180,15 @@ class SimAutopilot:
         for channel in self._channels:
             channel.streams.clear()
 
+    @property
+    def boot_s(self) -> float:
+        """Its clock since boot, s."""
+        return asyncio.get_running_loop().time() - self._booted_at
+
+    def shift_clock(self, ahead_s: float) -> None:
+        """Set its clock since boot ahead; back if negative."""
+        self._booted_at -= ahead_s
+
     async def _serve(self, channel: _Channel) -> None:
         while True:
             try:
@@ -213,12 +233,19 @@ class SimAutopilot:
             if t >= due - 1e-6:
                 channel.streams[message_id] = (interval, max(due + interval, t))
                 if message_id not in self.mute:
-                    channel.send(self._streams[message_id](t))
+                    self._send_by(channel, self._streams[message_id](t))
 
     def _send_all(self, message: Message) -> None:
         if message.get_msgId() not in self.mute:
             for channel in self._channels:
-                channel.send(message)
+                self._send_by(channel, message)
+
+    def _send_by(self, channel: _Channel, message: Message) -> None:
+        tamper = self.tamper.get(message.get_msgId())
+        if tamper is None:
+            channel.send(message)
+        else:
+            tamper(message, channel.send)
 
     def _say(self, text: str) -> None:
         self._send_all(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, text.encode()))

@@ -41,6 +41,7 @@ class CopterParameters:
     wpnav_speed_down_mps: float = 1.5
     wpnav_accel_mps2: float = 2.5
     wpnav_accel_z_mps2: float = 1.0
+    psc_jerk_xy_mps3: float = 5.0  # PSC_JERK_XY
     land_speed_mps: float = 0.5  # LAND_SPEED
     wp_yaw_behavior: int = 2  # 0: never turn by itself; 2: the nose into the course
 
@@ -107,6 +108,7 @@ class Copter:
         mode: how it flies.
         armed: whether the motors may turn.
         failsafe: the radio was lost and the mode has been changed for it.
+        refuses_disarm: orders to disarm are refused on the ground, too.
     """
 
     def __init__(
@@ -121,7 +123,7 @@ class Copter:
         """Say takes the lines for the pilot; flying starts armed, in LOITER."""
         self.mode = Mode.LOITER if flying else Mode.STABILIZE
         self.armed = flying
-        self.failsafe = False
+        self.failsafe = self.refuses_disarm = False
         self._vehicle = vehicle
         self._pilot = pilot
         self._p = parameters
@@ -171,7 +173,7 @@ class Copter:
     def disarm(self, *, forced: bool = False) -> bool:
         """Disarm; in the air only if forced."""
         if self.armed:
-            if not (forced or self._vehicle.landed_detected):
+            if not forced and (self.refuses_disarm or not self._vehicle.landed_detected):
                 return False
             self.armed = False
             self._target = None

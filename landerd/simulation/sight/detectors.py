@@ -30,6 +30,7 @@ from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_pose import corner_information, planar_poses, square_points
+from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode
 from landerd.vision.window import Window
 
@@ -144,7 +145,7 @@ class ModelledDetectors:
         cell_px = sight.edges.edges.apart_m * self._focal / float(sight.pose.t[2])
         if not float(off[sight.weight > 0.0].max()) < cell_px:
             return None
-        return Fit(sight.pose, 1.0, sight.pose.cost, 1.0, 0.0)
+        return Fit(sight.pose, 1.0, sight.pose.cost, 1.0, 0.0, LINEAR)
 
     def find_squares(
         self,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -30,6 +30,7 @@ from landerd.messages import (
 )
 from landerd.ports import DeviceLost
 from landerd.runtime.clock import run_virtual
+from tests.fuzz.budget import examples
 from tests.hw.autopilots.scenes import GUIDED, fly
 from tests.hw.flight import Flight, frame_of
 
@@ -377,7 +378,7 @@ def test_with_bytes_damaged_and_writes_lost_only_sound_values_come_through() -> 
     fly(scene)
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(
     st.lists(
         st.tuples(

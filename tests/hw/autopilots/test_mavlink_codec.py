@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from tests.fuzz.budget import examples
 
 
 def attitude(i: int) -> Message:
@@ -87,7 +88,7 @@ def test_lost_messages_are_counted_across_the_wrap_of_the_sequence() -> None:
     assert codec.counters["messages lost"] == 11
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(st.lists(st.binary(max_size=300), max_size=8))
 def test_random_bytes_never_raise(chunks: list[bytes]) -> None:
     codec = MavlinkCodec(255, 190)

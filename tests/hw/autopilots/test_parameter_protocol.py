@@ -187,3 +187,20 @@ def test_values_are_saved_on_request_and_the_order_acknowledged(tmp_path: Path) 
         assert any("not saved" in text for text in f.client.texts)
 
     fly(scene, overlay=overlay)
+
+
+def test_nothing_is_saved_while_armed(tmp_path: Path) -> None:
+    overlay = tmp_path / "mine.saved.yaml"
+
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        command(f, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1.0)  # a slow disk would hold up the loop
+        await asyncio.sleep(0.1)
+        acks = [
+            (m.command, m.result)
+            for _, m in f.client.of("COMMAND_ACK")
+            if m.get_srcComponent() == 191
+        ]
+        assert acks == [(245, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)]
+        assert not overlay.exists()
+
+    fly(scene, flying=True, overlay=overlay)

@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hw.gimbals import simplebgc, siyi, storm32
 from hw.links.memory import MemoryLink
 from landerd.messages import GimbalCommand
 from landerd.ports import ByteLink, DeviceLost, Gimbal
+from tests.fuzz.budget import examples
 from tests.hw.gimbals.talk import run_with
 
 Make = Callable[[ByteLink], Gimbal]
@@ -40,7 +41,7 @@ DRIVERS: dict[str, tuple[Make, Encode, int, int]] = {  # with its answer's comma
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
-@settings(max_examples=60)
+@examples(60)
 @given(data=st.data())
 def test_no_content_gets_anything_but_angles_out_of_a_driver(
     driver: str, data: st.DataObject

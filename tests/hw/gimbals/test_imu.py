@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 from pydantic import ValidationError
 
+from hw.gimbals.i2c import I2c
 from hw.gimbals.imu import ImuOptions, make_imu
 from hw.gimbals.servo import ServoGimbal, ServoOptions
 from landerd.messages import GimbalCommand, Reference
@@ -47,6 +48,10 @@ class Sensor:
             raise OSError(121, "Remote I/O error")
 
 
+def at_once(sensor: Sensor) -> I2c[Sensor]:
+    return I2c(lambda _: sensor, in_thread=False)
+
+
 def words(order: str, *values: int) -> list[int]:
     return [
         b for v in values for b in (v & 0xFFFF).to_bytes(2, "big" if order == ">" else "little")
@@ -63,9 +68,9 @@ def with_imu(
     sensor = Sensor(1, registers)
 
     async def main() -> None:
-        imu = make_imu(options, lambda _: sensor)
+        imu = make_imu(options, at_once(sensor))
         await scene(sensor, imu)  # type: ignore[misc]
-        imu.close()
+        await imu.close()
         assert sensor.closed
 
     run_virtual(main())
@@ -76,7 +81,7 @@ async def sample(imu: object, count: int, dt: float = 0.02) -> float | None:
     pitch = None
     for _ in range(count):
         await asyncio.sleep(dt)
-        pitch = imu.pitch()  # type: ignore[attr-defined]
+        pitch = await imu.pitch()  # type: ignore[attr-defined]
     return pitch
 
 
@@ -98,7 +103,7 @@ def degrees(pitch: float | None) -> float:
 )
 def test_an_mpu6050_at_rest(force: tuple[int, int, int], pitch: float) -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
-        imu.open()  # type: ignore[attr-defined]
+        await imu.open()  # type: ignore[attr-defined]
         sensor.data = mpu(*force)
         assert await sample(imu, 20) is None  # it first learns its gyroscope's error
         assert degrees(await sample(imu, 10)) == pytest.approx(pitch, abs=0.1)
@@ -111,7 +116,7 @@ def test_an_mpu6050_at_rest(force: tuple[int, int, int], pitch: float) -> None:
 
 def test_its_gyroscope_carries_the_angle_and_its_error_is_learnt() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
-        imu.open()  # type: ignore[attr-defined]
+        await imu.open()  # type: ignore[attr-defined]
         wrong = (98, -131, 66)  # 1.5, -2, 1 degrees/s
         sensor.data = mpu(0, 0, G, *wrong)
         await sample(imu, 30)
@@ -127,7 +132,7 @@ def test_its_gyroscope_carries_the_angle_and_its_error_is_learnt() -> None:
 
 def test_nothing_is_told_before_it_was_still_for_a_moment() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
-        imu.open()  # type: ignore[attr-defined]
+        await imu.open()  # type: ignore[attr-defined]
         for i in range(200):
             sensor.data = mpu(0, 0, G, 0, 400 * (i % 2))  # shaken by 6 degrees/s
             assert await sample(imu, 1) is None
@@ -139,7 +144,7 @@ def test_nothing_is_told_before_it_was_still_for_a_moment() -> None:
 
 def test_a_short_acceleration_hardly_moves_the_horizon_and_a_false_one_is_found_again() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
-        imu.open()  # type: ignore[attr-defined]
+        await imu.open()  # type: ignore[attr-defined]
         sensor.data = mpu(0, 0, G)
         await sample(imu, 30)
         sensor.data = mpu(-2048, 0, G)  # a quarter of g for a second, as if pitched by 14 degrees
@@ -153,7 +158,7 @@ def test_a_short_acceleration_hardly_moves_the_horizon_and_a_false_one_is_found_
 
 def test_a_bno055_tells_it_itself() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
-        imu.open()  # type: ignore[attr-defined]
+        await imu.open()  # type: ignore[attr-defined]
         sensor.data = words("<", 0, 0, 0)
         assert await sample(imu, 1) is None  # its fusion has not begun
         sensor.data = words("<", -693, 0, 693)
@@ -166,7 +171,7 @@ def test_a_bno055_tells_it_itself() -> None:
 
 def test_a_sensor_that_sits_another_way_round() -> None:
     async def scene(sensor: Sensor, imu: object) -> None:
-        imu.open()  # type: ignore[attr-defined]
+        await imu.open()  # type: ignore[attr-defined]
         sensor.data = words("<", 981, 0, 0)  # its x away from the ground: the picture's top
         assert degrees(await sample(imu, 1)) == pytest.approx(0.0, abs=0.1)
 
@@ -180,12 +185,12 @@ def test_another_chip_and_none_at_all_are_lost_devices(kind: str, register: int)
     async def scene(sensor: Sensor, imu: object) -> None:
         sensor.registers[register] = 0x55
         with pytest.raises(DeviceLost, match="found 0x55, expected"):
-            imu.open()  # type: ignore[attr-defined]
+            await imu.open()  # type: ignore[attr-defined]
         sensor.registers[register] = {"mpu6050": 0x68, "bno055": 0xA0}[kind]
-        imu.open()  # type: ignore[attr-defined]
+        await imu.open()  # type: ignore[attr-defined]
         sensor.gone = True
         with pytest.raises(DeviceLost, match=r"/dev/i2c-1: Remote I/O error"):
-            imu.pitch()  # type: ignore[attr-defined]
+            await imu.pitch()  # type: ignore[attr-defined]
 
     options = ImuOptions.model_validate({"kind": kind})
     with_imu(options, {register: 0}, scene)
@@ -212,13 +217,13 @@ def test_a_lost_sensor_is_a_lost_gimbal() -> None:
     sensor.data = mpu(0, 0, G)
 
     class Nowhere:
-        def open(self) -> None: ...
+        async def open(self) -> None: ...
         def write(self, pulses: dict[int, float]) -> None: ...
-        def close(self) -> None: ...
+        async def close(self) -> None: ...
 
     async def main() -> None:
         gimbal = ServoGimbal(
-            ServoOptions(imu=ImuOptions(kind="mpu6050")), Nowhere(), lambda _: sensor
+            ServoOptions(imu=ImuOptions(kind="mpu6050")), Nowhere(), at_once(sensor)
         )
         await gimbal.open()
         await gimbal.state()

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from hw.gimbals.i2c import I2c
 from hw.gimbals.servo import ServoAxis, ServoAxisOptions, ServoGimbal, ServoOptions
 from hw.gimbals.servo_pca9685 import ServoPca9685Gimbal, ServoPca9685Options
 from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
@@ -35,13 +36,13 @@ class Pulses:
     def __init__(self) -> None:
         self.last: dict[int, float] = {}
 
-    def open(self) -> None:
+    async def open(self) -> None:
         pass
 
     def write(self, pulses: dict[int, float]) -> None:
         self.last = pulses
 
-    def close(self) -> None:
+    async def close(self) -> None:
         pass
 
 
@@ -193,16 +194,19 @@ def test_pca9685_gets_the_registers_of_its_data_sheet() -> None:
     options = ServoPca9685Options.model_validate(
         {"pitch": {"channel": 4, "table": [[-90.0, 1000.0], [0.0, 2000.0]]}}
     )
-    gimbal = ServoPca9685Gimbal(options, lambda _: bus)
+    gimbal = ServoPca9685Gimbal(options, I2c(lambda _: bus, in_thread=False))
 
     async def scene(_: Gimbal) -> None:
         # Sleep, prescale 25 MHz / (4096 * 50 Hz) - 1 = 121, awake with auto-increment.
         assert bus.writes == [(0x40, 0x00, [0x30]), (0x40, 0xFE, [121]), (0x40, 0x00, [0x20])]
         bus.writes.clear()
         gimbal.command(GimbalCommand(0.0, math.radians(-45.0)))
+        await asyncio.sleep(0.0)  # it is written beside the control task
         # 1500 us of 4.88 us steps: 307 = 0x133; LED4 begins at 0x06 + 16.
         assert bus.writes == [(0x40, 0x16, [0x00, 0x00, 0x33, 0x01])]
         bus.gone = True
+        gimbal.command(GimbalCommand(0.0, -1.0))
+        await asyncio.sleep(0.0)
         gimbal.command(GimbalCommand(0.0, -1.0))
         with pytest.raises(DeviceLost, match="PCA9685 at 0x40 of /dev/i2c-1: Remote I/O error"):
             await gimbal.state()
@@ -220,4 +224,4 @@ def test_pca9685_without_its_bus_is_lost() -> None:
         raise FileNotFoundError(2, "No such file or directory")
 
     with pytest.raises(DeviceLost, match="No such file"):
-        asyncio.run(ServoPca9685Gimbal(ServoPca9685Options(), open_bus).open())
+        asyncio.run(ServoPca9685Gimbal(ServoPca9685Options(), I2c(open_bus, in_thread=True)).open())

@@ -386,6 +386,32 @@ def test_2_a_companion_that_dies_lets_the_vehicle_down_gently(
     assert court.broken == ([rule] if broken else [])
 
 
+HOLDS = replace(BOUNDS, gate_threshold_us=1300, land_threshold_us=1700, hold_height_m=2.0)
+BELOW_HOLD = "2: descending below the height to hold at"
+
+
+@pytest.mark.parametrize(
+    ("pulse", "height_m", "velocity", "broken"),
+    [
+        (1500, 1.7, SINK, True),
+        (1500, 1.9, SINK, False),
+        (1500, 1.7, CLIMB, False),
+        (1500, 1.7, STOP, False),
+        (1500, 0.1, SINK, True),
+        (1900, 1.7, SINK, False),
+    ],
+)
+def test_2_asked_to_hold_it_does_not_descend_below_that_height(
+    pulse: int, height_m: float, velocity: tuple[float, float, float], broken: bool
+) -> None:
+    court = Court(HOLDS)
+    court.truth = replace(OVER_PAD, height=height_m)
+    court.fly(0.1, SINK)
+    court.pulse = pulse
+    court.fly(0.5, velocity)
+    assert court.broken == ([BELOW_HOLD] if broken else [])
+
+
 @pytest.mark.parametrize(
     ("truth", "velocity", "rule"),
     [
@@ -696,6 +722,16 @@ def test_6_a_landing_that_does_not_come_about_is_handed_back(commits: bool) -> N
     court.fly(3.0)
     rule = "6: not handed back although no landing comes about"
     assert court.broken == ([] if commits else [rule])
+
+
+def test_6_who_is_asked_to_hold_need_not_land() -> None:
+    court = Court(replace(HOLDS, total_s=2.0))
+    court.pulse = 1500
+    court.fly(10.0)
+    assert court.broken == []
+    court.pulse = 1900
+    court.fly(3.2)
+    assert court.broken == ["6: not handed back although no landing comes about"]
 
 
 # ---- 7: who is listened to ---------------------------------------------------------------------

@@ -424,6 +424,9 @@ class Blank:
         self.exposures: list[Exposure] = []
         self.readouts: list[Readout] = []
 
+    def brightness(self, image: U8) -> float:
+        return float(image.mean()) / 255.0
+
     def render(
         self,
         frame_index: int,

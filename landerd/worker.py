@@ -19,13 +19,13 @@ class JobHangs(Exception):
     """A job did not end in its time; its thread was given up."""
 
 
-class Worker(Generic[T]):
+class Worker:
     """Does one job after the other in a thread that the process's end does not wait for."""
 
     def __init__(self, name: str) -> None:
         """Make it; the thread begins with the first job. Name: of the thread."""
         self._name = name
-        self._jobs: SimpleQueue[_Job[T] | None] | None = None
+        self._jobs: SimpleQueue[Callable[[], None] | None] | None = None
 
     async def run(self, call: Callable[[], T], deadline_s: float) -> T:
         """Return what the call returns, or raise what it raises.
@@ -42,7 +42,7 @@ class Worker(Generic[T]):
             thread.start()
         loop = asyncio.get_running_loop()
         future: asyncio.Future[T] = loop.create_future()
-        self._jobs.put(_Job(call, loop, future))
+        self._jobs.put(_Job(call, loop, future).do)
         done, _ = await asyncio.wait({future}, timeout=deadline_s)
         if not done:
             future.cancel()
@@ -85,9 +85,9 @@ class _Job(Generic[T]):
             self._future.set_exception(e)
 
 
-def _work(jobs: "SimpleQueue[_Job[T] | None]") -> None:
-    while (job := jobs.get()) is not None:
-        job.do()
+def _work(jobs: "SimpleQueue[Callable[[], None] | None]") -> None:
+    while (do := jobs.get()) is not None:
+        do()
     _threads.discard(threading.current_thread())
 
 

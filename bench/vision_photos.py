@@ -1,0 +1,287 @@
+"""Markers found in photographs, over those asked for, beside other detectors.
+
+    python -m bench.vision_photos FOLDER MANIFEST.tsv
+    python -m bench.vision_photos FOLDER MANIFEST.tsv --whycon PROGRAM --verbose
+
+MANIFEST is a table with tabs and these columns; a row is one marker that an eye sees.
+
+    file    name in FOLDER
+    kind    whycon, none (a picture in which no ring of this ratio may be found), or a dictionary
+            as in a pad file: APRILTAG_36h11, 4X4_50, ...
+    what    inner over outer diameter of the print, stated beforehand; or the square's id
+    x, y    its middle, px; empty: anywhere
+    size    its larger diameter or its side, px; empty: any
+    group   under which it is counted; empty: kind
+
+The lens is not known: its focal length is taken to be --focal times the width. Beside landerd stand
+OpenCV and, where it is installed, the AprilTag 3 library (both at the picture's own size), and for
+rings any PROGRAM that prints "x y" of each ring in the picture it is given (the original WhyCon).
+"""
+
+import argparse
+import csv
+import importlib
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.config.models import VisionSection
+from landerd.messages import Frame, MarkerSighting
+from landerd.pad import PadLayout, Plate, Ring, Square
+from landerd.vision import Vision
+from landerd.vision.ring_work import RingWork
+from landerd.vision.whycon import find_rings
+
+U8 = NDArray[np.uint8]
+
+_PLATE = Plate(north_m=1.0, south_m=1.0, east_m=1.0, west_m=1.0)
+_SAME_MIDDLE, _SAME_SIZE = 0.35, 1.4  # of what is asked for: share of its size, and a factor
+_MOST_SEARCHES = 40  # of a still
+_FAMILIES = {"APRILTAG_36h11": "tag36h11", "APRILTAG_25h9": "tag25h9", "APRILTAG_16h5": "tag16h5"}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A marker that an eye sees in a picture, or a ring that must not be found."""
+
+    file: str
+    kind: str
+    what: str
+    at: tuple[float, float] | None
+    size: float | None
+    group: str
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A marker that a detector sees: id of a square, middle and, where it is told, size, px."""
+
+    id: int | None
+    at: tuple[float, float]
+    size: float | None
+
+
+Detector = Callable[[U8, Path, list[Asked]], list[Seen] | None]  # None: not what it looks for
+
+
+@dataclass
+class Count:
+    """Of a group and a detector."""
+
+    asked: int = 0
+    found: int = 0
+    false: int = 0
+    ms: list[float] = field(default_factory=list)
+
+
+def manifest(path: Path) -> list[Asked]:
+    """Return the rows of a manifest.
+
+    Raises:
+        SystemExit: a column is missing or holds no number.
+    """
+    rows = []
+    with path.open(newline="") as lines:
+        for number, row in enumerate(csv.DictReader(lines, delimiter="\t"), start=2):
+            try:
+                at = (float(row["x"]), float(row["y"])) if row["x"] else None
+                size = float(row["size"]) if row["size"] else None
+                float(row["what"])
+                group = row["group"] or row["kind"]
+                rows.append(Asked(row["file"], row["kind"], row["what"], at, size, group))
+            except (KeyError, TypeError, ValueError) as error:
+                raise SystemExit(f"{path}:{number}: not as --help says: {error}") from None
+    return rows
+
+
+def is_ring(asked: Asked) -> bool:
+    """Tell whether a ring is looked for."""
+    return asked.kind in ("whycon", "none")
+
+
+def is_same(seen: Seen, asked: Asked) -> bool:
+    """Tell whether what is seen is what was asked for."""
+    if not is_ring(asked) and seen.id != int(asked.what):
+        return False
+    if asked.size is not None and seen.size is not None:
+        small, large = sorted((seen.size, asked.size))
+        if large > _SAME_SIZE * small:
+            return False
+    if asked.at is None:
+        return True
+    reach = _SAME_MIDDLE * (asked.size or 40.0)
+    return float(np.hypot(seen.at[0] - asked.at[0], seen.at[1] - asked.at[1])) < reach
+
+
+def landerd(focal: float) -> Detector:
+    """Return landerd's own detector for lenses of a focal length in widths."""
+
+    def detect(image: U8, _path: Path, asked: list[Asked]) -> list[Seen]:
+        h, w = image.shape
+        camera = CameraModel(w, h, focal * w, focal * w, 0.5 * (w - 1), 0.5 * (h - 1))
+        one = asked[0]
+        if is_ring(one):
+            ring = Ring(kind="whycon", outer_diameter_m=1.0, inner_ratio=float(one.what))
+            sightings = _rings(image, ring, camera)
+        else:
+            squares = tuple(
+                Square(kind=_kind(one.kind), dictionary=one.kind, id=number, size_m=0.2)
+                for number in sorted({int(a.what) for a in asked})
+            )
+            pad = PadLayout(name="photographs", markers=squares, plate=_PLATE)
+            vision = Vision(pad, camera, VisionSection())
+            sightings = list(vision.process(Frame(0.0, 0, image)).markers)
+        return [_seen(s.id, np.array(s.outline_px)) for s in sightings]
+
+    return detect
+
+
+def _kind(dictionary: str) -> Literal["apriltag", "aruco"]:
+    return "apriltag" if dictionary.startswith("APRILTAG") else "aruco"
+
+
+def _rings(image: U8, ring: Ring, camera: CameraModel) -> list[MarkerSighting]:
+    """Return the rings of a still: a search that is cut goes on, as in a film's next picture."""
+    work = RingWork()
+    found = find_rings(image, ring, camera, work=work)
+    for _ in range(_MOST_SEARCHES):
+        if found or not work.was_cut:
+            break
+        found = find_rings(image, ring, camera, work=work)
+    return found
+
+
+def opencv() -> Detector:
+    """Return OpenCV's detector of squares."""
+
+    def detect(image: U8, _path: Path, asked: list[Asked]) -> list[Seen] | None:
+        if is_ring(asked[0]):
+            return None
+        name = f"DICT_{asked[0].kind}"
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+        quads, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(image)
+        numbers = [] if ids is None else ids.ravel().tolist()
+        outlines = [np.asarray(q, dtype=np.float64).reshape(4, 2) for q in quads]
+        return [_seen(int(i), o) for i, o in zip(numbers, outlines, strict=True)]
+
+    return detect
+
+
+def april_tag_3() -> Detector | None:
+    """Return the AprilTag 3 library; None if it is not installed."""
+    try:
+        library = importlib.import_module("pupil_apriltags")
+    except ImportError:
+        return None
+    detectors: dict[str, Any] = {}
+
+    def detect(image: U8, _path: Path, asked: list[Asked]) -> list[Seen] | None:
+        family = _FAMILIES.get(asked[0].kind)
+        if family is None:
+            return None
+        if family not in detectors:
+            detectors[family] = library.Detector(families=family, quad_decimate=1.0)
+        return [_seen(d.tag_id, np.array(d.corners)) for d in detectors[family].detect(image)]
+
+    return detect
+
+
+def original_whycon(program: Path) -> Detector:
+    """Return a program that finds rings."""
+
+    def detect(_image: U8, path: Path, asked: list[Asked]) -> list[Seen] | None:
+        if not is_ring(asked[0]):
+            return None
+        out = subprocess.run(
+            [str(program), str(path)], capture_output=True, text=True, timeout=60, check=False
+        )
+        places = [line.split()[:2] for line in out.stdout.splitlines() if len(line.split()) > 1]
+        return [Seen(None, (float(x), float(y)), None) for x, y in places]
+
+    return detect
+
+
+def _seen(number: int | None, outline: NDArray[np.floating]) -> Seen:
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    x, y = (0.5 * (low + high)).tolist()
+    if number is None:
+        return Seen(None, (x, y), float((high - low).max()))
+    sides = np.hypot(*(outline - np.roll(outline, 1, axis=0)).T)
+    return Seen(number, (x, y), float(sides.mean()))
+
+
+def counted(
+    folder: Path, rows: list[Asked], detectors: dict[str, Detector], *, verbose: bool
+) -> dict[tuple[str, str], Count]:
+    """Look for all that is asked; return the counts by group and detector."""
+    together: dict[tuple[str, str, str], list[Asked]] = defaultdict(list)
+    for row in rows:
+        together[row.file, row.kind, row.what if is_ring(row) else ""].append(row)
+    counts: dict[tuple[str, str], Count] = defaultdict(Count)
+    for (file, kind, _), asked in together.items():
+        image = cv2.imread(str(folder / file), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            print(f"{file}: no picture", file=sys.stderr)
+            continue
+        for name, detect in detectors.items():
+            began = time.process_time()
+            seen = detect(np.asarray(image, dtype=np.uint8), folder / file, asked)
+            if seen is None:
+                continue
+            count = counts[asked[0].group, name]
+            count.ms.append(1e3 * (time.process_time() - began))
+            if kind == "none":
+                count.false += len(seen)
+                missed = [f"false at {s.at}" for s in seen]
+            else:
+                lost = [a for a in asked if not any(is_same(s, a) for s in seen)]
+                count.asked += len(asked)
+                count.found += len(asked) - len(lost)
+                is_placed = is_ring(asked[0]) and all(a.at is not None for a in asked)
+                others = [s for s in seen if not any(is_same(s, a) for a in asked)]
+                count.false += len(others) if is_placed else 0
+                missed = [f"missed {a.what} at {a.at}" for a in lost]
+                missed += [f"false at {s.at}, {s.size} px" for s in others if is_placed]
+            if verbose and missed:
+                print(f"{name}: {file}: {'; '.join(missed)}", flush=True)
+    return counts
+
+
+def main() -> None:
+    """Print the table."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("manifest", type=Path)
+    parser.add_argument("--focal", type=float, default=0.8, help="length, in widths (0.8)")
+    parser.add_argument("--whycon", type=Path, metavar="PROGRAM")
+    parser.add_argument("--verbose", action="store_true", help="say what was missed")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    detectors = {"landerd": landerd(args.focal), "OpenCV": opencv()}
+    peer = april_tag_3()
+    if peer is not None:
+        detectors["AprilTag 3"] = peer
+    if args.whycon is not None:
+        detectors["WhyCon"] = original_whycon(args.whycon)
+    counts = counted(args.folder, manifest(args.manifest), detectors, verbose=args.verbose)
+    print(f"{'':28} {'':>10} {'found':>6} {'asked':>6} {'false':>6} {'ms':>7}")
+    for (group, name), c in sorted(counts.items()):
+        row = f"{c.found:6d} {c.asked:6d} {c.false:6d} {np.median(c.ms):7.1f}"
+        print(f"{group:28} {name:>10} {row}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""What goes wrong in a simulated flight: one file a kind of device."""

@@ -1,0 +1,69 @@
+"""What faults may lay hands on, and what a fault is."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from random import Random
+from typing import Protocol
+
+from hw.links.memory import MemoryLink
+from hw.sim.gimbals.mount import SimMount
+from hw.sim.options import PadOptions, RenderOptions
+from hw.sim.physics.world import World
+from hw.sim.picture.camera import Renders, SimCamera
+from hw.sim.picture.view import Frustum
+from hw.sim.stand_in.autopilot import SimAutopilot
+from hw.sim.stand_in.switch import GateSwitch
+from landerd.pad import Plate
+from landerd.ports import Gimbal
+
+
+class Computer(Protocol):
+    """The companion computer with landerd's process.
+
+    Attributes:
+        search_s: added to what the search of a picture takes, s.
+        slow_disk_s: for so long a picture that is recorded holds up the loop, s.
+    """
+
+    search_s: float
+    slow_disk_s: float
+
+    def stall(self, duration_s: float) -> None:
+        """Let the process stand still."""
+
+    def fail(self, part: str, error: Exception | None) -> None:
+        """Let a part ("search", "core", "sending", "disk") raise this from now on; None: end it."""
+
+    def terminate(self) -> None:
+        """Tell the process to stop, as SIGTERM and SIGINT do."""
+
+    def kill(self) -> None:
+        """End the process at once; it is started again."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The simulated devices, the world, and the computer."""
+
+    world: World
+    camera: SimCamera
+    gimbal: Gimbal
+    mount: SimMount
+    autopilot: SimAutopilot
+    near: MemoryLink  # landerd's end of its link
+    far: MemoryLink  # the autopilot's end
+    switch: GateSwitch
+    computer: Computer
+    plate: Plate
+    frustum: Frustum
+    renderer: Callable[[RenderOptions, PadOptions], Renders]  # makes one
+    rng: Random  # the fault's own
+
+    def between(self, least: float, most: float, severity: float) -> float:
+        """Return what a severity of 0 to 1 is on a scale."""
+        return least + severity * (most - least)
+
+
+# From the bench and the severity: the fault is there while the context is.
+Effect = Callable[[Bench, float], AbstractContextManager[None]]

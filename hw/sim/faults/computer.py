@@ -1,0 +1,62 @@
+"""The companion computer: stalls, errors that nobody foresaw, the disk, signals."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from hw.sim.faults.bench import Bench, Effect
+
+
+def _raising(part: str, error: Exception) -> Effect:
+    @contextmanager
+    def effect(bench: Bench, severity: float) -> Iterator[None]:
+        bench.computer.fail(part, error)
+        yield
+        bench.computer.fail(part, None)
+
+    return effect
+
+
+@contextmanager
+def _stalls(bench: Bench, severity: float) -> Iterator[None]:
+    bench.computer.stall(bench.between(0.1, 3.0, severity))
+    yield
+
+
+@contextmanager
+def _slow_search(bench: Bench, severity: float) -> Iterator[None]:
+    bench.computer.search_s = bench.between(0.1, 3.0, severity)
+    yield
+    bench.computer.search_s = 0.0
+
+
+@contextmanager
+def _slow_disk(bench: Bench, severity: float) -> Iterator[None]:
+    bench.computer.slow_disk_s = bench.between(0.01, 0.1, severity)
+    yield
+    bench.computer.slow_disk_s = 0.0
+
+
+@contextmanager
+def _terminated(bench: Bench, severity: float) -> Iterator[None]:
+    bench.computer.terminate()
+    yield
+
+
+@contextmanager
+def _killed(bench: Bench, severity: float) -> Iterator[None]:
+    bench.computer.kill()
+    yield
+
+
+FAULTS: Mapping[str, Effect] = {
+    "loop-stalls": _stalls,
+    "search-slow": _slow_search,
+    "search-raises": _raising("search", ZeroDivisionError("in vision")),
+    "core-raises": _raising("core", OverflowError("in the core")),
+    "sending-raises": _raising("sending", KeyError("in the autopilot's driver")),
+    "disk-full": _raising("disk", OSError(28, "No space left on device")),
+    "disk-slow": _slow_disk,
+    "sigterm": _terminated,
+    "sigint": _terminated,
+    "killed": _killed,
+}

@@ -1,0 +1,64 @@
+"""Random faults, one or two a flight."""
+
+import math
+from random import Random
+
+from hw.sim.fault_options import FAULTS, PHASES, FaultOptions, OnsetOptions
+
+_PAIRS = 0.5  # share of flights with two,
+_TOGETHER = 0.5  # and of those, where both begin at once
+_LASTS_S = (0.2, 10.0)
+_SECOND_AFTER_S = 3.0
+_LATEST_S, _HIGHEST_M = 15.0, 3.0
+
+
+def draw_faults(seed: int) -> list[FaultOptions]:
+    """Return what goes wrong in the flight of a seed."""
+    rng = Random(f"{seed}:faults")
+    first = _drawn(rng, _onset(rng))
+    if rng.random() >= _PAIRS:
+        return [first]
+    at = _onset(rng)
+    if rng.random() < _TOGETHER:
+        after_s = _rounded(first.at.after_s + rng.uniform(0.0, _SECOND_AFTER_S))
+        at = first.at.model_copy(update={"after_s": after_s})
+    return [first, _drawn(rng, at)]
+
+
+def as_setting(faults: list[FaultOptions]) -> str:
+    """Return them as `--set` takes them."""
+    inner = ", ".join(_flow(fault) for fault in faults)
+    return f"sim.faults=[{inner}]"
+
+
+def _flow(fault: FaultOptions) -> str:
+    at = ", ".join(
+        f"{key}: {value}" for key, value in fault.at.model_dump(exclude_defaults=True).items()
+    )
+    lasts = "" if fault.for_s is None else f", for_s: {fault.for_s:g}"
+    return f"{{fault: {fault.fault}, at: {{{at}}}{lasts}, severity: {fault.severity:g}}}"
+
+
+def _drawn(rng: Random, at: OnsetOptions) -> FaultOptions:
+    least, most = (math.log(x) for x in _LASTS_S)
+    return FaultOptions(
+        fault=rng.choice(list(FAULTS)),
+        at=at,
+        for_s=_rounded(math.exp(rng.uniform(least, most))),
+        severity=_rounded(rng.random()),
+    )
+
+
+def _onset(rng: Random) -> OnsetOptions:
+    after_s = _rounded(rng.uniform(0.0, 2.0))
+    kind = rng.choice(("phase", "phase", "height", "time"))
+    if kind == "phase":
+        return OnsetOptions.model_validate({"phase": rng.choice(PHASES), "after_s": after_s})
+    if kind == "height":
+        return OnsetOptions(height_m=_rounded(rng.uniform(0.0, _HIGHEST_M)))
+    return OnsetOptions(time_s=_rounded(rng.uniform(0.5, _LATEST_S)))
+
+
+def _rounded(x: float) -> float:
+    """Return a number as it is printed, so that what is printed flies the same flight."""
+    return round(x, 2)

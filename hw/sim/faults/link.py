@@ -1,0 +1,53 @@
+"""The link between landerd and the autopilot: cut, dead, lossy, corrupted, doubled, late."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, Literal
+
+from hw.links.memory import LinkFaults, MemoryLink
+from hw.sim.faults.bench import Bench, Effect
+
+Way = Literal["up", "down", "both"]
+
+
+def _with(way: Way, settings: Callable[[float], dict[str, Any]]) -> Effect:
+    """Return the fault that changes these of the link's faults by the severity."""
+
+    @contextmanager
+    def effect(bench: Bench, severity: float) -> Iterator[None]:
+        ends: list[MemoryLink] = {
+            "up": [bench.near],
+            "down": [bench.far],
+            "both": [bench.near, bench.far],
+        }[way]
+        before = [end.faults for end in ends]
+        for end in ends:
+            end.faults = _worse(end.faults, settings(severity))
+        yield
+        for end, faults in zip(ends, before, strict=True):
+            end.faults = faults
+
+    return effect
+
+
+def _worse(faults: LinkFaults, settings: dict[str, Any]) -> LinkFaults:
+    return replace(faults, **settings)
+
+
+@contextmanager
+def _cut(bench: Bench, severity: float) -> Iterator[None]:
+    bench.near.cut()
+    yield
+    bench.near.mend()
+
+
+FAULTS: Mapping[str, Effect] = {
+    "link-cut": _cut,
+    "link-dead-up": _with("up", lambda s: {"drop": 1.0}),
+    "link-dead-down": _with("down", lambda s: {"drop": 1.0}),
+    "link-lossy": _with("both", lambda s: {"drop": 0.02 + 0.48 * s}),
+    "link-corrupted": _with("both", lambda s: {"corrupt": 0.001 + 0.019 * s}),
+    "link-doubled": _with("both", lambda s: {"double": 0.1 + 0.9 * s}),
+    "link-late": _with("both", lambda s: {"delay_s": 0.02 + 0.38 * s}),
+}

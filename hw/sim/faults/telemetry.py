@@ -1,0 +1,154 @@
+"""What the autopilot says: each message lost, late, frozen, biased, jumping; its clock."""
+
+import asyncio
+import copy
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink_codec import Message
+from hw.sim.faults.bench import Bench, Effect
+from hw.sim.stand_in.autopilot import Tamper
+from landerd.geometry import wrap
+
+_WRAP_S = 2.0**32 / 1e3
+_WRAPS_AFTER_S = 0.3
+
+_ATTITUDE: int = mavlink.MAVLINK_MSG_ID_ATTITUDE
+_POSITION: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+_HEARTBEAT: int = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+_RC: int = mavlink.MAVLINK_MSG_ID_RC_CHANNELS
+_LANDED: int = mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+_TIMESYNC: int = mavlink.MAVLINK_MSG_ID_TIMESYNC
+
+
+def _tampered(kind: int, tamper: Callable[[Bench, float], Tamper]) -> Effect:
+    @contextmanager
+    def effect(bench: Bench, severity: float) -> Iterator[None]:
+        bench.autopilot.tamper[kind] = tamper(bench, severity)
+        yield
+        bench.autopilot.tamper.pop(kind, None)
+
+    return effect
+
+
+def _lost(kind: int) -> Effect:
+    return _tampered(kind, lambda bench, severity: lambda message, send: None)
+
+
+def _late(kind: int, least_s: float, most_s: float) -> Effect:
+    def tamper(bench: Bench, severity: float) -> Tamper:
+        late_s = bench.between(least_s, most_s, severity)
+        loop = asyncio.get_running_loop()
+        return lambda message, send: (loop.call_later(late_s, send, message), None)[1]
+
+    return _tampered(kind, tamper)
+
+
+def _frozen(kind: int) -> Effect:
+    def tamper(bench: Bench, severity: float) -> Tamper:
+        first: list[Message] = []
+
+        def repeat(message: Message, send: Callable[[Message], None]) -> None:
+            first.append(message)
+            again = copy.copy(first[0])
+            again.time_boot_ms = message.time_boot_ms
+            del first[1:]
+            send(again)
+
+        return repeat
+
+    return _tampered(kind, tamper)
+
+
+def _changed(kind: int, change: Callable[[Bench, float, Message], None]) -> Effect:
+    """Return the fault that changes each message."""
+
+    def tamper(bench: Bench, severity: float) -> Tamper:
+        def send_changed(message: Message, send: Callable[[Message], None]) -> None:
+            message = copy.copy(message)
+            change(bench, severity, message)
+            send(message)
+
+        return send_changed
+
+    return _tampered(kind, tamper)
+
+
+def _lean(bench: Bench, severity: float, m: Message) -> None:
+    bias = math.radians(bench.between(1.0, 10.0, severity))
+    m.roll, m.pitch = m.roll + bias, m.pitch + bias
+
+
+def _swing(bench: Bench, severity: float, m: Message) -> None:
+    most = math.radians(bench.between(3.0, 30.0, severity))
+    m.yaw = wrap(m.yaw + bench.rng.uniform(-most, most))
+
+
+def _drift(bench: Bench, severity: float, m: Message) -> None:
+    bias = bench.between(0.2, 2.0, severity)
+    m.vx, m.vy, m.vz = m.vx + bias, m.vy + bias, m.vz + bias
+
+
+def _jump(bench: Bench, severity: float, m: Message) -> None:
+    most = bench.between(0.5, 20.0, severity)
+    m.x, m.y = m.x + bench.rng.uniform(-most, most), m.y + bench.rng.uniform(-most, most)
+
+
+def _no_number(bench: Bench, severity: float, m: Message) -> None:
+    m.x = m.y = m.z = math.nan
+
+
+def _disarmed(bench: Bench, severity: float, m: Message) -> None:
+    m.base_mode &= ~mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+def _says(landed_state: int) -> Effect:
+    def change(bench: Bench, severity: float, m: Message) -> None:
+        m.landed_state = landed_state
+
+    return _changed(_LANDED, change)
+
+
+def _clock(ahead_s: Callable[[Bench, float], float]) -> Effect:
+    @contextmanager
+    def effect(bench: Bench, severity: float) -> Iterator[None]:
+        bench.autopilot.shift_clock(ahead_s(bench, severity))
+        yield
+
+    return effect
+
+
+def _until_wrap(bench: Bench, severity: float) -> float:
+    return _WRAP_S - _WRAPS_AFTER_S - bench.autopilot.boot_s
+
+
+FAULTS: Mapping[str, Effect] = {
+    "attitude-lost": _lost(_ATTITUDE),
+    "attitude-late": _late(_ATTITUDE, 0.05, 0.5),
+    "attitude-frozen": _frozen(_ATTITUDE),
+    "attitude-biased": _changed(_ATTITUDE, _lean),
+    "attitude-jumping": _changed(_ATTITUDE, _swing),
+    "position-lost": _lost(_POSITION),
+    "position-late": _late(_POSITION, 0.05, 0.5),
+    "position-frozen": _frozen(_POSITION),
+    "position-biased": _changed(_POSITION, _drift),
+    "position-jumping": _changed(_POSITION, _jump),
+    "position-nan": _changed(_POSITION, _no_number),
+    "heartbeat-lost": _lost(_HEARTBEAT),
+    "heartbeat-late": _late(_HEARTBEAT, 0.3, 3.0),
+    "heartbeat-disarmed": _changed(_HEARTBEAT, _disarmed),
+    "rc-missing": _lost(_RC),
+    "rc-late": _late(_RC, 0.1, 1.0),
+    "rc-frozen": _frozen(_RC),
+    "landed-missing": _lost(_LANDED),
+    "landed-false": _says(mavlink.MAV_LANDED_STATE_ON_GROUND),
+    "landed-never": _says(mavlink.MAV_LANDED_STATE_IN_AIR),
+    "clock-back": _clock(lambda bench, s: -bench.between(0.1, 20.0, s)),
+    "clock-ahead": _clock(lambda bench, s: bench.between(0.1, 20.0, s)),
+    "clock-wrapped": _clock(_until_wrap),
+    "timesync-lost": _lost(_TIMESYNC),
+    "timesync-late": _late(_TIMESYNC, 0.02, 0.4),
+}

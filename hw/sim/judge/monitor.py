@@ -1,0 +1,190 @@
+"""Watches for danger that no single message breaks a rule with: from truth and the wire alone.
+
+The rules (hw.sim.judge.table) say what landerd may order. This says what must not come of it, and
+that what the pilot is told comes true.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from hw.sim.judge.bounds import RuleBounds
+from hw.sim.judge.evidence import Order
+from hw.sim.judge.truth import Feet
+from hw.sim.physics.world import World
+from landerd.geometry import horizontal, norm
+
+OFF_PAD_MPS = 0.5  # against the ground; ArduCopter's own landing touches with as much
+TIPS_DEG = 30.0
+OLD_ORDER_S, MOVES_MPS = 0.2, 0.3
+LOW_M, ERROR_M, SINKS_MPS = 1.0, 1.0, 0.15
+TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over
+BOUNCE_S = 0.1  # feet up for longer: the next touch is another contact
+# What wind, gusts and the lag of the inner loops may add to what is ordered.
+_SPEED_SHARE, _SPEED_MPS, _ACCELERATION_MPS2, _LEAN_DEG = 1.2, 1.0, 6.0, 15.0
+_LIKELY_LEAN_DEG = 45.0  # where no ANGLE_MAX is given
+
+
+@dataclass
+class Worst:
+    """The hardest of all contacts of a flight, against what was touched."""
+
+    down_mps: float = 0.0
+    across_mps: float = 0.0
+    tilt_deg: float = 0.0  # while a foot was down, or shortly after
+
+
+class Promise(NamedTuple):
+    """What the pilot was told, and what must be so after a while, if nothing else is told."""
+
+    words: str
+    within_s: float
+    finding: str
+    is_kept: Callable[["SafetyMonitor"], bool]
+
+
+PROMISES = (
+    Promise("holding", 6.0, "told to hold, and it does not hover", lambda m: m.hovers),
+    Promise("climbing away", 1.0, "told to climb away, and it sinks", lambda m: not m.sinks),
+    Promise("landed and disarmed", 0.1, "told to have landed, and it flies", lambda m: m.stands),
+    Promise("beside the pad", 0.1, "told to have missed, and it stands on it", lambda m: m.missed),
+    Promise("not confirmed", 0.1, "told to have touched, and no foot is down", lambda m: m.touches),
+)
+
+
+class SafetyMonitor:
+    """Hangs on the world's steps and on landerd's orders and texts.
+
+    Attributes:
+        found: each finding once with the time when it came first, s.
+        worst: contacts.
+    """
+
+    def __init__(
+        self, world: World, feet: Feet, bounds: RuleBounds, flies: Callable[[], bool]
+    ) -> None:
+        """Watch from now on.
+
+        Args:
+            world: the truth.
+            feet: over the plate.
+            bounds: what may be ordered.
+            flies: by the wire, the vehicle is armed and in GUIDED.
+        """
+        self.found: dict[str, float] = {}
+        self.worst = Worst()
+        self._world, self._feet, self._b, self._flies = world, feet, bounds, flies
+        lean = world.options.airframe.angle_max_deg or _LIKELY_LEAN_DEG
+        self._lean = math.radians(lean + _LEAN_DEG)
+        self._order: Order | None = None
+        self._touched_t = -math.inf
+        self._promise: tuple[float, Promise] | None = None  # until when, what
+        world.on_step.append(self._on_step)
+
+    # ---- what is so ----------------------------------------------------------------------------
+
+    @property
+    def hovers(self) -> bool:
+        """It stands still in the air, or its feet are down."""
+        return norm(self._world.vehicle.velocity) < 1.0 or self.touches
+
+    @property
+    def sinks(self) -> bool:
+        """It sinks, against the pad."""
+        return self._world.relative_velocity[2] > SINKS_MPS
+
+    @property
+    def stands(self) -> bool:
+        """It stands somewhere with its motors off."""
+        return self.touches and not self._world.vehicle.motors
+
+    @property
+    def missed(self) -> bool:
+        """A foot is beside the plate."""
+        return not self._feet.over_plate()
+
+    @property
+    def touches(self) -> bool:
+        """A foot is down, or was a moment ago."""
+        return self._world.t - self._touched_t <= TOUCHED_S
+
+    # ---- what passes on the wire ---------------------------------------------------------------
+
+    def on_order(self, order: Order) -> None:
+        """landerd orders something."""
+        self._order = order
+
+    def on_text(self, t: float, text: str) -> None:
+        """The pilot is told something: what was told before is over."""
+        promises = [p for p in PROMISES if p.words in text]
+        self._promise = (t + promises[0].within_s, promises[0]) if promises else None
+
+    # ---- what comes of it ----------------------------------------------------------------------
+
+    def _on_step(self, world: World) -> None:
+        vehicle = world.vehicle
+        if any(vehicle.feet):
+            self._touch(world)
+        flies = self._flies()
+        if not flies:
+            self._order = None
+        tilt = math.hypot(vehicle.roll, vehicle.pitch)
+        if self.touches:
+            self._watch_tilt(world.t, tilt)
+        elif flies and self._order is not None:
+            self._watch_air(world, tilt)
+        if flies and self._order is not None:
+            self._watch_order(world, self._order)
+        if self._promise is not None and world.t >= self._promise[0]:
+            _, promise = self._promise
+            self._promise = None
+            # Who flies it otherwise keeps no promise of landerd's.
+            if not promise.is_kept(self) and (flies or promise.within_s < 1.0):
+                self._find(world.t, promise.finding)
+
+    def _touch(self, world: World) -> None:
+        t, before = world.t, self._touched_t
+        self._touched_t = t
+        if t - before <= BOUNCE_S:
+            return
+        on_pad = world.vehicle.on_pad
+        velocity = self._feet.touching_velocity() if on_pad else world.vehicle.velocity
+        self.worst.down_mps = max(self.worst.down_mps, velocity[2])
+        self.worst.across_mps = max(self.worst.across_mps, horizontal(velocity))
+        if not on_pad and norm(velocity) > OFF_PAD_MPS and self._flies():
+            self._find(t, f"ground contact off the pad above {OFF_PAD_MPS:g} m/s")
+
+    def _watch_tilt(self, t: float, tilt: float) -> None:
+        tilt_deg = math.degrees(tilt)
+        self.worst.tilt_deg = max(self.worst.tilt_deg, tilt_deg)
+        if tilt_deg > TIPS_DEG:
+            self._find(t, f"tipped over {TIPS_DEG:g} degrees")
+
+    def _watch_air(self, world: World, tilt: float) -> None:
+        b, t = self._b, world.t
+        vn, ve, vd = world.vehicle.velocity
+        if math.hypot(vn, ve) > _SPEED_SHARE * b.speed_mps + _SPEED_MPS:
+            self._find(t, "faster than the limits")
+        if (
+            not -_SPEED_SHARE * b.climb_mps - _SPEED_MPS
+            <= vd
+            <= (_SPEED_SHARE * b.descent_mps + _SPEED_MPS)
+        ):
+            self._find(t, "climbs or sinks faster than the limits")
+        if horizontal(world.vehicle.acceleration) > b.acceleration_mps2 + _ACCELERATION_MPS2:
+            self._find(t, "accelerates more than the limits")
+        if tilt > self._lean:
+            self._find(t, "leans more than the limits")
+
+    def _watch_order(self, world: World, order: Order) -> None:
+        t, speed = world.t, norm(world.vehicle.velocity)
+        late_s = self._b.jitter_s + OLD_ORDER_S
+        if t - order.t > late_s and not (order.zero or order.level) and speed > MOVES_MPS:
+            self._find(t, f"motion on a set-point older than {OLD_ORDER_S:g} s")
+        low = world.height < LOW_M and not any(world.vehicle.feet)
+        if low and order.sinks and self.sinks and math.hypot(*world.offset) > ERROR_M:
+            self._find(t, f"descends below {LOW_M:g} m, more than {ERROR_M:g} m off")
+
+    def _find(self, t: float, finding: str) -> None:
+        self.found.setdefault(finding, t)

@@ -1,0 +1,66 @@
+"""A pad that does what nobody expects still moves as one piece, and as fast as it says."""
+
+import math
+from random import Random
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from hw.sim.faults.bench import Bench
+from hw.sim.faults.pad import FAULTS
+from hw.sim.physics.world import World
+from landerd.geometry import norm, scale, sub
+from tests.hw.sim.worlds import world
+
+STEP_S = 1e-4
+ONSET_S = 1.0
+
+
+def disturbed(fault: str, severity: float, **pad: Any) -> World:
+    """Return a world whose pad has had the fault since ONSET_S."""
+    moved = world(pad=pad)
+    moved.advance(ONSET_S)
+    bench = cast(
+        Bench,
+        SimpleNamespace(world=moved, rng=Random(1), between=lambda a, b, s: a + s * (b - a)),
+    )
+    FAULTS[fault](bench, severity).__enter__()
+    return moved
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("severity", [0.0, 1.0])
+@pytest.mark.parametrize("speed", [0.0, 3.0])
+@pytest.mark.parametrize("turn", [0.0, 20.0])
+def test_its_velocity_is_that_of_its_place(
+    fault: str, severity: float, speed: float, turn: float
+) -> None:
+    motion = disturbed(fault, severity, speed_mps=speed, turn_rate_deg_s=turn)._motion
+    for tenths in range(5, 60):
+        t = 0.1 * tenths + 0.0123
+        before, after = motion.at(t - STEP_S), motion.at(t + STEP_S)
+        moved = scale(sub(after.position, before.position), 0.5 / STEP_S)
+        assert norm(sub(moved, motion.at(t).velocity)) < 2e-3
+        turned = math.remainder(after.heading - before.heading, 2.0 * math.pi) / (2.0 * STEP_S)
+        assert turned == pytest.approx(motion.at(t).turn_rate, abs=2e-3)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_before_it_the_pad_is_where_it_was(fault: str) -> None:
+    sound = world(pad={"speed_mps": 3.0})
+    moved = disturbed(fault, 1.0, speed_mps=3.0)
+    assert moved._motion.at(0.9) == sound._motion.at(0.9)
+    assert moved._motion.at(4.0) != sound._motion.at(4.0)
+
+
+def test_one_that_stops_stands() -> None:
+    pad = disturbed("pad-stops", 0.5, speed_mps=3.0)._motion.at(5.0)
+    assert norm(pad.velocity) == 0.0
+
+
+def test_one_that_is_lifted_carries_a_vehicle_that_stands_on_it() -> None:
+    moved = disturbed("pad-lifted", 1.0)
+    assert moved._motion.at(6.0).position[2] == pytest.approx(
+        moved._motion.at(0.0).position[2] - 1.0
+    )

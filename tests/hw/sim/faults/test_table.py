@@ -1,0 +1,29 @@
+"""The table of faults, and what is drawn from it."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.sim.fault_options import FAULTS
+from hw.sim.faults.draw import as_setting, draw_faults
+from hw.sim.faults.table import EFFECTS
+from landerd.config.files import config_dir
+from landerd.devices import sim_options
+from landerd.drivers import read_configuration
+
+
+def test_every_fault_of_the_table_can_happen() -> None:
+    assert EFFECTS.keys() == FAULTS.keys()
+
+
+@given(st.integers(0, 10**6))
+def test_what_is_printed_flies_the_same_faults_again(seed: int) -> None:
+    drawn = draw_faults(seed)
+    loaded = read_configuration(config_dir() / "default.yaml", overrides=[as_setting(drawn)])
+    assert list(sim_options(loaded).faults) == drawn
+
+
+def test_every_fault_is_drawn_alone_and_in_pairs() -> None:
+    flights = [draw_faults(seed) for seed in range(4000)]
+    for count in (1, 2):
+        drawn = {fault.fault for faults in flights if len(faults) == count for fault in faults}
+        assert drawn == FAULTS.keys()

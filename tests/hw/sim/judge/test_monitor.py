@@ -1,0 +1,127 @@
+"""The safety monitor: what must not come of a flight, whoever orders what."""
+
+from collections.abc import Callable
+
+import pytest
+
+from hw.sim.judge.evidence import Order
+from hw.sim.judge.monitor import SafetyMonitor
+from hw.sim.judge.truth import Feet
+from hw.sim.physics.world import World
+from landerd.geometry import Vec3
+from tests.hw.sim.judge.bounds import BOUNDS
+from tests.hw.sim.worlds import PLATE, over_pad
+
+
+class Watched:
+    """A vehicle over the pad that is ordered about; `flies` says what the wire says."""
+
+    def __init__(self, **options: object) -> None:
+        self.flies = True
+        self.world: World = over_pad(**options)  # type: ignore[arg-type]
+        self.feet = Feet(self.world, self.world.airframe, PLATE)
+        self.monitor = SafetyMonitor(self.world, self.feet, BOUNDS, lambda: self.flies)
+
+    def order(self, velocity: Vec3, seconds: float, *, told: bool = True) -> "Watched":
+        """Fly a velocity; told: landerd orders it, too, 40 times a second."""
+        for _ in range(round(seconds / 0.025)):
+            if told:
+                self.monitor.on_order(Order(self.world.t, velocity, 0.0, truth=self.feet.truth()))
+            self.world.vehicle.order(velocity, 0.0)
+            self.world.advance(self.world.t + 0.025)
+        return self
+
+    @property
+    def found(self) -> list[str]:
+        return list(self.monitor.found)
+
+
+def test_a_gentle_landing_is_nothing_to_be_found() -> None:
+    watched = Watched().order((0.0, 0.0, 0.3), 6.0)
+    assert watched.found == []
+    assert 0.1 < watched.monitor.worst.down_mps < 0.5
+
+
+def test_an_old_set_point_that_is_still_flown() -> None:
+    watched = Watched(altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0)
+    assert watched.found == []
+    watched.order((1.0, 0.0, 0.0), 0.5, told=False)
+    assert watched.found == ["motion on a set-point older than 0.2 s"]
+
+
+def test_a_stop_may_be_old() -> None:
+    watched = Watched(altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0).order((0.0, 0.0, 0.0), 0.05)
+    watched.order((0.0, 0.0, 0.0), 1.0, told=False)
+    assert watched.found == []
+
+
+def test_who_flies_otherwise_is_none_of_its_business() -> None:
+    watched = Watched(altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0)
+    watched.flies = False
+    watched.order((3.0, 0.0, 0.0), 2.0, told=False)
+    assert watched.found == []
+
+
+def test_a_hard_contact_beside_the_pad() -> None:
+    watched = Watched(altitude_m=3.0).order((2.0, 0.0, 0.0), 3.0).order((0.0, 0.0, 0.0), 2.0)
+    watched.order((0.0, 0.0, 0.9), 5.0)
+    assert "ground contact off the pad above 0.5 m/s" in watched.found
+    assert "descends below 1 m, more than 1 m off" in watched.found
+    assert watched.monitor.worst.down_mps > 0.5
+
+
+def test_one_that_tips_over() -> None:
+    watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 4.0)
+    assert "tipped over 30 degrees" in watched.found
+    assert watched.monitor.worst.tilt_deg > 30.0
+
+
+def test_faster_than_the_limits() -> None:
+    watched = Watched(altitude_m=30.0).order((0.0, 0.0, 2.0 * BOUNDS.descent_mps + 1.5), 5.0)
+    assert "climbs or sinks faster than the limits" in watched.found
+
+
+def _moving(watched: Watched) -> None:
+    watched.order((3.0, 0.0, 0.0), 8.0)
+
+
+def _still(watched: Watched) -> None:
+    watched.order((0.0, 0.0, 0.0), 8.0)
+
+
+def _down(watched: Watched) -> None:
+    watched.order((0.0, 0.0, 0.5), 8.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "fly", "finding"),
+    [
+        ("landerd: pad not in sight, holding", _moving, "told to hold, and it does not hover"),
+        ("landerd: pad not in sight, holding", _still, None),
+        ("landerd: pad missed, climbing away", _down, "told to climb away, and it sinks"),
+        ("landerd: landed and disarmed", _still, "told to have landed, and it flies"),
+        ("landerd: disarmed beside the pad", _still, "told to have missed, and it stands on it"),
+        (
+            "landerd: touch-down not confirmed, disarm by",
+            _still,
+            "told to have touched, and no foot is down",
+        ),
+    ],
+)
+def test_what_the_pilot_is_told_comes_true(
+    text: str, fly: Callable[[Watched], None], finding: str | None
+) -> None:
+    watched = Watched(altitude_m=12.0)
+    watched.order((0.0, 0.0, 0.0), 0.1)
+    watched.monitor.on_text(watched.world.t, text)
+    fly(watched)
+    assert [each for each in watched.found if each.startswith("told")] == [finding] * bool(finding)
+
+
+def test_what_was_told_last_counts() -> None:
+    watched = Watched(altitude_m=12.0)
+    watched.monitor.on_text(watched.world.t, "landerd: pad not in sight, holding")
+    watched.order((2.0, 0.0, 0.0), 2.0)
+    watched.monitor.on_text(watched.world.t, "landerd: approach: pad in sight")
+    _moving(watched)
+    assert watched.found == []

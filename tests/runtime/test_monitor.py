@@ -1,0 +1,71 @@
+"""The loop's gaps: counted where they arise, each once."""
+
+import asyncio
+import time
+from collections.abc import Callable
+
+import pytest
+
+from landerd.runtime.monitor import GAP_S, LoopMonitor
+
+LONG_S = 2.0 * GAP_S
+
+
+def watch(scene: Callable[[LoopMonitor], None]) -> LoopMonitor:
+    """Let a scene play between a task's being due and its turn."""
+
+    async def main() -> LoopMonitor:
+        monitor = LoopMonitor()
+        due = asyncio.get_running_loop().time()
+        scene(monitor)
+        monitor.woke(due)
+        return monitor
+
+    return asyncio.run(main())
+
+
+def test_a_gap_is_counted_once_at_the_place_that_made_it(caplog: pytest.LogCaptureFixture) -> None:
+    def scene(monitor: LoopMonitor) -> None:
+        with monitor.at("the log"):
+            time.sleep(LONG_S)
+
+    monitor = watch(scene)
+    assert dict(monitor.gaps) == {"the log": 1}
+    assert monitor.longest_s >= LONG_S
+    assert "held up for" in caplog.text
+    assert "the log (1 so far)" in caplog.text
+
+
+def test_a_gap_of_nobody_is_counted_all_the_same() -> None:
+    monitor = watch(lambda monitor: time.sleep(LONG_S))
+    assert dict(monitor.gaps) == {"elsewhere, or the computer was busy": 1}
+
+
+def test_who_raises_was_a_gap_too() -> None:
+    def fails() -> None:
+        time.sleep(LONG_S)
+        raise OSError("full")
+
+    def scene(monitor: LoopMonitor) -> None:
+        with pytest.raises(OSError, match="full"), monitor.at("the log"):
+            fails()
+
+    assert dict(watch(scene).gaps) == {"the log": 1}
+
+
+def test_it_is_logged_once_a_second_at_most(caplog: pytest.LogCaptureFixture) -> None:
+    def scene(monitor: LoopMonitor) -> None:
+        for _ in range(3):
+            with monitor.at("the log"):
+                time.sleep(1.1 * GAP_S)
+
+    assert watch(scene).gaps["the log"] == 3
+    assert caplog.text.count("the log") == 1
+
+
+def test_a_loop_that_turns_has_no_gaps() -> None:
+    def scene(monitor: LoopMonitor) -> None:
+        with monitor.at("the log"):
+            pass
+
+    assert not watch(scene).gaps

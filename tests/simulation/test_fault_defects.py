@@ -1,0 +1,56 @@
+"""Faults with which landerd still breaks a rule: each is to be mended, and then its mark goes."""
+
+import pytest
+
+from landerd.simulation.flight import Simulation
+from tests.simulated import fly
+
+START = (
+    "sim.start.position_m=[-2.5, 1.0]",
+    "sim.start.altitude_m=4.0",
+    "sim.start.spread_m=0.5",
+    "aim.idle_pitch_deg=-60.0",
+    "sim.sight=modelled",
+    "sim.pilot=obeys",
+)
+
+
+def broken(simulation: Simulation) -> list[str]:
+    found = {**simulation.rules.broken, **simulation.monitor.found}
+    return [rule for rule, t in found.items() if not simulation.faults.excuses(rule, t)]
+
+
+DEFECTS = [
+    pytest.param(
+        "{fault: landed-false, at: {height_m: 0.21}, for_s: 2.95, severity: 0.24}",
+        0.0,
+        3,
+        id="a false ON_GROUND after commit is believed in the air, and landerd asks to disarm",
+    ),
+    pytest.param(
+        "{fault: switch-flapping, at: {phase: LANDED, after_s: 0.74}, for_s: 1.35, severity: 0.43}",
+        0.0,
+        3,
+        id="on the pad, the switch to and fro: orders that are not level though released",
+    ),
+    pytest.param(
+        "{fault: autopilot-restarts, at: {phase: LANDED, after_s: 0.64}, severity: 0.77}",
+        1.0,
+        3,
+        id="on the pad, after a restart of the autopilot: it climbs where it stood",
+    ),
+    pytest.param(
+        "{fault: loop-stalls, at: {phase: LANDED, after_s: 0.39}, severity: 0.21}",
+        2.0,
+        2,
+        id="contact during a stall on a moving pad: no descent ordered after it",
+    ),
+]
+
+
+@pytest.mark.xfail(strict=True, reason="defects of the core that faults have shown")
+@pytest.mark.parametrize(("fault", "speed_mps", "seed"), DEFECTS)
+def test_it_keeps_the_rules(fault: str, speed_mps: float, seed: int) -> None:
+    settings = [*START, f"sim.faults=[{fault}]", f"sim.pad.speed_mps={speed_mps}"]
+    simulation = fly(overrides=settings, longest_s=45.0, seed=seed)
+    assert broken(simulation) == []

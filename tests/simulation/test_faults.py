@@ -1,0 +1,113 @@
+"""Faults in whole flights: when they happen, that they end, and what landerd makes of them."""
+
+import asyncio
+import gc
+
+import pytest
+
+from landerd.simulation.flight import Simulation
+from tests.simulated import ABOVE, fly
+
+MODELLED = "sim.sight=modelled"
+
+
+def flown(fault: str, *more: str, longest_s: float = 40.0) -> Simulation:
+    settings = [*ABOVE, MODELLED, "sim.pilot=obeys", f"sim.faults=[{fault}]", *more]
+    return fly(overrides=settings, longest_s=longest_s)
+
+
+def broken(simulation: Simulation) -> set[str]:
+    """All that was broken or found, and that landerd could have kept."""
+    found = {**simulation.rules.broken, **simulation.monitor.found}
+    return {rule for rule, t in found.items() if not simulation.faults.excuses(rule, t)}
+
+
+@pytest.mark.parametrize(
+    ("at", "phase", "high"),
+    [
+        ("{time_s: 2.5}", None, None),
+        ("{phase: DESCENT, after_s: 0.5}", "DESCENT", None),
+        ("{height_m: 1.0}", "DESCENT", 1.0),
+        ("{height_m: 0}", "LANDED", 0.0),
+    ],
+)
+def test_it_begins_when_it_is_to(at: str, phase: str | None, high: float | None) -> None:
+    simulation = flown(f"{{fault: gust, at: {at}, for_s: 0.5, severity: 0}}")
+    (note,) = simulation.faults.happened
+    assert note.began is not None
+    assert note.ended == pytest.approx(note.began + 0.5)
+    if phase is None:
+        assert note.began == pytest.approx(2.5)
+    else:
+        assert note.phase == phase
+    if high is not None:
+        assert note.height_m == pytest.approx(high, abs=0.05)
+    assert simulation.world.gust == (0.0, 0.0)
+
+
+def test_a_process_that_is_killed_lands_after_its_restart_once_the_switch_was_low() -> None:
+    simulation = flown("{fault: killed, at: {phase: DESCENT}}")
+    assert simulation.score.landed
+    assert simulation.daemon.lander.outcome == "landed"
+    assert broken(simulation) == set()
+
+
+def test_a_core_that_fails_is_started_again() -> None:
+    simulation = flown("{fault: core-raises, at: {phase: DESCENT}}")
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
+def test_told_to_stop_it_stops_and_ends() -> None:
+    simulation = flown("{fault: sigterm, at: {phase: DESCENT}}")
+    assert simulation.process.over_t is not None
+    assert not simulation.score.landed
+    assert simulation.score.contact is None
+    assert broken(simulation) == set()
+
+
+def test_the_pilot_selects_guided_again_and_it_lands() -> None:
+    simulation = flown("{fault: mode-loiter, at: {phase: DESCENT}, for_s: 2}")
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
+def test_a_search_that_hangs_is_given_up() -> None:
+    simulation = flown("{fault: search-slow, at: {phase: DESCENT}, for_s: 2, severity: 1}")
+    assert simulation.daemon.faults["search of an image hangs"] >= 1
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
+def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
+    simulation = flown("{fault: loop-stalls, at: {phase: DESCENT}, severity: 0.3}")
+    late = "3: set-points less often than 20 Hz"
+    assert late in simulation.rules.broken
+    (note,) = simulation.faults.happened
+    assert note.began is not None
+    assert simulation.faults.excuses(late, note.began + 1.0)
+    assert not simulation.faults.excuses(late, note.began - 1.0)
+    assert not simulation.faults.excuses("2: a downward set-point", note.began + 1.0)
+
+
+def test_tasks_and_memory_stay_flat_while_it_hovers_without_a_pad() -> None:
+    """With a loss of sight, and with a camera and a gimbal that are lost and found."""
+    seen: list[tuple[int, int]] = []
+
+    async def script(simulation: Simulation) -> None:
+        for _ in range(3):
+            await asyncio.sleep(14.0)
+            gc.collect()
+            seen.append((len(asyncio.all_tasks()), len(gc.get_objects())))
+
+    faults = (
+        "sim.faults=[{fault: pad-gone, at: {phase: APPROACH}},"
+        " {fault: camera-lost, at: {time_s: 16}, for_s: 3},"
+        " {fault: gimbal-lost, at: {time_s: 17}, for_s: 3}]"
+    )
+    patient = ("guidance.lost.give_up_s=600", "guidance.lost.total_s=600")
+    fly(script, overrides=[*ABOVE, MODELLED, faults, *patient], longest_s=44.0)
+    (tasks, _), (then, objects), (last, most) = seen
+    assert tasks >= then >= last
+    # What the recording keeps for the drawing: ten samples a second.
+    assert most - objects < 14 * 10 * 10

@@ -1,0 +1,98 @@
+"""The counted work of a ring's search: what an image may cost, and going on in the next."""
+
+import math
+
+import numpy as np
+import pytest
+
+from landerd.vision import ring_work
+from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Place, RingWork
+from landerd.vision.whycon import find_rings
+from tests.vision import scenes
+
+CAMERA = scenes.THESIS_CAMERA
+RING = scenes.THESIS_PAD.rings[0]
+MOST_IMAGES = 60
+
+
+def place(x: float, reduction: float = 1.0) -> Place:
+    return Place(np.array([x, 100.0]), 40.0, reduction)
+
+
+def look_alikes() -> scenes.U8:
+    """Return a picture full of rings of another ratio and of discs."""
+    rng = np.random.default_rng(7)
+    image = rng.normal(150.0, 3.0, (CAMERA.height, CAMERA.width))
+    y, x = np.mgrid[: CAMERA.height, : CAMERA.width]
+    for row in range(5):
+        for column in range(7):
+            off = np.hypot(x - (50 + 90 * column), y - (50 + 95 * row))
+            hole = rng.uniform(0.5, 0.75) * 28.0
+            image[(off < 28.0) & (off > hole)] -= 100.0
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def test_an_image_costs_no_more_than_it_may() -> None:
+    work = RingWork()
+    work.begin()
+    spent = 0
+    while work.affords(ROUGH_COST):
+        spent += ROUGH_COST
+    assert work.was_cut
+    work.begin()
+    while work.affords(FULL_COST, reserve=HARD_COST):
+        spent -= FULL_COST
+    assert 0 < spent <= ring_work._FRAME_COST
+    assert work.affords(HARD_COST)
+
+
+def test_what_was_refused_is_forgotten_when_a_search_has_ended() -> None:
+    work = RingWork()
+    work.begin()
+    work.refuse(place(10.0))
+    work.cut()
+    work.begin()
+    assert work.is_continued
+    assert work.is_refused(place(12.0))
+    assert work.is_done(place(12.0))
+    assert not work.is_done(place(12.0, reduction=2.0))
+    assert not work.is_done(place(200.0))
+    work.begin()
+    assert not work.is_continued
+    assert not work.is_refused(place(12.0))
+    assert not work.is_done(place(12.0))
+
+
+def test_the_search_of_a_still_comes_to_an_end() -> None:
+    image, work = look_alikes(), RingWork()
+    for _ in range(MOST_IMAGES):
+        assert not find_rings(image, RING, CAMERA, work=work)
+        if not work.was_cut:
+            break
+    assert not work.was_cut
+
+
+@pytest.mark.parametrize("pixel", [(95.0, 97.5), (545.0, 382.0)])
+def test_a_ring_among_look_alikes_is_found_in_one_of_the_next_images(
+    pixel: tuple[float, float],
+) -> None:
+    rng = np.random.default_rng(3)
+    view = scenes.look(CAMERA, 8.0, math.radians(20.0), pixel=pixel)
+    optics = scenes.Optics(background="plain")
+    pad = scenes.render(view, CAMERA, optics, rng)
+    image = look_alikes()
+    edge = scenes.outline(view, CAMERA, RING)
+    low, high = (
+        np.floor(edge.min(axis=0) - 8).astype(int),
+        np.ceil(edge.max(axis=0) + 8).astype(int),
+    )
+    part = np.s_[max(low[1], 0) : high[1], max(low[0], 0) : high[0]]
+    image[part] = pad[part]
+    work = RingWork()
+    for _ in range(MOST_IMAGES):
+        found = find_rings(image, RING, CAMERA, work=work)
+        if found:
+            break
+    assert found
+    middle = np.array(found[0].outline_px).mean(axis=0)
+    assert np.hypot(*(middle - edge.mean(axis=0))) < 1.0

@@ -1,0 +1,69 @@
+"""Squares and WhyCodes behind a camera's tone curve, and with white blown out."""
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from landerd.config.models import VisionSection
+from landerd.messages import Frame
+from landerd.pad import Marker, PadLayout, Square, WhyCode
+from landerd.vision import Vision
+from tests.vision import scenes
+
+CHI2_95 = 7.815
+PICTURES = 12
+CODE = WhyCode(kind="whycode", outer_diameter_m=1.0, bits=6, id=5)
+TAG = Square(kind="apriltag", dictionary="APRILTAG_36h11", id=0, size_m=0.6)
+
+
+def pad(marker: Marker) -> PadLayout:
+    return PadLayout(
+        name="alone",
+        markers=(marker,),
+        plate=scenes.THESIS_PAD.plate,
+        print_scale_sigma=0.0,
+        placement_sigma_m=0.0,
+        flatness_deg=0.0,
+    )
+
+
+def bent(image: scenes.U8, white: float, gamma: float) -> scenes.U8:
+    """Return a picture as a camera with this tone curve stores it; white paper 1 is full scale."""
+    light = np.clip(np.arange(256) / 220.0 * white, 0.0, 1.0)
+    curve = np.rint(255.0 * light ** (1.0 / gamma)).astype(np.uint8)
+    return np.asarray(cv2.LUT(image, curve), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("marker", [TAG, CODE], ids=["tag", "whycode"])
+@pytest.mark.parametrize(
+    ("white", "gamma", "limit"),
+    [(0.85, 1.0, 0.0006), (0.85, 2.2, 0.0008), (1.6, 1.0, 0.0012)],
+    ids=["linear", "gamma", "clipped"],
+)
+def test_a_tone_curve_costs_little_and_sigma_is_true(
+    marker: Marker, white: float, gamma: float, limit: float
+) -> None:
+    errors, inside = [], 0
+    vision_pad = pad(marker)
+    outline = scenes.THESIS_PAD.rings[0]
+    for k in range(PICTURES):
+        rng = np.random.default_rng([15, k])
+        view = None
+        while view is None:
+            tilt = math.radians(rng.uniform(0.0, 45.0))
+            view = scenes.random_view(
+                rng, scenes.THESIS_CAMERA, (2.0, 4.0, 6.0)[k % 3], tilt, outline
+            )
+        optics = replace(scenes.random_optics(rng), white=220.0, black=30.0, noise=1.5)
+        image = scenes.render(view, scenes.THESIS_CAMERA, optics, rng, vision_pad)
+        vision = Vision(vision_pad, scenes.THESIS_CAMERA, VisionSection(focal_sigma=0.0))
+        seen = vision.process(Frame(0.0, 0, bent(image, white, gamma))).pad
+        assert seen
+        error = np.array(seen[0].position) - np.array(view.position)
+        errors.append(float(np.linalg.norm(error)) / math.hypot(*view.position))
+        inside += float(error @ np.linalg.solve(np.array(seen[0].covariance), error)) < CHI2_95
+    assert np.median(errors) < limit
+    assert inside >= PICTURES - 2
