@@ -62,6 +62,17 @@ _COMMANDS: Mapping[str, _Command] = {
         "fly many landings in the simulator and print a table of results",
         "landerd campaign guidance --runs 5 --jobs 2",
     ),
+    "compare": _Command(
+        "compare",
+        "say what is better or worse in one campaign than in another, flight by flight",
+        "landerd compare before.jsonl after.jsonl      files of landerd campaign --keep",
+    ),
+    "tune": _Command(
+        "tune",
+        "search the best gains in the simulator, or fit them to recorded flights",
+        "landerd tune thesis-pid -c thesis-gains.yaml -o gains.yaml\n"
+        "  landerd tune --from flight.mcap -o gains.yaml",
+    ),
     "replay": _Command(
         "replay",
         "run a flight log through today's code and compare",

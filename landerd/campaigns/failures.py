@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
+from landerd.campaigns.intervals import wilson
 from landerd.campaigns.pool import Run
 
 SLOW_S = 60.0  # from the first sighting to disarm; the thesis took 35 to 61 s
@@ -178,12 +179,3 @@ def as_lines(found: dict[str, Any]) -> list[str]:
     for worst in found["worst"]:
         lines.append(f"  {worst['failure']}: {worst['outcome']}: {worst['again']}")
     return lines
-
-
-def wilson(successes: int, runs: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Wilson 1927)."""
-    z, n = 1.96, max(runs, 1)
-    p = successes / n
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return max(0.0, middle - half), min(1.0, middle + half)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +17,41 @@ class JournalError(Exception):
 
 def _reason(e: OSError | UnicodeDecodeError) -> str:
     return e.strerror or "it fails" if isinstance(e, OSError) else "not text"
+
+
+def read_runs(path: Path) -> dict[Task, Run]:
+    """Return the runs that a file holds, of whatever campaign.
+
+    Raises:
+        JournalError: it cannot be read, or holds something else.
+    """
+    lines = _lines(path)
+    if not (lines and lines[0].startswith('{"settings": ')):
+        raise JournalError(f"{path}: expected a file that landerd campaign --keep has written")
+    return _runs(path, lines)
+
+
+def _lines(path: Path) -> list[str]:
+    """Return the whole lines of a file. Raises JournalError."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    except (OSError, UnicodeDecodeError) as e:
+        raise JournalError(f"{path}: cannot be read: {_reason(e)}") from None
+    if lines and not lines[-1].endswith("\n"):
+        del lines[-1]  # the process was killed while it wrote
+    return lines
+
+
+def _runs(path: Path, lines: Sequence[str]) -> dict[Task, Run]:
+    """Return the runs in all lines but the first. Raises JournalError."""
+    runs: dict[Task, Run] = {}
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            run = Run(**json.loads(line))
+        except (ValueError, TypeError):
+            raise JournalError(f"{path}:{number}: expected a run") from None
+        runs[run.scenario, run.seed] = run
+    return runs
 
 
 class Journal:
@@ -35,24 +71,11 @@ class Journal:
         Raises:
             JournalError: it cannot be read or written, or holds something else.
         """
-        self.runs: dict[Task, Run] = {}
         head = json.dumps({"settings": settings})
-        try:
-            lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-        except FileNotFoundError:
-            lines = []
-        except (OSError, UnicodeDecodeError) as e:
-            raise JournalError(f"{path}: cannot be read: {_reason(e)}") from None
-        if lines and not lines[-1].endswith("\n"):
-            del lines[-1]  # the process was killed while it wrote
+        lines = _lines(path) if path.exists() else []
         if lines and lines[0].rstrip("\n") != head:
             raise JournalError(f"{path}: holds no runs of this campaign with this configuration")
-        for number, line in enumerate(lines[1:], start=2):
-            try:
-                run = Run(**json.loads(line))
-            except (ValueError, TypeError):
-                raise JournalError(f"{path}:{number}: expected a run") from None
-            self.runs[run.scenario, run.seed] = run
+        self.runs = _runs(path, lines)
         try:
             self._file: TextIOWrapper = path.open("a", encoding="utf-8")
             self._file.truncate(len("".join(lines).encode()))

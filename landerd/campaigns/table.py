@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Callable, Sequence
+from statistics import stdev
 from typing import Any
 
+from landerd.campaigns.intervals import mean_interval, wilson
 from landerd.campaigns.plan import Needed, Row
 from landerd.campaigns.pool import Run
 
@@ -27,16 +29,20 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "scenario": row.name,
         "runs": len(runs),
+        "label": row.label or row.name,
         "landed": len(landings),
-        "time_s_mean": _mean(_values(landings, "time_s")),
+        "landed_95": wilson(len(landings), len(runs)),
+        **_spread("time_s", _values(landings, "time_s")),
         "time_to_touchdown_s_mean": _mean(_values(landings, "time_to_touchdown_s")),
-        "energy_hj_mean": _mean(_values(landings, "energy_hj")),
+        **_spread("energy_hj", _values(landings, "energy_hj")),
+        "thesis": row.thesis.model_dump(),
         "touchdown_error_m_median": percentile(errors, 50.0),
         "touchdown_error_m_p95": percentile(errors, 95.0),
         "touchdown_vertical_mps_p95": percentile(vertical, 95.0),
         "touchdown_vertical_mps_max": max(vertical, default=None),
         "yaw_error_deg_p95": percentile(yaw, 95.0),
         "yaw_error_deg_max": max(yaw, default=None),
+        "off_centre_px_p95": _mean(_values(results, "off_centre_px_p95")),
         "pad_velocity_error_mps_p95": percentile(_values(results, "pad_velocity_error_mps"), 95.0),
         "nis_ratio_mean": nis,
         "nis_deviation": None if nis is None else abs(nis - 1.0),
@@ -54,7 +60,8 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
 
 def has_failed(run: Run) -> bool:
     """Tell whether a run did not land, broke a rule or raised an error."""
-    return run.result is None or not run.result["landed"] or bool(run.result["rules_broken"])
+    result = run.result
+    return result is None or not result.get("landed", True) or bool(result.get("rules_broken"))
 
 
 def percentile(values: Sequence[float], percent: float) -> float | None:
@@ -68,6 +75,16 @@ def percentile(values: Sequence[float], percent: float) -> float | None:
     return ordered[below] + (at - below) * (ordered[above] - ordered[below])
 
 
+def best_rows(rows: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
+    """Return the rows that the thesis has, and so many of the best: all landed, then quickest."""
+
+    def order(row: dict[str, Any]) -> tuple[float, float]:
+        return -row["landed"] / row["runs"], row["time_s_mean"] or math.inf
+
+    ordered = sorted(rows, key=order)
+    return [r for i, r in enumerate(ordered) if i < count or r["thesis"]["time_s"] is not None]
+
+
 def as_text(rows: Sequence[dict[str, Any]], width: int) -> str:
     """Return the table, and below it what is to be said of single rows.
 
@@ -75,13 +92,27 @@ def as_text(rows: Sequence[dict[str, Any]], width: int) -> str:
         rows: of `make_row`.
         width: characters of a line; columns for which there is no room come in a further table.
     """
-    cells = [[head for head, _ in _COLUMNS]]
-    cells += [[text(row) for _, text in _COLUMNS] for row in rows]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(_COLUMNS))]
+    shown = [column for column in _COLUMNS if column[0] not in _THESIS or _has(rows, column)]
+    cells = [[head for head, _ in shown]]
+    cells += [[text(row) for _, text in shown] for row in rows]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(shown))]
     lines: list[str] = []
     for columns in _that_fit(widths, width):
         lines += ["", *(_line(line, widths, columns) for line in cells)]
     return "\n".join([*lines[1:], *(note for row in rows for note in _notes(row))])
+
+
+def _has(
+    rows: Sequence[dict[str, Any]], column: tuple[str, Callable[[dict[str, Any]], str]]
+) -> bool:
+    return any(column[1](row) != "-" for row in rows)
+
+
+def right_aligned(cells: Sequence[Sequence[str]], *, indent: int) -> list[str]:
+    """Return a table's lines, the first column to the left and all others to the right."""
+    columns = range(len(cells[0]))
+    widths = [max(len(line[i]) for line in cells) for i in columns]
+    return [" " * indent + _line(line, widths, columns).rstrip() for line in cells]
 
 
 def _that_fit(widths: Sequence[int], width: int) -> list[list[int]]:
@@ -101,7 +132,7 @@ def _line(cells: Sequence[str], widths: Sequence[int], columns: Sequence[int]) -
 
 
 def _notes(row: dict[str, Any]) -> list[str]:
-    name = row["scenario"]
+    name = row["label"]
     notes = [f"{name}: {missed}" for missed in row["missed"]]
     if row["failed_seeds"]:
         seeds = ", ".join(str(seed) for seed in row["failed_seeds"])
@@ -120,16 +151,38 @@ def _number(key: str, digits: int) -> Callable[[dict[str, Any]], str]:
     return text
 
 
+def _with_interval(key: str) -> Callable[[dict[str, Any]], str]:
+    def text(row: dict[str, Any]) -> str:
+        mean, interval = row[f"{key}_mean"], row[f"{key}_mean_95"]
+        if interval is None:
+            return "-" if mean is None else f"{mean:.1f}"
+        return f"{mean:.1f} ±{0.5 * (interval[1] - interval[0]):.1f}"
+
+    return text
+
+
+def _published(key: str) -> Callable[[dict[str, Any]], str]:
+    def text(row: dict[str, Any]) -> str:
+        value = row["thesis"][key]
+        return "-" if value is None else f"{value:g}"
+
+    return text
+
+
+_THESIS = ("thesis s", "thesis hJ")  # columns that are shown only where there is something in them
 _COLUMNS: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
-    ("scenario", lambda row: str(row["scenario"])),
+    ("scenario", lambda row: str(row["label"])),
     ("landed", lambda row: f"{row['landed']}/{row['runs']}"),
-    ("time s", _number("time_s_mean", 1)),
-    ("energy hJ", _number("energy_hj_mean", 1)),
+    ("time s", _with_interval("time_s")),
+    ("thesis s", _published("time_s")),
+    ("energy hJ", _with_interval("energy_hj")),
+    ("thesis hJ", _published("energy_hj")),
     ("error m", _number("touchdown_error_m_median", 3)),
     ("p95", _number("touchdown_error_m_p95", 3)),
     ("down m/s p95", _number("touchdown_vertical_mps_p95", 2)),
     ("yaw deg p95", _number("yaw_error_deg_p95", 1)),
-    ("velocity m/s p95", _number("pad_velocity_error_mps_p95", 2)),
+    ("off px", _number("off_centre_px_p95", 0)),
+    ("vel m/s p95", _number("pad_velocity_error_mps_p95", 2)),
     ("NIS", _number("nis_ratio_mean", 2)),
     ("refused %", _number("refused_percent_mean", 1)),
     ("aborts", _number("aborts", 0)),
@@ -161,6 +214,15 @@ def _rule(text: str) -> str:
 
 def _values(results: Sequence[dict[str, Any]], key: str) -> list[float]:
     return [abs(r[key]) for r in results if r[key] is not None]
+
+
+def _spread(key: str, values: Sequence[float]) -> dict[str, Any]:
+    """Return mean, its 95 % interval, and standard deviation."""
+    return {
+        f"{key}_mean": _mean(values),
+        f"{key}_mean_95": mean_interval(values),
+        f"{key}_sd": stdev(values) if len(values) > 1 else None,
+    }
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -22,6 +22,8 @@ def landing(scenario: str = "stationary", seed: int = 1, **changes: Any) -> dict
         "pad_velocity_error_mps": 0.1,
         "nis_ratio": 1.1,
         "refused_percent": 0.5,
+        "off_centre_px_p95": 40.0,
+        "touchdown_horizontal_mps": 0.05,
         "aborts": 0,
         "rules_broken": [],
         "world": {},

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from landerd.campaigns.failures import failure, is_feasible, separations, wilson
+from landerd.campaigns.failures import failure, is_feasible, separations
 from landerd.campaigns.pool import Run
 
 GOOD: dict[str, Any] = {
@@ -78,10 +78,3 @@ def test_the_quantity_that_separates_is_found_also_when_it_goes_either_way() -> 
 
 def test_nothing_separates_when_nothing_failed() -> None:
     assert separations([run(seed, world={"wind": float(seed)}) for seed in range(5)]) == []
-
-
-def test_the_interval_of_a_share_is_wilsons() -> None:
-    low, high = wilson(98, 100)
-    assert (low, high) == pytest.approx((0.930, 0.9945), abs=0.001)
-    assert wilson(100, 100)[1] == pytest.approx(1.0)
-    assert wilson(0, 0)[0] == 0.0

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from landerd.campaigns import plan
-from landerd.campaigns.plan import Campaign, Sweep, load_campaign
+from landerd.campaigns.plan import Campaign, Grid, Sweep, load_campaigns
 from landerd.config.files import ConfigError, config_dir, config_files
 from landerd.config.models import Config
 from landerd.drivers import read_configuration
@@ -12,11 +12,9 @@ from landerd.drivers import read_configuration
 
 @pytest.mark.parametrize("name", list(config_files("campaigns")))
 def test_every_campaign_can_be_flown(name: str) -> None:
-    campaign = load_campaign(name)
-    names = [row.name for row in campaign.all_rows]
-    assert len(set(names)) == len(names)
+    rows = [row for campaign in load_campaigns(name).values() for row in campaign.all_rows]
     overlays = config_files("scenarios")
-    for row in campaign.all_rows:
+    for row in rows:
         read_configuration(
             config_dir() / "default.yaml",
             overlays=[overlays[row.scenario]],
@@ -41,8 +39,33 @@ def test_a_sweep_is_a_row_for_every_value_in_every_scenario() -> None:
     ]
 
 
+def test_a_grid_is_a_row_for_every_combination_labelled_by_its_values() -> None:
+    keys = {"guidance.pid.up.kp": (0.6, 0.7), "guidance.pid.up.kd": (0.4, 0.5)}
+    thesis = {"0.7 0.4": {"time_s": 13.8}}
+    grid = Grid.model_validate({"scenario": "hover", "keys": keys, "thesis": thesis})
+    rows = Campaign(grids=(grid,)).all_rows
+    assert [row.label for row in rows] == ["0.6 0.4", "0.6 0.5", "0.7 0.4", "0.7 0.5"]
+    assert [row.thesis.time_s for row in rows] == [None, None, 13.8, None]
+    assert rows[0].settings == ("guidance.pid.up.kp=0.6", "guidance.pid.up.kd=0.4")
+
+
+def test_all_of_the_thesis_is_every_one_of_its_experiments() -> None:
+    parts = load_campaigns("all-thesis")
+    assert len(parts["tune-ne"].all_rows) == 81
+    assert len(parts["tune-up"].all_rows) == 16
+    published = [row.thesis.time_s for part in parts.values() for row in part.all_rows]
+    assert sum(time is not None for time in published) == 17
+
+
+def test_a_campaign_of_ones_own_is_a_file(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("rows: [{scenario: hover, label: mine}]")
+    (campaign,) = load_campaigns(str(mine)).values()
+    assert campaign.all_rows[0].label == "mine"
+
+
 def test_a_row_is_found_by_its_name_in_another_process_too() -> None:
-    campaign = pickle.loads(pickle.dumps(load_campaign("effects")))
+    campaign = pickle.loads(pickle.dumps(load_campaigns("effects")["effects"]))
     assert [campaign.row(row.name) for row in campaign.all_rows] == list(campaign.all_rows)
 
 
@@ -60,14 +83,14 @@ def test_scenarios_leave_landerds_own_configuration_as_it_is() -> None:
 
 
 def test_a_scenario_is_a_campaign_of_one_row() -> None:
-    (row,) = load_campaign("hover").rows
+    (row,) = load_campaigns("hover")["hover"].rows
     assert row.scenario == "hover"
     assert row.needed.landed_percent == 100.0
 
 
 def test_an_unknown_campaign_is_told_with_the_nearest() -> None:
     with pytest.raises(ConfigError, match="'guidence' is not known; nearest: guidance; all: "):
-        load_campaign("guidence")
+        load_campaigns("guidence")
 
 
 @pytest.mark.parametrize(
@@ -75,6 +98,12 @@ def test_an_unknown_campaign_is_told_with_the_nearest() -> None:
     [
         ("rows: []", "mine.yaml:1: found no rows, expected at least one"),
         ("runs: 0\nrows: [{scenario: hover}]", "mine.yaml:1: runs: found 0, expected a whole"),
+        ("rows: [{scenario: hover}, {scenario: hover}]", "mine.yaml:1: found the row 'hover' tw"),
+        ("rows: [{scenario: hover, goal: poses}]", "mine.yaml:1: rows.0: expected poses with goal"),
+        (
+            "grids: [{scenario: hover, keys: {a: [1, 2]}, thesis: {'3': {time_s: 1}}}]",
+            "mine.yaml:1: grids.0: thesis: '3' is no combination of the values",
+        ),
         ("rows: [{scenario: hoover}]", "mine.yaml: scenario 'hoover' is not known"),
         (
             "rows:\n  - scenario: hover\n    needed: {time_mean: 3}",
@@ -91,5 +120,5 @@ def test_a_wrong_campaign_is_told_with_its_place(
     folders = {"campaigns": {"mine": mine}, "scenarios": config_files("scenarios")}
     monkeypatch.setattr(plan, "config_files", folders.__getitem__)
     with pytest.raises(ConfigError) as e:
-        load_campaign("mine")
+        load_campaigns("mine")
     assert e.value.lines[0].startswith(says)

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from landerd.campaigns.plan import load_campaign
+from landerd.campaigns.plan import load_campaigns
 from landerd.campaigns.pool import Run, RunOne, Task
 from landerd.cli import main
-from landerd.commands import campaign as campaign_command
+from landerd.commands import flying
 from landerd.config.files import config_dir
 from landerd.devices import sim_options
 from tests.campaigns.landings import landing
@@ -29,7 +29,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> dict[Task, Run | BaseException]:
                 raise outcome
             yield outcome
 
-    monkeypatch.setattr(campaign_command, "run_all", run_all)
+    monkeypatch.setattr(flying, "run_all", run_all)
     monkeypatch.setattr(os, "environ", dict(os.environ))
     return outcomes
 
@@ -190,8 +190,8 @@ def test_a_campaign_of_faults_tells_what_came_of_them(
 
 
 def test_each_seed_of_a_campaign_of_faults_has_its_own() -> None:
-    landings = campaign_command._SimulatedLanding(
-        load_campaign("faults"), config_dir() / "default.yaml", ()
+    landings = flying.SimulatedLanding(
+        load_campaigns("faults")["faults"], config_dir() / "default.yaml", ()
     )
     (row,) = landings.campaign.all_rows
     first, second = (sim_options(landings.load(row, seed)) for seed in (1, 2))

@@ -1,0 +1,254 @@
+"""How a vehicle answers velocity orders, found out from recorded flights.
+
+The model is that of ArduCopter in GUIDED: a delay, ArduPilot's shaper, which limits acceleration
+and jerk, then the lag of the loops below, of second order. It was fitted to ArduCopter 4.5.7 in
+SITL; here its delay, limits and bandwidth are fitted to the set-points and velocities of a log.
+"""
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from landerd.camera_model import F64
+from landerd.flightlog.reader import FlightLog
+from landerd.messages import LocalPosition, Phase, PhaseChange, Setpoint
+
+STEP_S = 0.02  # of the model
+DAMPING = 0.34  # of the lag, as measured in SITL
+GAP_S = 0.3  # a stretch of orders ends where none came for so long
+SETTLED_S = 3.0  # after which nothing is left of what was ordered before landerd flew
+LEAST_S = 4.0  # shorter stretches tell nothing
+FIRST_S = 0.3  # by which its acceleration at the beginning is told
+LEAST_CHANGE_MPS = 1.0  # of the velocity in them: a vehicle that hovers tells nothing, either
+# A fit that is worse by no more than this share is as good: the log cannot tell. Nor can it below
+# the errors of its own velocities.
+SAME_FIT = 1.05
+VELOCITY_ERROR_MPS = 0.01
+
+
+class ResponseError(Exception):
+    """Nothing can be fitted; the text says why."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """How velocities are answered, level.
+
+    Attributes:
+        delay_s: before anything happens.
+        acceleration_mps2: the shaper's limit.
+        jerk_mps3: the shaper's limit.
+        omega: natural frequency of the loops below, rad/s.
+    """
+
+    delay_s: float
+    acceleration_mps2: float
+    jerk_mps3: float
+    omega: float
+
+    @property
+    def lag_s(self) -> float:
+        """How late the loops below the shaper are, s."""
+        return 2.0 * DAMPING / self.omega
+
+
+# Of ArduCopter in SITL, with ArduPilot's own defaults.
+REFERENCE = Response(0.0, 2.5, 5.0, 9.0)
+# What configuration and simulator take.
+_LEAST = Response(0.0, 0.5, 1.0, 2.7)
+_MOST = Response(0.5, 10.0, 50.0, 27.0)
+
+
+@dataclass
+class Stretch:
+    """Orders and what the vehicle made of them, north and east."""
+
+    orders_t: list[float] = field(default_factory=list)  # s
+    orders: list[tuple[float, float]] = field(default_factory=list)  # m/s
+    flown_t: list[float] = field(default_factory=list)
+    flown: list[tuple[float, float]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What was found.
+
+    Attributes:
+        response: that fits best.
+        rms_mps: of what it leaves unexplained, each axis.
+        flown_s: length of the stretches.
+        limits_reached: the flights were brisk enough to tell acceleration and jerk; else these are
+            the least that explain the flights, and the vehicle may have more.
+    """
+
+    response: Response
+    rms_mps: float
+    flown_s: float
+    limits_reached: bool
+
+
+def stretches(log: FlightLog) -> list[Stretch]:
+    """Return where a log has landerd's orders without a gap, in the air, with enough change."""
+    orders: list[tuple[float, tuple[float, float]]] = []
+    flown: list[tuple[float, tuple[float, float]]] = []
+    committed_t = math.inf
+    for step in log.steps:
+        message = step.message
+        if isinstance(message, LocalPosition):
+            flown.append((message.t, (message.velocity[0], message.velocity[1])))
+        for command in step.commands:
+            if isinstance(command, Setpoint):
+                orders.append((step.now, (command.velocity[0], command.velocity[1])))
+            elif isinstance(command, PhaseChange) and command.phase is Phase.LANDED:
+                committed_t = min(committed_t, step.now)  # feet may hold it from then on
+    orders = [order for order in orders if order[0] < committed_t]
+    flown.sort()
+    breaks = [i + 1 for i, (a, b) in enumerate(pairwise(orders)) if b[0] - a[0] > GAP_S]
+    pieces = [orders[i:j] for i, j in pairwise([0, *breaks, len(orders)])]
+    return [s for piece in pieces if (s := _stretch(piece, flown)) is not None]
+
+
+def _stretch(
+    orders: Sequence[tuple[float, tuple[float, float]]],
+    flown: Sequence[tuple[float, tuple[float, float]]],
+) -> Stretch | None:
+    if not orders or orders[-1][0] - orders[0][0] < LEAST_S:
+        return None
+    times = [t for t, _ in flown]
+    inside = flown[bisect_left(times, orders[0][0]) : bisect_right(times, orders[-1][0])]
+    if len(inside) < LEAST_S / 0.5:
+        return None
+    velocities = np.array([v for _, v in inside])
+    if float(np.ptp(velocities, axis=0).max()) < LEAST_CHANGE_MPS:
+        return None
+    return Stretch(
+        [t for t, _ in orders],
+        [v for _, v in orders],
+        [t for t, _ in inside],
+        [v for _, v in inside],
+    )
+
+
+def fit(flights: Sequence[Stretch], minimise: Callable[..., Sequence[float]]) -> Fit:
+    """Return the response that explains the flights best.
+
+    Args:
+        flights: of one vehicle.
+        minimise: takes a function of places in the unit cube, and a place; returns a better one.
+
+    Raises:
+        ResponseError: there is nothing to fit to.
+    """
+    if not flights:
+        raise ResponseError(
+            f"found no {LEAST_S:g} s of landerd's orders in the air with {LEAST_CHANGE_MPS:g} m/s "
+            "of a change"
+        )
+
+    def rms(place: Sequence[float]) -> float:
+        return _rms(_at(place), flights)
+
+    best = _at(minimise(rms, _place(REFERENCE)))
+    same = SAME_FIT * max(_rms(best, flights), VELOCITY_ERROR_MPS)
+    reached = _rms(_scaled(best, 1.5), flights) > same
+    response = best
+    while response.acceleration_mps2 > _LEAST.acceleration_mps2:
+        gentler = _scaled(response, 0.92)
+        if _rms(gentler, flights) > same:
+            break
+        response = gentler
+    flown_s = sum(s.flown_t[-1] - s.flown_t[0] for s in flights)
+    return Fit(response, _rms(response, flights), flown_s, reached)
+
+
+def _scaled(response: Response, k: float) -> Response:
+    """Return a response with other limits and the same lag of the shaper, acceleration / jerk."""
+    a, j = k * response.acceleration_mps2, k * response.jerk_mps3
+    return replace(response, acceleration_mps2=a, jerk_mps3=j)
+
+
+def _place(response: Response) -> list[float]:
+    """Return where a response is in the unit cube: the delay linear, all else by its logarithm."""
+
+    def share(x: float, least: float, most: float) -> float:
+        return math.log(x / least) / math.log(most / least)
+
+    return [
+        response.delay_s / _MOST.delay_s,
+        share(response.acceleration_mps2, _LEAST.acceleration_mps2, _MOST.acceleration_mps2),
+        share(response.jerk_mps3, _LEAST.jerk_mps3, _MOST.jerk_mps3),
+        share(response.omega, _LEAST.omega, _MOST.omega),
+    ]
+
+
+def _at(place: Sequence[float]) -> Response:
+    def value(share: float, least: float, most: float) -> float:
+        return float(least * (most / least) ** share)
+
+    return Response(
+        place[0] * _MOST.delay_s,
+        value(place[1], _LEAST.acceleration_mps2, _MOST.acceleration_mps2),
+        value(place[2], _LEAST.jerk_mps3, _MOST.jerk_mps3),
+        value(place[3], _LEAST.omega, _MOST.omega),
+    )
+
+
+def _rms(response: Response, flights: Sequence[Stretch]) -> float:
+    """Return what the model leaves unexplained, but for a constant error of the velocities."""
+    squares = []
+    for s in flights:
+        settled = np.array(s.flown_t) > s.flown_t[0] + SETTLED_S
+        rest = (answer(response, s) - np.array(s.flown))[settled]
+        squares.append(((rest - rest.mean(axis=0)) ** 2).mean(axis=1))
+    return math.sqrt(float(np.concatenate(squares).mean()))
+
+
+def answer(response: Response, stretch: Stretch) -> F64:
+    """Return the velocities (N, 2), m/s, that the model flies at the times of a stretch."""
+    times = np.arange(stretch.flown_t[0], stretch.flown_t[-1] + STEP_S, STEP_S)
+    due = np.searchsorted(stretch.orders_t, times - response.delay_s, side="right") - 1
+    orders = np.array(stretch.orders)[np.maximum(due, 0)]
+    first = bisect_right(stretch.flown_t, times[0] + FIRST_S) - 1
+    pull = (np.array(stretch.flown[first]) - stretch.flown[0]) / (stretch.flown_t[first] - times[0])
+    flown = _fly(response, orders, stretch.flown[0], (float(pull[0]), float(pull[1])))
+    return np.stack([np.interp(stretch.flown_t, times, flown[:, i]) for i in (0, 1)], axis=1)
+
+
+def _fly(
+    response: Response, orders: F64, start: tuple[float, float], pull: tuple[float, float]
+) -> F64:
+    """Return the velocities (N, 2) for orders (N, 2), one a step, from a velocity and a pull."""
+    vn, ve = start
+    sn, se = start  # shaped
+    an, ae = bn, be = pull  # accelerations, of the vehicle and of the shaper
+    k_jerk = response.jerk_mps3 * STEP_S
+    gain = response.jerk_mps3 / response.acceleration_mps2
+    stiffness, damping = response.omega**2, 2.0 * DAMPING * response.omega
+    out = np.empty_like(orders)
+    for i, (n, e) in enumerate(orders.tolist()):
+        dn, de = n - sn, e - se
+        error = math.hypot(dn, de)
+        k = _asked(error, gain, response) / error if error > 0.0 else 0.0
+        cn, ce = k * dn - bn, k * de - be
+        change = math.hypot(cn, ce)
+        limit = k_jerk / change if change > k_jerk else 1.0
+        bn, be = bn + limit * cn, be + limit * ce
+        sn, se = sn + bn * STEP_S, se + be * STEP_S
+        an += (stiffness * (sn - vn) - damping * an) * STEP_S
+        ae += (stiffness * (se - ve) - damping * ae) * STEP_S
+        vn, ve = vn + an * STEP_S, ve + ae * STEP_S
+        out[i] = vn, ve
+    return out
+
+
+def _asked(error: float, gain: float, response: Response) -> float:
+    """Return the acceleration that ArduPilot's sqrt_controller asks for."""
+    knee = response.jerk_mps3 / (gain * gain)
+    size = gain * error
+    if error > knee:
+        size = math.sqrt(2.0 * response.jerk_mps3 * (error - 0.5 * knee))
+    return min(size, response.acceleration_mps2)

@@ -1,0 +1,53 @@
+"""Confidence intervals of 95 % for what campaigns count and measure, and tests of pairs."""
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist, fmean, stdev
+
+_Z = NormalDist().inv_cdf(0.975)
+_T_OF_FEW = {1: 12.706, 2: 4.303, 3: 3.182, 4: 2.776}  # where the series below is not yet good
+
+
+def wilson(successes: int, runs: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Wilson 1927)."""
+    z, n = 1.96, max(runs, 1)
+    p = successes / n
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def mean_interval(values: Sequence[float]) -> tuple[float, float] | None:
+    """Return the 95 % interval of a mean (Student's t); None of fewer than two values."""
+    if len(values) < 2:
+        return None
+    half = t_quantile(len(values) - 1) * stdev(values) / math.sqrt(len(values))
+    return fmean(values) - half, fmean(values) + half
+
+
+def t_quantile(degrees: int) -> float:
+    """Return the 97.5 % quantile of Student's t (Abramowitz and Stegun 26.7.5, to 0.004)."""
+    if degrees in _T_OF_FEW:
+        return _T_OF_FEW[degrees]
+    z, n = _Z, float(degrees)
+    return (
+        z
+        + (z**3 + z) / (4 * n)
+        + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
+        + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * n**3)
+    )
+
+
+def mcnemar(only_a: int, only_b: int) -> float:
+    """Return how probable so uneven a split is, or a more uneven one, if neither is better.
+
+    The exact two-sided test of McNemar (1947): of the pairs that differ, each goes either way with
+    the same probability.
+
+    Args:
+        only_a: pairs in which the first alone succeeded.
+        only_b: pairs in which the second alone did.
+    """
+    n = only_a + only_b
+    tail = sum(math.comb(n, k) for k in range(min(only_a, only_b) + 1))
+    return min(1.0, 2.0 * tail / 2.0**n)

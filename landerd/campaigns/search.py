@@ -1,0 +1,114 @@
+"""Searches for the best place in a unit cube, by a grid or by CMA-ES; knows nothing of flying.
+
+All places meet the same seeds (common random numbers), and the worse half of them only a third of
+those: CMA-ES asks only which places are the better ones.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.campaigns.tuning import Cost
+
+Place = tuple[float, ...]
+CostsOf = Callable[[Sequence[Place], Sequence[int]], list[Cost]]  # over these seeds together
+PATIENCE = 5  # generations without a better place, then the search ends
+SIGMA = 0.25  # of the first generation, share of the range
+SEED = 1  # of CMA-ES's own random numbers
+
+
+class MissingLibrary(Exception):
+    """The optimiser's library is not installed; the text is for the user."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A place and its cost; of one that was given up early, over a part of the seeds."""
+
+    place: Place
+    cost: Cost
+    whole: bool  # flown with all seeds
+
+
+def race(places: Sequence[Place], seeds: Sequence[int], costs_of: CostsOf) -> list[Tried]:
+    """Return all places, the best first; the worse half is given up after a third of the seeds."""
+    first = seeds[: max(1, len(seeds) // 3)]
+    early = sorted(zip(costs_of(places, first), places, strict=True))
+    count = (len(places) + 1) // 2
+    kept = [place for _, place in early[:count]]
+    ended = sorted(zip(costs_of(kept, seeds), kept, strict=True))
+    return [
+        *(Tried(place, cost, True) for cost, place in ended),
+        *(Tried(place, cost, False) for cost, place in early[count:]),
+    ]
+
+
+def grid(dimensions: int, steps: int, seeds: Sequence[int], costs_of: CostsOf) -> Iterator[Tried]:
+    """Try every combination of so many steps of each dimension; yield all, the best first."""
+    shares = [i / (steps - 1) for i in range(steps)]
+    yield from race(list(itertools.product(shares, repeat=dimensions)), seeds, costs_of)
+
+
+def cma_es(
+    start: Place,
+    sets: int,
+    seeds: Sequence[int],
+    costs_of: CostsOf,
+    patience: int = PATIENCE,
+) -> Iterator[list[Tried]]:
+    """Search from a place by CMA-ES (Hansen 2016); yield the generations, each the best first.
+
+    Args:
+        start: middle of the first generation.
+        sets: places that are tried at most.
+        seeds: of every place.
+        costs_of: flies places.
+        patience: generations without a better place, then it ends.
+
+    Raises:
+        MissingLibrary: cmaes is not installed.
+    """
+    try:
+        from cmaes import CMA
+    except ImportError:
+        raise MissingLibrary("this search needs cmaes: pip install 'landerd[tune]'") from None
+    bounds = np.array([[0.0, 1.0]] * len(start))
+    optimiser = CMA(mean=np.array(start), sigma=SIGMA, bounds=bounds, seed=SEED)
+    best: Cost | None = None
+    waited = tried = 0
+    while tried + optimiser.population_size <= sets and waited < patience:
+        places = [_as_place(optimiser.ask()) for _ in range(optimiser.population_size)]
+        tried += len(places)
+        ordered = race(places, seeds, costs_of)
+        # The ranks are all that counts, and costs of different seeds cannot be mixed.
+        optimiser.tell([(np.array(t.place), float(rank)) for rank, t in enumerate(ordered)])
+        yield ordered
+        waited = 0 if best is None or ordered[0].cost < best else waited + 1
+        best = ordered[0].cost if best is None else min(best, ordered[0].cost)
+        if optimiser.should_stop():
+            return
+
+
+def _as_place(x: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Place:
+    return tuple(float(each) for each in x)
+
+
+def minimised(
+    function: Callable[[Sequence[float]], float], start: Sequence[float], places: int = 320
+) -> Place:
+    """Return the best place that CMA-ES finds for a function that is not costly.
+
+    Raises:
+        MissingLibrary: cmaes is not installed.
+    """
+    known = {tuple(start): function(start)}
+
+    def costs_of(found: Sequence[Place], seeds: Sequence[int]) -> list[Cost]:
+        known.update((place, function(place)) for place in found if place not in known)
+        return [Cost(0.0, known[place]) for place in found]
+
+    for _ in cma_es(tuple(start), places, (0,), costs_of, patience=15):
+        pass
+    return min(known, key=known.__getitem__)

@@ -1,0 +1,38 @@
+"""`landerd compare`: what is better and what is worse in one campaign than in another."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from landerd.campaigns.compare import as_text, compare
+from landerd.campaigns.journal import JournalError, read_runs
+from landerd.commands.shared import InputError, add_json, print_json, refusing, tell
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument("a", type=Path, metavar="A", help="file of landerd campaign --keep")
+    parser.add_argument("b", type=Path, metavar="B", help="another, of the same rows and seeds")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare and print; return 0, or 1 if anything is worse in B."""
+    with refusing(JournalError):
+        a, b = read_runs(args.a), read_runs(args.b)
+    rows = compare(a, b)
+    if not rows:
+        raise InputError(f"{args.a} and {args.b}: no row and seed is in both")
+    alone = len(a) + len(b) - 2 * len(a.keys() & b.keys())
+    if alone:
+        tell(f"{alone} flights are in one of the two only, and left out")
+    if args.json:
+        print_json({"a": str(args.a), "b": str(args.b), "left_out": alone, "rows": rows})
+    else:
+        print(f"A: {args.a}\nB: {args.b}\n{as_text(rows)}")
+    return 1 if any(_is_worse(row) for row in rows) else 0
+
+
+def _is_worse(row: dict[str, Any]) -> bool:
+    verdicts = [row["succeeded"]["verdict"], *(f["verdict"] for f in row["figures"].values())]
+    return "worse" in verdicts

@@ -1,0 +1,166 @@
+"""How commands fly many simulated landings: one of them, all of them, and how far they are."""
+
+import argparse
+import contextlib
+import gc
+import logging
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hw.sim.fault_options import FaultOptions
+from landerd.campaigns.fault_table import failures
+from landerd.campaigns.journal import Journal
+from landerd.campaigns.plan import Campaign, Goal, Row
+from landerd.campaigns.pool import Run, RunOne, Task, error_line, run_all
+from landerd.campaigns.table import has_failed
+from landerd.commands.fault_runs import settings_of
+from landerd.commands.shared import tell, whole_number
+from landerd.config.files import Loaded, config_files
+from landerd.drivers import read_configuration
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """Add --jobs."""
+    parser.add_argument(
+        "--jobs",
+        type=_jobs,
+        default=len(os.sched_getaffinity(0)),
+        metavar="N",
+        help="processes; without: one for every core",
+    )
+
+
+def _jobs(text: str) -> int:
+    return whole_number(text, 1)
+
+
+@dataclass(frozen=True)
+class SimulatedLanding:
+    """Flies one landing; what `landerd.campaigns` is handed."""
+
+    campaign: Campaign
+    config: Path
+    overrides: tuple[str, ...]
+
+    def __call__(self, name: str, seed: int) -> dict[str, Any]:
+        """Fly a row with a seed."""
+        logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
+        row = self.campaign.row(name)
+        try:
+            return reach(row.goal, self.load(row, seed), name, seed, self.campaign.longest_s)
+        finally:
+            gc.collect()  # flights are circles of objects, and large
+
+    def load(self, row: Row, seed: int = 1) -> Loaded:
+        """Return the configuration of a row as a seed draws it. Raises ConfigError."""
+        return self.load_with(row, seed, settings_of(seed) if row.faults else ())
+
+    def load_with(self, row: Row, seed: int, settings: Sequence[str]) -> Loaded:
+        """Return the same with further settings. Raises ConfigError."""
+        overlays = [config_files("scenarios")[row.scenario]]
+        overrides = (*row.settings, *self.overrides, *settings)
+        return read_configuration(self.config, overlays=overlays, overrides=overrides, seed=seed)
+
+    def fly_with(self, row: Row, seed: int, faults: Sequence[FaultOptions]) -> Run:
+        """Fly a seed with these faults instead of its own."""
+        from landerd.simulation.flight import simulate
+
+        loaded = self.load_with(row, seed, settings_of(seed, faults))
+        try:
+            result = simulate(loaded, row.name, seed, longest_s=self.campaign.longest_s)
+        except Exception as e:
+            return Run(row.name, seed, None, error_line(e))
+        return Run(row.name, seed, result)
+
+
+def reach(goal: Goal, loaded: Loaded, name: str, seed: int, longest_s: float) -> dict[str, Any]:
+    """Simulate what a row asks for and return what there is to know of it."""
+    match goal:
+        case "landing":
+            from landerd.simulation.flight import simulate
+
+            return simulate(loaded, name, seed, longest_s=longest_s)
+        case "poses":
+            from landerd.simulation.poses import see_poses
+
+            return see_poses(loaded, name, seed)
+        case part:
+            from landerd.simulation.goals import simulate_part
+
+            return simulate_part(loaded, part, name, seed, longest_s=longest_s)
+
+
+def fly_all(
+    landing: RunOne,
+    tasks: Sequence[Task],
+    jobs: int,
+    journal: Journal | None,
+    runs: list[Run],
+) -> None:
+    """Fly all tasks, and add each run as it ends, also to the journal, while telling how far."""
+    # Runs are what is spread over the cores; the children take this over.
+    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
+    progress = _Progress(len(tasks))
+    try:
+        with contextlib.closing(run_all(landing, tasks, jobs)) as series:
+            for ended in series:
+                runs.append(ended)
+                if journal is not None:
+                    journal.keep(ended)
+                progress.show(ended)
+    finally:
+        progress.clear()
+
+
+class _Progress:
+    """Says on stderr how far the campaign is: a line for every failure and, on a terminal, one
+    that changes, elsewhere one whenever another tenth is flown.
+    """
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._done = self._failed = 0
+        self._started = time.monotonic()
+        self._terminal = sys.stderr.isatty()
+
+    def show(self, ended: Run) -> None:
+        """Count a run."""
+        self._done += 1
+        why = _why(ended)
+        if why is not None:
+            self._failed += 1
+            self.clear()
+            tell(f"{ended.scenario}, seed {ended.seed}: {why}")
+        left_min = (time.monotonic() - self._started) / self._done * self._left / 60.0
+        line = f"{self._done} of {self._total}, {self._failed} failed, {left_min:.0f} min left"
+        if self._terminal:
+            print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+        elif self._left and 10 * self._done // self._total > 10 * (self._done - 1) // self._total:
+            print(line, file=sys.stderr, flush=True)
+
+    @property
+    def _left(self) -> int:
+        return self._total - self._done
+
+    def clear(self) -> None:
+        """Take the line off the terminal."""
+        if self._terminal:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _why(run: Run) -> str | None:
+    """Say why a run has failed; None: it has not."""
+    result = run.result
+    if result is None:
+        return run.error
+    if result.get("faults_flown"):
+        return "; ".join(failures(run)) or None
+    broken = "; ".join(result["rules_broken"])
+    if broken:
+        return f"rules broken: {broken}"
+    return f"did not land: {result['outcome']}" if has_failed(run) else None

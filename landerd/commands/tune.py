@@ -1,0 +1,234 @@
+"""`landerd tune`: the best gains by search in the simulator, or for a vehicle by its flights."""
+
+import argparse
+import contextlib
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from landerd.campaigns.compare import Pair
+from landerd.campaigns.journal import Journal, JournalError
+from landerd.campaigns.plan import Campaign
+from landerd.campaigns.pool import Run, Task
+from landerd.campaigns.search import MissingLibrary, Place, Tried, cma_es, grid
+from landerd.campaigns.tuning import (
+    FRESH_FROM,
+    Cost,
+    Tuning,
+    Values,
+    check,
+    cost_of,
+    load_tuning,
+    overlay,
+    settings_of,
+)
+from landerd.commands.flying import SimulatedLanding, add_jobs, fly_all
+from landerd.commands.shared import (
+    InputError,
+    add_config,
+    add_json,
+    check_output,
+    check_stand_in_flies,
+    config_path,
+    print_json,
+    refusing,
+    tell,
+    whole_number,
+    write_text,
+)
+from landerd.commands.tune_from import tune_from
+from landerd.config.files import ConfigError, Loaded, config_files
+from landerd.drivers import read_configuration
+
+LONGEST_S = 90.0  # what is not over then has failed
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    names = ", ".join(config_files("tunings"))
+    parser.add_argument("name", nargs="?", metavar="NAME", help=f"{names}, or a FILE.yaml")
+    parser.add_argument(
+        "--from",
+        dest="flights",
+        type=Path,
+        nargs="+",
+        metavar="FLIGHT.mcap",
+        help="no search: fit how the vehicle answers in these logs, and propose gains for it",
+    )
+    parser.add_argument("-o", dest="out", type=Path, metavar="FILE.yaml", help="write the gains")
+    parser.add_argument("--search", choices=("cma-es", "grid"), default="cma-es", help="(cma-es)")
+    parser.add_argument(
+        "--sets", type=_count, metavar="N", help="sets of values tried; without: as NAME says"
+    )
+    add_jobs(parser)
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="FILE",
+        help="write every run down as it ends; a search that was stopped goes on with it",
+    )
+    add_json(parser)
+    add_config(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Search and write; return 0, or 1 if the winner does not hold on fresh seeds."""
+    check_output(args.out, ".yaml", "-o")
+    if (args.name is None) == (args.flights is None):
+        raise InputError("expected NAME, or --from FLIGHT.mcap")
+    if args.flights is not None:
+        return tune_from(args)
+    args.config = config_path(args)
+    with refusing(ConfigError, JournalError):
+        tuning = load_tuning(args.name)
+        # Not laid over the rows, as a campaign's: what is tried wins.
+        changed: dict[str, Any] = {"settings": (*tuning.settings, *args.set)}
+        if args.sets is not None:
+            changed["sets"] = args.sets
+        tuning = tuning.model_copy(update=changed)
+        start = _start(tuning, args)
+        journal = Journal(args.keep, _fingerprint(tuning, args)) if args.keep else None
+    with journal or contextlib.nullcontext(), refusing(MissingLibrary):
+        return _search(args, _Flights(tuning, args, journal), start)
+
+
+def _start(tuning: Tuning, args: argparse.Namespace) -> dict[str, float]:
+    """Return the values that the configuration has; both ends of every range are tried out.
+
+    Raises:
+        ConfigError: the configuration cannot be used, or has no such number.
+    """
+    values = {}
+    for key, (least, most) in tuning.parameters.items():
+        for end in (least, most):
+            _load(tuning, args, settings_of({key: end}))
+        loaded = _load(tuning, args)
+        check_stand_in_flies(loaded)
+        value: Any = loaded.config
+        for part in key.split("."):
+            value = getattr(value, part, None)
+        if not isinstance(value, (int, float)):
+            raise ConfigError([f"{key}: expected a number of the configuration"])
+        values[key] = float(value)
+    return values
+
+
+def _load(tuning: Tuning, args: argparse.Namespace, settings: Sequence[str] = ()) -> Loaded:
+    return read_configuration(args.config, overrides=(*tuning.settings, *settings), seed=1)
+
+
+def _fingerprint(tuning: Tuning, args: argparse.Namespace) -> str:
+    config = _load(tuning, args).config.model_dump_json()
+    return hashlib.sha256(f"{tuning.model_dump_json()} {config}".encode()).hexdigest()
+
+
+class _Flights:
+    """Flies sets of values, none twice with the same seed."""
+
+    def __init__(self, tuning: Tuning, args: argparse.Namespace, journal: Journal | None) -> None:
+        self.tuning = tuning
+        self._args, self._journal = args, journal
+        self._runs: dict[Task, Run] = dict(journal.runs) if journal else {}
+
+    def costs(self, places: Sequence[Place], seeds: Sequence[int]) -> list[Cost]:
+        """Return what each place costs."""
+        sets = [self.tuning.at(place) for place in places]
+        return [cost_of(runs, self.tuning.objective) for runs in self.fly(sets, seeds)]
+
+    def fly(self, sets: Sequence[Values], seeds: Iterable[int]) -> list[list[Run]]:
+        """Return the runs of each set of values, in the order of scenarios and seeds."""
+        by_set = [self.tuning.rows(values) for values in sets]
+        rows = {row.name: row for rows in by_set for row in rows}  # places may round to the same
+        campaign = Campaign(rows=tuple(rows.values()), longest_s=LONGEST_S)
+        landing = SimulatedLanding(campaign, self._args.config, ())
+        tasks = [(name, seed) for seed in seeds for name in rows]
+        flown: list[Run] = []
+        waiting = [task for task in tasks if task not in self._runs]
+        fly_all(landing, waiting, self._args.jobs, self._journal, flown)
+        self._runs |= {(run.scenario, run.seed): run for run in flown}
+        return [
+            [self._runs[row.name, seed] for row in rows_of_set for seed in seeds]
+            for rows_of_set in by_set
+        ]
+
+
+def _search(args: argparse.Namespace, flights: _Flights, start: Values) -> int:
+    tuning = flights.tuning
+    seeds = range(1, tuning.seeds + 1)
+    place = tuple(tuning.place(start))
+    (start_runs,) = flights.fly([start], seeds)
+    start_cost = cost_of(start_runs, tuning.objective)
+    tell(f"as it is: {_in_words(start_cost)}")
+    tried: list[Tried] = []
+    if args.search == "grid":
+        tried += grid(len(place), tuning.steps, seeds, flights.costs)
+    else:
+        for generation in cma_es(place, tuning.sets, seeds, flights.costs):
+            tried += generation
+            best = _best(tried)
+            tell(f"{len(tried)} sets: {_in_words(best.cost)} {tuning.at(best.place)}")
+    best = _best(tried)
+    found: dict[str, Any] = {
+        "tuning": args.name,
+        "search": args.search,
+        "sets": len(tried),
+        "start": {"values": dict(start), "cost": start_cost._asdict()},
+        "winner": {"values": tuning.at(best.place), "cost": best.cost._asdict()},
+        "fresh": None,
+    }
+    if best.cost < start_cost:
+        fresh = range(FRESH_FROM, FRESH_FROM + tuning.fresh)
+        a, b = flights.fly([start, tuning.at(best.place)], fresh)
+        pairs = [Pair(x, y) for x, y in zip(a, b, strict=True)]
+        found["fresh"] = check(pairs, tuning.objective)
+    return _tell_and_write(args, tuning, found)
+
+
+def _best(tried: Sequence[Tried]) -> Tried:
+    return min((t for t in tried if t.whole), key=lambda t: t.cost)
+
+
+def _tell_and_write(args: argparse.Namespace, tuning: Tuning, found: dict[str, Any]) -> int:
+    fresh = found["fresh"]
+    values = found["winner"]["values"]
+    lines = [
+        f"landerd tune {args.name}: {found['sets']} sets of values by {found['search']}, "
+        f"{', '.join(tuning.scenarios)}",
+        f"as it was {_in_words(Cost(**found['start']['cost']))}, "
+        f"found {_in_words(Cost(**found['winner']['cost']))}",
+    ]
+    if fresh is None:
+        lines.append("nothing better than the configuration as it is was found")
+    else:
+        verdict = "holds" if fresh["holds"] else f"DOES NOT HOLD: {'; '.join(fresh['why_not'])}"
+        lines.append(f"on {tuning.fresh} fresh seeds of each it {verdict}")
+    if fresh is not None and fresh["change_95"] is not None:
+        low, high = fresh["change_95"]
+        lines.append(
+            f"cost there {fresh['cost_a']:.3f}, then {fresh['cost_b']:.3f}; change "
+            f"{low:+.3f} to {high:+.3f} (95 %)"
+        )
+    if args.json:
+        print_json(_finite(found))
+    else:
+        print("\n".join([*lines, *(f"  {setting}" for setting in settings_of(values) if fresh)]))
+    if fresh is not None and args.out is not None:
+        write_text(args.out, overlay(values, lines))
+    return 0 if fresh is not None and fresh["holds"] else 1
+
+
+def _finite(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the same; where nothing landed there is no mean, and JSON knows no infinity."""
+    for which in ("start", "winner"):
+        cost = found[which]["cost"]
+        cost["mean"] = cost["mean"] if cost["mean"] < float("inf") else None
+    return found
+
+
+def _in_words(cost: Cost) -> str:
+    return f"cost {cost.mean:.3f}, {100.0 * cost.failed:.0f} % failed"
+
+
+def _count(text: str) -> int:
+    return whole_number(text, 4)

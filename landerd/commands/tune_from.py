@@ -1,0 +1,80 @@
+"""`landerd tune --from`: a vehicle's answer to orders, out of its flights, and gains for it."""
+
+import argparse
+from dataclasses import asdict
+
+from landerd.calibration.vehicle import REFERENCE, Fit, ResponseError, fit, stretches
+from landerd.campaigns.search import MissingLibrary, minimised
+from landerd.campaigns.tuning import DIGITS, overlay, settings_of
+from landerd.commands.shared import print_json, refusing, tell, write_text
+from landerd.flightlog.reader import LogError, read_log
+
+POOR_FIT_MPS = 0.3  # more left unexplained than wind and the log's noise leave
+
+
+def tune_from(args: argparse.Namespace) -> int:
+    """Fit, print and write; return 0, or 1 if the model does not explain the flights."""
+    flights = []
+    with refusing(LogError, ResponseError, MissingLibrary):
+        for path in args.flights:
+            log = read_log(path)
+            for note in log.notes:
+                tell(note)
+            flights += stretches(log)
+        found = fit(flights, minimised)
+    values, world = _proposed(found), _simulated(found)
+    if args.json:
+        print_json({**asdict(found), "proposed": values, "simulated": world})
+    else:
+        print("\n".join([*_in_words(found), *(f"  {each}" for each in settings_of(values))]))
+    if args.out is not None:
+        remarks = [*_in_words(found), "sim.response lets the simulator fly the same vehicle."]
+        write_text(args.out, overlay({**values, **world}, remarks))
+    if found.rms_mps > POOR_FIT_MPS:
+        tell(
+            f"{found.rms_mps:.2f} m/s are left unexplained: several vehicles, strong wind, or "
+            "a pilot who helped? Do not fly on this"
+        )
+        return 1
+    return 0
+
+
+def _proposed(found: Fit) -> dict[str, float]:
+    """Return what guidance is to be told of the vehicle; its gains follow from these.
+
+    Guidance leads by the shaper's lag and that of ArduCopter's own loops; what is later goes into
+    lead_s.
+    """
+    response = found.response
+    later = response.delay_s + response.lag_s - REFERENCE.lag_s
+    return {
+        "autopilot.acceleration_mps2": _rounded(response.acceleration_mps2),
+        "autopilot.jerk_mps3": _rounded(response.jerk_mps3),
+        "guidance.tracking.lead_s": _rounded(max(0.0, round(later, 2))),
+    }
+
+
+def _simulated(found: Fit) -> dict[str, float]:
+    response = found.response
+    return {
+        "sim.response.delay_s": _rounded(response.delay_s),
+        "sim.response.bandwidth": _rounded(response.omega / REFERENCE.omega),
+        "sim.response.acceleration_mps2": _rounded(response.acceleration_mps2),
+        "sim.response.jerk_mps3": _rounded(response.jerk_mps3),
+    }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _in_words(found: Fit) -> list[str]:
+    r = found.response
+    lines = [
+        f"fitted to {found.flown_s:.0f} s of flight, {found.rms_mps:.3f} m/s left unexplained:",
+        f"delay {r.delay_s:.2f} s, acceleration {r.acceleration_mps2:.2f} m/s^2, "
+        f"jerk {r.jerk_mps3:.1f} m/s^3, loops below {r.omega:.1f} rad/s ({r.lag_s:.2f} s late)",
+    ]
+    if not found.limits_reached:
+        lines.append("flown gently: acceleration and jerk may be more, these explain the flights")
+    return lines

@@ -1,0 +1,147 @@
+"""Pictures along the thesis's approach, searched for markers: how true are their poses (3.3, 3.4)?
+
+Nothing flies: every picture is taken from a standing camera and searched as the first of a flight,
+with gravity as the autopilot's attitude would tell it.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hw.sim.physics.world import stream
+from hw.sim.picture.lens import true_camera
+from hw.sim.picture.pad_print import printed
+from hw.sim.picture.renderer import Renderer
+from hw.sim.snapshot import CameraPose, PadPose
+from landerd.camera_model import load_camera
+from landerd.config.files import Loaded
+from landerd.devices import sim_options
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    cross,
+    dot,
+    heading_of,
+    norm,
+    rot_z,
+    rotate,
+    sub,
+    transpose,
+    unit,
+    wrap,
+)
+from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior
+from landerd.pad import Marker, PadLayout, load_pad
+from landerd.vision import Vision
+
+HEIGHT_M = 10.0  # the thesis comes level at this height,
+FROM_M = 16.0  # from so far, where it begins to see the pad,
+DOWN_TO_M = 0.5  # and then down to this
+PICTURES = 40  # on the way, half of them level
+ASIDE_M = 0.3  # standard deviation of the way from the ideal one,
+AIM_DEG = 3.0  # of the camera's aim,
+GRAVITY_DEG = 0.5  # and of gravity as attitude and gimbal angles tell it
+FLIPPED = math.cos(math.radians(20.0))  # an axis further off than this is of the other solution
+
+
+def see_poses(loaded: Loaded, scenario: str, seed: int) -> dict[str, Any]:
+    """Take and search the pictures of one approach.
+
+    Returns:
+        `poses`: for every picture a mapping with `distance_m` from lens to pad, `markers` (by kind:
+        `distance_m`; `error_m` north, east, up; `yaw_error_rad`, None of plain rings), and whether
+        the pad's axis was `flipped`, None where it was not seen; `flipped_alone` if gravity is not
+        told. `scenario` and `seed`.
+
+    Raises:
+        CalibrationError: the camera's calibration cannot be used.
+        PadError: the pad's layout cannot be used.
+    """
+    config, options = loaded.config, sim_options(loaded)
+    layout = load_pad(config.pad.layout)
+    camera = load_camera(config.camera.calibration)
+    lens = true_camera(camera, options.camera.calibration_error)
+    print_ = printed(layout, options.pad, seed)
+    renderer = Renderer(print_, lens, options.render, seed, options.camera, options.pad)
+    north, east = options.pad.position_m
+    position = (north, east, -options.pad.height_m)
+    pad = PadPose(position, rot_z(math.radians(options.pad.heading_deg)))
+    rng = np.random.default_rng(stream(seed, "poses").getrandbits(64))
+    poses = []
+    for i in range(PICTURES):
+        pose = _on_the_way(i / (PICTURES - 1), pad, rng)
+        image = renderer.render(i, pose, pose, pad, None)
+        down = _gravity(pose.R_local_camera, rng)
+        found = [
+            Vision(layout, camera, config.vision).process(Frame(0.0, i, image), prior)
+            for prior in (Prior(down=down), Prior())
+        ]
+        poses.append(
+            {
+                "distance_m": norm(sub(pad.position, pose.position)),
+                "markers": _errors(found[0].markers, print_, pose, pad),
+                "flipped": _flipped(found[0].pad, pose, pad),
+                "flipped_alone": _flipped(found[1].pad, pose, pad),
+            }
+        )
+    return {"scenario": scenario, "seed": seed, "poses": poses}
+
+
+def _on_the_way(share: float, pad: PadPose, rng: np.random.Generator) -> CameraPose:
+    """Return a camera that looks about at the pad from a point of the approach, from the south."""
+    along = 2.0 * share
+    north = -FROM_M * max(0.0, 1.0 - along)
+    height = HEIGHT_M - (HEIGHT_M - DOWN_TO_M) * max(0.0, along - 1.0)
+    aside = rng.normal(0.0, ASIDE_M, 2) * min(1.0, height / HEIGHT_M)
+    position = add(pad.position, (north + float(aside[0]), float(aside[1]), -height))
+    to_pad = sub(pad.position, position)
+    level = math.hypot(to_pad[0], to_pad[1])
+    aim = np.radians(rng.normal(0.0, AIM_DEG, 2))
+    yaw = math.atan2(to_pad[1], to_pad[0]) * (level > 1.0) + float(aim[0])
+    pitch = math.atan2(to_pad[2], level) + float(aim[1])
+    right = (-math.sin(yaw), math.cos(yaw), 0.0)
+    forward = (math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch))
+    return CameraPose(position, transpose((right, cross(forward, right), forward)))
+
+
+def _gravity(R_local_camera: Mat3, rng: np.random.Generator) -> Vec3:
+    """Return the direction of gravity in the camera's axes, as wrong as it is told."""
+    x, y = np.radians(rng.normal(0.0, GRAVITY_DEG, 2))
+    return rotate(transpose(R_local_camera), unit((float(x), float(y), 1.0)))
+
+
+def _errors(
+    seen: tuple[MarkerSighting, ...], print_: PadLayout, pose: CameraPose, pad: PadPose
+) -> dict[str, Any]:
+    errors: dict[str, Any] = {}
+    for sighting in seen:
+        true = next(m for m in print_.markers if m.kind == sighting.kind)
+        place = add(pad.position, rotate(pad.R_local_pad, (*true.position_m, 0.0)))
+        best = sighting.solutions[0]
+        found = add(pose.position, rotate(pose.R_local_camera, best.position))
+        n, e, d = sub(found, place)
+        errors[sighting.kind] = {
+            "distance_m": norm(sub(place, pose.position)),
+            "error_m": (n, e, -d),
+            "yaw_error_rad": _yaw_error(best, true, pose, pad),
+        }
+    return errors
+
+
+def _yaw_error(found: PoseSolution, true: Marker, pose: CameraPose, pad: PadPose) -> float | None:
+    if found.north is None:
+        return None
+    heading = math.radians(getattr(true, "heading_deg", 0.0)) + heading_of(
+        rotate(pad.R_local_pad, (1.0, 0.0, 0.0))
+    )
+    return wrap(heading_of(rotate(pose.R_local_camera, found.north)) - heading)
+
+
+def _flipped(found: tuple[PoseSolution, ...], pose: CameraPose, pad: PadPose) -> bool | None:
+    """Tell whether the likelier solution's axis is the mirrored one; None: the pad was not seen."""
+    if not found:
+        return None
+    normal = rotate(pose.R_local_camera, found[0].normal)
+    return dot(normal, rotate(pad.R_local_pad, (0.0, 0.0, 1.0))) < FLIPPED

@@ -1,0 +1,55 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from landerd.calibration.vehicle import Response, ResponseError, Stretch, answer, fit, stretches
+from landerd.campaigns.search import minimised
+from landerd.flightlog.reader import read_log
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+
+
+def flown(response: Response, steps: list[float]) -> Stretch:
+    """Return what a vehicle flies that is ordered a velocity to the north every 3 s."""
+    times = np.arange(0.0, 3.0 * len(steps), 0.025).tolist()
+    orders = [(steps[int(t / 3.0)], 0.0) for t in times]
+    stretch = Stretch(times, orders, times, [(0.0, 0.0)] * len(times))
+    stretch.flown = [(float(n), float(e)) for n, e in answer(response, stretch)]
+    return stretch
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [Response(0.02, 5.0, 12.0, 14.0), Response(0.0, 2.5, 5.0, 9.0), Response(0.2, 1.2, 2.0, 5.0)],
+    ids=["agile", "reference", "sluggish"],
+)
+def test_a_vehicle_is_found_out_from_its_flight(vehicle: Response) -> None:
+    pytest.importorskip("cmaes")
+    found = fit([flown(vehicle, [0.0, 8.0, -2.0, -1.0])], minimised)
+    assert found.rms_mps < 0.02
+    assert found.limits_reached
+    late_s = vehicle.delay_s + vehicle.lag_s  # a little of both looks alike
+    assert found.response.delay_s + found.response.lag_s == pytest.approx(late_s, abs=0.05)
+    assert found.response.acceleration_mps2 == pytest.approx(vehicle.acceleration_mps2, rel=0.1)
+    assert found.response.jerk_mps3 == pytest.approx(vehicle.jerk_mps3, rel=0.25)
+
+
+def test_a_gentle_flight_does_not_tell_more_than_was_flown() -> None:
+    pytest.importorskip("cmaes")
+    ramp = [0.4 * i for i in range(4)]
+    found = fit([flown(Response(0.05, 5.0, 10.0, 9.0), ramp)], minimised)
+    assert not found.limits_reached
+    assert found.response.acceleration_mps2 < 2.5
+
+
+def test_a_real_log_has_a_stretch_under_orders_of_its_own() -> None:
+    (stretch,) = stretches(read_log(GOLDEN / "gate-closed.mcap"))
+    assert stretch.orders_t[-1] - stretch.orders_t[0] > 4.0
+    assert len(stretch.flown) > 100
+
+
+def test_a_flight_that_goes_nowhere_is_told_to_tell_nothing() -> None:
+    hovers = stretches(read_log(GOLDEN / "landing.mcap"))
+    with pytest.raises(ResponseError, match="found no 4 s of landerd's orders"):
+        fit(hovers, minimised)
