@@ -178,7 +178,7 @@ def _events(flight: Flight) -> list[tuple[float, str]]:
     state = flight.state_at(landed)
     if state is not None and state.relative is not None:
         off = 100.0 * state.relative.distance
-        text += f"; by landerd's own estimate {off:.0f} cm from the landing point"
+        text += f"; by landerd's own estimate it then stood {off:.0f} cm from the landing point"
     return [*events, (landed, f"{text}.")]
 
 

@@ -30,7 +30,7 @@ def draw(image: Image, sightings: Sightings, camera: CameraModel, layout: PadLay
     the axis up.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    size = max(0.4, min(camera.width, camera.height) / 1200.0)
+    size = max(0.5, min(camera.width, camera.height) / 960.0)
     for marker in sightings.markers:
         outline = np.array(marker.outline_px)
         _polygon(picture, outline, _OUTLINE)
