@@ -1,7 +1,9 @@
 """What a flight log says of a landing, as numbers and in sentences."""
 
+import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 
 from landerd.analysis.picture import Sample
 from landerd.flightlog.contents import State
@@ -127,19 +129,16 @@ def flight_of(log: FlightLog) -> Flight:
 
 
 def sentences(flight: Flight) -> list[str]:
-    """Tell what happened."""
+    """Tell what happened: first of the whole, then each event in its order, then how it ended."""
     log = flight.log
     seen = len([s for s in flight.sightings if s.pad])
     rate = len(flight.sightings) / flight.end if flight.end > 0.0 else 0.0
     told = [
+        f"{_when(log)}, pad: {log.layout.name}.",
         f"The log covers {flight.end:.1f} s; {len(flight.sightings)} pictures were searched "
-        f"({rate:.0f} a second), and the pad was seen in {seen} of them."
+        f"({rate:.0f} a second), and the pad was seen in {seen} of them.",
     ]
-    first = flight.first_sight_t
-    if first is not None:
-        told.append(f"The pad was first seen within {SIGHT_M:.0f} m at {first:.1f} s.")
-    for t, change in flight.changes:
-        told.append(f"At {t:.1f} s: {_phase(change)}{_where(flight, t)}.")
+    told += [text for _, text in sorted(_events(flight), key=lambda event: event[0])]
     if not flight.changes:
         told.append("landerd never took over.")
     last = log.states[-1] if log.states else None
@@ -148,14 +147,52 @@ def sentences(flight: Flight) -> list[str]:
         told.append(f"While flying, landerd lost sight of the pad {lost}.")
         ended = last.outcome or "none yet: the log ends before the landing does"
         told.append(f"Outcome: {ended.replace('_', ' ')}.")
-    if flight.disarmed_t is not None:
-        text = f"The motors were off at {flight.disarmed_t:.1f} s"
-        if first is not None:
-            text += f", {flight.disarmed_t - first:.1f} s after first sight"
-        if flight.energy_j is not None:
-            text += f", for {flight.energy_j / 100.0:.1f} hJ"
-        told.append(f"{text}.")
-    return told
+    return [*told, *_health(flight, last)]
+
+
+def _when(log: FlightLog) -> str:
+    if log.wall_offset_s == 0.0:
+        return "Simulated time, without a date"
+    began = datetime.fromtimestamp(log.steps[0].now + log.wall_offset_s, UTC)
+    return f"{began:%Y-%m-%d %H:%M:%S} UTC by the computer's clock"
+
+
+def _events(flight: Flight) -> list[tuple[float, str]]:
+    """Return what happened when, s."""
+    events = [
+        (t, f"At {t:.1f} s: {_phase(change)}{_where(flight, t)}.") for t, change in flight.changes
+    ]
+    first = flight.first_sight_t
+    if first is not None:
+        text = f"The pad was first seen within {SIGHT_M:.0f} m at {first:.1f} s."
+        events.append((first, text))
+    landed = flight.disarmed_t
+    if landed is None:
+        return events
+    text = f"The motors were off at {landed:.1f} s"
+    if first is not None:
+        text += f", {landed - first:.1f} s after first sight"
+    if flight.energy_j is not None:
+        hj, wh = flight.energy_j / 100.0, flight.energy_j / 3600.0
+        text += f", for {hj:.1f} hJ ({wh:.2f} Wh; the thesis counts in hJ, hectojoules, 100 J each)"
+    state = flight.state_at(landed)
+    if state is not None and state.relative is not None:
+        off = 100.0 * state.relative.distance
+        text += f"; by landerd's own estimate it then stood {off:.0f} cm from the landing point"
+    return [*events, (landed, f"{text}.")]
+
+
+def _health(flight: Flight, last: State | None) -> list[str]:
+    """Return what landerd has found of clock and mounting."""
+    if last is None or last.sensors is None or not flight.sightings:
+        return []
+    s = last.sensors
+    return [
+        f"Found of the camera, give or take 1 sigma: its pictures are stamped "
+        f"{1e3 * s.clock_s:.1f} ± {1e3 * s.sigma_clock_s:.1f} ms late; it looks "
+        f"{math.degrees(s.up):.2f} ± {math.degrees(s.sigma_up):.2f} degrees higher and "
+        f"{math.degrees(s.right):.2f} ± {math.degrees(s.sigma_right):.2f} farther right."
+    ]
 
 
 def _phase(change: PhaseChange) -> str:

@@ -4,14 +4,12 @@ import math
 from pathlib import Path
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, Prior, Setpoint, Sightings, Tick
 from landerd.pad import PadLayout
-from landerd.vision.draw import draw
+from landerd.vision.draw import draw, write
 
 
 class VideoNotWritten(Exception):
@@ -22,7 +20,7 @@ class OrdersVideo:
     """An observer that writes the video of one flight."""
 
     def __init__(self, path: Path, camera: CameraModel, layout: PadLayout, fps: float) -> None:
-        """Make the file, MPEG-4.
+        """Make the file: .webm in VP8, which browsers play, or .mp4 in MPEG-4 Part 2.
 
         Raises:
             VideoNotWritten: it cannot be made.
@@ -30,7 +28,7 @@ class OrdersVideo:
         self._camera, self._layout = camera, layout
         self._path, self._frames = path, 0
         size = (camera.width, camera.height)
-        code = cv2.VideoWriter.fourcc(*"mp4v")
+        code = cv2.VideoWriter.fourcc(*("VP80" if path.suffix == ".webm" else "mp4v"))
         self._writer = cv2.VideoWriter(str(path), code, fps, size)
         if not self._writer.isOpened():
             raise VideoNotWritten(f"{path}: this video cannot be written")
@@ -55,7 +53,8 @@ class OrdersVideo:
                 f"turn {turn:+.1f} deg/s"
             )
         for i, line in enumerate(lines):
-            _write(picture, line, picture.shape[0] - 12 - 20 * (len(lines) - 1 - i))
+            y = picture.shape[0] - 12 - 20 * (len(lines) - 1 - i)
+            write(picture, (8, y), line, (255, 255, 255), 0.45)
         self._writer.write(picture)
         self._frames += 1
 
@@ -77,10 +76,3 @@ class OrdersVideo:
         can_be_played = capture.isOpened() or self._frames == 0
         capture.release()
         return can_be_played
-
-
-def _write(picture: NDArray[np.uint8], line: str, y: int) -> None:
-    for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-        cv2.putText(
-            picture, line, (8, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness, cv2.LINE_AA
-        )

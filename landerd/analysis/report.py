@@ -1,10 +1,11 @@
 """One HTML file, with all in it, about one flight or several.
 
-Needs matplotlib, which is not part of the flight install (`pip install 'landerd[report]'`).
+Plots need matplotlib, which is not part of the flight install (`pip install 'landerd[report]'`).
 """
 
 import base64
 import html
+import importlib.util
 import io
 import math
 from collections.abc import Callable
@@ -23,6 +24,7 @@ from landerd.geometry import Vec3
 from landerd.messages import Frame, Sightings
 from landerd.vision.draw import draw
 
+NO_PLOTS = "Without plots: they need matplotlib (pip install 'landerd[report]')."
 NEAR_S = 1.0  # a recorded picture this close to a change of phase shows it
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 1100px; margin: 2em auto;
@@ -48,11 +50,7 @@ class _Plot(NamedTuple):
 
 
 def report(flights: list[Flight]) -> str:
-    """Return the page.
-
-    Raises:
-        ImportError: matplotlib is not installed.
-    """
+    """Return the page; without plots if matplotlib is not installed."""
     parts = [_section(flight) for flight in flights]
     names = ", ".join(flight.log.path.name for flight in flights)
     return (
@@ -72,9 +70,12 @@ def _section(flight: Flight) -> str:
     out += [f"<li>{html.escape(text)}</li>" for text in sentences(flight)]
     out.append("</ol>")
     out += _views(flight)
-    for plot in _PLOTS:
-        if plot.is_there(flight):
-            out += _figure(plot, flight)
+    if importlib.util.find_spec("matplotlib") is None:
+        out.append(f'<p class="note">{NO_PLOTS}</p>')
+    else:
+        for plot in _PLOTS:
+            if plot.is_there(flight):
+                out += _figure(plot, flight)
     versions = "".join(
         f"<tr><td>{html.escape(k)}</td><td>{html.escape(v)}</td></tr>"
         for k, v in log.versions.items()
@@ -249,7 +250,7 @@ def _battery(figure: Any, flight: Flight) -> None:
         other = axes.twinx()
         used = [math.nan if e is None else e / 100.0 for e in energy]
         other.plot(t, used, color="tab:red")
-        other.set_ylabel("used (hJ)", color="tab:red")
+        other.set_ylabel("used (hJ; 36 hJ are 1 Wh)", color="tab:red")
     _finish(figure, flight)
 
 
@@ -303,7 +304,6 @@ def write_report(flights: list[Flight], path: Path) -> None:
     """Write the page into a file.
 
     Raises:
-        ImportError: matplotlib is not installed.
         OSError: the file cannot be written.
     """
     path.write_text(report(flights), encoding="utf-8")

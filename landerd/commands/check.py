@@ -36,6 +36,7 @@ from landerd.preflight.configuration import first_flight, pad_findings, placehol
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
+from landerd.preflight.status_page import page_findings
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 from landerd.worker import exit_without_waiting
@@ -199,6 +200,7 @@ async def check(
         *(sensor_findings(config, found) if found is not None else ()),
         *computer_findings(config.autopilot.url, system),
         disk(loaded, state),
+        *page_findings(config.web),
     ]
 
 

@@ -25,6 +25,7 @@ from landerd.vision.disagreement import Disagreement
 from landerd.vision.draw import draw
 
 _MOST_SEARCHES = 30  # of a still
+_READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 
 
@@ -142,7 +143,7 @@ def _searched(vision: Vision, frame: Frame, picture: Picture) -> Sightings:
 
 
 def _new_vision(layout: PadLayout, camera: CameraModel) -> Vision:
-    return Vision(layout, camera, VisionSection())
+    return Vision(layout, camera, VisionSection(readout_s=_READOUT_S))
 
 
 # ---- pictures ----------------------------------------------------------------------------------

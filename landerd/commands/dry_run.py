@@ -93,7 +93,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--to", dest="end", type=float, metavar="S", help="part of the telemetry, s from its start"
     )
-    parser.add_argument("--draw", type=Path, metavar="FILE.mp4", help="draw it over the pictures")
+    parser.add_argument(
+        "--draw",
+        type=Path,
+        metavar="FILE",
+        help="draw it over the pictures: FILE.webm, which browsers play, or FILE.mp4",
+    )
     parser.add_argument(
         "--log", type=Path, metavar="FILE.mcap", help="write a flight log, for landerd report"
     )
@@ -104,7 +109,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what would have been ordered; return 0."""
     loaded = load_config(args)
-    check_output(args.draw, ".mp4", "--draw")
+    is_for_browsers = args.draw is not None and args.draw.suffix == ".webm"
+    check_output(args.draw, ".webm" if is_for_browsers else ".mp4", "--draw")
     check_output(args.log, ".mcap", "--log")
     with refusing(TelemetryError, VideoError, VideoNotWritten, CalibrationError, PadError):
         telemetry = _telemetry(args.telemetry)

@@ -4,7 +4,7 @@ import argparse
 import importlib.util
 from pathlib import Path
 
-from landerd.commands.shared import InputError, refusing
+from landerd.commands.shared import InputError, refusing, tell
 from landerd.flightlog.reader import LogError, read_log
 
 
@@ -18,10 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the page; return 0."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise InputError("report needs matplotlib: pip install 'landerd[report]'")
     from landerd.analysis.flight import flight_of
-    from landerd.analysis.report import write_report
+    from landerd.analysis.report import NO_PLOTS, write_report
 
     try:
         with refusing(LogError):
@@ -29,5 +27,7 @@ def run(args: argparse.Namespace) -> int:
             write_report(flights, args.output)
     except OSError as e:
         raise InputError(f"{args.output}: cannot be written: {e.strerror}") from None
+    if importlib.util.find_spec("matplotlib") is None:
+        tell(NO_PLOTS)
     print(args.output)
     return 0

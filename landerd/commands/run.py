@@ -19,9 +19,11 @@ from landerd.flightlog.recorder import Recorder
 from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, Prior, Sightings
 from landerd.pad import PadError, PadLayout, load_pad
+from landerd.preflight.computer import temperature_c
 from landerd.preflight.sensors import sensors_file, write_sensors
 from landerd.runtime.daemon import CoreFailed, Daemon, Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
+from landerd.web import StatusPage
 from landerd.worker import exit_without_waiting
 
 log = logging.getLogger("landerd")
@@ -68,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
     with refusing(CalibrationError, PadError, SetUpError):
         layout = load_pad(config.pad.layout)
         camera_model = fitting_camera(loaded)
-        recorder = _recorder(config, layout, camera_model)
+        folder = _folder(config)
+        recorder = _recorder(config, layout, camera_model, folder)
         devices = make_devices(loaded, overlay, recorder)
     log_to_stderr()
     if overlay.exists():
@@ -76,15 +79,18 @@ def run(args: argparse.Namespace) -> int:
     if recorder is None:
         log.warning("flights are not recorded: log.folder is not set")
 
+    page = StatusPage.of(config, camera_model, layout, folder, temperature_c)
+
     async def fly() -> None:
         observers: list[Observer] = [ServiceNotifier()]
         if recorder is not None:
             observers.append(recorder)
         if (notes := sensors_file()) is not None:
             observers.append(SensorNotes(notes))
-        await _run_until_signal(
-            Daemon(config, layout, camera_model, devices, observers=tuple(observers))
-        )
+        daemon = Daemon(config, layout, camera_model, devices, observers=tuple(observers))
+        if page is not None:
+            page.watch(daemon)
+        await _run_until_signal(daemon)
 
     code = 0
     try:
@@ -94,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
     finally:
         if recorder is not None:
             recorder.close()
+        if page is not None:
+            page.close()
     exit_without_waiting(code)
     return code
 
@@ -113,10 +121,16 @@ async def _run_until_signal(daemon: Daemon) -> None:
         await flying
 
 
-def _recorder(config: Config, layout: PadLayout, camera: CameraModel) -> Recorder | None:
-    """Return what records the flights; None if nothing says where."""
+def _folder(config: Config) -> Path | None:
+    """Return where flights are recorded; None if nothing says where."""
     state = os.environ.get("STATE_DIRECTORY")
-    folder = config.log.folder or (Path(state) / "logs" if state else None)
+    return config.log.folder or (Path(state) / "logs" if state else None)
+
+
+def _recorder(
+    config: Config, layout: PadLayout, camera: CameraModel, folder: Path | None
+) -> Recorder | None:
+    """Return what records the flights into a folder; None: nothing does."""
     if folder is None:
         return None
     head = Head(config, layout, camera, wall_offset_s=time.time() - time.monotonic())

@@ -1,14 +1,16 @@
 """`landerd sim`: one landing in the simulator."""
 
 import argparse
+import contextlib
 import difflib
 import importlib.util
 import logging
 import math
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from landerd.camera_model import CalibrationError
 from landerd.commands.shared import (
@@ -27,6 +29,9 @@ from landerd.commands.shared import (
 from landerd.config.files import Loaded, config_files
 from landerd.pad import PadError
 from landerd.worker import exit_without_waiting
+
+if TYPE_CHECKING:
+    from landerd.web import StatusPage
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +71,8 @@ def run(args: argparse.Namespace) -> int:
     loaded = _load(args)
     logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
     shows_progress = sys.stdout.isatty() and not args.json
-    result = _fly(args, loaded, _show_progress if shows_progress else None)
+    page = _page(args, loaded)
+    result = _fly(args, loaded, _show_progress if shows_progress else None, page)
     if shows_progress:
         _show_progress("")
     if args.json:
@@ -82,6 +88,8 @@ def run(args: argparse.Namespace) -> int:
     if result["not_written"]:
         tell("\n".join(result["not_written"]))
         code = 2
+    if page is not None:
+        _show_on(page, stays=shows_progress)
     if args.realtime:  # a search may still be going on
         exit_without_waiting(code)
     return code
@@ -110,8 +118,43 @@ def _load(args: argparse.Namespace) -> Loaded:
     return loaded
 
 
+def _page(args: argparse.Namespace, loaded: Loaded) -> "StatusPage | None":
+    """Return the status page, where one is asked for and there is time to look at it."""
+    config = loaded.config
+    if config.web.listen is None:
+        return None
+    if not args.realtime:
+        tell("web.listen: the status page is shown of flights with --realtime only")
+        return None
+    from landerd.camera_model import load_camera
+    from landerd.pad import load_pad
+    from landerd.preflight.computer import temperature_c
+    from landerd.web import StatusPage
+
+    with refusing(CalibrationError, PadError):
+        camera, layout = load_camera(config.camera.calibration), load_pad(config.pad.layout)
+    folder = args.log.absolute().parent if args.log is not None else None
+    page = StatusPage.of(config, camera, layout, folder, temperature_c)
+    if page is not None:
+        tell(f"status page: {page.url}")
+    return page
+
+
+def _show_on(page: "StatusPage", *, stays: bool) -> None:
+    """Show the flight's end until Ctrl-C, where somebody sits who can."""
+    page.flight_is_over()
+    if stays:
+        tell(f"the flight's end is shown on {page.url} until Ctrl-C")
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()
+    page.close()
+
+
 def _fly(
-    args: argparse.Namespace, loaded: Loaded, progress: Callable[[str], None] | None
+    args: argparse.Namespace,
+    loaded: Loaded,
+    progress: Callable[[str], None] | None,
+    page: "StatusPage | None",
 ) -> dict[str, Any]:
     # The simulator is imported when all arguments are known to be good.
     from landerd.simulation.flight import simulate
@@ -127,6 +170,7 @@ def _fly(
                 picture=args.picture,
                 log=args.log,
                 progress=progress,
+                watch=page.watch if page is not None else None,
             )
         return simulate_sitl(
             loaded,

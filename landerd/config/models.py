@@ -4,14 +4,29 @@ Lengths in m, times in s; angles end in `_deg` because people type them. Drivers
 bring models of their own (landerd.drivers); they appear under the section they belong to.
 """
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from landerd.section import Finite, NotNegative, Positive, Section
 
+_ADDRESS = re.compile(r"(?:\[([0-9A-Fa-f:.%\w]+)\]|([^\s:\[\]]+)):(\d{1,5})", re.ASCII)
+
 Gain = Annotated[float, Field(ge=0, le=10)]
+
+
+def split_address(text: str) -> tuple[str, int]:
+    """Return address and port of ADDRESS:PORT, as 127.0.0.1:8080 or [::1]:8080.
+
+    Raises:
+        ValueError: it is no such text.
+    """
+    found = _ADDRESS.fullmatch(text)
+    if found is None or not 1 <= int(found[3]) <= 65535:
+        raise ValueError("expected ADDRESS:PORT, as 127.0.0.1:8080")
+    return found[1] or found[2], int(found[3])
 
 
 class PadSection(Section):
@@ -119,9 +134,10 @@ class VisionSection(Section):
     # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
     # by hand is good for, and what focus and warmth move.
     focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005
-    # From the exposure of the first row to that of the last: 0 for a global shutter. Ordinary
-    # cameras take 10 to 33 ms.
-    readout_s: Annotated[float, Field(ge=0, le=0.1)] = 0.02
+    # From the exposure of the first row to that of the last, 10 to 33 ms for ordinary cameras; 0 for
+    # a global shutter. In flight no wider than it is: what an image of a moving pad may err by would
+    # hide that the pad has stopped (with 0.02 a wave-off came a tenth of a second later).
+    readout_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
 
 
 class EstimationSection(Section):
@@ -276,6 +292,20 @@ class LogSection(Section):
     keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
 
 
+class WebSection(Section):
+    """The status page (docs/status-page.md)."""
+
+    listen: str | None = None  # ADDRESS:PORT; None: there is no page
+    token_file: Path | None = None  # with the word that opens it; needed beyond this computer
+
+    @field_validator("listen")
+    @classmethod
+    def _address_and_port(cls, listen: str | None) -> str | None:
+        if listen is not None:
+            split_address(listen)
+        return listen
+
+
 class Config(Section):
     """All sections that are not a driver's own."""
 
@@ -292,3 +322,4 @@ class Config(Section):
     aim: AimSection = AimSection()
     control: ControlSection = ControlSection()
     log: LogSection = LogSection()
+    web: WebSection = WebSection()

@@ -147,6 +147,10 @@ class Daemon:
         self.lander = Lander(config, layout)
         self.faults: Counter[str] = Counter()  # bad input by kind
 
+    def observe(self, observer: Observer) -> None:
+        """Show one more observer everything; call it before `run`."""
+        self._observers = (*self._observers, observer)
+
     async def run(self) -> NoReturn:
         """Drive the devices until cancelled; a lost device is opened again, with back-off.
 

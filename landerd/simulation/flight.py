@@ -339,8 +339,20 @@ def simulate(
     picture: Path | None = None,
     log: Path | None = None,
     progress: Callable[[str], None] | None = None,
+    watch: Callable[[Daemon], None] | None = None,
 ) -> dict[str, Any]:
     """Fly one landing and return the object that `landerd sim --json` prints.
+
+    Args:
+        loaded: the configuration.
+        scenario: its name, for the result.
+        seed: of all that is random.
+        longest_s: simulated time at most.
+        realtime: no faster than a real flight.
+        picture: where to draw the flight.
+        log: where to record it.
+        progress: is told a line now and again.
+        watch: is given the daemon before it runs, and may observe it.
 
     Raises:
         CalibrationError: the camera's calibration cannot be used.
@@ -350,6 +362,8 @@ def simulate(
     started = time.perf_counter()
     simulation = Simulation(loaded, seed, realtime=realtime, log=log)
     simulation.recording.progress = progress
+    if watch is not None:
+        watch(simulation.daemon)
     gc.freeze()  # collections then look only at what the flight makes
     try:
         run = run_realtime if realtime else run_virtual

@@ -30,7 +30,7 @@ def draw(image: Image, sightings: Sightings, camera: CameraModel, layout: PadLay
     the axis up.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    size = max(0.4, min(camera.width, camera.height) / 1200.0)
+    size = max(0.5, min(camera.width, camera.height) / 960.0)
     for marker in sightings.markers:
         outline = np.array(marker.outline_px)
         _polygon(picture, outline, _OUTLINE)
@@ -49,26 +49,35 @@ def _draw_pad(
     t, normal = np.array(pad.position), np.array(pad.normal)
     length = 0.4 * min(layout.plate.east_m + layout.plate.west_m, float(t[2]))
     axes = [(-length * normal, _UP)]
+    edge = plate_edge(pad, camera, layout)
+    if edge is not None:
+        _polygon(picture, edge, _PAD)
     if pad.north is not None:
         R = rotation_from(normal, np.array(pad.north))
-        plate = layout.plate
-        corners = np.array(
-            [
-                (plate.north_m, -plate.west_m),
-                (plate.north_m, plate.east_m),
-                (-plate.south_m, plate.east_m),
-                (-plate.south_m, -plate.west_m),
-            ]
-        )
-        points = t + corners @ R[:, :2].T
-        if points[:, 2].min() > MIN_DEPTH_M:
-            _polygon(picture, camera.pixels(points), _PAD)
         axes += [(length * R[:, 0], _NORTH), (length * R[:, 1], _EAST)]
     for axis, colour in axes:
         ends = np.array([t, t + axis])
         if ends[:, 2].min() > MIN_DEPTH_M:
             _line(picture, camera.pixels(ends), colour)
     _text(picture, (8.0, 32.0 * size), f"pad {_range(pad)}", _PAD, size)
+
+
+def plate_edge(pad: PoseSolution, camera: CameraModel, layout: PadLayout) -> F64 | None:
+    """Return the plate's corners (4, 2) in pixels; None: unknown heading, or behind the lens."""
+    if pad.north is None:
+        return None
+    R = rotation_from(np.array(pad.normal), np.array(pad.north))
+    plate = layout.plate
+    corners = np.array(
+        [
+            (plate.north_m, -plate.west_m),
+            (plate.north_m, plate.east_m),
+            (-plate.south_m, plate.east_m),
+            (-plate.south_m, -plate.west_m),
+        ]
+    )
+    points = np.array(pad.position) + corners @ R[:, :2].T
+    return camera.pixels(points) if points[:, 2].min() > MIN_DEPTH_M else None
 
 
 def _range(pose: PoseSolution) -> str:
@@ -101,7 +110,16 @@ def _text(picture: Image, at: tuple[float, float], text: str, colour: Colour, si
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
     x = int(min(max(at[0], 2.0), max(2.0, picture.shape[1] - width - 2.0)))
     y = int(min(max(at[1], height + 2.0), picture.shape[0] - 4.0))
-    for shade, thickness in (((0, 0, 0), 3), (colour, 1)):
-        cv2.putText(
-            picture, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, shade, thickness, cv2.LINE_AA
-        )
+    write(picture, (x, y), text, colour, size)
+
+
+def write(picture: Image, at: tuple[int, int], text: str, colour: Colour, size: float) -> None:
+    """Write a line from its lower left corner (px) into a BGR picture.
+
+    On a darkened ground: an outline as small as the letters leaves ghosts of them.
+    """
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    x, y = at
+    ground = picture[max(0, y - height - 3) : y + below, max(0, x - 3) : x + width + 3]
+    np.floor_divide(ground, 4, out=ground)
+    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)

@@ -62,6 +62,12 @@ def test_sentences_say_when_and_where(landing: Path) -> None:
     text = " ".join(told)
     assert "landerd lost sight of the pad once" in text
     assert "Outcome: landed" in text
+    assert told[0] == "Simulated time, without a date, pad: ring and tag."
+    assert re.search(r"by landerd's own estimate it then stood \d+ cm from the landing point", text)
+    assert "its pictures are stamped" in text
+    # Events are told in the order in which they happened.
+    times = [float(t) for line in told[2:-3] for t in re.findall(r"([\d.]+) s[:.,]", line)[:1]]
+    assert times == sorted(times)
     (approach,) = [t for t in told if "APPROACH (pad in sight)" in t and "At 1.1" in t]
     distance = re.search(r"([\d.]+) m from the pad and ([\d.]+) m over it", approach)
     assert distance is not None
