@@ -4,7 +4,9 @@ All places meet the same seeds (common random numbers), and the worse half of th
 those: CMA-ES asks only which places are the better ones.
 """
 
+import importlib.util
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -19,8 +21,8 @@ SIGMA = 0.25  # of the first generation, share of the range
 SEED = 1  # of CMA-ES's own random numbers
 
 
-class MissingLibrary(Exception):
-    """The optimiser's library is not installed; the text is for the user."""
+class SearchError(Exception):
+    """The search cannot be made; the text is for the user."""
 
 
 @dataclass(frozen=True)
@@ -68,12 +70,11 @@ def cma_es(
         patience: generations without a better place, then it ends.
 
     Raises:
-        MissingLibrary: cmaes is not installed.
+        SearchError: cmaes is not installed, or the places are fewer than a generation.
     """
-    try:
-        from cmaes import CMA
-    except ImportError:
-        raise MissingLibrary("this search needs cmaes: pip install 'landerd[tune]'") from None
+    check_cma_es(len(start), sets)
+    from cmaes import CMA
+
     bounds = np.array([[0.0, 1.0]] * len(start))
     optimiser = CMA(mean=np.array(start), sigma=SIGMA, bounds=bounds, seed=SEED)
     best: Cost | None = None
@@ -91,6 +92,21 @@ def cma_es(
             return
 
 
+def check_cma_es(dimensions: int, sets: int) -> None:
+    """Refuse a search that cannot be made, before anything is flown.
+
+    Raises:
+        SearchError: cmaes is not installed, or the places are fewer than a generation.
+    """
+    if importlib.util.find_spec("cmaes") is None:
+        raise SearchError("this search needs cmaes: pip install 'landerd[tune]'")
+    generation = 4 + int(3.0 * math.log(dimensions))  # Hansen's default, which cmaes takes
+    if sets < generation:
+        raise SearchError(
+            f"sets: found {sets}, expected {generation} or more: CMA-ES tries so many at a time"
+        )
+
+
 def _as_place(x: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Place:
     return tuple(float(each) for each in x)
 
@@ -101,7 +117,7 @@ def minimised(
     """Return the best place that CMA-ES finds for a function that is not costly.
 
     Raises:
-        MissingLibrary: cmaes is not installed.
+        SearchError: cmaes is not installed, or the places are fewer than a generation.
     """
     known = {tuple(start): function(start)}
 

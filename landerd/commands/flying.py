@@ -160,7 +160,7 @@ def _why(run: Run) -> str | None:
         return run.error
     if result.get("faults_flown"):
         return "; ".join(failures(run)) or None
-    broken = "; ".join(result["rules_broken"])
+    broken = "; ".join(result.get("rules_broken", ()))
     if broken:
         return f"rules broken: {broken}"
     return f"did not land: {result['outcome']}" if has_failed(run) else None

@@ -11,7 +11,7 @@ from landerd.campaigns.compare import Pair
 from landerd.campaigns.journal import Journal, JournalError
 from landerd.campaigns.plan import Campaign
 from landerd.campaigns.pool import Run, Task
-from landerd.campaigns.search import MissingLibrary, Place, Tried, cma_es, grid
+from landerd.campaigns.search import Place, SearchError, Tried, check_cma_es, cma_es, grid
 from landerd.campaigns.tuning import (
     FRESH_FROM,
     Cost,
@@ -80,16 +80,18 @@ def run(args: argparse.Namespace) -> int:
     if args.flights is not None:
         return tune_from(args)
     args.config = config_path(args)
-    with refusing(ConfigError, JournalError):
+    with refusing(ConfigError, JournalError, SearchError):
         tuning = load_tuning(args.name)
         # Not laid over the rows, as a campaign's: what is tried wins.
         changed: dict[str, Any] = {"settings": (*tuning.settings, *args.set)}
         if args.sets is not None:
             changed["sets"] = args.sets
         tuning = tuning.model_copy(update=changed)
+        if args.search == "cma-es":
+            check_cma_es(len(tuning.parameters), tuning.sets)
         start = _start(tuning, args)
         journal = Journal(args.keep, _fingerprint(tuning, args)) if args.keep else None
-    with journal or contextlib.nullcontext(), refusing(MissingLibrary):
+    with journal or contextlib.nullcontext():
         return _search(args, _Flights(tuning, args, journal), start)
 
 

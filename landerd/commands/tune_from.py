@@ -4,7 +4,7 @@ import argparse
 from dataclasses import asdict
 
 from landerd.calibration.vehicle import REFERENCE, Fit, ResponseError, fit, stretches
-from landerd.campaigns.search import MissingLibrary, minimised
+from landerd.campaigns.search import SearchError, minimised
 from landerd.campaigns.tuning import DIGITS, overlay, settings_of
 from landerd.commands.shared import print_json, refusing, tell, write_text
 from landerd.flightlog.reader import LogError, read_log
@@ -15,7 +15,7 @@ POOR_FIT_MPS = 0.3  # more left unexplained than wind and the log's noise leave
 def tune_from(args: argparse.Namespace) -> int:
     """Fit, print and write; return 0, or 1 if the model does not explain the flights."""
     flights = []
-    with refusing(LogError, ResponseError, MissingLibrary):
+    with refusing(LogError, ResponseError, SearchError):
         for path in args.flights:
             log = read_log(path)
             for note in log.notes:

@@ -110,6 +110,19 @@ def test_a_stopped_campaign_goes_on_with_what_it_kept(
         flown["radial", 4] = flown["radial", 5] = AssertionError("flown again")
 
 
+def test_pictures_that_are_only_searched_are_a_table_of_distances(
+    flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "stationary # poses"
+    seen = {"whycon": {"distance_m": 5.0, "error_m": (0.3, 0.4, 0.0), "yaw_error_rad": None}}
+    picture = {"distance_m": 5.0, "markers": seen, "flipped": False, "flipped_alone": True}
+    flown[name, 1] = Run(name, 1, {"scenario": name, "seed": 1, "poses": [picture]})
+    assert main(["campaign", "whycon-pose", "--runs", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "4 to 6 1/1 0.500 0.500 1.463" in " ".join(out.split())
+    assert "without gravity: 1 of 1" in out
+
+
 def test_runs_of_two_configurations_are_not_mixed(
     flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

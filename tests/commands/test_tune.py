@@ -110,6 +110,7 @@ def test_a_search_that_was_stopped_goes_on_with_what_it_kept(
         (TUNING.replace("tracking.kp", "tracking.kq"), "nearest known key: guidance.tracking.kp"),
         (TUNING.replace("4.0", "40.0"), "guidance.tracking.kp"),
         (TUNING.replace("hover", "hoover"), "scenario 'hoover' is not known"),
+        (TUNING.replace("sets: 24", "sets: 5"), "sets: found 5, expected 6 or more: CMA-ES"),
     ],
 )
 def test_what_cannot_be_tuned_is_one_line_and_nothing_is_flown(
@@ -119,6 +120,7 @@ def test_what_cannot_be_tuned_is_one_line_and_nothing_is_flown(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    pytest.importorskip("cmaes")
     assert tune(tmp_path, text=text) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert says in line
