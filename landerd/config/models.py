@@ -134,9 +134,9 @@ class VisionSection(Section):
     # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
     # by hand is good for, and what focus and warmth move.
     focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005
-    # From the exposure of the first row to that of the last, 10 to 33 ms for ordinary cameras; 0 for
-    # a global shutter. In flight no wider than it is: what an image of a moving pad may err by would
-    # hide that the pad has stopped (with 0.02 a wave-off came a tenth of a second later).
+    # From the exposure of the first row to that of the last: 10 to 33 ms for ordinary cameras, 0
+    # for a global shutter. In flight no wider than it is: what an image of a moving pad may err by
+    # hides that the pad has stopped (with 0.02 a wave-off came a tenth of a second later).
     readout_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
 
 

@@ -28,12 +28,6 @@ DEFECTS = [
         id="a false ON_GROUND after commit is believed in the air, and landerd asks to disarm",
     ),
     pytest.param(
-        "{fault: switch-flapping, at: {phase: LANDED, after_s: 0.74}, for_s: 1.35, severity: 0.43}",
-        0.0,
-        3,
-        id="on the pad, the switch to and fro: orders that are not level though released",
-    ),
-    pytest.param(
         "{fault: autopilot-restarts, at: {phase: LANDED, after_s: 0.64}, severity: 0.77}",
         1.0,
         3,
