@@ -103,7 +103,8 @@ def test_drawn_pictures_mark_the_tag_and_leave_the_rest(folder: Path, tmp_path: 
     tag = np.array(VIEW.position) + 0.75 * VIEW.R_camera_pad[:, 0]
     x, y = THESIS_CAMERA.pixels(tag[None])[0].astype(int)
     assert coloured[y - 25 : y + 25, x - 25 : x + 25].any()
-    assert not coloured[:, 560:].any()
+    assert not coloured[:, 600:].any()
+    assert not coloured[360:].any()
 
 
 @pytest.mark.parametrize("name", ["missing.png", "text.png", "missing.mp4", "text.mp4", "empty"])
