@@ -93,13 +93,13 @@ class StandIn:
             self.autopilot.run,
             self.ground_station.run,
             self.switch.run,
-            self._open_gate,
+            self.open_gate,
         ]
         if self._pilot_obeys:
             jobs.append(ObedientPilot(self.switch, self.autopilot, self.ground_station).run)
         return jobs
 
-    async def _open_gate(self) -> None:
+    async def open_gate(self) -> None:
         """Move the pilot's switch up, by way of its middle if the vehicle is to hold first."""
         await asyncio.sleep(GATE_OPENS_S)
         if self._hold_s > 0.0:

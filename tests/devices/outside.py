@@ -133,7 +133,7 @@ async def flying(
     loaded = read_configuration(config, overrides=overrides)
     simulation = Simulation(loaded, seed, realtime=True)
     simulation.process.daemon = cast(Daemon, Handover(simulation, url, SocketCamera.path))
-    simulation._beside.remove(simulation.stand_in.switch.run)
+    simulation._beside.remove(simulation.stand_in.open_gate)
     run = asyncio.create_task(simulation.run(longest_s=600.0))
     try:
         yield simulation

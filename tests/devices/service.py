@@ -83,6 +83,7 @@ def with_vehicle(use: Callable[[Simulation, Orders], Awaitable[None]]) -> None:
             switch(simulation, LOW)
             # The vehicle before this one is the only one listened to until it is thought gone.
             await asyncio.sleep(SILENT_S + 3.0)
+            await until(lambda: "is low" in texts(simulation), "the low switch")
             try:
                 await use(simulation, orders)
             except AssertionError:
