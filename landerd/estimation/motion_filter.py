@@ -124,11 +124,6 @@ class MotionFilter:
         blocks = (self.Ppp, self.Pvv, self.Pbb, self.Pgg)
         return all(P[i][i] >= 0.0 for P in blocks for i in range(3))  # NaN is not
 
-    def forget_biases(self) -> None:
-        """Take the biases for what is assumed of them."""
-        self.biases = (ZERO, ZERO)
-        self.Pbb, self.Pgg, self._Pbg = self._initial_Pbb, self._initial_Pgg, ZEROS
-
     def shift(self, by: Vec3) -> None:
         """The local frame jumped: what was at x is now at x + by."""
         self.position = add(self.position, by)

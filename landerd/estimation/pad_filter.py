@@ -343,7 +343,7 @@ class PadFilter:
         self._accepted_t = seen.t
         self._motion.correct(innovation)
         if not self._motion.is_sound:
-            self._motion.forget_biases()
+            self._motion.forget_bias()
             self._start(seen)
             return
         self._correct_tilt(seen)

@@ -18,14 +18,16 @@ from landerd.camera_model import load_camera
 from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.geometry import (
+    R_GIMBAL_CAMERA,
     Mat3,
     Vec3,
     add,
-    cross,
     dot,
     heading_of,
+    matmul,
     norm,
     rot_z,
+    rot_zyx,
     rotate,
     sub,
     transpose,
@@ -100,10 +102,8 @@ def _on_the_way(share: float, pad: PadPose, rng: np.random.Generator) -> CameraP
     level = math.hypot(to_pad[0], to_pad[1])
     aim = np.radians(rng.normal(0.0, AIM_DEG, 2))
     yaw = math.atan2(to_pad[1], to_pad[0]) * (level > 1.0) + float(aim[0])
-    pitch = math.atan2(to_pad[2], level) + float(aim[1])
-    right = (-math.sin(yaw), math.cos(yaw), 0.0)
-    forward = (math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch))
-    return CameraPose(position, transpose((right, cross(forward, right), forward)))
+    pitch = -math.atan2(to_pad[2], level) - float(aim[1])
+    return CameraPose(position, matmul(rot_zyx(yaw, pitch, 0.0), R_GIMBAL_CAMERA))
 
 
 def _gravity(R_local_camera: Mat3, rng: np.random.Generator) -> Vec3:

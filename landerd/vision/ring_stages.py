@@ -43,14 +43,14 @@ _ROUGH_BAND_PX = 3.0
 _FULL_BAND_PX, _BAND_BLURS = 2.0, 2.0  # the wider of this and so many blurs
 _SHADED_BAND_PX = 3.5  # wide enough to hold pixels that are white and nothing else
 _MOVING_BAND_PX, _BAND_PATHS = 2.0, 0.6  # this and such a share of the motion's path
-_TRACKED_BAND_PX = 4.0  # so far edges may be from where they are expected
+TRACKED_BAND_PX = 4.0  # so far edges may be from where they are expected
 
 # What is started from where nothing is known.
 _BLUR_PX, _MOVING_BLUR_PX = 1.0, 0.7
 _PATH_PX, _PATH_BLURS = 3.0, 2.5  # of a motion: the longer of this and so many blurs
 _PATH_DIRECTIONS = 4
 
-_MAX_TILT_COS = math.cos(math.radians(25.0))  # pads that lean more are not landed on
+MAX_TILT_COS = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 _SHADOW_ROUNDS = 2  # the better the pose, the better the shadow's edge
 _MIN_ROUGH_CONTRAST = 10.0  # grey levels
 
@@ -123,9 +123,9 @@ def tracked_fits(
     """
     starts = [expected]
     other = mirrored(*expected, ring.radius_m)
-    if other is not None and (down is None or float(other[1] @ np.array(down)) > _MAX_TILT_COS):
+    if other is not None and (down is None or float(other[1] @ np.array(down)) > MAX_TILT_COS):
         starts.append(other)
-    return _fits(image, camera, ring, starts, _TRACKED_BAND_PX, _TRACKED, _BLUR_PX)
+    return _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX)
 
 
 def hard_fits(image: U8, camera: CameraModel, ring: Ring, plain: list[RingFit]) -> list[RingFit]:

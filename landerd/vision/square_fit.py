@@ -20,7 +20,7 @@ _USED_MARGIN_CELLS = 0.9  # of it, what is compared with the image
 # Between two solutions the errors of light, blur and motion in the model tell as much as the pixels
 # do: their difference in chi-square is worth a sixth, and less where neighbouring residuals are
 # alike. Gravity decides where that is not enough.
-_AMBIGUITY_CHI2 = 6.0
+AMBIGUITY_CHI2 = 6.0
 # Of the corners, rms, from those of the first fit: a solution that is farther off needs no fit to
 # its pixels to be told from the first.
 _MAX_RIVAL_ERROR_PX = 0.5
@@ -115,7 +115,7 @@ def _ranked(fits: list[Fit]) -> list[Pose]:
     fits = sorted(fits, key=lambda f: f.squares)
     # Of residuals that correlate so, n tell as much as n (1 - c) / (1 + c) independent ones.
     c = fits[0].correlation
-    unit = _AMBIGUITY_CHI2 * fits[0].variance * (1.0 + c) / (1.0 - c)
+    unit = AMBIGUITY_CHI2 * fits[0].variance * (1.0 + c) / (1.0 - c)
     return [
         Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
         for f in fits

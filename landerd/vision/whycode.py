@@ -187,7 +187,7 @@ class WhyCodeFinder:
         if not fits or fits[0].explained < MIN_EXPLAINED:
             return ()
         if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < SAME_SOLUTION_COS:
-            other = _mirrored(fits[0].pose, code.radius_m)
+            other = mirrored_pose(fits[0].pose, code.radius_m)
             fit = None if other is None else printed.fit(image, camera, other)
             if fit is not None and fit.pose.normal @ fits[0].pose.normal < EQUAL_NORMALS_COS:
                 fits.append(fit)
@@ -292,7 +292,7 @@ def _ranked(fits: list[Fit]) -> tuple[Pose, ...]:
     )
 
 
-def _mirrored(pose: Pose, radius: float) -> Pose | None:
+def mirrored_pose(pose: Pose, radius: float) -> Pose | None:
     """Return the other pose whose outline is the same ellipse, its top at the same pixel."""
     other = mirrored(pose.t, pose.normal, radius)
     if other is None:

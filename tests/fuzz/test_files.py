@@ -37,14 +37,10 @@ def mcap(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return path.read_bytes()
 
 
-@pytest.fixture(scope="module")
-def tlog(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    return write_tlog(tmp_path_factory.mktemp("log") / "a.tlog", length_s=3.0).read_bytes()
-
-
-@pytest.fixture(scope="module")
-def dataflash(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    return write_bin(tmp_path_factory.mktemp("log") / "a.bin").read_bytes()
+@pytest.fixture(scope="module", params=["a.tlog", "a.bin"])
+def telemetry(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path: Path = tmp_path_factory.mktemp("log") / request.param
+    return write_tlog(path, length_s=3.0) if path.suffix == ".tlog" else write_bin(path)
 
 
 @examples(60)
@@ -62,20 +58,9 @@ def test_mcap(tmp_path: Path, mcap: bytes, edits: list[tuple[str, float, bytes]]
 
 @examples(60)
 @given(EDITS)
-def test_tlog(tmp_path: Path, tlog: bytes, edits: list[tuple[str, float, bytes]]) -> None:
-    path = tmp_path / "some.tlog"
-    path.write_bytes(damaged(tlog, edits))
-    try:
-        read_telemetry(path)
-    except TelemetryError as e:
-        one_line(e, path)
-
-
-@examples(60)
-@given(EDITS)
-def test_bin(tmp_path: Path, dataflash: bytes, edits: list[tuple[str, float, bytes]]) -> None:
-    path = tmp_path / "some.bin"
-    path.write_bytes(damaged(dataflash, edits))
+def test_telemetry(tmp_path: Path, telemetry: Path, edits: list[tuple[str, float, bytes]]) -> None:
+    path = tmp_path / f"some{telemetry.suffix}"
+    path.write_bytes(damaged(telemetry.read_bytes(), edits))
     try:
         read_telemetry(path)
     except TelemetryError as e:

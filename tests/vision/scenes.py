@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
-from landerd.pad import PadLayout, Plate, Ring, Square, WhyCode
+from landerd.pad import Marker, PadLayout, Plate, Ring, Square, WhyCode
 
 F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
@@ -43,6 +43,20 @@ THESIS_PAD = PadLayout(
     ),
     plate=Plate(north_m=1.02, south_m=0.62, east_m=0.62, west_m=0.62),
 )
+
+
+def alone(marker: Marker) -> PadLayout:
+    """Return a pad of one marker, made exactly as its file says."""
+    return PadLayout(
+        name="alone",
+        markers=(marker,),
+        plate=THESIS_PAD.plate,
+        print_scale_sigma=0.0,
+        placement_sigma_m=0.0,
+        flatness_deg=0.0,
+    )
+
+
 # The thesis camera's optics (eq. 3.1), and the same without distortion.
 THESIS_CAMERA = CameraModel(
     640, 480, 398.2, 390.8, 299.9, 227.5, (0.0576, -0.0321, 0.0041, -0.0203, 0.0)

@@ -20,17 +20,6 @@ PICTURES = 8
 TAG = Square(kind="apriltag", dictionary="APRILTAG_36h11", id=0, size_m=0.6)
 
 
-def pad(marker: Marker) -> PadLayout:
-    return PadLayout(
-        name="alone",
-        markers=(marker,),
-        plate=scenes.THESIS_PAD.plate,
-        print_scale_sigma=0.0,
-        placement_sigma_m=0.0,
-        flatness_deg=0.0,
-    )
-
-
 def sheared(image: scenes.U8, view: scenes.View, skew_px: float) -> scenes.U8:
     """Return a picture whose rows moved to the right by `skew_px` from top to bottom.
 
@@ -65,18 +54,18 @@ def test_sigma_covers_a_shear_of_four_pixels(marker: Marker) -> None:
     whole = VisionSection(focal_sigma=0.0, readout_s=0.0)
     inside = inside_if_global = 0
     for k in range(PICTURES):
-        image, view = scene(k, pad(marker))
+        image, view = scene(k, scenes.alone(marker))
         frame = Frame(0.0, 0, sheared(image, view, 4.0))
-        seen = Vision(pad(marker), CAMERA, rolling).process(frame).pad[0]
+        seen = Vision(scenes.alone(marker), CAMERA, rolling).process(frame).pad[0]
         inside += chi_square(seen, view) < CHI2_95
-        seen = Vision(pad(marker), CAMERA, whole).process(frame).pad[0]
+        seen = Vision(scenes.alone(marker), CAMERA, whole).process(frame).pad[0]
         inside_if_global += chi_square(seen, view) < CHI2_95
     assert inside >= PICTURES - 1
     assert inside_if_global <= PICTURES // 2
 
 
 def test_a_pad_that_is_seen_to_stand_still_is_as_exact_as_with_a_global_shutter() -> None:
-    layout = pad(scenes.THESIS_PAD.rings[0])
+    layout = scenes.alone(scenes.THESIS_PAD.rings[0])
     image, _ = scene(2, layout)
     sigmas = []
     for readout in (READOUT_S, 0.0):

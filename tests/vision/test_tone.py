@@ -9,7 +9,7 @@ import pytest
 
 from landerd.config.models import VisionSection
 from landerd.messages import Frame
-from landerd.pad import Marker, PadLayout, Square, WhyCode
+from landerd.pad import Marker, Square, WhyCode
 from landerd.vision import Vision
 from tests.vision import scenes
 
@@ -17,17 +17,6 @@ CHI2_95 = 7.815
 PICTURES = 12
 CODE = WhyCode(kind="whycode", outer_diameter_m=1.0, bits=6, id=5)
 TAG = Square(kind="apriltag", dictionary="APRILTAG_36h11", id=0, size_m=0.6)
-
-
-def pad(marker: Marker) -> PadLayout:
-    return PadLayout(
-        name="alone",
-        markers=(marker,),
-        plate=scenes.THESIS_PAD.plate,
-        print_scale_sigma=0.0,
-        placement_sigma_m=0.0,
-        flatness_deg=0.0,
-    )
 
 
 def bent(image: scenes.U8, white: float, gamma: float) -> scenes.U8:
@@ -47,7 +36,7 @@ def test_a_tone_curve_costs_little_and_sigma_is_true(
     marker: Marker, white: float, gamma: float, limit: float
 ) -> None:
     errors, inside = [], 0
-    vision_pad = pad(marker)
+    vision_pad = scenes.alone(marker)
     outline = scenes.THESIS_PAD.rings[0]
     for k in range(PICTURES):
         rng = np.random.default_rng([15, k])

@@ -25,19 +25,18 @@ from landerd.vision.expected import Expected
 from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rotation_from
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_fit import RingFit, frontal_inflation
-from landerd.vision.ring_pose import mirrored, tangents
+from landerd.vision.ring_pose import tangents
 from landerd.vision.ring_sighting import ring_sighting
+from landerd.vision.ring_stages import MAX_TILT_COS, TRACKED_BAND_PX
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import FoundSquare, Image
+from landerd.vision.square_fit import AMBIGUITY_CHI2
 from landerd.vision.square_pose import corner_information, planar_poses, square_points
 from landerd.vision.tone import LINEAR
-from landerd.vision.whycode import FoundCode
+from landerd.vision.whycode import FoundCode, mirrored_pose
 from landerd.vision.window import Window
 
-_TRACKED_PX = 4.0  # a ring's fit finds edges so far from where they are expected (`ring_stages`)
-_MAX_TILT_COS = math.cos(math.radians(25.0))  # of rings that are tracked, likewise
 _SIZE_FACTOR = 2.0  # within which a ring's size must be known to be found in a window
-_AMBIGUITY_CHI2 = 6.0  # between a square's solutions (`square_fit`)
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ class ModelledDetectors:
         lie = across(sight.edges.edges, expected, self._focal)
         off = self._focal * ((sight.edges.rays - lie.ray) * lie.normal).sum(axis=1)
         used = sight.weight > 0.0
-        if not float(np.sqrt(np.mean(off[used] ** 2))) < _TRACKED_PX:
+        if not float(np.sqrt(np.mean(off[used] ** 2))) < TRACKED_BAND_PX:
             return None
         return self._ring_sighting(ring, sight, down, level_only=True)
 
@@ -185,7 +184,7 @@ class ModelledDetectors:
                 other = self._fitted(found.square, sight, start)
                 if other is not None and other.normal @ best.normal < EQUAL_NORMALS_COS:
                     poses.append(other)
-        return _ranked(poses, _AMBIGUITY_CHI2)
+        return _ranked(poses, AMBIGUITY_CHI2)
 
     def find_codes(
         self, image: Image, expected: Expected | None, normal: Vec3 | None
@@ -211,9 +210,9 @@ class ModelledDetectors:
     ) -> MarkerSighting:
         """Return both poses of a ring; level only: the mirrored one if a pad could lie so."""
         fits = [self._ring_fit(ring, sight, sight.pose)]
-        start = _mirrored(sight.pose, ring.radius_m)
+        start = mirrored_pose(sight.pose, ring.radius_m)
         if start is not None and (
-            not level_only or down is None or start.normal @ np.array(down) > _MAX_TILT_COS
+            not level_only or down is None or start.normal @ np.array(down) > MAX_TILT_COS
         ):
             other = self._fitted(ring, sight, start)
             if other is not None:
@@ -258,7 +257,7 @@ class ModelledDetectors:
     def _code_poses(self, code: WhyCode, sight: _Sight, normal: Vec3 | None) -> tuple[Pose, ...]:
         poses = [sight.pose]
         if normal is None or sight.pose.normal @ np.array(normal) < SAME_SOLUTION_COS:
-            start = _mirrored(sight.pose, code.radius_m)
+            start = mirrored_pose(sight.pose, code.radius_m)
             if start is not None:
                 other = self._fitted(code, sight, start)
                 if other is not None and other.normal @ sight.pose.normal < EQUAL_NORMALS_COS:
@@ -385,17 +384,6 @@ def _holds(window: Window | None, px: F64) -> bool:
         return True
     (x0, y0), (x1, y1) = px.min(axis=0), px.max(axis=0)
     return bool(x0 >= window.x0 and y0 >= window.y0 and x1 < window.x1 and y1 < window.y1)
-
-
-def _mirrored(pose: Pose, radius: float) -> Pose | None:
-    """Return the other pose whose outline is the same ellipse, its top at the same pixel."""
-    other = mirrored(pose.t, pose.normal, radius)
-    if other is None:
-        return None
-    t, normal = other
-    sight = pose.t + radius * pose.R[:, 0]
-    top = sight * (float(normal @ t) / float(normal @ sight))
-    return Pose(rotation_from(normal, top - t), t, np.zeros((6, 6)), 0.0)
 
 
 def _ranked(poses: list[Pose], unit: float) -> list[Pose]:
