@@ -15,7 +15,7 @@ from landerd.guidance.orders import Orders
 from landerd.guidance.phases import Phases
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import Searching, Tracking, WavingOff
-from landerd.guidance.state_pad import Committed, OnPad, Standing
+from landerd.guidance.state_pad import Committed, Leaving, OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
 from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
@@ -54,7 +54,7 @@ class Landing:
             State.SEARCHING: Searching(context, self._lost),
             State.COMMITTED: Committed(context, self._method, self._touchdown),
             State.WAVING_OFF: WavingOff(context),
-            State.LEAVING: WavingOff(context),
+            State.LEAVING: Leaving(context, self._touchdown),
             State.ON_PAD: OnPad(context, self._touchdown),
             State.STANDING: Standing(context, self._touchdown),
         }

@@ -38,11 +38,18 @@ class LoopMonitor:
             if loop.time() - began > GAP_S:
                 self._note(place, began, loop.time())
 
-    def woke(self, due: float) -> None:
-        """Say that a task that was due then (loop time, s) has its turn now."""
+    def woke(self, due: float) -> float:
+        """Say that a task that was due then (loop time, s) has its turn now.
+
+        Returns:
+            The gap, s; 0 if there was none.
+        """
         now = asyncio.get_running_loop().time()
-        if now - due > GAP_S and due > self._told_t - GAP_S:
+        if now - due <= GAP_S:
+            return 0.0
+        if due > self._told_t - GAP_S:
             self._note("elsewhere, or the computer was busy", due, now)
+        return now - due
 
     def _note(self, place: str, began: float, ended: float) -> None:
         self.gaps[place] += 1
