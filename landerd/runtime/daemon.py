@@ -161,6 +161,8 @@ class Daemon:
         """
         devices = self._devices
         self._observe(lambda observer: observer.on_flight(self.lander))
+        if self._worker is not None:  # on the wall's clock
+            self.monitor.look_on()
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._control())
@@ -171,6 +173,7 @@ class Daemon:
             failures, _ = group.split(CoreFailed)
             raise failures.exceptions[0] if failures is not None else group from None
         finally:
+            self.monitor.close()
             if self._worker is not None:
                 self._worker.close()
         raise AssertionError("tasks run for ever")
