@@ -139,7 +139,10 @@ class Landing:
             case Authority.RELEASED:
                 return Event.RELEASED_LOW if self._must_leave() else Event.RELEASED
             case Authority.SILENT:
-                if self.state is not State.ON_PAD or not self._gate.disarmed:
+                # ArduCopter disarms only what it knows on the ground, and says so too: one heartbeat
+                # alone is no landing.
+                on_ground = self._context.landed is Landed.ON_GROUND
+                if self.state is not State.ON_PAD or not (self._gate.disarmed and on_ground):
                     return Event.SILENCED
                 on_plate = self._context.foothold.on_plate
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD

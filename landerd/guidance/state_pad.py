@@ -11,7 +11,7 @@ from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import STILL_S, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, STILL_S, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -19,6 +19,8 @@ from landerd.messages import Landed, Phase, Severity
 MIN_DESCENT_MPS = 0.05
 # So slow up or down, m/s, for STILL_S, it stands on the pad; the estimate's noise is a tenth of it.
 RESTS_MPS = 0.1
+# Told to climb it rests for so long only on the pad, s: from sinking to climbing takes half of it.
+RESTS_S = 0.5
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -59,9 +61,7 @@ class Committed:
         context.note(relative)
         heave = relative.pad_velocity[2]
         age = step.now - context.estimator.sighting_t
-        # Leaning, at worst, and as low as its height may be.
-        clearance = context.foothold.clearance(relative, vehicle.tilt)
-        clearance -= 2.0 * math.sqrt(pad.covariance[2][2])
+        clearance = _clearance(context, relative, vehicle, pad)
         self._watch(heave)
         event = self._touchdown.step(step.now, age, clearance, context.landed)
         if event is Event.CONTACT:
@@ -182,7 +182,8 @@ class Leaving:
     """Climbs away from a pad that moves, as WAVING_OFF does, because landerd may not fly on.
 
     Pressed down on it, thrust takes a second to come back. What stands still before that stays
-    there: it would be stopped just as it lifts, and tip over.
+    there: it would be stopped just as it lifts, and tip over. What is told to climb and rests is on
+    the pad, also where contact had not been noticed yet.
     """
 
     def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
@@ -201,10 +202,31 @@ class Leaving:
         vehicle = self._context.estimator.fresh_vehicle(step.now)
         rests = vehicle is not None and abs(vehicle.velocity[2]) < RESTS_MPS
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
+        if vehicle is not None and step.now - self._rests_since >= RESTS_S:
+            self._note_contact(step.now, vehicle)
         _level_due(self._context, self._touchdown, step, vehicle)
         if self._touchdown.stands and step.now - self._rests_since >= STILL_S:
             return Event.STANDS
         return self._waving_off.order(step)
+
+    def _note_contact(self, now: float, vehicle: VehicleState) -> None:
+        context = self._context
+        pad = context.estimator.pad(now)
+        if pad is None:
+            return
+        relative = context.relative(vehicle, pad)
+        if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
+            return
+        if self._touchdown.touch(self._rests_since):
+            context.foothold.touch(relative, pad.heading)
+
+
+def _clearance(
+    context: LandingContext, relative: RelativeState, vehicle: VehicleState, pad: PadEstimate
+) -> float:
+    """Return the least that the lowest foot may be over the pad, m: leaning, as low as may be."""
+    at_worst = context.foothold.clearance(relative, vehicle.tilt)
+    return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
 
 
 def _stand_level(

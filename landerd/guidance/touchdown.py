@@ -132,6 +132,13 @@ class Touchdown:
         slow = t >= self._watch_from and sink_rate < CONTACT_SINK_SHARE * ordered
         self._slow_since = min(self._slow_since, t) if slow else math.inf
 
+    def touch(self, t: float) -> bool:
+        """Take it that the feet have been down since t (s); tell whether that is news."""
+        is_news = self._contact_t is None
+        if is_news:
+            self._contact_t = t
+        return is_news
+
     @property
     def may_touch(self) -> bool:
         """Whether the sinking is so slow that the feet may touch; called until contact."""

@@ -39,6 +39,18 @@ MENDED = [
         2,
         id="contact during a stall on a moving pad: it climbed away, and no descent was ordered",
     ),
+    pytest.param(
+        "{fault: switch-low, at: {height_m: 0}, for_s: 5, severity: 0.5}",
+        2.0,
+        1,
+        id="released on a moving pad before contact was noticed: it was stopped as it lifted off",
+    ),
+    pytest.param(
+        "{fault: heartbeat-disarmed, at: {phase: LANDED, after_s: 0.9}, for_s: 1.2, severity: 0.5}",
+        0.0,
+        1,
+        id="a false word of being disarmed just after contact was told as a landing",
+    ),
 ]
 
 

@@ -107,10 +107,10 @@ def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
     assert simulation.monitor.worst.down_mps < 0.7
 
 
-@pytest.mark.parametrize("fault", ["attitude-frozen", "pictures-frozen"])
+@pytest.mark.parametrize("fault", ["attitude-frozen", "position-frozen", "pictures-frozen"])
 def test_what_repeats_itself_with_new_times_is_not_flown_on(fault: str) -> None:
     """Frozen, the attitude made it swing up to 9 m off, and a picture drew it 17 m sideways."""
-    simulation = flown(f"{{fault: {fault}, at: {{phase: YAW_CORRECTION}}, for_s: 4}}")
+    simulation = flown(f"{{fault: {fault}, at: {{phase: DESCENT, after_s: 1}}, for_s: 4}}")
     assert broken(simulation) == set()
     assert simulation.daemon.lander.aborts >= 1
     assert any("repeats itself" in kind for kind in simulation.daemon.faults)
