@@ -139,8 +139,8 @@ class Landing:
             case Authority.RELEASED:
                 return Event.RELEASED_LOW if self._must_leave() else Event.RELEASED
             case Authority.SILENT:
-                # ArduCopter disarms only what it knows on the ground, and says so too: one heartbeat
-                # alone is no landing.
+                # ArduCopter says that what it has disarmed is on the ground; a heartbeat alone may
+                # be false.
                 on_ground = self._context.landed is Landed.ON_GROUND
                 if self.state is not State.ON_PAD or not (self._gate.disarmed and on_ground):
                     return Event.SILENCED
