@@ -80,6 +80,11 @@ class Landing:
         return self._orders.phase
 
     @property
+    def stands(self) -> bool:
+        """Whether the vehicle stands still on the pad, as far as is known."""
+        return self.state is State.ON_PAD and self._touchdown.stands
+
+    @property
     def reason(self) -> str:
         """Why it is in that phase, in plain words."""
         return self._orders.reason

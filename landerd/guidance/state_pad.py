@@ -125,7 +125,8 @@ class Committed:
 class OnPad:
     """Goes with the pad and presses down until the autopilot knows that it has landed.
 
-    Once the vehicle stands still, level without thrust instead; then disarms. Sight plays no part.
+    Once the vehicle stands still, level without thrust instead; then disarms. Sight plays no part,
+    though until it stands still pictures are looked at.
     Only the gate ends this state. When the land detector stays silent, the pilot is told, the
     outcome is `touchdown_unconfirmed`, and the orders go on.
     """
@@ -256,12 +257,13 @@ def _level_due(
     context: LandingContext, touchdown: Touchdown, step: ControlStep, vehicle: VehicleState | None
 ) -> bool:
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
-    sink_rate = slip = roll_pitch_rate = math.inf
+    down = sink_rate = slip = roll_pitch_rate = math.inf
     north, east, _ = context.pad_velocity
     if vehicle is not None:
+        down = vehicle.feet[2]
         v_north, v_east, sink_rate = vehicle.velocity
         slip = math.hypot(v_north - north, v_east - east)
         roll_pitch_rate = vehicle.roll_pitch_rate
     return touchdown.level_due(
-        step.now, sink_rate, slip, roll_pitch_rate, math.hypot(north, east), context.landed
+        step.now, down, sink_rate, slip, roll_pitch_rate, math.hypot(north, east), context.landed
     )

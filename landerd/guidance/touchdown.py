@@ -41,6 +41,8 @@ STILL_S = 0.3
 LEVEL_AT_LATEST_S = 2.5
 # What counts as standing still; chosen by trial with these.
 MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
+# over STILL_S it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
+SETTLES_M = 0.012
 PAD_SPEED_ERROR_SHARE = 0.05  # of a fast pad's speed may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet
 
@@ -75,6 +77,7 @@ class Touchdown:
         """Start at commit, at time now."""
         self._watch_from = now + ANSWER_S
         self._slow_since = self._still_since = math.inf
+        self._still_down = 0.0  # local z of the feet then, m
         self._contact_t: float | None = None
         self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
@@ -158,6 +161,7 @@ class Touchdown:
     def level_due(
         self,
         now: float,
+        down: float,
         sink_rate: float,
         slip: float,
         roll_pitch_rate: float,
@@ -174,6 +178,7 @@ class Touchdown:
 
         Args:
             now: s; called at every control step from contact on.
+            down: local z of the feet, m; infinity when not known.
             sink_rate: measured, downward, m/s; infinity when not known.
             slip: measured speed across the pad, m/s; infinity when not known.
             roll_pitch_rate: measured, rad/s; infinity when not known.
@@ -183,7 +188,10 @@ class Touchdown:
         self.watch(now, sink_rate, self._descent_mps)
         max_slip = MAX_SLIP_MPS + PAD_SPEED_ERROR_SHARE * pad_speed
         still = slip < max_slip and roll_pitch_rate < MAX_ROLL_PITCH_RATE
-        self._still_since = min(self._still_since, now) if still else math.inf
+        if not still:
+            self._still_since = math.inf
+        elif self._still_since == math.inf or down - self._still_down > SETTLES_M:
+            self._still_since, self._still_down = now, down
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         stands = waited > LEVEL_AFTER_S and now - self._still_since >= STILL_S
         late = stands or waited > LEVEL_AT_LATEST_S
