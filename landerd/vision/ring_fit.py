@@ -73,6 +73,7 @@ class RingFit:
     sigma_tilt: float  # rad
     ratio: float  # inner over outer diameter as the pixels have it
     sigma_ratio: float
+    response_chi2: float = 0.0  # by which it differs from a linear camera's
     residual: F32 | None = None  # (n,), grey levels
     response: F64 | None = None  # the camera's, as `ring_response` has it; None: not fitted
     coherent: float = math.inf  # `ring_residuals.coherent_residual`, where it was worked out
@@ -331,6 +332,10 @@ def _ring_fit(
     across = C[1:6, RATIO]
     covariance = scale * (C[1:6, 1:6] - np.outer(across, across) / C[RATIO, RATIO])
     covariance += frontal_inflation(covariance, e @ t / np.linalg.norm(t))
+    response, chi2 = None, 0.0
+    if model.has_response:
+        response = parameters[RESPONSE].copy()
+        chi2 = float(response @ np.linalg.solve(scale * C[RESPONSE, RESPONSE], response))
     return RingFit(
         position=t,
         normal=estimate.normal[k],
@@ -347,7 +352,8 @@ def _ring_fit(
         ratio=model.ring.inner_ratio + float(C[RATIO] @ equations.b[k]) / radius,
         sigma_ratio=math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius,
         residual=equations.residual[k],
-        response=parameters[RESPONSE].copy() if model.has_response else None,
+        response=response,
+        response_chi2=chi2,
     )
 
 

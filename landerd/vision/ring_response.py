@@ -20,7 +20,7 @@ _MOST = np.array([MAX_TONE, MAX_TONE, 3.0])
 HALO_PX = 0.9  # sigma of what the softer image is softer by: masks are 3 to 5 pixels wide
 _MIN_CONTRAST = 1.0  # grey levels: a wrong fit may have none
 _BY_EDGES = 30  # pictures: a second or two
-_LINEAR_BULGE, _LINEAR_HALO = 0.1, 0.15  # below, a ring's fit needs no response
+_SEEN_CHI2 = 20.0  # by which a response differs from a linear camera's: by chance in none of 5000
 
 
 @dataclass
@@ -30,12 +30,9 @@ class CameraResponse:
     response: F64 | None = None  # None: linear, as far as rings show
     pictures_by_edges: int = 0  # for so many more none is tried: the last was explained by none
 
-    def learn(self, response: F64 | None) -> None:
+    def learn(self, response: F64 | None, chi2: float) -> None:
         """Take what an accepted fit to grey levels has found; None: it needed none."""
-        is_seen = response is not None and (
-            abs(float(response[0])) > _LINEAR_BULGE or float(response[TONES]) > _LINEAR_HALO
-        )
-        self.response = response if is_seen else None
+        self.response = response if chi2 > _SEEN_CHI2 else None
         self.pictures_by_edges = 0
 
     def learn_edges(self) -> None:

@@ -230,8 +230,8 @@ def _fits(
     if pixels is None:
         return []
     fits = fit_ring(pixels, starts, ring, blur_px, effort.steps, response=response)
-    if not fits:
-        return []
+    if not fits or not is_dark_in_white(fits[0]):
+        return fits
     coherent = coherent_residual(pixels, fits[0], ring)
     return [_judged(f, coherent) for f in fits]
 

@@ -321,7 +321,7 @@ def _remember(response: CameraResponse, fit: RingFit) -> None:
     if fit.stage == "edges":
         response.learn_edges()
     elif not np.any(fit.motion_px):
-        response.learn(fit.response)
+        response.learn(fit.response, fit.response_chi2)
 
 
 def _behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
