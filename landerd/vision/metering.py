@@ -35,9 +35,7 @@ class Meter:
         rays = np.column_stack([camera.rays(at.astype(np.float64)), np.ones(len(at))])
         self._rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
-    def light(
-        self, image: NDArray[np.uint8], pad: PoseSolution | None, down: Vec3 | None
-    ) -> Light:
+    def light(self, image: NDArray[np.uint8], pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """Return the brightness of the plate's white, or without a pad that of the ground.
 
         Args:

@@ -23,9 +23,11 @@ def seen(distance: float, tilt_deg: float) -> scenes.View:
     )
 
 
-def light(view: scenes.View, bar: scenes.Bar | None = None) -> NDArray[np.float64]:
+def light(
+    view: scenes.View, bar: scenes.Bar | None = None, blur_px: float = 0.6
+) -> NDArray[np.float64]:
     """Return the light of a view (height, width), white paper 1, all but noiseless."""
-    optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar)
+    optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar, blur_px=blur_px)
     image = scenes.render(view, CAMERA, optics, np.random.default_rng(2))
     return image / WHITE
 
@@ -54,6 +56,13 @@ def test_a_ring_behind_gamma_and_jpeg_is_seen(distance: float) -> None:
     image = picture((0.85 * light(view)) ** (1.0 / 2.2))
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1]
     assert check(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), view, 0.005) == "edges"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("distance", [2.0, 7.0, 10.0])
+def test_a_ring_behind_the_toe_of_an_s_curve_is_seen(distance: float) -> None:
+    view = seen(distance, 25.0)
+    dim = 0.4 * light(view, blur_px=1.5)
+    check(picture(dim * dim * (3.0 - 2.0 * dim)), view, 0.01)
 
 
 @pytest.mark.parametrize("over", [1.6, 2.5])
