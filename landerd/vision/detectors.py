@@ -12,7 +12,7 @@ from landerd.geometry import Vec3
 from landerd.messages import Light, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.expected import Expected
-from landerd.vision.metering import light
+from landerd.vision.metering import Meter
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
@@ -73,8 +73,8 @@ class Detectors(Protocol):
         """See `WhyCodeFinder.find`."""
         ...
 
-    def light(self, image: Image, pad: PoseSolution | None) -> Light:
-        """See `metering.light`."""
+    def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
+        """See `Meter.light`."""
         ...
 
 
@@ -83,7 +83,8 @@ class PixelDetectors:
 
     def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
         """Prepare finders and prints of a pad's markers."""
-        self._layout, self._camera = layout, camera
+        self._camera = camera
+        self._meter = Meter(camera, layout.plate)
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares
         }
@@ -153,6 +154,6 @@ class PixelDetectors:
         """See `WhyCodeFinder.find`."""
         return self._codes.find(image, expected, normal)
 
-    def light(self, image: Image, pad: PoseSolution | None) -> Light:
-        """See `metering.light`."""
-        return light(image, self._camera, self._layout.plate, pad)
+    def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
+        """See `Meter.light`."""
+        return self._meter.light(image, pad, down)

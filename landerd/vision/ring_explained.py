@@ -38,9 +38,10 @@ _MIN_CONTRAST = 12.0  # grey levels
 # leaves but the darkest part of each edge, which looks sharp however wide the blur was: a share of
 # the radius.
 _MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (0.3, 1.0)
-# White grows behind any of these curves; it shrinks by what print and fit are off.
+# White grows behind any of these curves; it shrinks by what print and fit are off, and behind the
+# toe of an S-shaped one: where white is far below full scale, grey follows light's square.
 _PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06
-_MIN_SHIFT_PX, _MIN_SHIFT_BLURS = -0.1, 0.15
+_MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
 _CLIPPED = 240.0  # grey level of the white
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 _SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
@@ -147,15 +148,24 @@ def is_ring_by_edges(e: EdgeFit) -> bool:
         and e.dark > _MIN_DARK
         and e.bright > _MIN_BRIGHT
         and min(inside, outside) - black > _MIN_CONTRAST
-        and _MIN_SHIFT_PX - _MIN_SHIFT_BLURS * e.blur_px < e.shift_px < _max_shift_px(e)
+        and _min_shift_px(e) < e.shift_px < _max_shift_px(e)
     )
+
+
+def _is_clipped(e: EdgeFit) -> bool:
+    return min(e.levels[0], e.levels[2]) > _CLIPPED
+
+
+def _min_shift_px(e: EdgeFit) -> float:
+    """Return how far the toe of a tone curve may have moved the edges into the white: below 0."""
+    blurs = _MIN_CLIPPED_SHIFT_BLURS if _is_clipped(e) else _MIN_SHIFT_BLURS
+    return _MIN_SHIFT_PX - blurs * e.blur_px
 
 
 def _max_shift_px(e: EdgeFit) -> float:
     """Return how far a tone curve, and an inexact print, may have moved the edges."""
-    is_clipped = min(e.levels[0], e.levels[2]) > _CLIPPED
-    fixed, blurs = _MAX_CLIPPED_SHIFT_PX if is_clipped else _MAX_SHIFT_PX
-    share = _MAX_BLOOM if is_clipped else _PRINT_SHARE
+    fixed, blurs = _MAX_CLIPPED_SHIFT_PX if _is_clipped(e) else _MAX_SHIFT_PX
+    share = _MAX_BLOOM if _is_clipped(e) else _PRINT_SHARE
     return fixed + blurs * e.blur_px + share * e.radius_px
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.pad import Ring
+from landerd.vision.ring_covariance import clustered_covariance
 from landerd.vision.ring_model import (
     BLUR,
     HEIGHTS,
@@ -110,6 +111,7 @@ class _NormalEquations:
     """The least squares problem linearised about an estimate."""
 
     axes: F32  # of the planes, (starts, 3, 3)
+    derivative: F32  # of grey levels, (starts, rows - 1, n)
     residual: F32  # (starts, n)
     squares: NDArray[np.floating]  # of residuals over `_ROBUST_SIGMAS` noises, (starts, n)
     weight: NDArray[np.floating]  # of prior and robustness, (starts, n)
@@ -239,7 +241,9 @@ def _normal_equations(
     variance = (noise * noise).astype(np.float64)[:, None]
     H = products[:, :-1, :-1] + variance[:, None] * prior.information
     b = products[:, :-1, -1] - variance * (estimate.parameters @ prior.zero_mean)
-    return _NormalEquations(axes, residual, u, robust, noise, variance, products, H, b)
+    return _NormalEquations(
+        axes, J[:, :-1], residual, u, robust, noise, variance, products, H, b
+    )
 
 
 def _middle(residual: F32, is_told: Mask | None) -> F32:
@@ -329,8 +333,16 @@ def _ring_fit(
     dof = float(equations.weight[k].sum()) - (model.rows - 2)
     scale = equations.products[k, -1, -1] / max(dof, 5.0)
     e = equations.axes[k].astype(np.float64)
-    across = C[1:6, RATIO]
-    covariance = scale * (C[1:6, 1:6] - np.outer(across, across) / C[RATIO, RATIO])
+    # The ratio is held.
+    gain = C[1:6, 1:] - np.outer(C[1:6, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
+    weighted = equations.weight[k] * equations.residual[k]
+    centre = (t[:2] / t[2])[:, None]
+    covariance = clustered_covariance(
+        scale * gain[:, :5],
+        gain,
+        equations.derivative[k, 1:] * weighted,
+        model.pixels.rays[:2] - centre,
+    )
     covariance += frontal_inflation(covariance, e @ t / np.linalg.norm(t))
     response, chi2 = None, 0.0
     if model.has_response:

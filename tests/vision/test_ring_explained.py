@@ -24,9 +24,11 @@ def seen(distance: float, tilt_deg: float) -> scenes.View:
     )
 
 
-def light(view: scenes.View, bar: scenes.Bar | None = None) -> NDArray[np.float64]:
+def light(
+    view: scenes.View, bar: scenes.Bar | None = None, blur_px: float = 0.6
+) -> NDArray[np.float64]:
     """Return the light of a view (height, width), white paper 1, all but noiseless."""
-    optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar)
+    optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar, blur_px=blur_px)
     image = scenes.render(view, CAMERA, optics, np.random.default_rng(2))
     return image / WHITE
 
@@ -91,6 +93,13 @@ def test_a_camera_is_remembered_and_forgotten() -> None:
     linear = picture(0.75 * light(view))
     assert track_ring(linear, RING, CAMERA, near, view.normal, response=response) is not None
     assert response.response is None
+
+
+@pytest.mark.parametrize("distance", [2.0, 7.0, 10.0])
+def test_a_ring_behind_the_toe_of_an_s_curve_is_seen(distance: float) -> None:
+    view = seen(distance, 25.0)
+    dim = 0.4 * light(view, blur_px=1.5)
+    check(picture(dim * dim * (3.0 - 2.0 * dim)), view, 0.01)
 
 
 @pytest.mark.parametrize("over", [1.6, 2.5])
