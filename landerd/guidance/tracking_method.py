@@ -36,7 +36,6 @@ PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
 VERTICAL_LAG_S = 0.35
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
 SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
-REGION_MARGIN = 1.3  # times the error: how wide the region is to be where it sinks to
 
 # ---- heading -----------------------------------------------------------------------------------
 # Height over distance from which on the camera looks down on the pad (50 degrees below level), and
@@ -141,7 +140,7 @@ class TrackingMethod:
     def _sink_rate(self, relative: RelativeState, floor_m: float) -> float:
         """Return the downward speed relative to the pad, m/s."""
         ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
-        off = REGION_MARGIN * max(ahead, relative.distance) + 2.0 * relative.sigma_m
+        off = max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
         height = relative.height - VERTICAL_LAG_S * max(0.0, relative.error_rate[2] * -1.0)
         brake = self._gains.descent_brake_mps2
