@@ -241,9 +241,7 @@ def _normal_equations(
     variance = (noise * noise).astype(np.float64)[:, None]
     H = products[:, :-1, :-1] + variance[:, None] * prior.information
     b = products[:, :-1, -1] - variance * (estimate.parameters @ prior.zero_mean)
-    return _NormalEquations(
-        axes, J[:, :-1], residual, u, robust, noise, variance, products, H, b
-    )
+    return _NormalEquations(axes, J[:, :-1], residual, u, robust, noise, variance, products, H, b)
 
 
 def _middle(residual: F32, is_told: Mask | None) -> F32:

@@ -38,6 +38,8 @@ from landerd.vision.ring_stages import (
     is_poor,
     is_ring,
     is_ring_behind,
+    may_be_behind,
+    may_have_edges,
     response_fits,
     rough_fit,
     tracked_fits,
@@ -192,7 +194,8 @@ class _RingSearch:
         unclear = None
         for one in sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast):
             is_new = not any(t.place.is_same(one.place) for t in tried)
-            if one.share < _EDGE_SHARE or not is_new or len(tried) == _EDGE_TRIES:
+            is_likely = one.share >= _EDGE_SHARE and may_have_edges(one.fits[0])
+            if not is_likely or not is_new or len(tried) == _EDGE_TRIES:
                 continue
             tried.append(one)
             behind_response = _behind_response(self._image, self._camera, self._ring, one.fits[0])
@@ -326,7 +329,9 @@ def _remember(response: CameraResponse, fit: RingFit) -> None:
 
 def _behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
     """Return the fits behind a response that explain what a plain fit does not; empty: none."""
-    fits = [] if fit.response is not None else response_fits(image, camera, ring, fit)
+    if fit.response is not None or not may_be_behind(fit):
+        return []
+    fits = response_fits(image, camera, ring, fit)
     is_ours = fits and is_ring_behind(fits[0], ring) and not is_toned(fits[0], ring)
     return fits if is_ours else []
 
