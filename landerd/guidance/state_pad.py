@@ -246,7 +246,7 @@ def _stand_level(
     if vehicle is None:
         return False
     if not touchdown.stands:
-        context.foothold.slide(vehicle.velocity, context.pad_velocity, step.dt)
+        context.foothold.slide(vehicle.feet, context.pad_velocity, step.dt)
     if not (level or (released and touchdown.stands)):
         return False
     context.orders.stand_level(vehicle.yaw)
