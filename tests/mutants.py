@@ -481,8 +481,8 @@ MUTANTS = [
     Mutant(
         "4: climbs from the pad on which it stands",
         PAD,
-        "if self._touchdown.stands and step.now - self._rests_since >= STILL_S:",
-        "if False:",
+        "return Event.STANDS if stands else self._waving_off.order(step)",
+        "return self._waving_off.order(step)",
         "simulation/test_fault_defects.py::test_it_keeps_the_rules",
     ),
     Mutant(
