@@ -18,7 +18,7 @@ from landerd.messages import Landed, Phase, Severity
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
 # Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
-# climbing takes half of it. Later than THRUST_BACK_S it lifts: levelled at 0.7 s it hopped, and fell.
+# climbing takes half of it. After THRUST_BACK_S it lifts: levelled at 0.7 s it hopped, and fell.
 RESTS_MPS = 0.1
 RESTS_S = 0.4
 THRUST_BACK_S = 0.6
