@@ -49,6 +49,15 @@ class Poses(Section):
 Goal = Literal["landing", "approach", "turn", "poses"]
 
 
+# Figures of a report. Of flights: camera, the pad in the camera's frame; distance, over time;
+# descent, height and speed over time; heading, over time; paths, from above and from the side. Of
+# poses: errors and yaw_errors, over distance; flips, of the axis.
+Figure = Literal[
+    "camera", "distance", "descent", "heading", "paths", "errors", "yaw_errors", "flips"
+]
+OF_POSES: tuple[Figure, ...] = ("errors", "yaw_errors", "flips")
+
+
 class Row(Section):
     """One scenario with settings of its own, flown with every seed."""
 
@@ -124,6 +133,8 @@ class Grid(Section):
 class Campaign(Section):
     """Rows, and with how many seeds each is flown: 1, 2, 3 and so on."""
 
+    title: str | None = None  # what reports call it, instead of its file's name
+    figures: Mapping[Figure, str] = Field(default_factory=dict)  # of a report: the thesis's number
     runs: Annotated[int, Field(ge=1)] = 50
     longest_s: Annotated[float, Field(gt=0, le=3600)] = 150.0  # what is not over then is ended
     best: Annotated[int, Field(ge=1)] | None = None  # tables show so many rows, and the thesis's
@@ -150,6 +161,11 @@ class Campaign(Section):
         """The rows, those of the sweeps after them, and those of the grids."""
         swept = [row for sweep in self.sweeps for row in sweep.rows()]
         return (*self.rows, *swept, *(row for grid in self.grids for row in grid.rows()))
+
+    @property
+    def keeps_paths(self) -> bool:
+        """Whether results hold where the vehicle flew, for the figures."""
+        return any(figure not in OF_POSES for figure in self.figures)
 
     def row(self, name: str) -> Row:
         """Return the row of this name. Raises KeyError."""

@@ -23,7 +23,8 @@ from landerd.campaigns.poses import as_text as poses_as_text
 from landerd.campaigns.poses import make_pose_row
 from landerd.campaigns.table import as_text, best_rows, make_row
 from landerd.commands.fault_runs import SHRUNK_SEEDS, shrink
-from landerd.commands.flying import SimulatedLanding, add_jobs, fly_all
+from landerd.commands.flying import SimulatedLanding, add_flying, executor, fly_all
+from landerd.commands.keeping import journal_of
 from landerd.commands.shared import (
     add_config,
     add_json,
@@ -47,13 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--runs", type=_count, metavar="N", help="seeds 1 to N; without: what the campaign says"
     )
-    add_jobs(parser)
-    parser.add_argument(
-        "--keep",
-        type=Path,
-        metavar="FILE",
-        help="write every run down as it ends; runs that FILE holds are not flown again",
-    )
+    add_flying(parser)
     add_json(parser)
     add_config(parser)
 
@@ -61,8 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fly the campaign; return 0, or 1 if a row misses what it needs."""
     with refusing(ConfigError, CalibrationError, PadError, JournalError):
+        config = None if args.config is None else config_path(args)
         parts = [
-            _Part(name, campaign, SimulatedLanding(campaign, config_path(args), tuple(args.set)))
+            _Part(name, campaign, SimulatedLanding(campaign, config, tuple(args.set)))
             for name, campaign in load_campaigns(args.name).items()
         ]
         loaded = [part.landing.load(row) for part in parts for row in part.campaign.all_rows]
@@ -71,7 +67,8 @@ def run(args: argparse.Namespace) -> int:
             check_faults(each)
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
-        journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
+        campaigns = {part.name: part.campaign for part in parts}
+        journal = journal_of(args, _settings(args.name, loaded), campaigns)
     with journal or contextlib.nullcontext():
         return _fly(args, parts, journal)
 
@@ -97,7 +94,6 @@ def _settings(name: str, loaded: Iterable[Loaded]) -> str:
 
 def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | None) -> int:
     started = time.monotonic()
-    jobs = args.jobs
     flown, missed = [], False
     for part in parts:
         campaign = part.campaign
@@ -108,7 +104,7 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
         kept = {(run.scenario, run.seed) for run in runs}
         waiting = [task for task in tasks if task not in kept]
         try:
-            fly_all(part.landing, waiting, jobs, journal, runs)
+            fly_all(part.landing, waiting, executor(args), journal, runs)
         except KeyboardInterrupt:
             if not args.json:
                 _print_rows(campaign, _rows(campaign, runs))
