@@ -13,9 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
-from pydantic import ValidationError
-
-from landerd.campaigns.plan import Campaign
+from landerd.campaigns.plan import Campaign, campaign_of
 from landerd.campaigns.pool import Run, Task
 
 
@@ -57,7 +55,7 @@ class Plan:
         """Return what `as_plain` made plain; older files say nothing but the settings.
 
         Raises:
-            ValidationError: a campaign cannot be used.
+            ValueError: a campaign cannot be used.
         """
         campaigns = {
             # As JSON: there a list may be a tuple.
@@ -90,19 +88,26 @@ def read_runs(path: Path) -> dict[Task, Run]:
 
 
 def read_kept(path: Path) -> Kept:
-    """Return all that a file holds.
+    """Return all that a file holds, with a plan made of the runs where it has none.
 
     Raises:
         JournalError: it cannot be read, or holds something else.
     """
     lines = _lines(path)
     try:
-        plan = Plan.from_plain(json.loads(lines[0]))
-    except (IndexError, KeyError, TypeError, ValueError, AttributeError, ValidationError):
+        head = json.loads(lines[0])
+        if "settings" not in head and "scenario" in head:  # as landerd sim --json prints them
+            kept = _kept(path, Plan(""), ["", *(_as_run(line) for line in lines)])
+        else:
+            kept = _kept(path, Plan.from_plain(head), lines)
+    except (IndexError, KeyError, TypeError, ValueError, AttributeError):
         raise JournalError(
             f"{path}: expected a file that landerd campaign --keep has written"
         ) from None
-    return _kept(path, plan, lines)
+    if kept.plan.campaigns or not kept.runs:
+        return kept
+    campaigns = {path.stem: campaign_of(dict.fromkeys(name for name, _ in kept.runs))}
+    return dataclasses.replace(kept, plan=dataclasses.replace(kept.plan, campaigns=campaigns))
 
 
 def _lines(path: Path) -> list[str]:
@@ -131,6 +136,11 @@ def _kept(path: Path, plan: Plan, lines: Sequence[str]) -> Kept:
             raise JournalError(f"{path}:{number}: expected a run") from None
         runs[run.scenario, run.seed] = run
     return Kept(plan, tuple(sittings), runs)
+
+
+def _as_run(line: str) -> str:
+    result = json.loads(line)
+    return json.dumps({"scenario": result["scenario"], "seed": result["seed"], "result": result})
 
 
 class Journal:

@@ -3,8 +3,9 @@
 import difflib
 import itertools
 import json
+import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -174,6 +175,33 @@ class Campaign(Section):
     @cached_property
     def _by_name(self) -> dict[str, Row]:
         return {row.name: row for row in self.all_rows}
+
+
+def campaign_of(names: Iterable[str]) -> Campaign:
+    """Return a campaign with rows of these names: what differs in its last setting is a sweep."""
+    rows: list[Row] = []
+    swept: dict[tuple[str, tuple[str, ...]], tuple[dict[str, None], dict[str, Any]]] = {}
+    for name in names:
+        row = _row_of(name)
+        key, _, text = (row.settings[-1] if row.settings else "").partition("=")
+        try:
+            value = json.loads(text)
+        except ValueError:
+            rows.append(row)
+            continue
+        scenarios, values = swept.setdefault((key, row.settings[:-1]), ({}, {}))
+        scenarios[row.scenario], values[text] = None, value
+    sweeps = [
+        Sweep(scenarios=tuple(scenarios), key=key, values=tuple(values.values()), settings=settings)
+        for (key, settings), (scenarios, values) in swept.items()
+    ]
+    return Campaign(rows=tuple(rows), sweeps=tuple(sweeps))
+
+
+def _row_of(name: str) -> Row:
+    """Return the row of this name, as far as its name tells."""
+    scenario, *settings = shlex.split(name, comments=True)
+    return Row(scenario=scenario, settings=tuple(settings[1::2]))
 
 
 def load_campaigns(name: str) -> dict[str, Campaign]:
