@@ -95,10 +95,11 @@ def page(title: str, body: str) -> str:
 
 def as_html(title: str, blocks: Sequence[Block]) -> str:
     """Return a document as a page with all in it."""
-    return page(title, "\n".join(_html(block) for block in blocks))
+    return page(title, "\n".join(html_of(block) for block in blocks))
 
 
-def _html(block: Block) -> str:
+def html_of(block: Block) -> str:
+    """Return one block as a part of a page."""
     match block:
         case Heading(text, level):
             return f"<h{level}>{html.escape(text)}</h{level}>"

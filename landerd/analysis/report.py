@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.analysis import picture
+from landerd.analysis import flights_table, picture, sighting_errors
 from landerd.analysis.flight import Flight, sentences
-from landerd.analysis.page import drawing, page
+from landerd.analysis.page import drawing, html_of, page
 from landerd.analysis.picture import COLOURS
 from landerd.flightlog.reader import read_images
 from landerd.geometry import Vec3
@@ -39,7 +39,10 @@ class _Plot(NamedTuple):
 
 def report(flights: list[Flight]) -> str:
     """Return the page; without plots if matplotlib is not installed."""
-    parts = [_section(flight) for flight in flights]
+    blocks = flights_table.section(flights) if len(flights) > 1 else []
+    parts = [html_of(block) for block in blocks]
+    parts += [_section(flight) for flight in flights]
+    parts += [html_of(block) for block in sighting_errors.section(flights)]
     names = ", ".join(flight.log.path.name for flight in flights)
     return page(f"landerd: {names}", "\n".join(parts))
 

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from landerd.campaigns.intervals import mean_interval, t_quantile, wilson
+from landerd.analysis.intervals import in_percent, mean_interval, percentile, wilson, with_interval
+from landerd.analysis.regression import in_words, regression
 from landerd.campaigns.plan import Poses, Row
 from landerd.campaigns.pool import Run
-from landerd.campaigns.table import percentile, right_aligned, with_interval
+from landerd.campaigns.table import right_aligned
 
 BIN_M = 2.0
 AXES = ("north", "east", "up")
@@ -33,10 +34,10 @@ def make_pose_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
         "pictures": len(pictures),
         "seen": len(seen),
         "bins": _bins(pictures, asked),
-        "error_m_fit": _fit(distances, errors, 3),
+        "error_m_fit": regression(distances, errors, 3),
         "axes": {axis: _mean_sd([m["error_m"][i] for m in seen]) for i, axis in enumerate(AXES)},
         "yaw_error_rad": _mean_sd(yaws),
-        "yaw_error_rad_fit": _fit(distances, [abs(y) for y in yaws], 2) if yaws else None,
+        "yaw_error_rad_fit": regression(distances, [abs(y) for y in yaws], 2) if yaws else None,
         "flips": _share([p["flipped"] for p in pictures]),
         "flips_without_gravity": _share([p["flipped_alone"] for p in pictures]),
         "thesis": asked.model_dump(exclude={"marker"}),
@@ -77,22 +78,6 @@ def _at(polynomial: tuple[float, ...] | None, x: float) -> float | None:
     return None if polynomial is None else float(np.polyval(polynomial, x))
 
 
-def _fit(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str, Any] | None:
-    """Return the regression of eq. 3.3 to 3.5, its highest power first; None of too few points."""
-    if len(x) <= degree + 1 or len(x) != len(y):
-        return None
-    fit, covariance = np.polyfit(x, y, degree, cov=True)
-    rest = np.asarray(y) - np.polyval(fit, x)
-    freedom = len(x) - degree - 1
-    half = t_quantile(freedom) * np.sqrt(np.diag(covariance))
-    return {
-        "polynomial": [float(c) for c in fit],
-        "polynomial_95": [[float(c - h), float(c + h)] for c, h in zip(fit, half, strict=True)],
-        "sigma": math.sqrt(float(rest @ rest) / freedom),
-        "samples": len(x),
-    }
-
-
 def _mean_sd(values: Sequence[float]) -> dict[str, Any] | None:
     if len(values) < 2:
         return None
@@ -120,11 +105,10 @@ def bin_cells(row: Mapping[str, Any]) -> list[list[str]]:
     head = ["distance m", "seen", "95 %", "error m", "p95", "thesis m"]
     lines = [head + ["yaw rad", "thesis rad"] * has_yaw]
     for b in row["bins"]:
-        low, high = (100.0 * share for share in b["seen_95"])
         line = [
             f"{b['from_m']:g} to {b['to_m']:g}",
             f"{b['seen']}/{b['pictures']}",
-            f"{low:.0f}-{high:.0f} %",
+            in_percent(b["seen_95"]),
             with_interval(b["error_m_mean"], b["error_m_mean_95"], 3),
             *(_number(b[key]) for key in ("error_m_p95", "thesis_error_m")),
         ]
@@ -141,11 +125,9 @@ def remarks(row: Mapping[str, Any]) -> list[str]:
     for name, key in (("error m", "error_m_fit"), ("yaw error rad", "yaw_error_rad_fit")):
         fit = row[key]
         if fit is not None:
-            ends = zip(fit["polynomial"], fit["polynomial_95"], strict=True)
-            terms = " ".join(f"{c:+.4f} ±{high - c:.4f}" for c, (_, high) in ends)
             published = thesis[key.removesuffix("_fit")]
             beside = f"; thesis {' '.join(f'{c:+.4f}' for c in published)}" if published else ""
-            lines.append(f"{name} over distance, highest power first: {terms}, sigma {fit['sigma']:.4f} of {fit['samples']}{beside}")
+            lines.append(f"{name} {in_words(fit)}{beside}")
     for i, axis in enumerate(AXES):
         found = row["axes"][axis]
         if found is not None:
@@ -159,10 +141,9 @@ def remarks(row: Mapping[str, Any]) -> list[str]:
         lines.append(f"yaw: mean {mean} rad, sd {yaw['sd']:.4f} rad{beside}")
     for name, key in (("with", "flips"), ("without", "flips_without_gravity")):
         flips = row[key]
-        low, high = (100.0 * share for share in flips["share_95"])
         lines.append(
             f"axis of the pad flipped, {name} gravity: {flips['flipped']} of {flips['of']} "
-            f"(95 %: {low:.1f} to {high:.1f} %)"
+            f"(95 %: {in_percent(flips['share_95'])})"
         )
     return [*lines, *(f"seed {seed}: {error}" for seed, error in row["errors"].items())]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from statistics import stdev
 from typing import Any
 
-from landerd.campaigns.intervals import mean_interval, wilson
+from landerd.analysis.intervals import in_percent, mean_interval, percentile, wilson, with_interval
 from landerd.campaigns.plan import Needed, Row
 from landerd.campaigns.pool import Run
 
@@ -64,17 +64,6 @@ def has_failed(run: Run) -> bool:
     """Tell whether a run did not land, broke a rule or raised an error."""
     result = run.result
     return result is None or not result.get("landed", True) or bool(result.get("rules_broken"))
-
-
-def percentile(values: Sequence[float], percent: float) -> float | None:
-    """Return a percentile, interpolated between the two values next to it; None of no values."""
-    if not values:
-        return None
-    ordered = sorted(values)
-    at = (len(ordered) - 1) * percent / 100.0
-    below = math.floor(at)
-    above = min(below + 1, len(ordered) - 1)
-    return ordered[below] + (at - below) * (ordered[above] - ordered[below])
 
 
 def best_rows(rows: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
@@ -166,18 +155,6 @@ def _with_interval(key: str, digits: int) -> Callable[[dict[str, Any]], str]:
     return lambda row: with_interval(row[f"{key}_mean"], row[f"{key}_mean_95"], digits)
 
 
-def with_interval(
-    mean: float | None, interval: tuple[float, float] | None, digits: int
-) -> str:
-    """Return a mean and how far its 95 % interval goes to either side, if they are known."""
-    if interval is None:
-        return "-" if mean is None else f"{mean:.{digits}f}"
-    return f"{mean:.{digits}f} ±{0.5 * (interval[1] - interval[0]):.{digits}f}"
-
-
-def _percent_interval(row: dict[str, Any]) -> str:
-    low, high = (100.0 * share for share in row["landed_95"])
-    return f"{low:.0f}-{high:.0f} %"
 
 
 def _published(key: str) -> Callable[[dict[str, Any]], str]:
@@ -192,7 +169,7 @@ _THESIS = ("thesis s", "thesis hJ")  # columns that are shown only where there i
 _COLUMNS: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
     ("scenario", lambda row: str(row["label"])),
     ("landed", lambda row: f"{row['landed']}/{row['runs']}"),
-    ("95 %", _percent_interval),
+    ("95 %", lambda row: in_percent(row["landed_95"])),
     ("time s", _with_interval("time_s", 1)),
     ("thesis s", _published("time_s")),
     ("energy hJ", _with_interval("energy_hj", 1)),
