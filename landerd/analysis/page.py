@@ -2,6 +2,7 @@
 
 import html
 import io
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,15 +19,16 @@ table { border-collapse: collapse; } td { padding: .1em 1em .1em 0; vertical-ali
 """
 # On a phone every line of a table becomes a card, its columns' heads before its cells.
 TABLE_STYLE = """
-.figures td, .figures th { text-align: right; padding: .15em .9em .15em 0; font-size: .85em;
+.figures td, .figures th { text-align: right; padding: .15em .7em .15em 0; font-size: .85em;
        font-variant-numeric: tabular-nums; }
 .figures td:first-child, .figures th:first-child { text-align: left; }
+.figures td + td { white-space: nowrap; }
 .figures th { border-bottom: 1px solid #888; vertical-align: bottom; }
 .figures tr.strong { background: #fde2dd; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .8em; background: #f5f5f5;
       padding: .6em; } pre.table { white-space: pre; overflow-x: auto; }
 @media screen and (max-width: 700px) {
-  .figures thead { display: none; }
+  .figures, .figures tbody { display: block; } .figures thead { display: none; }
   .figures tr { display: block; border-top: 1px solid #bbb; padding: .4em 0; }
   .figures td, .figures td:first-child { display: flex; justify-content: space-between;
        gap: 1em; padding: 0; text-align: right; }
@@ -34,10 +36,15 @@ pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .8em; backgroun
   .figures td::before { content: attr(data-head); color: #666; font-weight: normal; }
   .figures td:empty { display: none; }
 }
-.views > div svg { max-width: 560px; }
+.drawings { display: grid; gap: 1em;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); }
+.drawings svg { max-width: 560px; }
 @media print { body { font-size: 10pt; max-width: none; margin: 0; }
   tr, figure { break-inside: avoid; } pre.table { white-space: pre-wrap; } }
 """
+
+
+_CODE = re.compile("`([^`]*)`")
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph."""
+    """A paragraph; `code` stands between backticks."""
 
     text: str
 
@@ -104,7 +111,7 @@ def html_of(block: Block) -> str:
         case Heading(text, level):
             return f"<h{level}>{html.escape(text)}</h{level}>"
         case Text(text):
-            return f"<p>{html.escape(text)}</p>"
+            return "<p>" + _CODE.sub(r"<code>\1</code>", html.escape(text)) + "</p>"
         case Lines(lines, is_table):
             kind = ' class="table"' if is_table else ""
             return f"<pre{kind}>{html.escape(chr(10).join(lines))}</pre>"
@@ -113,7 +120,7 @@ def html_of(block: Block) -> str:
         case Figures(drawings, caption):
             views = "".join(f"<div>{drawing}</div>" for drawing in drawings)
             caption = f"<figcaption>{html.escape(caption)}</figcaption>"
-            return f'<figure><div class="views">{views}</div>{caption}</figure>'
+            return f'<figure><div class="drawings">{views}</div>{caption}</figure>'
 
 
 def _html_table(table: Table) -> str:

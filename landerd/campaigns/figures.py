@@ -38,7 +38,7 @@ def figures(campaign: Campaign, runs: Mapping[str, Sequence[Run]]) -> list[Figur
             if any(run.result is not None and run.result.get(key) for run in flown)
         ]
         if drawings:
-            found.append(Figures(drawings, f"{caption} Thesis: figures {number}."))
+            found.append(Figures(drawings, f"{caption} Thesis: figure {number}."))
     return found
 
 
@@ -85,7 +85,8 @@ def _paths(runs: Sequence[Run]) -> list[dict[str, Any]]:
 def _camera(figure: Any, row: Row, runs: Sequence[Run]) -> None:
     for axes, axis in zip(figure.subplots(3, 1, sharex=True), "xyz", strict=True):
         for path in _paths(runs):
-            axes.plot(path["t"], path[axis], color=OURS, **LINE)
+            seen = ~np.isnan(path[axis])
+            axes.plot(path["t"][seen], path[axis][seen], color=OURS, **LINE)
         axes.set(ylabel=f"{axis} (m)")
     axes.set(xlabel="time since first sight (s)")
 

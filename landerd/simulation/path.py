@@ -2,6 +2,7 @@
 
 import math
 
+from landerd.geometry import Vec3
 from landerd.simulation.recording import Recording
 
 EVERY = 3  # of the samples: every 0.3 s
@@ -29,7 +30,9 @@ def path_of(recording: Recording, first_sighting_t: float | None) -> dict[str, C
         return columns
     from_s = first_sighting_t - recording.began
     rows = zip(recording.samples, recording.headings, recording.in_camera, strict=True)
+    last_seen: Vec3 | None = None
     for i, (sample, heading, seen) in enumerate(rows):
+        last_seen = seen or last_seen
         if i % EVERY or sample.t < from_s:
             continue
         row = (
@@ -37,8 +40,9 @@ def path_of(recording: Recording, first_sighting_t: float | None) -> dict[str, C
             *sample.vehicle,
             *sample.pad[:2],
             math.degrees(heading),
-            *(seen or (None, None, None)),
+            *(last_seen or (None, None, None)),
         )
+        last_seen = None
         for name, value in zip(names, row, strict=True):
             columns[name].append(None if value is None else round(value, DIGITS))
     return columns

@@ -97,7 +97,7 @@ def test_a_thesis_campaign_is_a_page_with_its_figures(
     assert campaign.title is not None
     assert campaign.title.replace("'", "&#x27;") in text
     (number,) = campaign.figures.values()
-    assert f"Thesis: figures {number}." in text
+    assert f"Thesis: figure {number}." in text
     assert "landerd 0.1.0 (abc1234)" in text
     assert page.heads  # for phones, where each line of a table is a card
 
