@@ -64,9 +64,7 @@ def percentile(values: Sequence[float], percent: float) -> float | None:
     return ordered[below] + (at - below) * (ordered[above] - ordered[below])
 
 
-def with_interval(
-    mean: float | None, interval: tuple[float, float] | None, digits: int
-) -> str:
+def with_interval(mean: float | None, interval: tuple[float, float] | None, digits: int) -> str:
     """Return a mean and how far its 95 % interval goes to either side, if they are known."""
     if interval is None:
         return "-" if mean is None else f"{mean:.{digits}f}"

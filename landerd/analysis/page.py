@@ -132,7 +132,9 @@ def _html_table(table: Table) -> str:
             f'<td data-head="{head}">{html.escape(cell)}</td>'
             for head, cell in zip(heads, row, strict=True)
         )
-        lines.append(f'<tr class="strong">{cells}</tr>' if i in table.strong else f"<tr>{cells}</tr>")
+        lines.append(
+            f'<tr class="strong">{cells}</tr>' if i in table.strong else f"<tr>{cells}</tr>"
+        )
     return "\n".join([*lines, "</tbody></table>"])
 
 

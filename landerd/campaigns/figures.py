@@ -188,7 +188,6 @@ def _flips(figure: Any, row: Row, runs: Sequence[Run]) -> None:
     axes.set_yticks([0, 1], ["gravity\nunknown", "gravity\nknown"])
 
 
-
 _FIGURES: Mapping[Figure, tuple[Draw, str]] = {
     "camera": (
         _camera,

@@ -54,9 +54,7 @@ def _flown(kept: Kept, runs: Iterable[Sequence[Run]]) -> str:
     return f"{text}; with {changes}." if changes else f"{text}."
 
 
-def _tables(
-    campaign: Campaign, runs: Mapping[str, Sequence[Run]], nominal: Nominal
-) -> list[Block]:
+def _tables(campaign: Campaign, runs: Mapping[str, Sequence[Run]], nominal: Nominal) -> list[Block]:
     swept = {row.name for sweep in campaign.sweeps for row in sweep.rows()}
     rows = make_rows(campaign, [run for flown in runs.values() for run in flown])
     flights = [row for row in rows if "bins" not in row and row["scenario"] not in swept]
@@ -95,9 +93,7 @@ def _figures(campaign: Campaign, runs: Mapping[str, Sequence[Run]]) -> list[Bloc
     return list(figures(campaign, runs))
 
 
-def _worst(
-    campaign: Campaign, runs: Mapping[str, Sequence[Run]], again: Again
-) -> list[Block]:
+def _worst(campaign: Campaign, runs: Mapping[str, Sequence[Run]], again: Again) -> list[Block]:
     """Return the flights that failed, the gravest first, or those that ended farthest off."""
     of = [
         (run, campaign.row(name))

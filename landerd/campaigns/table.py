@@ -155,8 +155,6 @@ def _with_interval(key: str, digits: int) -> Callable[[dict[str, Any]], str]:
     return lambda row: with_interval(row[f"{key}_mean"], row[f"{key}_mean_95"], digits)
 
 
-
-
 def _published(key: str) -> Callable[[dict[str, Any]], str]:
     def text(row: dict[str, Any]) -> str:
         value = row["thesis"][key]

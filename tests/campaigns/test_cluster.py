@@ -35,7 +35,9 @@ def a_cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     common = ["--scheduler-file", str(where), "--no-dashboard"]
     started = [
-        subprocess.Popen([*dask, "scheduler", "--port", "0", "--host", "127.0.0.1", *common], **quiet)
+        subprocess.Popen(
+            [*dask, "scheduler", "--port", "0", "--host", "127.0.0.1", *common], **quiet
+        )
     ]
     try:
         worker = [*dask, "worker", "--no-nanny", "--nthreads", "1", *common]

@@ -80,7 +80,9 @@ def test_what_was_not_flown_yet_is_empty() -> None:
 
 def test_the_names_of_rows_tell_the_sweeps_that_they_are_of() -> None:
     gate = ("sim.autopilot.gate=override",)
-    other = Sweep(scenarios=("moving-5",), key="sim.gimbal.mount", values=([1.0, 2],), settings=gate)
+    other = Sweep(
+        scenarios=("moving-5",), key="sim.gimbal.mount", values=([1.0, 2],), settings=gate
+    )
     campaign = Campaign(sweeps=(SWEEP, other))
     names = [row.name for row in campaign.all_rows]
     again = campaign_of([*names, "stationary --set 'guidance.method=pid'"])

@@ -1,8 +1,8 @@
 import pytest
 
+from landerd.analysis.intervals import percentile
 from landerd.campaigns.plan import Needed, Row
 from landerd.campaigns.pool import Run
-from landerd.analysis.intervals import percentile
 from landerd.campaigns.table import as_text, make_row
 from tests.campaigns.landings import landing
 
