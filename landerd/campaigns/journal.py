@@ -97,7 +97,7 @@ def read_kept(path: Path) -> Kept:
     try:
         head = json.loads(lines[0])
         if "settings" not in head and "scenario" in head:  # as landerd sim --json prints them
-            kept = _kept(path, Plan(""), ["", *(_as_run(line) for line in lines)])
+            kept = _printed(lines)
         else:
             kept = _kept(path, Plan.from_plain(head), lines)
     except (IndexError, KeyError, TypeError, ValueError, AttributeError):
@@ -138,9 +138,19 @@ def _kept(path: Path, plan: Plan, lines: Sequence[str]) -> Kept:
     return Kept(plan, tuple(sittings), runs)
 
 
-def _as_run(line: str) -> str:
-    result = json.loads(line)
-    return json.dumps({"scenario": result["scenario"], "seed": result["seed"], "result": result})
+def _printed(lines: Sequence[str]) -> Kept:
+    """Return the flights that `landerd sim --json` printed, a line each, seeds may come again.
+
+    Raises:
+        ValueError, KeyError, TypeError: a line is none.
+    """
+    results = [json.loads(line) for line in lines]
+    sittings = dict.fromkeys(Sitting(**r["flown"]) for r in results if "flown" in r)
+    runs = {
+        (result["scenario"], number): Run(result["scenario"], result["seed"], result)
+        for number, result in enumerate(results)
+    }
+    return Kept(Plan(""), tuple(sittings), runs)
 
 
 class Journal:

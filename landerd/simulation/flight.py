@@ -37,7 +37,8 @@ from landerd.flightlog.recorder import Recorder
 from landerd.pad import PadLayout, load_pad
 from landerd.ports import ByteLink
 from landerd.runtime.clock import run_realtime, run_virtual
-from landerd.runtime.daemon import Daemon, Devices, Observer
+from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.observer import Observer
 from landerd.simulation.companion import Companion
 from landerd.simulation.drawn import seed_draws
 from landerd.simulation.faults import Faults

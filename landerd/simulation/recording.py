@@ -20,12 +20,13 @@ from landerd.messages import (
     Sightings,
     Tick,
 )
+from landerd.runtime.observer import Observer
 
 SAMPLE_S = 0.1
 KNOWN_AFTER_S = 2.0  # from the first sighting to when the pad's velocity is to be known
 
 
-class Recording:
+class Recording(Observer):
     """An observer that keeps what the result and the picture need.
 
     Attributes:
@@ -107,9 +108,6 @@ class Recording:
         phase = self.lander.phase
         if self._has_pictures and sightings.markers and phase not in self.views:
             self.views[phase] = (frame.t - self.began, frame, sightings)
-
-    def on_vision_reset(self) -> None:
-        """Nothing to keep of it."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Sample the truth, note changes of phase."""

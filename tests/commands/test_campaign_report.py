@@ -146,7 +146,8 @@ def test_files_of_all_kinds_become_one_page_of_results(tmp_path: Path) -> None:
             run = {"scenario": name, "seed": 1, "result": landing(name, 1, landed=landed)}
             kept.write(json.dumps(run) + "\n")
     sitl = tmp_path / "sitl.jsonl"
-    sitl.write_text("".join(json.dumps(landing("moving-5", seed)) + "\n" for seed in (1, 2)))
+    flown = [landing("moving-5", 1, flown=SITTING._asdict()) for _ in range(2)]
+    sitl.write_text("".join(json.dumps(result) + "\n" for result in flown))
     vision = tmp_path / "vision.txt"
     vision.write_text("== bench/vision_ring.py\n 5.0 m    0 deg  100 %\n")
     output = tmp_path / "results.md"
@@ -155,6 +156,7 @@ def test_files_of_all_kinds_become_one_page_of_results(tmp_path: Path) -> None:
     text = output.read_text()
     assert "`landerd report effects.jsonl sitl.jsonl vision.txt -o results.md`" in text
     assert "| **render.glare** | **1.0** | **0/1** |" in text
+    assert "2 runs, 2026-01-02, landerd 0.1.0 (abc1234)." in text
     assert "| moving-5 | 2/2 |" in text
     assert "### bench/vision_ring.py\n\n```\n 5.0 m    0 deg  100 %\n```" in text
     assert main(command) == 0
