@@ -24,3 +24,16 @@ def safe_sink_rate(height: float, sink_rate: float, timeout_s: float, decelerati
     ahead = max(0.0, height - LEAD_S * max(0.0, sink_rate))
     fastest = math.sqrt(a * a * t * t + 2.0 * a * ahead + TOUCHES_AT_MPS**2) - a * t
     return max(TOUCHES_AT_MPS, fastest)
+
+
+def unstopped_height(sink_rate: float, timeout_s: float, deceleration: float) -> float:
+    """Return the height below which the autopilot's own timeout stops it on the ground only, m.
+
+    From v T + v^2 / (2 a), as above.
+
+    Args:
+        sink_rate: v, the fastest that is ordered, m/s.
+        timeout_s: T, after the last set-point.
+        deceleration: a, of the autopilot, m/s^2.
+    """
+    return sink_rate * (timeout_s + LATE_S) + sink_rate * sink_rate / (2.0 * deceleration)
