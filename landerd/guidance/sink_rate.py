@@ -26,14 +26,15 @@ def safe_sink_rate(height: float, sink_rate: float, timeout_s: float, decelerati
     return max(TOUCHES_AT_MPS, fastest)
 
 
-def unstopped_height(sink_rate: float, timeout_s: float, deceleration: float) -> float:
+def unstopped_height(timeout_s: float, deceleration: float) -> float:
     """Return the height below which the autopilot's own timeout stops it on the ground only, m.
 
-    From v T + v^2 / (2 a), as above.
+    Higher up the safe sink rate lets it be stopped in the air; from here down it sinks at
+    TOUCHES_AT_MPS, u: u T + u^2 / (2 a).
 
     Args:
-        sink_rate: v, the fastest that is ordered, m/s.
         timeout_s: T, after the last set-point.
         deceleration: a, of the autopilot, m/s^2.
     """
-    return sink_rate * (timeout_s + LATE_S) + sink_rate * sink_rate / (2.0 * deceleration)
+    u = TOUCHES_AT_MPS
+    return u * (timeout_s + LATE_S) + u * u / (2.0 * deceleration)

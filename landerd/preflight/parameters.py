@@ -99,12 +99,9 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
 
 
 def _where_it_strikes(config: Config, timeout_s: float) -> str:
-    """Say from which height on it does not stop in the air with a timeout, and with a good one."""
-    limits = config.guidance.limits
-    now, then = (
-        unstopped_height(limits.descent_mps, t, limits.vertical_acceleration_mps2)
-        for t in (timeout_s, LONGEST_TIMEOUT_S)
-    )
+    """Say below which height it comes to the ground, with a timeout and with a good one."""
+    deceleration = config.guidance.limits.vertical_acceleration_mps2
+    now, then = (unstopped_height(t, deceleration) for t in (timeout_s, LONGEST_TIMEOUT_S))
     return f", below {now:.1f} m to the ground (with {LONGEST_TIMEOUT_S:g} s below {then:.1f} m)"
 
 

@@ -277,7 +277,7 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
         (no_signal, "fail", "gate", "RC 11 has no signal", "transmitter"),
         (gate_high, "warn", "gate", r"high \(1900 us\)", "low"),
         (gate_in_its_middle, "warn", "gate", r"in its middle \(1500 us\)", "low"),
-        (long_timeout, "fail", "parameters", "GUID_TIMEOUT is 5.*below 8.8 m", "GUID_TIMEOUT 1"),
+        (long_timeout, "fail", "parameters", "GUID_TIMEOUT is 5.*below 2.2 m", "GUID_TIMEOUT 1"),
         (soft, "warn", "parameters", "PSC_JERK_XY is 1: .* 2.5 s late", "PSC_JERK_XY 5"),
         (fast, "warn", "speed limit", "up to 20 m/s", "speed_mps to 3"),
         (real_camera, "fail", "calibration", "thesis's camera and not yours", "calibrate camera"),
