@@ -47,8 +47,10 @@ def judged_parameters(config: Config) -> Mapping[str, _Rule]:
             "the nose turns into the direction of travel, away from the pad's heading",
             "set WP_YAW_BEHAVIOR 0",
         ),
+        # Without it ArduPilot goes on telling the last pulses, as fresh as ever.
         "FS_THR_ENABLE": _Rule(
-            lambda v: v != 0, "warn", "nothing happens when the transmitter is lost",
+            lambda v: v != 0, "fail",
+            "with the transmitter lost your switch stays high for landerd, which flies on",
             "set FS_THR_ENABLE 1",
         ),
         "ARMING_CHECK": _Rule(
