@@ -13,8 +13,9 @@ import yaml
 from hw.gimbals.fixed import FixedOptions
 from hw.gimbals.mounting import MountOptions
 from hw.gimbals.servo import ServoAxisOptions, ServoOptions
+from landerd.calibration.bench import Refused
 from landerd.calibration.gimbal import AxisResult, GimbalCalibration, calibrate
-from landerd.calibration.gimbal_motion import Delays, GimbalMotion, Refused
+from landerd.calibration.gimbal_motion import Delays, GimbalMotion
 from landerd.camera_model import CalibrationError
 from landerd.commands.shared import (
     InputError,
