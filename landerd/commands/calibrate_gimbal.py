@@ -22,6 +22,7 @@ from landerd.commands.shared import (
     add_config,
     add_json,
     add_overlay,
+    ask,
     check_folder,
     load_with_saved,
     print_json,
@@ -86,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             devices,
             places=args.places,
             with_autopilot=not args.without_autopilot,
-            ask=_ask if not args.yes else None,
+            ask=ask if not args.yes else None,
             say=(lambda _: None) if args.json else print,
         )
     )
@@ -181,11 +182,6 @@ def _motion(
         is_measured=traits.feedback is Feedback.MEASURED,
         with_autopilot=with_autopilot,
     )
-
-
-async def _ask(question: str) -> None:
-    print(question)
-    await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
 
 
 # ---- what came of it ---------------------------------------------------------------------------
