@@ -38,6 +38,7 @@ _FOUND_WITHIN_S = 25.0  # the gimbal's sweeps included
 _SWING_S = 2.5  # watched after the gimbal was let go
 _TURNING_S = 1.0  # of it the gimbal is said to turn
 _OFF_MIDDLE = 0.6  # of half the picture: how far the pad is brought aside
+_LEAST_FOLLOWED = 0.6  # of it must have come
 _STEEP = math.radians(-60.0)  # looking down more than this, yaw hardly moves the picture
 
 
@@ -182,6 +183,12 @@ class MarkTrial:
             self._let_go = True
             await self._watch(self._rest_s)
             return None
+        if seen[-1].off_middle < _LEAST_FOLLOWED * abs(step):
+            raise Refused(
+                f"{axis} does not follow: {math.degrees(step):+.0f} degrees were ordered, in "
+                f"{self._rest_s:g} s the pad was {math.degrees(seen[-1].off_middle):.0f} degrees "
+                "from the middle. Are its motors on? Is it slower than that?"
+            )
         self._let_go = True
         start = asyncio.get_running_loop().time()
         return Swing(axis, step, tuple(await self._watch(_SWING_S)), start)
