@@ -10,7 +10,7 @@ from landerd.guidance.sink_rate import unstopped_height
 from landerd.preflight.finding import Finding
 
 # ArduCopter 4.7 has the second for the first: a mask of what is left out for one of what is done.
-_SUCCESSORS = {"ARMING_CHECK": "ARMING_SKIPCHK"}
+SUCCESSORS = {"ARMING_CHECK": "ARMING_SKIPCHK"}
 # How the autopilot shapes velocities, by their names up to 4.6, in 4.7.0 and in what came after it;
 # with what makes m/s^2 of them. Before 4.2 there was no such jerk.
 _JERKS = ("PSC_JERK_XY", "PSC_JERK_NE", "PSC_NE_JERK")
@@ -22,50 +22,45 @@ LATEST_S = 0.8
 
 
 @dataclass(frozen=True)
-class _Rule:
+class Rule:
+    """What a parameter must be, what is said where it is not so, and the value to set."""
+
     good: Callable[[float], bool]
     level: Literal["warn", "fail"]
     why: str
-    mend: str
+    best: float
 
 
-def judged_parameters(config: Config) -> Mapping[str, _Rule]:
-    """Return the autopilot's parameters that are judged alone, by name (docs/ardupilot.md)."""
-    option = f"RC{config.rc.gate_channel}_OPTION"
+def judged_parameters(config: Config) -> Mapping[str, Rule]:
+    """Return the autopilot's parameters that are judged alone, by name, those of 4.7 too."""
     rules = {
-        option: _Rule(
-            lambda v: v == 0, "fail",
-            "landerd's switch would do something else too", f"set {option} 0",
+        f"RC{config.rc.gate_channel}_OPTION": Rule(
+            lambda v: v == 0, "fail", "landerd's switch would do something else too", 0.0
         ),
-        "GUID_TIMEOUT": _Rule(
+        "GUID_TIMEOUT": Rule(
             lambda v: v <= LONGEST_TIMEOUT_S, "fail",
-            "the last velocity is flown on so many seconds when landerd dies",
-            f"set GUID_TIMEOUT {LONGEST_TIMEOUT_S:g}",
+            "the last velocity is flown on so many seconds when landerd dies", LONGEST_TIMEOUT_S,
         ),
-        "WP_YAW_BEHAVIOR": _Rule(
+        "WP_YAW_BEHAVIOR": Rule(
             lambda v: v == 0, "warn",
-            "the nose turns into the direction of travel, away from the pad's heading",
-            "set WP_YAW_BEHAVIOR 0",
+            "the nose turns into the direction of travel, away from the pad's heading", 0.0,
         ),
         # Without it ArduPilot goes on telling the last pulses, as fresh as ever.
-        "FS_THR_ENABLE": _Rule(
+        "FS_THR_ENABLE": Rule(
             lambda v: v != 0, "fail",
-            "with the transmitter lost your switch stays high for landerd, which flies on",
-            "set FS_THR_ENABLE 1",
+            "with the transmitter lost your switch stays high for landerd, which flies on", 1.0,
         ),
-        "ARMING_CHECK": _Rule(
-            lambda v: v != 0, "warn", "the autopilot arms whatever is wrong with it",
-            "set ARMING_CHECK 1",
+        "ARMING_CHECK": Rule(
+            lambda v: v != 0, "warn", "the autopilot arms whatever is wrong with it", 1.0
         ),
-        "ARMING_SKIPCHK": _Rule(
-            lambda v: v == 0, "warn", "the autopilot arms although something is wrong with it",
-            "set ARMING_SKIPCHK 0",
+        "ARMING_SKIPCHK": Rule(
+            lambda v: v == 0, "warn", "the autopilot arms although something is wrong with it", 0.0
         ),
     }  # fmt: skip
     if config.guidance.output == "landing_target":
         for name in ("PLND_ENABLED", "PLND_TYPE"):
             why = "ArduPilot does not use landerd's targets"
-            rules[name] = _Rule(lambda v: v == 1, "fail", why, f"set {name} 1")
+            rules[name] = Rule(lambda v: v == 1, "fail", why, 1.0)
     return rules
 
 
@@ -83,10 +78,10 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
             what = f"{name} is {values[name]:g}: {rule.why}"
             if name == "GUID_TIMEOUT":
                 what += _where_it_strikes(config, values[name])
-            found.append(Finding(rule.level, "parameters", what, rule.mend))
+            found.append(Finding(rule.level, "parameters", what, f"set {name} {rule.best:g}"))
     found += _shaping(config, values)
-    told = {*values, *(old for old, new in _SUCCESSORS.items() if new in values)}
-    told |= {new for old, new in _SUCCESSORS.items() if old in values}
+    told = {*values, *(old for old, new in SUCCESSORS.items() if new in values)}
+    told |= {new for old, new in SUCCESSORS.items() if old in values}
     missing = [name for name in rules if name not in told]
     if missing:
         what = f"the autopilot did not tell {', '.join(missing)}"
