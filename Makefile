@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
-.PHONY: sim test test-devices check bench bench-vision mutants fuzz golden clean
+.PHONY: sim test test-devices check reference docs bench bench-vision mutants fuzz golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
@@ -44,6 +44,12 @@ fuzz: $(SETUP)  ## damaged bytes, files and command lines for hours, other ones 
 
 golden: $(SETUP)  ## fly the golden flights again after an intended change of the core
 	$(BIN)/python -m tests.renew_golden
+
+reference: $(SETUP)  ## pages and files that are made of the code
+	$(BIN)/python -m landerd.reference
+
+docs: $(SETUP)  ## the pages of docs/ as a site, in build/docs
+	$(BIN)/sphinx-build --fail-on-warning --quiet docs build/docs
 
 clean:
 	rm -rf .venv build dist

@@ -90,6 +90,11 @@ _COMMANDS: Mapping[str, _Command] = {
         "say what landerd would have ordered on a recorded flight; sends nothing",
         "landerd dry-run -c my.yaml --video flight.mp4 --telemetry flight.bin --gimbal 0,-90",
     ),
+    "bench-test": _Command(
+        "bench_test",
+        "measure camera and gimbal on marked places of the floor, before the first flight",
+        "landerd bench-test pose -c my.yaml --height 1.52 --mark 2,0 --mark 3,1 -o bench.csv",
+    ),
     "install": _Command(
         "install",
         "put landerd on this computer as a service",

@@ -33,6 +33,14 @@ def refusing(*errors: type[Exception]) -> Iterator[None]:
         raise InputError(str(e)) from None
 
 
+async def ask(question: str) -> None:
+    """Show a person what is to be done, and wait until it is."""
+    import asyncio
+
+    print(question)
+    await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
+
+
 def tell(line: str) -> None:
     """Say something that is no result: to stderr."""
     print(line, file=sys.stderr)

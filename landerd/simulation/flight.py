@@ -293,9 +293,9 @@ class Simulation:
         ended_t = self.process.over_t
         if ended_t is not None and now > ended_t + AFTER_END_S:
             return True
-        over_t = self.score.disarm_t
         if self.ends_at_contact and self.score.contact is not None:
-            over_t = self.score.contact.t
+            return True  # from here on ground and pad go different ways
+        over_t = self.score.disarm_t
         if over_t is None:
             return False
         return bool(self.daemon.lander.outcome) or now > over_t + AFTER_LANDING_S
