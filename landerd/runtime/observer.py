@@ -9,8 +9,8 @@ from landerd.messages import Command, Frame, Input, Prior, Sightings
 class Observer(Protocol):
     """Sees all that happens and changes nothing: the flight log, a progress line.
 
-    Whoever derives from it writes only the methods that it has a use for; the others do nothing (they
-    return: a protocol's empty methods would be abstract to mypy).
+    Whoever derives from it writes only the methods that it has a use for; the others do nothing
+    (they return: to mypy a protocol's empty methods would be abstract).
     """
 
     def on_flight(self, lander: Lander) -> None:
