@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 import cv2
 import numpy as np
@@ -49,6 +49,7 @@ from landerd.pad import PadLayout
 from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
 from landerd.runtime.frozen import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
+from landerd.runtime.observer import Observer
 from landerd.vision import Detectors, Vision
 from landerd.worker import JobHangs, Worker
 
@@ -79,22 +80,6 @@ class Devices:
 
 class CoreFailed(Exception):
     """The core raised an exception; the vehicle was stopped, and only a new process may fly."""
-
-
-class Observer(Protocol):
-    """Sees all that happens and changes nothing: the flight log, a progress line."""
-
-    def on_flight(self, lander: Lander) -> None:
-        """A flight begins, with a core that knows of no other."""
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """A frame was searched."""
-
-    def on_vision_reset(self) -> None:
-        """Vision begins anew: a search failed, or hung."""
-
-    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """The core took a message and gave commands."""
 
 
 class Daemon:
