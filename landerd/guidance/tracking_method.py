@@ -23,9 +23,9 @@ MIN_LEAD_S = 0.35  # the airframe, the link and what is seen are late too
 MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
 # 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.4.
 MAX_KP_PER_ACCELERATION = 1.0
-# The error from which on a swing about the pad asks for no more jerk than there is, m. With 0.45 m
-# vehicles of 2 m/s^3 swung over a moving pad for ever, not with 0.8.
-LINEAR_ERROR_M = 1.0
+# The error from which on a swing about the pad asks for no more jerk than there is, m. With 1 m
+# vehicles of 2 m/s^3 overshot a pad by 1 to 2 m from 6 m away, with 2 m by 0.2.
+LINEAR_ERROR_M = 2.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
