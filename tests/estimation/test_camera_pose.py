@@ -34,7 +34,7 @@ def test_a_position_that_wanders_is_no_motion() -> None:
         places.append(newest[1][0] - 0.1 * i)
     steps = [abs(b - a) for a, b in pairwise(places)]
     assert max(steps) < 0.005
-    assert abs(places[-1] - told) < 0.15  # it goes along all the same
+    assert abs(places[-1] - told) < 0.2  # it goes along all the same
 
 
 def test_after_a_gap_the_position_is_taken_as_it_is() -> None:

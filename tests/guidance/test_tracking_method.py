@@ -113,7 +113,7 @@ def test_braking_its_descent_leaves_room_for_the_decks_own_acceleration() -> Non
 
 
 def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> None:
-    """Over a pad at 10 m/s, with lags of 1.75 and 2.5 s; by that lag alone it takes twice as long."""
+    """Over a pad at 10 m/s, with lags of 1.75 and 2.5 s: without compensation in twice the time."""
     for acceleration, jerk in ((3.5, 2.0), (5.0, 2.0)):
         shaping = {"acceleration_mps2": acceleration, "jerk_mps3": jerk}
         config = CONFIG.model_copy(
