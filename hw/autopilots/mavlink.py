@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots import orders, telemetry
+from hw.autopilots import file_transfer, orders, telemetry
 from hw.autopilots.boot_clock import BootClock
 from hw.autopilots.heading import Heading
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
@@ -63,6 +63,7 @@ _GROUND_STATION_MESSAGES = frozenset(
         mavlink.MAVLINK_MSG_ID_PARAM_SET,
         mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
         mavlink.MAVLINK_MSG_ID_COMMAND_INT,
+        mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
     }
 )
 _READERS: Mapping[int, Callable[[Message, float], AutopilotMessage | None]] = {
@@ -285,6 +286,10 @@ class MavlinkAutopilot:
         if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
             if m.target_component == COMPONENT:  # not what is meant for every component
                 self._on_command(m, disarmed=now < self._disarmed_until)
+        elif kind == mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL:
+            answer = file_transfer.refusal(m) if m.target_component == COMPONENT else None
+            if answer is not None:
+                self.send(answer)
         elif self._parameters is not None:
             disarmed = now < self._disarmed_until
             change = self._parameters.take(m, now, disarmed=disarmed)
