@@ -60,7 +60,7 @@ SIGMA_HEADING = math.radians(2.0)  # rad, of the autopilot's heading
 RANGE_TIME_CONSTANT_S = 2.0  # of the errors of ranges, which change as the pad comes nearer
 BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and clock
 ADAPTATION_RATE = 0.05  # per frame: how fast the assumed noises follow the innovations
-NOISE_SCALE_RANGE = (0.05, 100.0)  # of the white noise's variance, times what is said of it
+NOISE_SCALE_RANGE = (0.01, 100.0)  # of the white noise's variance, times what is said of it
 OUTLIER_FACTOR = 4.0  # an innovation beyond the NIS limit by this tells nothing of the noise
 # Swing of the lens's direction with the airframe (gimbal or clock a little late), 1 sigma, rad: it
 # is alike from frame to frame and yet no motion of the pad. Without it a vehicle in calm air
