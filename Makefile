@@ -25,7 +25,8 @@ bench: $(SETUP)  ## print the figures quoted in docs
 	done
 
 bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 library (takes long)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
+	@echo "$$(date -u +'%Y-%m-%d'), landerd $$(git log -1 --format=%h)"
 	for file in bench/vision_*.py; do \
 		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done

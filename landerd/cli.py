@@ -80,8 +80,10 @@ _COMMANDS: Mapping[str, _Command] = {
     ),
     "report": _Command(
         "report",
-        "show what happened in a flight, as a page for the browser",
-        "landerd report flight.mcap -o report.html",
+        "show what happened in flights, or what came of campaigns, as a page to read",
+        "landerd report flight.mcap -o report.html\n"
+        "  landerd report guidance.jsonl -o guidance.html        file of campaign --keep\n"
+        "  landerd report *.jsonl vision.txt -o docs/results.md",
     ),
     "dry-run": _Command(
         "dry_run",

@@ -89,12 +89,16 @@ class MarkerSighting:
     stage: str = "grey"
 
 
+CLIPPED_LEVEL = 248.0  # from here on a grey level says only that it is too bright
+
+
 @dataclass(frozen=True, slots=True)
 class Light:
     """How bright a frame shows what its exposure goes by, grey levels from 0 to 255."""
 
-    level: float  # of the pad's white, or of the ordinary in the whole picture
+    level: float  # of the pad's white, or of the ordinary on the ground
     on_pad: bool
+    clipped: float = 0.0  # share of the ground from `CLIPPED_LEVEL` on; of a pad not told
 
 
 @dataclass(frozen=True, slots=True)

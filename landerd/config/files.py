@@ -58,6 +58,11 @@ def config_dir() -> Path:
     return installed if installed.is_dir() else package.parent / "config"
 
 
+def default_config() -> Path:
+    """Return the configuration that comes with landerd, which flies the simulator."""
+    return config_dir() / "default.yaml"
+
+
 def own_or(path: Path) -> Path:
     """Return the path, or landerd's own file of that name where there is none at it."""
     own = config_dir() / path

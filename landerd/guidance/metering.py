@@ -13,14 +13,16 @@ import math
 
 from landerd.config.models import MeteringSection
 from landerd.geometry import clamp
-from landerd.messages import ExposureOrder, Sightings
+from landerd.messages import CLIPPED_LEVEL, ExposureOrder, Light, Sightings
 
 # Grey levels aimed at. White at four fifths of full scale leaves room for noise and for a light
 # that is not even. Grass, earth and asphalt give back a quarter of what white does.
 WHITE_LEVEL, GROUND_LEVEL = 200.0, 70.0
-CLIPPED_LEVEL = 248.0  # from here on a level says only that it is too bright,
-CLIPPED_STEP = 0.4  # and the exposure is cut to this
-DARKEST_LEVEL = 4.0  # and from here down that it is too dark
+CLIPPED_STEP = 0.4  # to which the exposure is cut where something is clipped
+DARKEST_LEVEL = 4.0  # from here down a level says only that it is too dark
+GLARING = 2e-4  # share of the ground that may be a far pad: a ring of 6 px with its plate
+ROUGHLY = 2.0  # so near the ground's level is enough for the shorter turns to begin
+SHORTER_TURNS = 3  # white then fits, had it been 15 times over full scale
 DIM = 0.2  # share of the level aimed at that is enough where more would need gain
 BAND = 1.15  # a level that is off by less is left
 SETTLED_S = 0.1  # from an order to the pictures exposed by it: two or three of them
@@ -39,6 +41,8 @@ class Metering:
         self._ordered_t = -math.inf
         self._pad_t = -math.inf
         self._has_ordered = False
+        self._ground: float | None = None  # the amount to go back to from shorter turns
+        self._turns = 0
 
     def on_sightings(self, now: float, sightings: Sightings) -> ExposureOrder | None:
         """Take a frame's brightness; return the order that follows, if any.
@@ -59,17 +63,47 @@ class Metering:
             return None
         if sightings.t < self._ordered_t + SETTLED_S:
             return None
-        wanted = WHITE_LEVEL if light.on_pad else GROUND_LEVEL
-        if light.level >= CLIPPED_LEVEL:
-            step = CLIPPED_STEP
-        else:
-            step = wanted / max(light.level, DARKEST_LEVEL)
-        full = self._amount * step
-        dim = max(DIM * full, min(full, self._options.short_s))
-        amount = clamp(dim, self._least, self._most)
+        if light.on_pad:
+            self._ground = None
+            return self._brought(now, light.level, WHITE_LEVEL)
+        if self._ground is None:
+            return self._on_ground(now, light)
+        return self._shorter(now, light)
+
+    def _on_ground(self, now: float, light: Light) -> ExposureOrder | None:
+        """Return the order after a picture that was exposed for the ground."""
+        is_glaring = light.clipped >= GLARING
+        is_near = 1.0 / ROUGHLY < light.level / GROUND_LEVEL < ROUGHLY
+        if not (is_glaring and is_near):
+            order = self._brought(now, light.level, GROUND_LEVEL)
+            if order is not None or not is_glaring:
+                return order
+        self._ground = self._amount = self._wanted(light.level, GROUND_LEVEL)
+        self._turns = 0
+        return self._shorter(now, light)
+
+    def _shorter(self, now: float, light: Light) -> ExposureOrder:
+        """Return the order for the next shorter exposure, after the last for that of the ground."""
+        shorter = CLIPPED_STEP * self._amount
+        self._turns += 1
+        if light.clipped < GLARING or self._turns > SHORTER_TURNS or shorter < self._least:
+            shorter = self._ground or self._amount
+            self._ground = None
+        return self._order(now, shorter)
+
+    def _brought(self, now: float, level: float, wanted: float) -> ExposureOrder | None:
+        """Return the order that brings a level to the one wanted; None: it is near enough."""
+        amount = self._wanted(level, wanted)
         if max(amount / self._amount, self._amount / amount) < BAND:
             return None
         return self._order(now, amount)
+
+    def _wanted(self, level: float, wanted: float) -> float:
+        """Return what is to be exposed, s at gain 1, for a level to become the one wanted."""
+        step = CLIPPED_STEP if level >= CLIPPED_LEVEL else wanted / max(level, DARKEST_LEVEL)
+        full = self._amount * step
+        dim = max(DIM * full, min(full, self._options.short_s))
+        return clamp(dim, self._least, self._most)
 
     def _order(self, now: float, amount: float) -> ExposureOrder:
         self._ordered_t, self._amount = now, amount

@@ -12,9 +12,10 @@ from landerd.geometry import Vec3
 from landerd.messages import Light, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.expected import Expected
-from landerd.vision.metering import light
+from landerd.vision.metering import Meter
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
+from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import FoundSquare, Image, SquareFinder, printed_cells
 from landerd.vision.square_fit import SquarePrint
@@ -72,8 +73,8 @@ class Detectors(Protocol):
         """See `WhyCodeFinder.find`."""
         ...
 
-    def light(self, image: Image, pad: PoseSolution | None) -> Light:
-        """See `metering.light`."""
+    def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
+        """See `Meter.light`."""
         ...
 
 
@@ -82,18 +83,22 @@ class PixelDetectors:
 
     def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
         """Prepare finders and prints of a pad's markers."""
-        self._layout, self._camera = layout, camera
+        self._camera = camera
+        self._meter = Meter(camera, layout.plate)
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares
         }
         self._squares = SquareFinder(layout)
         self._codes = WhyCodeFinder(layout, camera)
+        self._response = CameraResponse()
 
     def track_ring(
         self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
     ) -> MarkerSighting | None:
         """See `whycon.track_ring`."""
-        return track_ring(image, ring, self._camera, position, normal, down=down)
+        return track_ring(
+            image, ring, self._camera, position, normal, down=down, response=self._response
+        )
 
     def find_rings(
         self,
@@ -116,6 +121,7 @@ class PixelDetectors:
             expected_diameter_px=expected_diameter_px,
             thorough=thorough,
             work=work,
+            response=self._response,
         )
 
     def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
@@ -148,6 +154,6 @@ class PixelDetectors:
         """See `WhyCodeFinder.find`."""
         return self._codes.find(image, expected, normal)
 
-    def light(self, image: Image, pad: PoseSolution | None) -> Light:
-        """See `metering.light`."""
-        return light(image, self._camera, self._layout.plate, pad)
+    def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
+        """See `Meter.light`."""
+        return self._meter.light(image, pad, down)

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
-from landerd.messages import Light, PoseSolution
+from landerd.geometry import Vec3
+from landerd.messages import CLIPPED_LEVEL, Light, PoseSolution
 from landerd.pad import Plate
 from landerd.vision.expected import any_across
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
@@ -17,25 +18,50 @@ from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 _WHITE_PERCENTILE = 90.0
 _SAMPLES = 64  # a side
 _LEAST_SAMPLES = 30  # on the plate
+_LEAST_DIP = 0.05  # sine of the angle below the horizon from which on the ground is seen
+_LEAST_GROUND = 0.1  # share of the picture
 
 
-def light(
-    image: NDArray[np.uint8], camera: CameraModel, plate: Plate, pad: PoseSolution | None
-) -> Light:
-    """Return the brightness of the plate's white, or without a pad of the picture's ground.
+class Meter:
+    """Measures the brightness of one camera's pictures of one pad and what lies round it."""
 
-    Args:
-        image: (height, width).
-        camera: the lens.
-        plate: the pad's.
-        pad: its pose, camera frame; None: not seen.
-    """
-    if pad is not None:
-        white = _white(image, camera, _outline(plate, pad))
-        if white is not None:
-            return Light(white, on_pad=True)
-    step = max(1, min(image.shape) // _SAMPLES)
-    return Light(float(np.median(image[::step, ::step])), on_pad=False)
+    def __init__(self, camera: CameraModel, plate: Plate) -> None:
+        """Prepare a grid of samples, and the lines of sight through them."""
+        self._camera, self._plate = camera, plate
+        self._step = max(1, min(camera.width, camera.height) // _SAMPLES)
+        self._columns = np.arange(self._step // 2, camera.width, self._step)
+        self._rows = np.arange(self._step // 2, camera.height, self._step)
+        at = np.stack(np.meshgrid(self._columns, self._rows), axis=-1).reshape(-1, 2)
+        rays = np.column_stack([camera.rays(at.astype(np.float64)), np.ones(len(at))])
+        self._rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+    def light(self, image: NDArray[np.uint8], pad: PoseSolution | None, down: Vec3 | None) -> Light:
+        """Return the brightness of the plate's white, or without a pad that of the ground.
+
+        Args:
+            image: (height, width).
+            pad: its pose, camera frame; None: not seen.
+            down: unit vector of gravity, camera frame: tells the ground from the sky.
+        """
+        if pad is not None:
+            white = _white(image, self._camera, _outline(self._plate, pad))
+            if white is not None:
+                return Light(white, on_pad=True)
+        ground = self._ground(down)
+        levels = image[np.ix_(self._rows, self._columns)].ravel()[ground]
+        # Every pixel counts: a far pad covers no more than a few samples.
+        full = cv2.threshold(image, CLIPPED_LEVEL - 1.0, 255.0, cv2.THRESH_BINARY)[1]
+        size = (len(self._columns), len(self._rows))
+        cells = cv2.resize(full, size, interpolation=cv2.INTER_AREA).ravel()[ground]
+        return Light(float(np.median(levels)), False, float(cells.mean()) / 255.0)
+
+    def _ground(self, down: Vec3 | None) -> NDArray[np.bool_]:
+        """Tell which samples (n,) show the ground: all, if little of it is in sight."""
+        everywhere = np.ones(len(self._rays), dtype=np.bool_)
+        if down is None:
+            return everywhere
+        below: NDArray[np.bool_] = self._rays @ np.array(down) > _LEAST_DIP
+        return below if float(below.mean()) > _LEAST_GROUND else everywhere
 
 
 def _outline(plate: Plate, pad: PoseSolution) -> F64:

@@ -7,6 +7,7 @@ edges with their larger covariance.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from landerd.pad import Ring
 from landerd.vision.ring_edges import EdgeFit, edge_cost, edge_fit
 from landerd.vision.ring_fit import RingFit, frontal_inflation
 from landerd.vision.ring_pixels import plane_axes
-from landerd.vision.ring_pose import F64, mirrored
+from landerd.vision.ring_pose import F64, Pose, mirrored
 
 U8 = NDArray[np.uint8]
 
@@ -37,9 +38,10 @@ _MIN_CONTRAST = 12.0  # grey levels
 # leaves but the darkest part of each edge, which looks sharp however wide the blur was: a share of
 # the radius.
 _MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (0.3, 1.0)
-# White grows behind any of these curves; it shrinks by what print and fit are off.
+# White grows behind any of these curves; it shrinks by what print and fit are off, and behind the
+# toe of an S-shaped one: where white is far below full scale, grey follows light's square.
 _PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06
-_MIN_SHIFT_PX, _MIN_SHIFT_BLURS = -0.1, 0.15
+_MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
 _CLIPPED = 240.0  # grey level of the white
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 _SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
@@ -68,15 +70,17 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
         image: grey image (height, width).
         camera: the lens.
         ring: its true size and ratio.
-        fits: to grey levels, best first, at least one.
+        fits: to grey levels, best first, at least one; if there is but one, the mirrored pose is
+            known to be none.
     """
     best = fits[0]
     found: list[EdgeFit] = []
-    for start in (
-        (best.position, best.normal),
-        mirrored(best.position, best.normal, ring.radius_m),
-    ):
-        edges = None if start is None else edge_fit(image, camera, ring, start)
+    starts = [(best.position, best.normal)]
+    other = mirrored(*starts[0], ring.radius_m)
+    if other is not None and len(fits) > 1:
+        starts.append(other)
+    for start in starts:
+        edges = edge_fit(image, camera, ring, start)
         if edges is not None:
             found.append(edges)
         # Under the wrong one of two poses half of the edges are in place, in texture few.
@@ -99,6 +103,18 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
         wider = [replace(f, covariance=dependence * f.covariance) for f in fits]
         return Explained(wider, toned)
     return Explained([_ring_fit(e, ring, camera, noise) for e in found], toned)
+
+
+def edge_fits(image: U8, camera: CameraModel, ring: Ring, starts: Sequence[Pose]) -> list[RingFit]:
+    """Return the fits to edges near expected poses, best first; empty if they are no ring's."""
+    found = [e for e in (edge_fit(image, camera, ring, s) for s in starts) if e is not None]
+    if not found:
+        return []
+    noise = min(e.noise_px for e in found)
+    found.sort(key=lambda e: edge_cost(e, noise))
+    if not is_ring_by_edges(found[0]):
+        return []
+    return [_ring_fit(e, ring, camera, noise) for e in found]
 
 
 def _is_shifted(e: EdgeFit) -> bool:
@@ -132,15 +148,24 @@ def is_ring_by_edges(e: EdgeFit) -> bool:
         and e.dark > _MIN_DARK
         and e.bright > _MIN_BRIGHT
         and min(inside, outside) - black > _MIN_CONTRAST
-        and _MIN_SHIFT_PX - _MIN_SHIFT_BLURS * e.blur_px < e.shift_px < _max_shift_px(e)
+        and _min_shift_px(e) < e.shift_px < _max_shift_px(e)
     )
+
+
+def _is_clipped(e: EdgeFit) -> bool:
+    return min(e.levels[0], e.levels[2]) > _CLIPPED
+
+
+def _min_shift_px(e: EdgeFit) -> float:
+    """Return how far the toe of a tone curve may have moved the edges into the white: below 0."""
+    blurs = _MIN_CLIPPED_SHIFT_BLURS if _is_clipped(e) else _MIN_SHIFT_BLURS
+    return _MIN_SHIFT_PX - blurs * e.blur_px
 
 
 def _max_shift_px(e: EdgeFit) -> float:
     """Return how far a tone curve, and an inexact print, may have moved the edges."""
-    is_clipped = min(e.levels[0], e.levels[2]) > _CLIPPED
-    fixed, blurs = _MAX_CLIPPED_SHIFT_PX if is_clipped else _MAX_SHIFT_PX
-    share = _MAX_BLOOM if is_clipped else _PRINT_SHARE
+    fixed, blurs = _MAX_CLIPPED_SHIFT_PX if _is_clipped(e) else _MAX_SHIFT_PX
+    share = _MAX_BLOOM if _is_clipped(e) else _PRINT_SHARE
     return fixed + blurs * e.blur_px + share * e.radius_px
 
 

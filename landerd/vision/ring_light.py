@@ -1,11 +1,13 @@
 """A shadow's edge across a ring: find it in the white, and undo it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.pad import Ring
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pixels import Pixels, PlaneView, plane_axes
+from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, plane_axes
 from landerd.vision.ring_pose import F64
 
 Mask = NDArray[np.bool_]
@@ -17,15 +19,39 @@ _LEVEL_ROUNDS = 5
 _MIN_SHARE = 0.03  # of the white on either side of the edge
 _MAX_LIGHT = 0.88  # light in the shadow over light beside it: above, it is no shadow
 _MIN_PARTED = 0.9  # share of the white that one straight line parts into bright and dim
-_PENUMBRA_PX = 2.5  # from the edge to either side: pixels there are left out
+_PROBIT = 1.0 / 1.7  # from the logistic function's argument to that of the normal distribution's
+_SOFT_ROUNDS = 6
+_LINE_DAMPING = 0.1
+# An edge whose penumbra (sigma) is not so many blurs wide, and this, is a sharp one:
+_SOFT_BLURS, _SOFT_PX = 2.0, 0.7
+_PENUMBRA_PX = 2.5  # from it to either side pixels are left out
+_MAX_MOVED_PX = 0.3  # first order is not enough for more
 _MIN_COUNT = 30  # pixels that are left: a fit has 12 to 14 parameters
+
+
+@dataclass(frozen=True)
+class _Shadow:
+    """Light that falls from high to low across a straight edge: its features' line in sigmas."""
+
+    low: float
+    high: float
+    line: F64  # (3,): negative in the shadow; the slope tells how soft the edge is
+
+    def light(self, features: F64) -> tuple[F64, F64]:
+        """Return light over that beside the shadow (n,), and its derivative by the line's value."""
+        cdf, density = blurred_step((features @ self.line).astype(np.float32))
+        fall = 1.0 - self.low / self.high
+        return 1.0 - fall * (1.0 - cdf.astype(np.float64)), fall * density.astype(np.float64)
 
 
 def evenly_lit(pixels: Pixels, fit: RingFit, ring: Ring) -> Pixels | None:
     """Return the pixels as if a straight shadow edge were not there; None if there is none.
 
     The white inside and around the ring, as a first fit has it, is split into bright and dim; the
-    line that parts them is the edge. Pixels beyond it are divided by the loss of light.
+    line that parts them is the edge, which may be soft. Pixels are divided by the loss of light.
+    Where light changes within the blur they also show the print a little farther towards the light:
+    of light L, print P and a Gaussian of variance v, the image is L times the blurred print at
+    x + v grad(log L), to first order in grad L.
     """
     radius = ring.radius_m
     white = _white(pixels, fit, ring)
@@ -40,19 +66,56 @@ def evenly_lit(pixels: Pixels, fit: RingFit, ring: Ring) -> Pixels | None:
     x, y = (k * (pixels.rays[i] - fit.position[i] / fit.position[2]) for i in (0, 1))
     features = np.stack([np.ones_like(x), x, y], axis=1).astype(np.float64)
     line = _parting_line(features[white], bright)
-    if ((features[white] @ line > 0.0) == bright).mean() < _MIN_PARTED:
+    if ((features[white] @ line > 0.0) == bright).mean() < _MIN_PARTED or not low > 0.0:
         return None
-    side = features @ line
-    slope = float(np.hypot(line[1], line[2]))
-    if not slope > 0.0 or not low > 0.0:
+    grey = pixels.grey[white].astype(np.float64)
+    shadow = _softened(features[white], grey, _Shadow(low, high, _PROBIT * line))
+    return None if shadow is None else _undone(pixels, shadow, features, k, fit.blur_px)
+
+
+def _undone(
+    pixels: Pixels, shadow: _Shadow, features: F64, k: float, blur_px: float
+) -> Pixels | None:
+    """Return the pixels without the shadow; k: features' unit, over that of rays."""
+    light, slope = shadow.light(features)
+    per_px = k / pixels.focal * shadow.line[1:]  # of the line's value
+    sharpness = float(np.hypot(*per_px))
+    if not (sharpness > 0.0 and np.isfinite(light).all()):
         return None
-    away_px = np.abs(side) / slope * pixels.focal / k
-    light = np.where(side > 0.0, 1.0, low / high).astype(np.float32)
+    moved = blur_px**2 * (slope / light)[:, None] * per_px
+    kept = np.hypot(moved[:, 0], moved[:, 1]) < _MAX_MOVED_PX
+    if 1.0 / sharpness < _SOFT_BLURS * blur_px + _SOFT_PX:
+        kept &= np.abs(features @ shadow.line) / sharpness > _PENUMBRA_PX
+    rays = pixels.rays.copy()
+    rays[:2] += (moved / pixels.focal).T.astype(np.float32)
     # Noise grows as the grey levels do.
-    weight = pixels.weight * light**2 * (away_px > _PENUMBRA_PX)
+    light32 = light.astype(np.float32)
+    weight = pixels.weight * light32**2 * kept
     if np.count_nonzero(weight) < _MIN_COUNT:
         return None
-    return Pixels(pixels.rays, pixels.grey / light, weight, pixels.supersample, pixels.focal)
+    return Pixels(rays, pixels.grey / light32, weight, pixels.supersample, pixels.focal)
+
+
+def _softened(features: F64, grey: F64, shadow: _Shadow) -> _Shadow | None:
+    """Return the shadow whose levels and edge are fitted to the white (n,); None: it fails."""
+    for _ in range(_SOFT_ROUNDS):
+        light, slope = shadow.light(features)
+        residual = grey - shadow.high * light
+        fall = shadow.high - shadow.low
+        share = (light - shadow.low / shadow.high) * shadow.high / fall  # of the way to high
+        J = np.column_stack([1.0 - share, share, shadow.high * slope[:, None] * features])
+        noise = max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+        weight = 1.0 / (1.0 + (residual / (3.0 * noise)) ** 2) ** 2
+        H = (J * weight[:, None]).T @ J
+        # An edge sharper than the pixels' distances leaves the slope open.
+        H[2:, 2:] += _LINE_DAMPING * noise**2 * np.eye(3)
+        H[:2, :2] += 1e-3 * np.eye(2)
+        step = np.linalg.solve(H, J.T @ (weight * residual))
+        low, high = shadow.low + float(step[0]), shadow.high + float(step[1])
+        shadow = _Shadow(low, high, shadow.line + step[2:])
+        if not 0.0 < low < _MAX_LIGHT * high:
+            return None
+    return shadow
 
 
 def _white(pixels: Pixels, fit: RingFit, ring: Ring) -> Mask:

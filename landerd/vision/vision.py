@@ -105,7 +105,7 @@ class Vision:
             self._shutter.saw(frame.t, np.array(pad[0].position))
             learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
-        shown = self._detectors.light(image, seen) if self._meters else None
+        shown = self._detectors.light(image, seen, prior.down) if self._meters else None
         return Sightings(frame.t, frame.seq, markers, pad, shown)
 
     @property

@@ -8,7 +8,7 @@ import pytest
 
 from landerd.config.models import MeteringSection
 from landerd.guidance.metering import Metering
-from landerd.messages import ExposureOrder, Light, Sightings
+from landerd.messages import CLIPPED_LEVEL, ExposureOrder, Light, Sightings
 
 PERIOD_S, LATENCY_S, FRAMES_LATE = 1 / 30, 0.1, 2
 OPTIONS = MeteringSection(shortest_s=1e-4, short_s=0.004, longest_s=0.015, gain_max=8.0)
@@ -21,6 +21,8 @@ class Camera:
         self.tone = tone
         self.metering = Metering(OPTIONS)
         self.orders: list[tuple[float, ExposureOrder]] = []
+        self.levels: list[float] = []
+        self.whites: list[float] = []
         self.frame = 0
 
     def amount(self, t: float) -> float:
@@ -33,13 +35,19 @@ class Camera:
         share = light * self.amount(t) / 0.008
         return 255.0 * min(1.0, self.tone(min(1.0, share)))
 
-    def run(self, seconds: float, light: float, *, on_pad: bool) -> float:
-        """Take pictures so long; return the last one's level."""
+    def run(
+        self, seconds: float, light: float, *, on_pad: bool, bright: float | None = None
+    ) -> float:
+        """Take pictures so long, of something bright too; return the last one's level."""
         level = 0.0
         for _ in range(round(seconds / PERIOD_S)):
             t = self.frame * PERIOD_S
             level = self.level(t, light)
-            seen = Sightings(t, self.frame, (), (), Light(level, on_pad))
+            self.levels.append(level)
+            white = 0.0 if bright is None else self.level(t, bright)
+            self.whites.append(white)
+            clipped = 0.005 if white >= CLIPPED_LEVEL else 0.0
+            seen = Sightings(t, self.frame, (), (), Light(level, on_pad, clipped))
             order = self.metering.on_sightings(t + LATENCY_S, seen)
             if order is not None:
                 self.orders.append((t + LATENCY_S, order))
@@ -109,6 +117,26 @@ def test_before_the_pad_is_seen_the_ground_is_dark_enough_to_leave_room_for_whit
     camera = Camera()
     ground = camera.run(2.0, 2.0, on_pad=False)
     assert ground < 75.0
+
+
+def test_a_pad_that_is_white_on_dark_ground_is_shown_unclipped_within_a_second_and_again() -> None:
+    camera = Camera()
+    white = 8.0
+    camera.run(1.5, white / 15.0, on_pad=False, bright=white)  # dark water
+    shown = camera.whites[-round(1.1 / PERIOD_S) :]
+    assert any(90.0 < level < 248.0 for level in shown)
+    # Nor is what lies on the ground lost for good: its own exposure takes turns with the others.
+    assert any(45.0 < level < 95.0 for level in camera.levels[-round(1.1 / PERIOD_S) :])
+    camera.run(2.0, white, on_pad=True)
+    assert 160.0 < camera.levels[-1] < 245.0
+
+
+def test_ground_without_anything_glaring_keeps_its_exposure() -> None:
+    camera = Camera()
+    camera.run(2.0, 0.3, on_pad=False, bright=0.6)
+    count = len(camera.orders)
+    camera.run(2.0, 0.3, on_pad=False, bright=0.6)
+    assert len(camera.orders) == count
 
 
 def test_a_pad_out_of_sight_for_a_moment_changes_nothing() -> None:

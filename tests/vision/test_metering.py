@@ -1,12 +1,13 @@
 """The brightness that exposure goes by."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from landerd.config.models import VisionSection
-from landerd.messages import Frame, Light
+from landerd.messages import Frame, Light, Prior
 from landerd.vision import Vision
 from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, Shadow, look, render
 
@@ -39,7 +40,35 @@ def test_without_a_pad_it_is_what_most_of_the_picture_shows() -> None:
     image = np.full((480, 640), 90, np.uint8)
     image[:100] = 250  # sky
     vision = Vision(THESIS_PAD, CAMERA, VisionSection(), meters=True)
-    assert vision.process(Frame(0.0, 0, image)).light == Light(90.0, on_pad=False)
+    light = vision.process(Frame(0.0, 0, image)).light
+    assert light is not None
+    assert light.level == 90.0
+    assert not light.on_pad
+
+
+def test_the_sky_is_not_the_ground_where_gravity_is_known() -> None:
+    image = np.full((480, 640), 90, np.uint8)
+    image[:300] = 255  # most of it
+    vision = Vision(THESIS_PAD, CAMERA, VisionSection(), meters=True)
+    down = (0.0, math.cos(0.15), math.sin(0.15))  # the horizon at row 140 or so
+    leaning = (0.0, math.cos(-0.2), math.sin(-0.2))  # at row 330 or so
+    light = vision.process(Frame(0.0, 0, image), Prior(down=leaning)).light
+    assert light == Light(90.0, on_pad=False, clipped=0.0)
+    light = vision.process(Frame(0.1, 1, image), Prior(down=down)).light
+    assert light is not None
+    assert light.clipped > 0.3
+
+
+def test_a_far_pad_that_is_blown_out_is_told() -> None:
+    image = np.full((480, 640), 60, np.uint8)
+    vision = Vision(THESIS_PAD, CAMERA, VisionSection(), meters=True)
+    plain = vision.process(Frame(0.0, 0, image)).light
+    image[200:216, 300:312] = 255
+    glaring = vision.process(Frame(0.1, 1, image)).light
+    assert plain is not None
+    assert glaring is not None
+    assert plain.clipped == 0.0
+    assert glaring.clipped == pytest.approx(16 * 12 / image.size, rel=0.1)
 
 
 def test_nobody_is_told_who_does_not_ask() -> None:

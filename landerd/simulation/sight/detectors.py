@@ -15,7 +15,7 @@ from hw.sim.picture.levels import Levels, Sensitivity
 from hw.sim.picture.numbered import NumberedPictures, View
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
-from landerd.messages import Light, MarkerSighting, PoseSolution
+from landerd.messages import CLIPPED_LEVEL, Light, MarkerSighting, PoseSolution
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.simulation.sight import statistics
 from landerd.simulation.sight.edge_fit import SeenEdges, across, fitted
@@ -36,6 +36,7 @@ from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode, mirrored_pose
 from landerd.vision.window import Window
 
+_FAR_PAD = 0.001  # share of a picture
 _SIZE_FACTOR = 2.0  # within which a ring's size must be known to be found in a window
 
 
@@ -197,11 +198,14 @@ class ModelledDetectors:
                 found.append(FoundCode(code, self._code_poses(code, sight, normal)))
         return found
 
-    def light(self, image: Image, pad: PoseSolution | None) -> Light:
-        """Return the brightness of white, or of the ground."""
+    def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
+        """Return the brightness of white, or of the ground and whether white is clipped."""
         view = self._look(image)
         levels = self._sensitivity.levels(None if view is None else view.exposure)
-        return Light(levels.white if pad is not None else levels.ground, on_pad=pad is not None)
+        if pad is not None:
+            return Light(levels.white, on_pad=True)
+        is_clipped = levels.white >= CLIPPED_LEVEL
+        return Light(levels.ground, on_pad=False, clipped=_FAR_PAD if is_clipped else 0.0)
 
     # ---- poses -----------------------------------------------------------------------------------
 

@@ -1,0 +1,45 @@
+"""How sure a ring's fit is where what the model leaves out is alike from pixel to pixel.
+
+Least squares take residuals for independent. Glare, a soft shadow or dirt lift or lower the grey of
+a whole side, and such errors do not average out. Summed over sectors round the ring, what each
+would move the fit by is independent again from sector to sector: the clustered ("sandwich")
+covariance of Liang and Zeger, Biometrika 1986.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.vision.ring_pose import F64
+
+_SECTORS = 12  # with 24 a glare spot covers several, with fewer five numbers could not be told
+_FITTED = 5  # numbers that the sectors' own pulls were used for
+
+
+def clustered_covariance(
+    independent: F64, gain: F64, scores: NDArray[np.floating], directions: NDArray[np.floating]
+) -> F64:
+    """Return the covariance (5, 5) of centre and tilt, nowhere less than for independent errors.
+
+    Args:
+        independent: (5, 5), as residuals without correlation give it.
+        gain: (5, rows), of centre and tilt by the normal equations' right side.
+        scores: (rows, n), what each pixel adds to that right side.
+        directions: (2, n), from the ring's centre to the pixels.
+    """
+    turn = np.arctan2(directions[1], directions[0]) * (_SECTORS / (2.0 * math.pi))
+    sector = np.floor(turn).astype(np.intp) % _SECTORS
+    is_in = sector[:, None] == np.arange(_SECTORS)
+    used = int(is_in.any(axis=0).sum())
+    pulls = gain @ (scores @ is_in)
+    clustered = (pulls @ pulls.T) * (used / max(used - _FITTED, 1))
+    try:
+        L = np.linalg.cholesky(independent)
+    except np.linalg.LinAlgError:
+        return independent
+    half = np.linalg.solve(L, clustered)
+    grown, axes = np.linalg.eigh(np.linalg.solve(L, half.T))
+    widened = L @ (axes * np.sqrt(np.maximum(grown, 1.0)))
+    covariance: F64 = widened @ widened.T
+    return covariance
