@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -97,3 +99,27 @@ def test_wrong_input_is_one_line(
         code = int(e.code or 0)
     assert code == 2
     assert says in capsys.readouterr().err.splitlines()[-1]
+
+
+def on_a_vehicle(answers: str) -> subprocess.CompletedProcess[str]:
+    """Test a vehicle whose devices are not there; the answers are typed."""
+    vehicle = str(config_dir() / "vehicles" / "pixhawk-usb.yaml")
+    places = ("--height", "1.5", "--mark", "2,0", "--mark", "3,0")
+    words = [sys.executable, "-m", "landerd", "bench-test", "pose", "-c", vehicle, *places]
+    return subprocess.run(
+        words, input=answers, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def test_devices_that_are_not_there_are_told_at_each_mark() -> None:
+    done = on_a_vehicle("\n\n")
+    assert done.returncode == 1
+    assert "its landing point on the mark 3,0" in done.stdout
+    assert done.stdout.count("/dev/landerd-autopilot is not there") == 2
+    assert done.stderr == ""
+
+
+def test_where_nobody_can_answer_it_says_so() -> None:
+    done = on_a_vehicle("")
+    assert done.returncode == 2
+    assert done.stderr == "nobody can press Enter: standard input has ended\n"
