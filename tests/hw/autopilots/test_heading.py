@@ -1,6 +1,7 @@
 """The heading that velocities in the body's frame are turned by."""
 
 import math
+from itertools import pairwise
 from random import Random
 
 import pytest
@@ -36,8 +37,8 @@ def test_it_turns_with_the_vehicle(rate_deg_s: float) -> None:
 def test_noise_of_the_heading_makes_no_jerk_beyond_the_limit() -> None:
     """At 5 m/s across, in set-points 25 ms apart, and a tenth of a degree of noise."""
     off = turned(0.1, 10.0)[50:]
-    steps = [b - a for a, b in zip(off, off[1:], strict=False)]
-    jerks = [5.0 * abs(b - a) / 0.025**2 for a, b in zip(steps, steps[1:], strict=False)]
+    steps = [b - a for a, b in pairwise(off)]
+    jerks = [5.0 * abs(b - a) / 0.025**2 for a, b in pairwise(steps)]
     assert max(jerks) < 0.2 * 15.0
     assert max(map(abs, off)) < math.radians(0.1)
 
