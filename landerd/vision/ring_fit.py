@@ -230,9 +230,7 @@ def _normal_equations(
     variance = (noise * noise).astype(np.float64)[:, None]
     H = products[:, :-1, :-1] + variance[:, None] * prior.information
     b = products[:, :-1, -1] - variance * (estimate.parameters @ prior.zero_mean)
-    return _NormalEquations(
-        axes, J[:, :-1], residual, u, robust, noise, variance, products, H, b
-    )
+    return _NormalEquations(axes, J[:, :-1], residual, u, robust, noise, variance, products, H, b)
 
 
 def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _NormalEquations) -> F64:

@@ -65,7 +65,8 @@ def test_a_far_pad_that_is_blown_out_is_told() -> None:
     plain = vision.process(Frame(0.0, 0, image)).light
     image[200:216, 300:312] = 255
     glaring = vision.process(Frame(0.1, 1, image)).light
-    assert plain is not None and glaring is not None
+    assert plain is not None
+    assert glaring is not None
     assert plain.clipped == 0.0
     assert glaring.clipped == pytest.approx(16 * 12 / image.size, rel=0.1)
 
