@@ -3,7 +3,8 @@
 A look-alike whose ratio is off by a tenth cannot be told from a small ring behind a tone curve, nor
 a ring of the right ratio that is somebody else's. But where the pad has a square, there is white
 round it, which is seen long before the square can be read. No heading need be known: a ring is
-refused if there is none under which most of that white is there.
+refused if there is none under which most of that white is there. On ground nearly as bright as
+white this says nothing.
 """
 
 import math
@@ -24,19 +25,23 @@ U8 = NDArray[np.uint8]
 _MIN_RADIUS_PX = 9.0  # of the ring: of smaller ones the white beside it is a few pixels
 _HEADINGS = 48  # white as wide as this leaves is half a square's side
 _BESIDE = (1.15, 1.3, 1.45)  # times a marker's size: the white round it
-_FRAME = 0.88  # times a square's size: its frame, an eighth to a tenth of it wide
 _ROUND_RING = 1.15  # times its radius: nearer is its own white
 _WHITE_SHARE = 0.6  # of the way from the ring's black to its white
 _LEAST_WHITE = 0.7  # share of the points; a leg or dirt may hide some
-_LEAST_DARK = 0.6  # share of the frame's
-_DARK_SHARE = 0.65  # of the way from black to white: blur leaves little of a narrow frame's black
-_MIN_FRAME_PX = 1.2  # width from which on a frame is asked for,
-_CLIPPED = 245.0  # but where white is clipped it may drown
 _LEAST_SEEN = 0.9  # share of the points that must be in the picture, or nothing is said
 _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
 # White round the ring that is darker than this, of the way from black, lies in patchy light, which
 # may hide the plate too.
 _EVEN_SHARE, _EVEN_PERCENTILE = 0.6, 10.0
+
+
+def _turned_by(angle: float) -> F64:
+    """Return the matrix (2, 2) that turns rows by an angle, rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, s], [-s, c]])
+
+
+_TURNS = [_turned_by(2.0 * math.pi * k / _HEADINGS) for k in range(_HEADINGS)]
 
 
 class PlateCheck:
@@ -46,8 +51,6 @@ class PlateCheck:
         """Prepare the points that must be white for each ring that has another marker beside it."""
         self._camera = camera
         self._white = {ring: _white_beside(layout, ring) for ring in layout.rings}
-        self._frames = {ring: _frames_beside(layout, ring) for ring in layout.rings}
-        self._frame_m = min((s.size_m / 10.0 for s in layout.squares), default=0.0)
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
         """Tell whether a ring cannot be the pad's, as what it should have beside it is not white.
@@ -75,12 +78,8 @@ class PlateCheck:
         if own is None:
             return False
         black, white = own
-        step = white - black
         around = self._turned(image, self._white[ring], t, axes)
-        may_be = _share(around > black + _WHITE_SHARE * step, around) >= _LEAST_WHITE
-        if px_per_m * self._frame_m > _MIN_FRAME_PX and white < _CLIPPED:
-            frame = self._turned(image, self._frames[ring], t, axes)
-            may_be &= _share(frame < black + _DARK_SHARE * step, frame) >= _LEAST_DARK
+        may_be = _share(around > black + _WHITE_SHARE * (white - black), around) >= _LEAST_WHITE
         return not bool(may_be.any())
 
     def _own_levels(self, image: U8, ring: Ring, t: F64, axes: F64) -> tuple[float, float] | None:
@@ -96,15 +95,14 @@ class PlateCheck:
 
     def _turned(self, image: U8, points: F64, t: F64, axes: F64) -> F64:
         """Return grey levels (headings, n) at points (n, 2) about a ring's centre."""
-        angles = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
-        turned = (points @ _turns(angles)).reshape(-1, 2)
+        turned = np.concatenate([points @ turn for turn in _TURNS])
         return self._levels(image, t + turned @ axes.T).reshape(_HEADINGS, -1)
 
     def _levels(self, image: U8, points: F64) -> F64:
         """Return grey levels at points (n, 3), NaN where they are not in the image."""
         px = self._camera.pixels(np.maximum(points, (-np.inf, -np.inf, MIN_DEPTH_M)))
         h, w = image.shape
-        inside = ((px >= 0.0) & (px <= (w - 1, h - 1))).all(axis=1)
+        inside = np.asarray(((px >= 0.0) & (px <= (w - 1, h - 1))).all(axis=1))
         at = np.where(inside[:, None], px, 0.0).astype(np.float32)[None]
         grey = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[0]
         levels: F64 = np.where(inside, grey, np.nan)
@@ -142,29 +140,13 @@ def _white_beside(layout: PadLayout, ring: Ring) -> F64:
     return white
 
 
-def _frames_beside(layout: PadLayout, ring: Ring) -> F64:
-    """Return points (n, 2) about a ring's centre, pad axes, on the black frames of squares."""
-    middle = np.array(ring.position_m)
-    frames = [_FRAME * _outline(s) + np.array(s.position_m) - middle for s in layout.squares]
-    return np.concatenate(frames) if frames else np.empty((0, 2))
-
-
 def _outline(marker: Square | WhyCode) -> F64:
     """Return points (n, 2) round a marker's edge about its centre, pad axes."""
     if isinstance(marker, WhyCode):
         return circle(marker.radius_m)
-    corners = square_points(marker.size_m)
-    a = math.radians(marker.heading_deg)
-    corners = corners @ np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]])
+    corners = square_points(marker.size_m) @ _turned_by(math.radians(marker.heading_deg))
     shares = np.linspace(0.0, 1.0, 5)[:-1, None]
     sides = [
         c + shares * (d - c) for c, d in zip(corners, np.roll(corners, -1, axis=0), strict=True)
     ]
     return np.concatenate(sides)
-
-
-def _turns(angles: F64) -> F64:
-    """Return matrices (n, 2, 2) that turn rows by angles (n,)."""
-    c, s = np.cos(angles), np.sin(angles)
-    turns: F64 = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
-    return turns
