@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
-.PHONY: sim test test-devices check bench bench-vision mutants fuzz golden clean
+.PHONY: sim test test-devices check reference docs bench bench-vision mutants fuzz golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
@@ -25,7 +25,8 @@ bench: $(SETUP)  ## print the figures quoted in docs
 	done
 
 bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 library (takes long)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
+	@echo "$$(date -u +'%Y-%m-%d'), landerd $$(git log -1 --format=%h)"
 	for file in bench/vision_*.py; do \
 		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
@@ -43,6 +44,12 @@ fuzz: $(SETUP)  ## damaged bytes, files and command lines for hours, other ones 
 
 golden: $(SETUP)  ## fly the golden flights again after an intended change of the core
 	$(BIN)/python -m tests.renew_golden
+
+reference: $(SETUP)  ## pages and files that are made of the code
+	$(BIN)/python -m landerd.reference
+
+docs: $(SETUP)  ## the pages of docs/ as a site, in build/docs
+	$(BIN)/sphinx-build --fail-on-warning --quiet docs build/docs
 
 clean:
 	rm -rf .venv build dist

@@ -26,9 +26,9 @@ from hw.sim.picture.pad_print import printed
 from landerd.config.files import Loaded, config_dir
 from landerd.devices import sim_options
 from landerd.drivers import read_configuration
-from landerd.lander import Lander
-from landerd.messages import Command, Frame, Input, MarkerSighting, Prior, Sightings
+from landerd.messages import Frame, MarkerSighting, Prior, Sightings
 from landerd.runtime.clock import run_virtual
+from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
 from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.sight.world_view import Seen, WorldView, size_m
@@ -90,7 +90,7 @@ class Cell:
         )
 
 
-class Beside:
+class Beside(Observer):
     """An observer that lets modelled sight see each picture too."""
 
     def __init__(self, simulation: Simulation, loaded: Loaded, seed: int, table: "Table") -> None:
@@ -113,15 +113,6 @@ class Beside:
             return render(seq, *args)
 
         pictures.render = both  # type: ignore[method-assign, assignment]
-
-    def on_flight(self, lander: Lander) -> None:
-        """Nothing to do."""
-
-    def on_vision_reset(self) -> None:
-        """Nothing to do."""
-
-    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Nothing to do."""
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Compare."""

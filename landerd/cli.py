@@ -80,13 +80,20 @@ _COMMANDS: Mapping[str, _Command] = {
     ),
     "report": _Command(
         "report",
-        "show what happened in a flight, as a page for the browser",
-        "landerd report flight.mcap -o report.html",
+        "show what happened in flights, or what came of campaigns, as a page to read",
+        "landerd report flight.mcap -o report.html\n"
+        "  landerd report guidance.jsonl -o guidance.html        file of campaign --keep\n"
+        "  landerd report *.jsonl vision.txt -o docs/results.md",
     ),
     "dry-run": _Command(
         "dry_run",
         "say what landerd would have ordered on a recorded flight; sends nothing",
         "landerd dry-run -c my.yaml --video flight.mp4 --telemetry flight.bin --gimbal 0,-90",
+    ),
+    "bench-test": _Command(
+        "bench_test",
+        "measure camera and gimbal on marked places of the floor, before the first flight",
+        "landerd bench-test pose -c my.yaml --height 1.52 --mark 2,0 --mark 3,1 -o bench.csv",
     ),
     "install": _Command(
         "install",

@@ -92,7 +92,7 @@ class Lander:
     @property
     def needs_sight(self) -> bool:
         """Whether pictures still decide anything: not once the vehicle stands on the pad."""
-        return self.state is not State.ON_PAD
+        return not self._landing.stands
 
     @property
     def nis(self) -> float:

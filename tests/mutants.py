@@ -250,8 +250,8 @@ MUTANTS = [
     Mutant(
         "4: disarms before ON_GROUND",
         TOUCHDOWN,
-        "if landed is not Landed.ON_GROUND or ",
-        "if ",
+        "return touched and landed is Landed.ON_GROUND",
+        "return touched",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),
     Mutant(
@@ -442,6 +442,34 @@ MUTANTS = [
         "self._level = due and now - self._slow_since >= CONTACT_S",
         "self._level = due",
         "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
+    ),
+    Mutant(
+        "4: disarms on ON_GROUND sooner than the autopilot can know",
+        TOUCHDOWN,
+        "CONFIRMED_S = 0.5",
+        "CONFIRMED_S = 0.0",
+        "guidance/test_touchdown.py::test_who_says_on_ground_before_the_autopilot_can_know_disarms_nothing",
+    ),
+    Mutant(
+        "4: ON_GROUND is contact while it sinks as ordered",
+        TOUCHDOWN,
+        "says_so = landed is Landed.ON_GROUND and self.may_touch",
+        "says_so = landed is Landed.ON_GROUND",
+        "guidance/test_touchdown.py::test_on_ground_is_not_believed_while_it_sinks_as_ordered",
+    ),
+    Mutant(
+        "4: climbs from the pad on which it stands",
+        PAD,
+        "if self._touchdown.stands and step.now - self._rests_since >= STILL_S:",
+        "if False:",
+        "simulation/test_fault_defects.py::test_it_keeps_the_rules",
+    ),
+    Mutant(
+        "5: takes for stale what came while it stood still",
+        "landerd/runtime/daemon.py",
+        "await _catch_up(self.monitor.woke(due))",
+        "self.monitor.woke(due)",
+        "simulation/test_fault_defects.py::test_it_keeps_the_rules",
     ),
     Mutant(
         "5: the clock's uncertainty is no age",

@@ -10,6 +10,7 @@ from landerd.flightlog.reader import read_log
 from landerd.flightlog.replay import replay, replay_vision
 from landerd.messages import Command, Frame, Input, Phase, Prior, Sightings, Tick
 from landerd.runtime.daemon import CoreFailed
+from landerd.runtime.service import ServiceNotifier
 from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, fly
 from tests.test_safety import Wire, flying, now, speed, texts
@@ -77,6 +78,20 @@ def test_an_observer_that_raises_changes_nothing() -> None:
     simulation = fly(script)
     assert simulation.score.landed
     assert simulation.rules.broken == {}
+
+
+def test_a_notify_socket_that_refuses_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NOTIFY_SOCKET", "/nowhere/notify")
+
+    async def script(simulation: Simulation) -> None:
+        simulation.daemon.observe(ServiceNotifier())
+        await flying(simulation)
+        simulation.over = True
+
+    simulation = fly(script, overrides=[*ABOVE, "sim.sight=modelled"])
+    assert simulation.daemon.faults["ServiceNotifier failed"] > 10
+    assert simulation.rules.broken == {}
+    assert simulation.daemon.lander.phase is not Phase.NOT_LANDING
 
 
 def test_a_gimbal_driver_that_raises_is_opened_again() -> None:

@@ -11,3 +11,4 @@ PIP=("$FOLDER/venv/bin/python" -m pip --quiet --disable-pip-version-check)
 "${PIP[@]}" install "$FOLDER"/landerd-*.whl
 cd "$FOLDER"
 venv/bin/landerd sim hover --seed 2
+ls venv/lib/python3.*/site-packages/landerd/ardupilot_files/pixhawk-uart.param

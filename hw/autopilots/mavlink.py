@@ -9,8 +9,9 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots import orders, telemetry
+from hw.autopilots import file_transfer, orders, telemetry
 from hw.autopilots.boot_clock import BootClock
+from hw.autopilots.heading import Heading
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.autopilots.orders import AUTOPILOT_COMPONENT, SetpointFrame
 from hw.autopilots.parameter_protocol import ParameterProtocol
@@ -36,7 +37,6 @@ COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _TIMESYNC_PERIOD_S = 0.2
 _RESTART_S = 1.0  # boot time going back by more than this is a restart
 _HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
-_HEADING_AHEAD_S = 0.2  # how far a turn is carried on from the last attitude
 _STATUSTEXT_LENGTH = 50
 # What the core needs to know of the autopilot's parameters: its key, the unit in SI, and the values
 # that the configuration may have. ArduCopter 4.7 has new names for some.
@@ -63,6 +63,7 @@ _GROUND_STATION_MESSAGES = frozenset(
         mavlink.MAVLINK_MSG_ID_PARAM_SET,
         mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
         mavlink.MAVLINK_MSG_ID_COMMAND_INT,
+        mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
     }
 )
 _READERS: Mapping[int, Callable[[Message, float], AutopilotMessage | None]] = {
@@ -132,7 +133,7 @@ class MavlinkAutopilot:
         self._logged: dict[str, float] = {}
         self._refusals = Refusals()
         self._texts_left, self._texts_t = _TEXTS_AT_ONCE, 0.0
-        self._yaw: tuple[float, float, float] | None = None  # loop time, rad, rad/s
+        self._heading = Heading()
         self._disarmed_until = -math.inf
         self._clock = BootClock()
         self._last_boot_s = -math.inf
@@ -235,7 +236,7 @@ class MavlinkAutopilot:
     def _note(self, m: Message, kind: int, now: float) -> None:
         """Take what the driver itself needs to know."""
         if kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
-            self._yaw = (self._last_t.get(kind, now), m.yaw, m.yawspeed)
+            self._heading.measured(self._last_t.get(kind, now), m.yaw, m.yawspeed)
         elif kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             is_armed = m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
             self._disarmed_until = -math.inf if is_armed else now + _HEARTBEAT_S
@@ -285,6 +286,10 @@ class MavlinkAutopilot:
         if kind in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
             if m.target_component == COMPONENT:  # not what is meant for every component
                 self._on_command(m, disarmed=now < self._disarmed_until)
+        elif kind == mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL:
+            answer = file_transfer.refusal(m) if m.target_component == COMPONENT else None
+            if answer is not None:
+                self.send(answer)
         elif self._parameters is not None:
             disarmed = now < self._disarmed_until
             change = self._parameters.take(m, now, disarmed=disarmed)
@@ -370,7 +375,7 @@ class MavlinkAutopilot:
         """Send one velocity and yaw-rate set-point; one that is not finite is refused."""
         self._order(
             lambda now: orders.velocity_target(
-                setpoint, self._system, now, self._frame, self._heading(now)
+                setpoint, self._system, now, self._frame, self._heading.at(now)
             )
         )
 
@@ -381,13 +386,6 @@ class MavlinkAutopilot:
     def show_target(self, target: LandingTarget) -> None:
         """Tell the autopilot where the pad is."""
         self._order(lambda now: orders.landing_target(target))
-
-    def _heading(self, now: float) -> float | None:
-        """Return the heading at time now, rad: one that goes on by steps makes velocities jump."""
-        if self._yaw is None:
-            return None
-        t, yaw, rate = self._yaw
-        return yaw + rate * min(max(now - t, 0.0), _HEADING_AHEAD_S)
 
     def _order(self, make: Callable[[float], Message]) -> None:
         now = asyncio.get_running_loop().time()

@@ -18,7 +18,7 @@ from landerd.section import Section
 
 
 class GstreamerOptions(Section):
-    """The block `camera.gstreamer` of the configuration."""
+    """A camera behind a GStreamer source, as the Jetson's CSI cameras are."""
 
     source: str = "nvarguscamerasrc sensor-id=0"  # with its own settings of exposure and gain
     convert: str = "nvvidconv"  # what makes grey of its pictures; elsewhere: videoconvert

@@ -18,7 +18,7 @@ from landerd.section import Section
 
 
 class Picamera2Options(Section):
-    """The block `camera.picamera2` of the configuration."""
+    """A CSI camera of a Raspberry Pi."""
 
     number: Annotated[int, Field(ge=0, le=9)] = 0  # of the camera
     width: Annotated[int, Field(ge=16, le=8192)] = 640

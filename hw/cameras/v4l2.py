@@ -59,7 +59,7 @@ _REASONS = {
 
 
 class V4l2Options(Section):
-    """The block `camera.v4l2` of the configuration."""
+    """A camera of Linux's own, USB cameras most of all."""
 
     device: str = "/dev/video0"  # better a name of /dev/v4l/by-id, which stays the same
     width: Annotated[int, Field(ge=16, le=8192)] = 640

@@ -227,21 +227,31 @@ class SitlWorld(World):
         vehicle.rates = state.rates
         vehicle.motors = self._truth.armed
         self.battery.energy_j = self._truth.energy_j
-        heights = self._heights_of_feet(pad) if pad is not None else [math.inf] * 4
-        a, b, c, d = (h < _CONTACT_M for h in heights)
-        vehicle.feet = (a, b, c, d)
-        if min(heights) > _CLEAR_M:
-            self._flying = True
-        elif self._flying and pad is not None and any(vehicle.feet):
-            self._flying = False
-            relative = sub(state.velocity, pad.velocity_at(self.footprint_centre))
-            vehicle.touchdown = Touchdown(self.t, on_pad=True, velocity=relative)
+        if pad is not None:
+            self._touch(pad)
 
-    def _heights_of_feet(self, pad: PadState) -> list[float]:
-        """Return how high each foot is above the pad's plane, m."""
-        v = self.vehicle
-        R_local_body = rot_zyx(v.yaw, v.pitch, v.roll)
-        return [-pad.in_pad(add(v.position, rotate(R_local_body, f)))[2] for f in self._feet]
+    def _touch(self, pad: PadState) -> None:
+        """Find out which feet touch, and what."""
+        vehicle = self.vehicle
+        R_local_body = rot_zyx(vehicle.yaw, vehicle.pitch, vehicle.roll)
+        feet = [pad.in_pad(add(vehicle.position, rotate(R_local_body, f))) for f in self._feet]
+        a, b, c, d = (-foot[2] < _CONTACT_M for foot in feet)
+        vehicle.feet = (a, b, c, d)
+        touching = [foot for foot, is_down in zip(feet, vehicle.feet, strict=True) if is_down]
+        down = [self._is_over_plate(foot) for foot in touching]
+        vehicle.on_pad = bool(down) and all(down)
+        if min(-foot[2] for foot in feet) > _CLEAR_M:
+            self._flying = True
+        elif self._flying and down:
+            self._flying = False
+            relative = sub(vehicle.velocity, pad.velocity_at(self.footprint_centre))
+            vehicle.touchdown = Touchdown(self.t, on_pad=vehicle.on_pad, velocity=relative)
+
+    def _is_over_plate(self, foot: Vec3) -> bool:
+        """Tell of a foot's place in the pad's frame, m."""
+        north, east, _ = foot
+        plate = self._plate
+        return -plate.south_m <= north <= plate.north_m and -plate.west_m <= east <= plate.east_m
 
     def state_at(self, t: float) -> Sample:
         """Return the state at time t: the vehicle's is SITL's, the gimbal's the world's own."""

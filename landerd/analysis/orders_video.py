@@ -9,6 +9,7 @@ from landerd.camera_model import CameraModel
 from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, Prior, Setpoint, Sightings, Tick
 from landerd.pad import PadLayout
+from landerd.runtime.observer import Observer
 from landerd.vision.draw import draw, write
 
 
@@ -16,7 +17,7 @@ class VideoNotWritten(Exception):
     """The video cannot be made; the text names the file."""
 
 
-class OrdersVideo:
+class OrdersVideo(Observer):
     """An observer that writes the video of one flight."""
 
     def __init__(self, path: Path, camera: CameraModel, layout: PadLayout, fps: float) -> None:
@@ -57,9 +58,6 @@ class OrdersVideo:
             write(picture, (8, y), line, (255, 255, 255), 0.45)
         self._writer.write(picture)
         self._frames += 1
-
-    def on_vision_reset(self) -> None:
-        """Nothing to keep of it."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Note the order that the next picture shows."""

@@ -6,7 +6,6 @@ Plots need matplotlib, which is not part of the flight install (`pip install 'la
 import base64
 import html
 import importlib.util
-import io
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -16,8 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.analysis import picture
+from landerd.analysis import flights_table, picture, sighting_errors
 from landerd.analysis.flight import Flight, sentences
+from landerd.analysis.page import drawing, html_of, page
 from landerd.analysis.picture import COLOURS
 from landerd.flightlog.reader import read_images
 from landerd.geometry import Vec3
@@ -26,18 +26,6 @@ from landerd.vision.draw import draw
 
 NO_PLOTS = "Without plots: they need matplotlib (pip install 'landerd[report]')."
 NEAR_S = 1.0  # a recorded picture this close to a change of phase shows it
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 1100px; margin: 2em auto;
-       padding: 0 1em; }
-h1 { font-size: 1.6em; } h2 { font-size: 1.2em; margin: 2em 0 .3em; }
-figure { margin: .5em 0; } figure svg, figure img { width: 100%; height: auto; }
-figcaption, .small { color: #666; font-size: .9em; }
-.views { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 1em; }
-.note { background: #fff3cd; padding: .3em .8em; border-left: 4px solid #e0a800; }
-table { border-collapse: collapse; } td { padding: .1em 1em .1em 0; vertical-align: top; }
-"""
-
-
 _WIDTH_IN = 10.0  # of all plots
 
 
@@ -51,15 +39,12 @@ class _Plot(NamedTuple):
 
 def report(flights: list[Flight]) -> str:
     """Return the page; without plots if matplotlib is not installed."""
-    parts = [_section(flight) for flight in flights]
+    blocks = flights_table.section(flights) if len(flights) > 1 else []
+    parts = [html_of(block) for block in blocks]
+    parts += [_section(flight) for flight in flights]
+    parts += [html_of(block) for block in sighting_errors.section(flights)]
     names = ", ".join(flight.log.path.name for flight in flights)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f"<title>landerd: {html.escape(names)}</title><style>{_STYLE}</style></head><body>\n"
-        + "\n".join(parts)
-        + "\n</body></html>\n"
-    )
+    return page(f"landerd: {names}", "\n".join(parts))
 
 
 def _section(flight: Flight) -> str:
@@ -96,19 +81,10 @@ def _notes(flight: Flight) -> list[str]:
 
 
 def _figure(plot: _Plot, flight: Flight) -> list[str]:
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(_WIDTH_IN, plot.height_in), layout="constrained")
-    FigureCanvasSVG(figure)
-    plot.draw(figure, flight)
-    data = io.StringIO()
-    figure.savefig(data, format="svg")
-    text = data.getvalue()
+    drawn = drawing(_WIDTH_IN, plot.height_in, lambda figure: plot.draw(figure, flight))
     return [
         f"<h2>{html.escape(plot.title)}</h2>",
-        f"<figure>{text[text.index('<svg') :]}<figcaption>{html.escape(plot.caption)}</figcaption>"
-        "</figure>",
+        f"<figure>{drawn}<figcaption>{html.escape(plot.caption)}</figcaption></figure>",
     ]
 
 

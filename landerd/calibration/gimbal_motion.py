@@ -3,34 +3,28 @@
 import asyncio
 import math
 from bisect import bisect_right
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NoReturn
+from typing import Literal
 
 import numpy as np
 
+from landerd.calibration.bench import REST_S, REST_UNMEASURED_S, Bench, Refused
 from landerd.calibration.gimbal_fit import View, turn_between
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3, clamp, dot, rot_zyx, rotate, transpose
 from landerd.messages import (
-    Attitude,
     Frame,
     GimbalCommand,
     GimbalState,
-    Heartbeat,
     PoseSolution,
     Reference,
     Sightings,
 )
-from landerd.ports import Autopilot, Camera, Gimbal
 from landerd.runtime.daemon import Devices
 
 AxisName = Literal["yaw", "pitch"]
 
-_ORDER_S = 0.025  # orders come as often as in flight
-_HEARD_WITHIN_S = 5.0  # until autopilot and gimbal must have been heard
-_REST_S = 1.2  # from an order until the camera stands still,
-_REST_UNMEASURED_S = 6.0  # and where nobody measures whether it still creeps
 _PICTURES_EACH = 2  # taken in each direction
 _SIGN_STEP = math.radians(6.0)  # ordered, to see which way an axis turns
 FEWEST_VIEWS = 8  # that a calibration is made of
@@ -42,10 +36,6 @@ _SWING = math.radians(5.0)  # amplitude
 _SWING_HZ, _SWING_S = 0.5, 3.0
 _SWING_PICTURES_S = 0.05  # between pictures that are searched
 _DELAYS_S = np.arange(-0.25, 0.6, 0.002)  # that are tried
-
-
-class Refused(Exception):
-    """The gimbal cannot be calibrated like this; the text is one line and says why."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +82,8 @@ class GimbalMotion:
         """
         self._devices, self._camera = devices, camera
         self._limits, self._search, self._say = reach, search, say
-        self._rest_s = _REST_S if is_measured else _REST_UNMEASURED_S
-        self._with_autopilot = with_autopilot
-        self._orders: list[tuple[float, float, float]] = []  # time, yaw, pitch
-        self._states: list[GimbalState] = []
-        self._disarmed: bool | None = None if with_autopilot else True
-        self._attitude: Attitude | None = None
-        self._tasks: list[asyncio.Task[NoReturn]] = []
+        self._rest_s = REST_S if is_measured else REST_UNMEASURED_S
+        self._bench = Bench(devices, with_autopilot=with_autopilot)
         self.measured = Measured()
 
     async def run(self, places: int, ask: Callable[[int], Awaitable[None]]) -> Measured:
@@ -110,47 +95,13 @@ class GimbalMotion:
 
         Raises:
             DeviceLost: a device is gone.
-            Refused: the pad is not seen, or the gimbal does not do what it is told.
+            Refused: nothing is heard, the pad is not seen, or the gimbal does not as it is told.
         """
-        devices = self._devices
-        opened: list[Camera | Gimbal | Autopilot] = [devices.gimbal, devices.camera]
-        jobs: list[Coroutine[Any, Any, NoReturn]] = [self._hear_gimbal()]
-        if self._with_autopilot:
-            opened.insert(0, devices.autopilot)
-            jobs += [self._hear_autopilot(), self._beat()]
-        try:
-            for device in opened:
-                await device.open()
-            self._tasks = [asyncio.create_task(job) for job in jobs]
-            await self._hear()
+        async with self._bench.opened():
             for place in range(places):
                 await ask(place)
                 await self._turn_around(place)
-            return self.measured
-        finally:
-            for task in self._tasks:
-                task.cancel()
-            await asyncio.gather(*self._tasks, return_exceptions=True)
-            if self._states:
-                start = self._states[0]
-                devices.gimbal.command(GimbalCommand(start.yaw, start.pitch))
-            for device in reversed(opened):
-                await device.close()
-
-    async def _hear(self) -> None:
-        """Wait until gimbal and autopilot are heard."""
-        loop = asyncio.get_running_loop()
-        end = loop.time() + _HEARD_WITHIN_S
-        while loop.time() < end and not (self._states and self._disarmed is not None):
-            self._check()
-            await asyncio.sleep(0.1)
-        if self._disarmed is None:
-            raise Refused(
-                "the autopilot is not heard: the gimbal is moved only while the vehicle is known "
-                "to be disarmed (--without-autopilot on a bench)"
-            )
-        if not self._states:
-            raise Refused("the gimbal says nothing of its angles")
+        return self.measured
 
     # ---- the trial -----------------------------------------------------------------------------
 
@@ -180,7 +131,7 @@ class GimbalMotion:
 
     async def _find(self) -> tuple[float, float, PoseSolution]:
         """Return orders that bring the pad into the picture, and where it is seen."""
-        start = self._states[-1]
+        start = self._bench.states[-1]
         low, high = self._limits["yaw"]
         yaws = [clamp(yaw, low, high) for yaw in (0.0, -_WIDEST_YAW, _WIDEST_YAW)]
         tries = [(start.yaw, start.pitch)]
@@ -262,13 +213,13 @@ class GimbalMotion:
         if len(times) < 0.5 * len(frames) or len(times) < 20:
             raise Refused(f"{axis}: the pad is not seen while it swings; more light, a larger pad")
         column = 1 if axis == "yaw" else 2
-        orders = self._orders
+        orders = self._bench.orders
         order_t = [order[0] for order in orders]
 
         def ordered(t: float) -> float:  # one order holds until the next
             return orders[max(0, bisect_right(order_t, t) - 1)][column]
 
-        reports = np.array([(s.t, getattr(s, axis)) for s in self._states])
+        reports = np.array([(s.t, getattr(s, axis)) for s in self._bench.states])
         seen_t, seen = np.array(times), np.array(angles)
         return Delays(
             _delay(seen_t, seen, lambda t: np.array([ordered(float(x)) for x in t])),
@@ -283,47 +234,41 @@ class GimbalMotion:
         at = clamp(at, low + _SWING, high - _SWING) if has_room else 0.5 * (low + high)
         size = min(_SWING, high - at, at - low)
         loop = asyncio.get_running_loop()
-        start = loop.time() + _REST_S
+        start = loop.time() + REST_S
 
         def target(t: float) -> GimbalCommand:
             swung = at + size * math.sin(2.0 * math.pi * _SWING_HZ * max(0.0, t - start))
             return GimbalCommand(swung, pitch) if axis == "yaw" else GimbalCommand(yaw, swung)
 
-        moving = asyncio.create_task(self._order(target))
         frames: list[Frame] = []
-        try:
+        async with self._bench.ordering(target):
             while loop.time() < start + _SWING_S:
                 frame = await self._devices.camera.newest()
                 if frame.t > (frames[-1].t + _SWING_PICTURES_S if frames else start):
                     frames.append(frame)
-                self._check()
-        finally:
-            moving.cancel()
+                self._bench.check()
         return frames
 
     # ---- orders and pictures -------------------------------------------------------------------
 
     async def _look(self, yaw: float, pitch: float, place: int) -> list[View]:
         """Turn there, wait until it stands still, and return what some pictures show."""
-        holding = asyncio.create_task(self._order(lambda _: GimbalCommand(yaw, pitch)))
         views = []
-        try:
+        async with self._bench.ordering(lambda _: GimbalCommand(yaw, pitch)):
             await asyncio.sleep(self._rest_s)
             start = asyncio.get_running_loop().time()
             taken = 0
             while taken < _PICTURES_EACH:
                 frame = await self._devices.camera.newest()
-                self._check()
+                self._bench.check()
                 if frame.t < start:
                     continue
                 taken += 1
                 pad = await self._pad_in(frame)
                 if pad is not None:
-                    state = self._states[-1]
+                    state = self._bench.states[-1]
                     down = self._down(state)
                     views.append(View(place, state.yaw, state.pitch, state.roll, pad, down))
-        finally:
-            holding.cancel()
         return views
 
     async def _pad_in(self, frame: Frame) -> PoseSolution | None:
@@ -331,47 +276,11 @@ class GimbalMotion:
         pads = [pad for pad in self._search(frame).pad if pad.north is not None]
         return pads[0] if pads else None
 
-    async def _order(self, target: Callable[[float], GimbalCommand]) -> NoReturn:
-        loop = asyncio.get_running_loop()
-        while True:
-            now = loop.time()
-            command = target(now)
-            self._devices.gimbal.command(command)
-            self._orders.append((now, command.yaw, command.pitch))
-            await asyncio.sleep(_ORDER_S)
-
     def _down(self, state: GimbalState) -> Vec3:
-        if state.reference is not Reference.BODY or self._attitude is None:
+        if state.reference is not Reference.BODY or self._bench.attitude is None:
             return (0.0, 0.0, 1.0)
-        R_level_body = rot_zyx(0.0, self._attitude.pitch, self._attitude.roll)
+        R_level_body = rot_zyx(0.0, self._bench.attitude.pitch, self._bench.attitude.roll)
         return rotate(transpose(R_level_body), (0.0, 0.0, 1.0))
-
-    # ---- what is heard -------------------------------------------------------------------------
-
-    def _check(self) -> None:
-        """Raise what ended a task, or Refused if the vehicle is armed."""
-        for task in self._tasks:
-            if task.done():
-                task.result()
-        if self._disarmed is False:
-            raise Refused("the vehicle is armed: disarm it first")
-
-    async def _hear_gimbal(self) -> NoReturn:
-        while True:
-            self._states.append(await self._devices.gimbal.state())
-
-    async def _hear_autopilot(self) -> NoReturn:
-        while True:
-            message = await self._devices.autopilot.receive()
-            if isinstance(message, Heartbeat):
-                self._disarmed = not message.armed
-            elif isinstance(message, Attitude):
-                self._attitude = message
-
-    async def _beat(self) -> NoReturn:
-        while True:
-            self._devices.autopilot.heartbeat()
-            await asyncio.sleep(1.0)
 
 
 def _spread(at: float, ends: list[float], limits: tuple[float, float]) -> list[float]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any, NamedTuple
 
+from landerd.analysis.intervals import mcnemar, mean_interval, wilson
 from landerd.campaigns.fault_table import failures
-from landerd.campaigns.intervals import mcnemar, mean_interval, wilson
 from landerd.campaigns.pool import Run, Task
 from landerd.campaigns.table import has_failed as has_failed_to_land
 from landerd.campaigns.table import right_aligned

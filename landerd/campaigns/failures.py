@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
-from landerd.campaigns.intervals import wilson
+from landerd.analysis.intervals import wilson
 from landerd.campaigns.pool import Run
 
 SLOW_S = 60.0  # from the first sighting to disarm; the thesis took 35 to 61 s

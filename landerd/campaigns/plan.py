@@ -3,8 +3,9 @@
 import difflib
 import itertools
 import json
+import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -47,6 +48,15 @@ class Poses(Section):
 # landing: to the ground. approach: near the pad, held there (3.5.1). turn: to the pad's heading
 # (3.5.3). poses: pictures are made and searched, nothing flies (3.3, 3.4).
 Goal = Literal["landing", "approach", "turn", "poses"]
+
+
+# Figures of a report. Of flights: camera, the pad in the camera's frame; distance, over time;
+# descent, height and speed over time; heading, over time; paths, from above and from the side. Of
+# poses: errors and yaw_errors, over distance; flips, of the axis.
+Figure = Literal[
+    "camera", "distance", "descent", "heading", "paths", "errors", "yaw_errors", "flips"
+]
+OF_POSES: tuple[Figure, ...] = ("errors", "yaw_errors", "flips")
 
 
 class Row(Section):
@@ -124,6 +134,8 @@ class Grid(Section):
 class Campaign(Section):
     """Rows, and with how many seeds each is flown: 1, 2, 3 and so on."""
 
+    title: str | None = None  # what reports call it, instead of its file's name
+    figures: Mapping[Figure, str] = Field(default_factory=dict)  # of a report: the thesis's number
     runs: Annotated[int, Field(ge=1)] = 50
     longest_s: Annotated[float, Field(gt=0, le=3600)] = 150.0  # what is not over then is ended
     best: Annotated[int, Field(ge=1)] | None = None  # tables show so many rows, and the thesis's
@@ -151,6 +163,11 @@ class Campaign(Section):
         swept = [row for sweep in self.sweeps for row in sweep.rows()]
         return (*self.rows, *swept, *(row for grid in self.grids for row in grid.rows()))
 
+    @property
+    def keeps_paths(self) -> bool:
+        """Whether results hold where the vehicle flew, for the figures."""
+        return any(figure not in OF_POSES for figure in self.figures)
+
     def row(self, name: str) -> Row:
         """Return the row of this name. Raises KeyError."""
         return self._by_name[name]
@@ -158,6 +175,33 @@ class Campaign(Section):
     @cached_property
     def _by_name(self) -> dict[str, Row]:
         return {row.name: row for row in self.all_rows}
+
+
+def campaign_of(names: Iterable[str]) -> Campaign:
+    """Return a campaign with rows of these names: what differs in its last setting is a sweep."""
+    rows: list[Row] = []
+    swept: dict[tuple[str, tuple[str, ...]], tuple[dict[str, None], dict[str, Any]]] = {}
+    for name in names:
+        row = _row_of(name)
+        key, _, text = (row.settings[-1] if row.settings else "").partition("=")
+        try:
+            value = json.loads(text)
+        except ValueError:
+            rows.append(row)
+            continue
+        scenarios, values = swept.setdefault((key, row.settings[:-1]), ({}, {}))
+        scenarios[row.scenario], values[text] = None, value
+    sweeps = [
+        Sweep(scenarios=tuple(scenarios), key=key, values=tuple(values.values()), settings=settings)
+        for (key, settings), (scenarios, values) in swept.items()
+    ]
+    return Campaign(rows=tuple(rows), sweeps=tuple(sweeps))
+
+
+def _row_of(name: str) -> Row:
+    """Return the row of this name, as far as its name tells."""
+    scenario, *settings = shlex.split(name, comments=True)
+    return Row(scenario=scenario, settings=tuple(settings[1::2]))
 
 
 def load_campaigns(name: str) -> dict[str, Campaign]:

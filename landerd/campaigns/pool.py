@@ -30,6 +30,10 @@ class Run:
     error: str | None = None
 
 
+# Runs all tasks somewhere and yields what came of them as they end.
+Executor = Callable[[RunOne, Iterable[Task]], Generator[Run]]
+
+
 class _Worker:
     """A process that runs one task at a time."""
 

@@ -1,16 +1,17 @@
 """How true the poses of a marker are, by distance, beside the thesis's regressions (3.3, 3.4)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import fmean, stdev
 from typing import Any
 
 import numpy as np
 
-from landerd.campaigns.intervals import wilson
+from landerd.analysis.intervals import in_percent, mean_interval, percentile, wilson, with_interval
+from landerd.analysis.regression import in_words, regression
 from landerd.campaigns.plan import Poses, Row
 from landerd.campaigns.pool import Run
-from landerd.campaigns.table import percentile, right_aligned
+from landerd.campaigns.table import right_aligned
 
 BIN_M = 2.0
 AXES = ("north", "east", "up")
@@ -33,10 +34,10 @@ def make_pose_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
         "pictures": len(pictures),
         "seen": len(seen),
         "bins": _bins(pictures, asked),
-        "error_m_fit": _fit(distances, errors, 3),
+        "error_m_fit": regression(distances, errors, 3),
         "axes": {axis: _mean_sd([m["error_m"][i] for m in seen]) for i, axis in enumerate(AXES)},
         "yaw_error_rad": _mean_sd(yaws),
-        "yaw_error_rad_fit": _fit(distances, [abs(y) for y in yaws], 2) if yaws else None,
+        "yaw_error_rad_fit": regression(distances, [abs(y) for y in yaws], 2) if yaws else None,
         "flips": _share([p["flipped"] for p in pictures]),
         "flips_without_gravity": _share([p["flipped_alone"] for p in pictures]),
         "thesis": asked.model_dump(exclude={"marker"}),
@@ -62,10 +63,13 @@ def _bin(from_m: float, pictures: Sequence[dict[str, Any]], asked: Poses) -> dic
         "to_m": from_m + BIN_M,
         "pictures": len(pictures),
         "seen": len(seen),
+        "seen_95": wilson(len(seen), len(pictures)),
         "error_m_mean": fmean(errors) if errors else None,
+        "error_m_mean_95": mean_interval(errors),
         "error_m_p95": percentile(errors, 95.0),
         "thesis_error_m": _at(asked.error_m, middle),
         "yaw_error_rad_mean": fmean(yaws) if yaws else None,
+        "yaw_error_rad_mean_95": mean_interval(yaws),
         "thesis_yaw_error_rad": _at(asked.yaw_error_rad, middle),
     }
 
@@ -74,18 +78,10 @@ def _at(polynomial: tuple[float, ...] | None, x: float) -> float | None:
     return None if polynomial is None else float(np.polyval(polynomial, x))
 
 
-def _fit(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str, Any] | None:
-    """Return the regression of eq. 3.3 to 3.5, its highest power first; None of too few points."""
-    if len(x) <= degree + 1 or len(x) != len(y):
+def _mean_sd(values: Sequence[float]) -> dict[str, Any] | None:
+    if len(values) < 2:
         return None
-    fit = np.polyfit(x, y, degree)
-    rest = np.asarray(y) - np.polyval(fit, x)
-    sigma = math.sqrt(float(rest @ rest) / (len(x) - degree - 1))
-    return {"polynomial": [float(c) for c in fit], "sigma": sigma}
-
-
-def _mean_sd(values: Sequence[float]) -> dict[str, float] | None:
-    return {"mean": fmean(values), "sd": stdev(values)} if len(values) > 1 else None
+    return {"mean": fmean(values), "mean_95": mean_interval(values), "sd": stdev(values)}
 
 
 def _share(flipped: Sequence[bool | None]) -> dict[str, Any]:
@@ -98,48 +94,58 @@ def _share(flipped: Sequence[bool | None]) -> dict[str, Any]:
 
 def as_text(row: dict[str, Any]) -> str:
     """Return the table of distances, and what is to be said of all of them."""
+    title = f"{row['label']}: {row['marker']}, {row['pictures']} pictures"
+    said = (f"  {line}" for line in remarks(row))
+    return "\n".join([title, *right_aligned(bin_cells(row), indent=2), *said])
+
+
+def bin_cells(row: Mapping[str, Any]) -> list[list[str]]:
+    """Return the cells of the table of distances, its heads first."""
     has_yaw = row["yaw_error_rad"] is not None
-    head = ["distance m", "seen", "error m", "p95", "thesis m"]
-    cells = [head + ["yaw rad", "thesis rad"] * has_yaw]
+    head = ["distance m", "seen", "95 %", "error m", "p95", "thesis m"]
+    lines = [head + ["yaw rad", "thesis rad"] * has_yaw]
     for b in row["bins"]:
         line = [
             f"{b['from_m']:g} to {b['to_m']:g}",
             f"{b['seen']}/{b['pictures']}",
-            *(_number(b[key]) for key in ("error_m_mean", "error_m_p95", "thesis_error_m")),
+            in_percent(b["seen_95"]),
+            with_interval(b["error_m_mean"], b["error_m_mean_95"], 3),
+            *(_number(b[key]) for key in ("error_m_p95", "thesis_error_m")),
         ]
         if has_yaw:
-            line += [_number(b["yaw_error_rad_mean"]), _number(b["thesis_yaw_error_rad"])]
-        cells.append(line)
-    title = f"{row['label']}: {row['marker']}, {row['pictures']} pictures"
-    return "\n".join([title, *right_aligned(cells, indent=2), *_remarks(row)])
+            yaw = with_interval(b["yaw_error_rad_mean"], b["yaw_error_rad_mean_95"], 3)
+            line += [yaw, _number(b["thesis_yaw_error_rad"])]
+        lines.append(line)
+    return lines
 
 
-def _remarks(row: dict[str, Any]) -> list[str]:
+def remarks(row: Mapping[str, Any]) -> list[str]:
+    """Return regressions, means and flips in words, beside the thesis's."""
     lines, thesis = [], row["thesis"]
     for name, key in (("error m", "error_m_fit"), ("yaw error rad", "yaw_error_rad_fit")):
         fit = row[key]
         if fit is not None:
-            terms = " ".join(f"{c:+.4f}" for c in fit["polynomial"])
             published = thesis[key.removesuffix("_fit")]
             beside = f"; thesis {' '.join(f'{c:+.4f}' for c in published)}" if published else ""
-            lines.append(f"  {name} over distance, highest power first: {terms}{beside}")
+            lines.append(f"{name} {in_words(fit)}{beside}")
     for i, axis in enumerate(AXES):
         found = row["axes"][axis]
         if found is not None:
             beside = f"; thesis sd {thesis['sd_m'][i]:.3f}" if thesis["sd_m"] else ""
-            lines.append(f"  {axis}: mean {found['mean']:+.3f} m, sd {found['sd']:.3f} m{beside}")
+            mean = with_interval(found["mean"], found["mean_95"], 3)
+            lines.append(f"{axis}: mean {mean} m, sd {found['sd']:.3f} m{beside}")
     if row["yaw_error_rad"] is not None:
         beside = f"; thesis sd {thesis['yaw_sd_rad']}" if thesis["yaw_sd_rad"] else ""
         yaw = row["yaw_error_rad"]
-        lines.append(f"  yaw: mean {yaw['mean']:+.4f} rad, sd {yaw['sd']:.4f} rad{beside}")
+        mean = with_interval(yaw["mean"], yaw["mean_95"], 4)
+        lines.append(f"yaw: mean {mean} rad, sd {yaw['sd']:.4f} rad{beside}")
     for name, key in (("with", "flips"), ("without", "flips_without_gravity")):
         flips = row[key]
-        low, high = (100.0 * share for share in flips["share_95"])
         lines.append(
-            f"  axis of the pad flipped, {name} gravity: {flips['flipped']} of {flips['of']} "
-            f"(95 %: {low:.1f} to {high:.1f} %)"
+            f"axis of the pad flipped, {name} gravity: {flips['flipped']} of {flips['of']} "
+            f"(95 %: {in_percent(flips['share_95'])})"
         )
-    return [*lines, *(f"  seed {seed}: {error}" for seed, error in row["errors"].items())]
+    return [*lines, *(f"seed {seed}: {error}" for seed, error in row["errors"].items())]
 
 
 def _number(value: float | None) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from statistics import stdev
 from typing import Any
 
-from landerd.campaigns.intervals import mean_interval, wilson
+from landerd.analysis.intervals import in_percent, mean_interval, percentile, wilson, with_interval
 from landerd.campaigns.plan import Needed, Row
 from landerd.campaigns.pool import Run
 
@@ -25,7 +25,8 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
     errors = _values(results, "touchdown_error_m")
     vertical = _values(results, "touchdown_vertical_mps")
     yaw = _values(results, "yaw_error_deg")
-    nis = _mean(_values(results, "nis_ratio"))
+    nis = _spread("nis_ratio", _values(results, "nis_ratio"))
+    nis_mean = nis["nis_ratio_mean"]
     figures: dict[str, Any] = {
         "scenario": row.name,
         "runs": len(runs),
@@ -33,20 +34,21 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
         "landed": len(landings),
         "landed_95": wilson(len(landings), len(runs)),
         **_spread("time_s", _values(landings, "time_s")),
-        "time_to_touchdown_s_mean": _mean(_values(landings, "time_to_touchdown_s")),
+        **_spread("time_to_touchdown_s", _values(landings, "time_to_touchdown_s")),
         **_spread("energy_hj", _values(landings, "energy_hj")),
         "thesis": row.thesis.model_dump(),
+        **_spread("touchdown_error_m", errors),
         "touchdown_error_m_median": percentile(errors, 50.0),
         "touchdown_error_m_p95": percentile(errors, 95.0),
         "touchdown_vertical_mps_p95": percentile(vertical, 95.0),
         "touchdown_vertical_mps_max": max(vertical, default=None),
         "yaw_error_deg_p95": percentile(yaw, 95.0),
         "yaw_error_deg_max": max(yaw, default=None),
-        "off_centre_px_p95": _mean(_values(results, "off_centre_px_p95")),
+        **_spread("off_centre_px_p95", _values(results, "off_centre_px_p95")),
         "pad_velocity_error_mps_p95": percentile(_values(results, "pad_velocity_error_mps"), 95.0),
-        "nis_ratio_mean": nis,
-        "nis_deviation": None if nis is None else abs(nis - 1.0),
-        "refused_percent_mean": _mean(_values(results, "refused_percent")),
+        **nis,
+        "nis_deviation": None if nis_mean is None else abs(nis_mean - 1.0),
+        **_spread("refused_percent", _values(results, "refused_percent")),
         "aborts": sum(r["aborts"] for r in results),
         "rules_broken": sum(len(seeds) for seeds in breaches.values()),
         "breaches": breaches,
@@ -62,17 +64,6 @@ def has_failed(run: Run) -> bool:
     """Tell whether a run did not land, broke a rule or raised an error."""
     result = run.result
     return result is None or not result.get("landed", True) or bool(result.get("rules_broken"))
-
-
-def percentile(values: Sequence[float], percent: float) -> float | None:
-    """Return a percentile, interpolated between the two values next to it; None of no values."""
-    if not values:
-        return None
-    ordered = sorted(values)
-    at = (len(ordered) - 1) * percent / 100.0
-    below = math.floor(at)
-    above = min(below + 1, len(ordered) - 1)
-    return ordered[below] + (at - below) * (ordered[above] - ordered[below])
 
 
 def best_rows(rows: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
@@ -92,14 +83,22 @@ def as_text(rows: Sequence[dict[str, Any]], width: int) -> str:
         rows: of `make_row`.
         width: characters of a line; columns for which there is no room come in a further table.
     """
-    shown = [column for column in _COLUMNS if column[0] not in _THESIS or _has(rows, column)]
-    cells = [[head for head, _ in shown]]
-    cells += [[text(row) for _, text in shown] for row in rows]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(shown))]
+    table = cells(rows)
+    widths = [max(len(line[i]) for line in table) for i in range(len(table[0]))]
     lines: list[str] = []
     for columns in _that_fit(widths, width):
-        lines += ["", *(_line(line, widths, columns) for line in cells)]
-    return "\n".join([*lines[1:], *(note for row in rows for note in _notes(row))])
+        lines += ["", *(_line(line, widths, columns) for line in table)]
+    return "\n".join([*lines[1:], *(note for row in rows for note in notes(row))])
+
+
+def cells(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """Return the table's cells, its heads first.
+
+    Args:
+        rows: of `make_row`.
+    """
+    shown = [column for column in _COLUMNS if column[0] not in _THESIS or _has(rows, column)]
+    return [[head for head, _ in shown], *([text(row) for _, text in shown] for row in rows)]
 
 
 def _has(
@@ -131,16 +130,17 @@ def _line(cells: Sequence[str], widths: Sequence[int], columns: Sequence[int]) -
     return "  ".join(cells[i].rjust(widths[i]) if i else cells[i].ljust(widths[i]) for i in columns)
 
 
-def _notes(row: dict[str, Any]) -> list[str]:
+def notes(row: dict[str, Any]) -> list[str]:
+    """Return what is to be said of a row: what it missed, and which seeds failed and how."""
     name = row["label"]
-    notes = [f"{name}: {missed}" for missed in row["missed"]]
+    said = [f"{name}: {missed}" for missed in row["missed"]]
     if row["failed_seeds"]:
         seeds = ", ".join(str(seed) for seed in row["failed_seeds"])
-        notes.append(f"{name}: failed with seeds {seeds}")
+        said.append(f"{name}: failed with seeds {seeds}")
     for rule, seeds in row["breaches"].items():
-        notes.append(f"{name}: rule {rule} (seeds {', '.join(map(str, seeds))})")
-    notes += [f"{name}: seed {seed}: {error}" for seed, error in row["errors"].items()]
-    return notes
+        said.append(f"{name}: rule {rule} (seeds {', '.join(map(str, seeds))})")
+    said += [f"{name}: seed {seed}: {error}" for seed, error in row["errors"].items()]
+    return said
 
 
 def _number(key: str, digits: int) -> Callable[[dict[str, Any]], str]:
@@ -151,14 +151,8 @@ def _number(key: str, digits: int) -> Callable[[dict[str, Any]], str]:
     return text
 
 
-def _with_interval(key: str) -> Callable[[dict[str, Any]], str]:
-    def text(row: dict[str, Any]) -> str:
-        mean, interval = row[f"{key}_mean"], row[f"{key}_mean_95"]
-        if interval is None:
-            return "-" if mean is None else f"{mean:.1f}"
-        return f"{mean:.1f} ±{0.5 * (interval[1] - interval[0]):.1f}"
-
-    return text
+def _with_interval(key: str, digits: int) -> Callable[[dict[str, Any]], str]:
+    return lambda row: with_interval(row[f"{key}_mean"], row[f"{key}_mean_95"], digits)
 
 
 def _published(key: str) -> Callable[[dict[str, Any]], str]:
@@ -173,18 +167,19 @@ _THESIS = ("thesis s", "thesis hJ")  # columns that are shown only where there i
 _COLUMNS: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
     ("scenario", lambda row: str(row["label"])),
     ("landed", lambda row: f"{row['landed']}/{row['runs']}"),
-    ("time s", _with_interval("time_s")),
+    ("95 %", lambda row: in_percent(row["landed_95"])),
+    ("time s", _with_interval("time_s", 1)),
     ("thesis s", _published("time_s")),
-    ("energy hJ", _with_interval("energy_hj")),
+    ("energy hJ", _with_interval("energy_hj", 1)),
     ("thesis hJ", _published("energy_hj")),
     ("error m", _number("touchdown_error_m_median", 3)),
     ("p95", _number("touchdown_error_m_p95", 3)),
     ("down m/s p95", _number("touchdown_vertical_mps_p95", 2)),
     ("yaw deg p95", _number("yaw_error_deg_p95", 1)),
-    ("off px", _number("off_centre_px_p95", 0)),
+    ("off px", _with_interval("off_centre_px_p95", 0)),
     ("vel m/s p95", _number("pad_velocity_error_mps_p95", 2)),
-    ("NIS", _number("nis_ratio_mean", 2)),
-    ("refused %", _number("refused_percent_mean", 1)),
+    ("NIS", _with_interval("nis_ratio", 2)),
+    ("refused %", _with_interval("refused_percent", 1)),
     ("aborts", _number("aborts", 0)),
     ("rules", _number("rules_broken", 0)),
     ("exceptions", _number("exceptions", 0)),

@@ -10,9 +10,9 @@ from typing import Annotated, Any, NamedTuple
 import yaml
 from pydantic import Field, model_validator
 
+from landerd.analysis.intervals import mean_interval
 from landerd.campaigns.compare import Pair, compare_row, has_failed
 from landerd.campaigns.failures import is_feasible
-from landerd.campaigns.intervals import mean_interval
 from landerd.campaigns.plan import Row
 from landerd.campaigns.pool import Run
 from landerd.config.files import ConfigError, config_files, read_model

@@ -13,14 +13,16 @@ import yaml
 from hw.gimbals.fixed import FixedOptions
 from hw.gimbals.mounting import MountOptions
 from hw.gimbals.servo import ServoAxisOptions, ServoOptions
+from landerd.calibration.bench import Refused
 from landerd.calibration.gimbal import AxisResult, GimbalCalibration, calibrate
-from landerd.calibration.gimbal_motion import Delays, GimbalMotion, Refused
+from landerd.calibration.gimbal_motion import Delays, GimbalMotion
 from landerd.camera_model import CalibrationError
 from landerd.commands.shared import (
     InputError,
     add_config,
     add_json,
     add_overlay,
+    ask,
     check_folder,
     load_with_saved,
     print_json,
@@ -85,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             devices,
             places=args.places,
             with_autopilot=not args.without_autopilot,
-            ask=_ask if not args.yes else None,
+            ask=ask if not args.yes else None,
             say=(lambda _: None) if args.json else print,
         )
     )
@@ -180,11 +182,6 @@ def _motion(
         is_measured=traits.feedback is Feedback.MEASURED,
         with_autopilot=with_autopilot,
     )
-
-
-async def _ask(question: str) -> None:
-    print(question)
-    await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
 
 
 # ---- what came of it ---------------------------------------------------------------------------

@@ -7,23 +7,24 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from shutil import get_terminal_size
 from typing import Any
 
 from landerd.camera_model import CalibrationError, load_camera
-from landerd.campaigns.failures import as_lines, summary
+from landerd.campaigns.effects import effects_of
+from landerd.campaigns.failures import as_lines
 from landerd.campaigns.fault_table import as_lines as fault_lines
 from landerd.campaigns.fault_table import failures
-from landerd.campaigns.fault_table import summary as fault_summary
 from landerd.campaigns.journal import Journal, JournalError
 from landerd.campaigns.plan import Campaign, load_campaigns
 from landerd.campaigns.pool import Run
 from landerd.campaigns.poses import as_text as poses_as_text
-from landerd.campaigns.poses import make_pose_row
-from landerd.campaigns.table import as_text, best_rows, make_row
+from landerd.campaigns.rows import make_rows, runs_of
+from landerd.campaigns.table import as_text, best_rows, right_aligned
+from landerd.commands.campaign_report import ReferenceWorld
 from landerd.commands.fault_runs import SHRUNK_SEEDS, shrink
-from landerd.commands.flying import SimulatedLanding, add_jobs, fly_all
+from landerd.commands.flying import SimulatedLanding, add_flying, executor, fly_all
+from landerd.commands.keeping import journal_of
 from landerd.commands.shared import (
     add_config,
     add_json,
@@ -47,13 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--runs", type=_count, metavar="N", help="seeds 1 to N; without: what the campaign says"
     )
-    add_jobs(parser)
-    parser.add_argument(
-        "--keep",
-        type=Path,
-        metavar="FILE",
-        help="write every run down as it ends; runs that FILE holds are not flown again",
-    )
+    add_flying(parser)
     add_json(parser)
     add_config(parser)
 
@@ -61,8 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fly the campaign; return 0, or 1 if a row misses what it needs."""
     with refusing(ConfigError, CalibrationError, PadError, JournalError):
+        config = None if args.config is None else config_path(args)
         parts = [
-            _Part(name, campaign, SimulatedLanding(campaign, config_path(args), tuple(args.set)))
+            _Part(name, campaign, SimulatedLanding(campaign, config, tuple(args.set)))
             for name, campaign in load_campaigns(args.name).items()
         ]
         loaded = [part.landing.load(row) for part in parts for row in part.campaign.all_rows]
@@ -71,7 +67,8 @@ def run(args: argparse.Namespace) -> int:
             check_faults(each)
         load_camera(loaded[0].config.camera.calibration)
         load_pad(loaded[0].config.pad.layout)
-        journal = Journal(args.keep, _settings(args.name, loaded)) if args.keep else None
+        campaigns = {part.name: part.campaign for part in parts}
+        journal = journal_of(args, _settings(args.name, loaded), campaigns)
     with journal or contextlib.nullcontext():
         return _fly(args, parts, journal)
 
@@ -97,7 +94,6 @@ def _settings(name: str, loaded: Iterable[Loaded]) -> str:
 
 def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | None) -> int:
     started = time.monotonic()
-    jobs = args.jobs
     flown, missed = [], False
     for part in parts:
         campaign = part.campaign
@@ -108,20 +104,20 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
         kept = {(run.scenario, run.seed) for run in runs}
         waiting = [task for task in tasks if task not in kept]
         try:
-            fly_all(part.landing, waiting, jobs, journal, runs)
+            fly_all(part.landing, waiting, executor(args), journal, runs)
         except KeyboardInterrupt:
             if not args.json:
-                _print_rows(campaign, _rows(campaign, runs))
+                _print(campaign, make_rows(campaign, runs), runs)
                 print(f"stopped after {len(runs)} of {len(tasks)} runs")
             raise
-        rows = _rows(campaign, runs)
+        rows = make_rows(campaign, runs)
         missed = missed or any(row["missed"] for row in rows)
         least = _least(campaign, part.landing, runs)
         flown.append({"campaign": part.name, "rows": rows, "least": least})
         if not args.json:
             if len(parts) > 1:
                 print(f"---- {part.name}")
-            _print_rows(campaign, rows)
+            _print(campaign, rows, runs)
             for each in least:
                 print(f"{'; '.join(each['failures'])}: {each['again']}")
             minutes = (time.monotonic() - started) / 60.0
@@ -133,11 +129,16 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
     return 1 if missed else 0
 
 
-def _print_rows(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> None:
-    flights = [row for row in rows if "bins" not in row]
+def _print(campaign: Campaign, rows: Sequence[dict[str, Any]], runs: Iterable[Run]) -> None:
+    swept = {row.name for sweep in campaign.sweeps for row in sweep.rows()}
+    flights = [row for row in rows if "bins" not in row and row["scenario"] not in swept]
     if flights:
         shown = flights if campaign.best is None else best_rows(flights, campaign.best)
         print(as_text(shown, get_terminal_size().columns))
+    effects = effects_of(campaign, runs_of(campaign, runs), ReferenceWorld())
+    if effects is not None:
+        table = [effects.table.head, *effects.table.rows]
+        print("\n".join([*right_aligned(table, indent=0), *effects.said]))
     for row in rows:
         if "bins" in row:
             print(poses_as_text(row))
@@ -145,25 +146,6 @@ def _print_rows(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> None:
             print(line)
         for line in fault_lines(row["faults"]) if "faults" in row else ():
             print(line)
-
-
-def _rows(campaign: Campaign, runs: Iterable[Run]) -> list[dict[str, Any]]:
-    of: dict[str, list[Run]] = {row.name: [] for row in campaign.all_rows}
-    for ended in runs:
-        of[ended.scenario].append(ended)
-    rows = []
-    for row in campaign.all_rows:
-        flown = sorted(of[row.name], key=lambda r: r.seed)
-        if flown:
-            made = make_pose_row(row, flown) if row.poses else make_row(row, flown)
-            if row.days:
-                made["days"] = summary(flown)
-            if row.faults:
-                made["faults"] = found = fault_summary(flown)
-                failed = made["failed_seeds"] = found["failed_seeds"]
-                made["missed"] = [f"{len(failed)} flights failed"] if failed else []
-            rows.append(made)
-    return rows
 
 
 def _least(

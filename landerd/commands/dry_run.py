@@ -38,8 +38,8 @@ from landerd.flightlog.recorder import Recorder
 from landerd.flightlog.replay import phases
 from landerd.geometry import Vec3
 from landerd.pad import PadError, PadLayout, load_pad
-from landerd.runtime.daemon import Observer
 from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
+from landerd.runtime.observer import Observer
 
 GOOD_RATE_HZ = 20.0
 

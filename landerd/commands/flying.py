@@ -9,23 +9,25 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hw.sim.fault_options import FaultOptions
+from landerd.campaigns.cluster import ClusterError, run_on_cluster
 from landerd.campaigns.fault_table import failures
 from landerd.campaigns.journal import Journal
-from landerd.campaigns.plan import Campaign, Goal, Row
-from landerd.campaigns.pool import Run, RunOne, Task, error_line, run_all
+from landerd.campaigns.plan import Campaign, Row
+from landerd.campaigns.pool import Executor, Run, RunOne, Task, error_line, run_all
 from landerd.campaigns.table import has_failed
 from landerd.commands.fault_runs import settings_of
-from landerd.commands.shared import tell, whole_number
-from landerd.config.files import Loaded, config_files
+from landerd.commands.shared import refusing, tell, whole_number
+from landerd.config.files import Loaded, config_files, default_config
 from landerd.drivers import read_configuration
 
 
-def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """Add --jobs."""
+def add_flying(parser: argparse.ArgumentParser) -> None:
+    """Add what says where flights are flown and kept: --jobs, --scheduler, --keep."""
     parser.add_argument(
         "--jobs",
         type=_jobs,
@@ -33,10 +35,28 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="processes; without: one for every core",
     )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="fly on the Dask cluster of this scheduler instead, as tcp://10.0.0.1:8786",
+    )
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="FILE",
+        help="write every run down as it ends; runs that FILE holds are not flown again",
+    )
 
 
 def _jobs(text: str) -> int:
     return whole_number(text, 1)
+
+
+def executor(args: argparse.Namespace) -> Executor:
+    """Return what flies, by the arguments of `add_flying`."""
+    if args.scheduler is None:
+        return partial(run_all, jobs=args.jobs)
+    return partial(run_on_cluster, args.scheduler)
 
 
 @dataclass(frozen=True)
@@ -44,7 +64,7 @@ class SimulatedLanding:
     """Flies one landing; what `landerd.campaigns` is handed."""
 
     campaign: Campaign
-    config: Path
+    config: Path | None  # None: the packaged default, wherever landerd is installed
     overrides: tuple[str, ...]
 
     def __call__(self, name: str, seed: int) -> dict[str, Any]:
@@ -52,7 +72,7 @@ class SimulatedLanding:
         logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
         row = self.campaign.row(name)
         try:
-            return reach(row.goal, self.load(row, seed), name, seed, self.campaign.longest_s)
+            return reach(self.campaign, row, self.load(row, seed), seed)
         finally:
             gc.collect()  # flights are circles of objects, and large
 
@@ -64,7 +84,8 @@ class SimulatedLanding:
         """Return the same with further settings. Raises ConfigError."""
         overlays = [config_files("scenarios")[row.scenario]]
         overrides = (*row.settings, *self.overrides, *settings)
-        return read_configuration(self.config, overlays=overlays, overrides=overrides, seed=seed)
+        path = self.config or default_config()
+        return read_configuration(path, overlays=overlays, overrides=overrides, seed=seed)
 
     def fly_with(self, row: Row, seed: int, faults: Sequence[FaultOptions]) -> Run:
         """Fly a seed with these faults instead of its own."""
@@ -78,36 +99,55 @@ class SimulatedLanding:
         return Run(row.name, seed, result)
 
 
-def reach(goal: Goal, loaded: Loaded, name: str, seed: int, longest_s: float) -> dict[str, Any]:
+def reach(campaign: Campaign, row: Row, loaded: Loaded, seed: int) -> dict[str, Any]:
     """Simulate what a row asks for and return what there is to know of it."""
-    match goal:
+    match row.goal:
         case "landing":
             from landerd.simulation.flight import simulate
 
-            return simulate(loaded, name, seed, longest_s=longest_s)
+            return simulate(
+                loaded,
+                row.name,
+                seed,
+                longest_s=campaign.longest_s,
+                with_path=campaign.keeps_paths,
+            )
         case "poses":
             from landerd.simulation.poses import see_poses
 
-            return see_poses(loaded, name, seed)
+            return see_poses(loaded, row.name, seed)
         case part:
             from landerd.simulation.goals import simulate_part
 
-            return simulate_part(loaded, part, name, seed, longest_s=longest_s)
+            return simulate_part(
+                loaded,
+                part,
+                row.name,
+                seed,
+                longest_s=campaign.longest_s,
+                with_path=campaign.keeps_paths,
+            )
 
 
 def fly_all(
     landing: RunOne,
     tasks: Sequence[Task],
-    jobs: int,
+    fly: Executor,
     journal: Journal | None,
     runs: list[Run],
 ) -> None:
-    """Fly all tasks, and add each run as it ends, also to the journal, while telling how far."""
+    """Fly all tasks, and add each run as it ends, also to the journal, while telling how far.
+
+    Raises:
+        InputError: the cluster cannot be used.
+    """
+    if not tasks:
+        return
     # Runs are what is spread over the cores; the children take this over.
     os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
     progress = _Progress(len(tasks))
     try:
-        with contextlib.closing(run_all(landing, tasks, jobs)) as series:
+        with refusing(ClusterError), contextlib.closing(fly(landing, tasks)) as series:
             for ended in series:
                 runs.append(ended)
                 if journal is not None:

@@ -50,7 +50,12 @@ def run(args: argparse.Namespace) -> int:
         found = ".".join(str(part) for part in sys.version_info[:2])
         raise InputError(f"landerd needs Python 3.11 or newer, this is {found}")
     from landerd.installation.program import is_installed_copy, program_steps, source
-    from landerd.installation.service import BOARDS, CONFIGURATION, install_steps
+    from landerd.installation.service import (
+        BOARDS,
+        CONFIGURATION,
+        install_steps,
+        parameter_file,
+    )
     from landerd.installation.steps import InstallError
 
     root: Path = args.root
@@ -72,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
     if steps and not args.dry_run:
         left = [
             *BOARDS[args.board].left,
+            f"ArduCopter's parameters: load {parameter_file(args.board)} (docs/ardupilot.md)",
             f"sudo nano {CONFIGURATION}    (an example: make it yours)",
             f"landerd check -c {CONFIGURATION}",
             "sudo systemctl enable --now landerd",

@@ -1,33 +1,61 @@
-"""`landerd report`: what happened in a flight, as a page for the browser."""
+"""`landerd report`: what happened in flights, or what came of campaigns, as a page to read."""
 
 import argparse
 import importlib.util
 from pathlib import Path
 
-from landerd.commands.shared import InputError, refusing, tell
+from landerd.commands.campaign_report import write_campaigns
+from landerd.commands.shared import InputError, check_folder, refusing, tell
 from landerd.flightlog.reader import LogError, read_log
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("logs", nargs="+", type=Path, metavar="LOG.mcap", help="flight logs")
     parser.add_argument(
-        "-o", "--output", type=Path, default=Path("report.html"), metavar="FILE.html"
+        "files",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="flight logs (.mcap); or what campaigns kept (.jsonl), what landerd sim --json "
+        "printed (.jsonl), and tables as they stand (.txt)",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("report.html"),
+        metavar="FILE",
+        help="a page (.html), or of campaigns a text without figures (.md); (report.html)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
     """Write the page; return 0."""
-    from landerd.analysis.flight import flight_of
-    from landerd.analysis.report import NO_PLOTS, write_report
+    from landerd.analysis.report import NO_PLOTS
 
+    check_folder(args.output)
+    logs = [path for path in args.files if path.suffix == ".mcap"]
+    if logs and len(logs) < len(args.files):
+        raise InputError("expected flight logs (.mcap), or files of campaigns, not both")
     try:
-        with refusing(LogError):
-            flights = [flight_of(read_log(path)) for path in args.logs]
-            write_report(flights, args.output)
+        if logs:
+            _write_flights(logs, args.output)
+        else:
+            write_campaigns(args.files, args.output)
     except OSError as e:
         raise InputError(f"{args.output}: cannot be written: {e.strerror}") from None
-    if importlib.util.find_spec("matplotlib") is None:
+    if args.output.suffix != ".md" and importlib.util.find_spec("matplotlib") is None:
         tell(NO_PLOTS)
     print(args.output)
     return 0
+
+
+def _write_flights(paths: list[Path], output: Path) -> None:
+    from landerd.analysis.flight import flight_of
+    from landerd.analysis.report import write_report
+
+    if output.suffix == ".md":
+        raise InputError(f"-o {output}: of flight logs there is a page only, expected .html")
+    with refusing(LogError):
+        flights = [flight_of(read_log(path)) for path in paths]
+        write_report(flights, output)

@@ -17,11 +17,12 @@ from landerd.devices import SetUpError, fitting_camera, make_devices
 from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.lander import Lander
-from landerd.messages import Command, Frame, Input, Prior, Sightings
+from landerd.messages import Command, Input
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.preflight.computer import temperature_c
 from landerd.preflight.sensors import sensors_file, write_sensors
-from landerd.runtime.daemon import CoreFailed, Daemon, Observer
+from landerd.runtime.daemon import CoreFailed, Daemon
+from landerd.runtime.observer import Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
 from landerd.web import StatusPage
 from landerd.worker import exit_without_waiting
@@ -29,8 +30,8 @@ from landerd.worker import exit_without_waiting
 log = logging.getLogger("landerd")
 
 
-class SensorNotes:
-    """Keeps what each landing has found of camera and gimbal, for `landerd check`; an Observer."""
+class SensorNotes(Observer):
+    """Keeps what each landing has found of camera and gimbal, for `landerd check`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -39,12 +40,6 @@ class SensorNotes:
     def on_flight(self, lander: Lander) -> None:
         """A flight begins."""
         self._lander = lander
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """A frame was searched."""
-
-    def on_vision_reset(self) -> None:
-        """Nothing to keep of it."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Write it when a landing has ended."""

@@ -33,6 +33,14 @@ def refusing(*errors: type[Exception]) -> Iterator[None]:
         raise InputError(str(e)) from None
 
 
+async def ask(question: str) -> None:
+    """Show a person what is to be done, and wait until it is."""
+    import asyncio
+
+    print(question)
+    await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
+
+
 def tell(line: str) -> None:
     """Say something that is no result: to stderr."""
     print(line, file=sys.stderr)
@@ -78,9 +86,9 @@ def add_overlay(parser: argparse.ArgumentParser) -> None:
 
 def config_path(args: argparse.Namespace) -> Path:
     """Return the file of `add_config`'s arguments; landerd's own where there is none here."""
-    from landerd.config.files import config_dir, own_or
+    from landerd.config.files import default_config, own_or
 
-    path: Path = args.config or config_dir() / "default.yaml"
+    path: Path = args.config or default_config()
     found = own_or(path)
     if found != path:
         tell(f"{path}: not here, landerd's own is taken: {found}")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from landerd.camera_model import CalibrationError
+from landerd.commands.keeping import sitting
 from landerd.commands.shared import (
     InputError,
     add_config,
@@ -76,7 +77,9 @@ def run(args: argparse.Namespace) -> int:
     if shows_progress:
         _show_progress("")
     if args.json:
-        print_json(result)
+        # Of a flight that cannot be flown again it is to be known when it was, and by what.
+        flown = {} if args.autopilot is None else {"flown": sitting()._asdict()}
+        print_json({**result, **flown})
     else:
         print(_summary(result))
         is_modelled = result.get("sight") == "modelled"

@@ -23,7 +23,8 @@ from landerd.campaigns.tuning import (
     overlay,
     settings_of,
 )
-from landerd.commands.flying import SimulatedLanding, add_jobs, fly_all
+from landerd.commands.flying import SimulatedLanding, add_flying, executor, fly_all
+from landerd.commands.keeping import journal_of
 from landerd.commands.shared import (
     InputError,
     add_config,
@@ -38,7 +39,7 @@ from landerd.commands.shared import (
     write_text,
 )
 from landerd.commands.tune_from import tune_from
-from landerd.config.files import ConfigError, Loaded, config_files
+from landerd.config.files import ConfigError, Loaded, config_files, default_config
 from landerd.drivers import read_configuration
 
 LONGEST_S = 90.0  # what is not over then has failed
@@ -61,13 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sets", type=_count, metavar="N", help="sets of values tried; without: as NAME says"
     )
-    add_jobs(parser)
-    parser.add_argument(
-        "--keep",
-        type=Path,
-        metavar="FILE",
-        help="write every run down as it ends; a search that was stopped goes on with it",
-    )
+    add_flying(parser)
     add_json(parser)
     add_config(parser)
 
@@ -79,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError("expected NAME, or --from FLIGHT.mcap")
     if args.flights is not None:
         return tune_from(args)
-    args.config = config_path(args)
+    args.config = None if args.config is None else config_path(args)
     with refusing(ConfigError, JournalError, SearchError):
         tuning = load_tuning(args.name)
         # Not laid over the rows, as a campaign's: what is tried wins.
@@ -90,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         if args.search == "cma-es":
             check_cma_es(len(tuning.parameters), tuning.sets)
         start = _start(tuning, args)
-        journal = Journal(args.keep, _fingerprint(tuning, args)) if args.keep else None
+        journal = journal_of(args, _fingerprint(tuning, args), {})
     with journal or contextlib.nullcontext():
         return _search(args, _Flights(tuning, args, journal), start)
 
@@ -117,7 +112,8 @@ def _start(tuning: Tuning, args: argparse.Namespace) -> dict[str, float]:
 
 
 def _load(tuning: Tuning, args: argparse.Namespace, settings: Sequence[str] = ()) -> Loaded:
-    return read_configuration(args.config, overrides=(*tuning.settings, *settings), seed=1)
+    path = args.config or default_config()
+    return read_configuration(path, overrides=(*tuning.settings, *settings), seed=1)
 
 
 def _fingerprint(tuning: Tuning, args: argparse.Namespace) -> str:
@@ -147,7 +143,7 @@ class _Flights:
         tasks = [(name, seed) for seed in seeds for name in rows]
         flown: list[Run] = []
         waiting = [task for task in tasks if task not in self._runs]
-        fly_all(landing, waiting, self._args.jobs, self._journal, flown)
+        fly_all(landing, waiting, executor(self._args), self._journal, flown)
         self._runs |= {(run.scenario, run.seed): run for run in flown}
         return [
             [self._runs[row.name, seed] for row in rows_of_set for seed in seeds]

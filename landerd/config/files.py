@@ -4,7 +4,6 @@ All faults are told at once, each with the file and line its value came from. Va
 changed to fit: text is not a number, true is not 1, and `.nan` and `.inf` are not numbers either.
 """
 
-import difflib
 import functools
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -17,6 +16,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 from landerd.config.distributions import draw
 from landerd.config.gimbal_reach import within_reach
 from landerd.config.models import Config
+from landerd.config.schema import Schema, dotted, schema_of
 from landerd.config.yaml_tree import (
     Fault,
     Loc,
@@ -56,6 +56,11 @@ def config_dir() -> Path:
     package = Path(__file__).parents[1]
     installed = package / "config_files"
     return installed if installed.is_dir() else package.parent / "config"
+
+
+def default_config() -> Path:
+    """Return the configuration that comes with landerd, which flies the simulator."""
+    return config_dir() / "default.yaml"
 
 
 def own_or(path: Path) -> Path:
@@ -223,7 +228,7 @@ def _with_options(
 
 def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
     """Return the tree as a model; None if it is not one, and the faults added."""
-    schema = _schema(model)
+    schema = schema_of(model)
     plain = json.dumps(_with_paths(tree, schema, ()).plain())
     try:
         # Strict JSON: a list may be a tuple and text a path, but nothing else is converted.
@@ -237,106 +242,17 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
             loc = (*loc, error["loc"][-1])
             text = f"missing, expected {schema.expected(loc)}"
         elif error["type"] == "extra_forbidden":
-            text = f"unknown key; nearest known key: {schema.nearest(_dotted(loc))}"
+            text = f"unknown key; nearest known key: {schema.nearest(dotted(loc))}"
         elif error["type"] == "value_error":
             text = str(error["ctx"]["error"])
         else:
             text = f"found {node.found()}, expected {schema.expected(loc)}"
-        found[Fault(node.place, _dotted(loc), text)] = None
+        found[Fault(node.place, dotted(loc), text)] = None
     faults += found
     return None
 
 
-@functools.lru_cache(maxsize=8)
-def _schema(model: type[BaseModel]) -> "_Schema":
-    return _Schema(model)
-
-
-class _Schema:
-    """The JSON schema of a model: which keys there are and what is expected of them."""
-
-    def __init__(self, model: type[BaseModel]) -> None:
-        self._root = model.model_json_schema()
-        self._known = list(self._keys(self._root, ""))
-
-    def is_path(self, loc: Loc, value: str) -> bool:
-        """Tell whether a key's value is the path of a file, and none of the words it may be."""
-        variants = self._at(loc)
-        words = (word for variant in variants for word in variant.get("enum", ()))
-        return value not in words and any(v.get("format") == "path" for v in variants)
-
-    def expected(self, loc: Loc) -> str:
-        """Say in words what a key may be."""
-        return " or ".join(dict.fromkeys(self._words(variant) for variant in self._at(loc)))
-
-    def nearest(self, key: str) -> str:
-        """Return the known dotted key most like this one."""
-        candidates = [known for known in self._known if not key.startswith(f"{known}.")]
-        return difflib.get_close_matches(key, candidates, n=1, cutoff=0.0)[0]
-
-    def _at(self, loc: Loc) -> list[dict[str, Any]]:
-        """Return the variants that a key may have; none for an unknown key."""
-        variants = [self._root]
-        for part in loc:
-            inner = [self._inner(variant, part) for variant in variants]
-            variants = [v for schema in inner if schema for v in self._variants(schema)]
-        return variants
-
-    def _variants(self, schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
-        """Follow references and unions to plain schemas."""
-        if "$ref" in schema:
-            yield from self._variants(self._root["$defs"][schema["$ref"].rpartition("/")[2]])
-        elif "anyOf" in schema or "oneOf" in schema:
-            for variant in schema.get("anyOf") or schema["oneOf"]:
-                yield from self._variants(variant)
-        else:
-            yield schema
-
-    def _inner(self, schema: dict[str, Any], part: str | int) -> dict[str, Any] | None:
-        if isinstance(part, str):
-            inner: dict[str, Any] | None = schema.get("properties", {}).get(part)
-            return inner
-        items: list[dict[str, Any]] = schema.get("prefixItems", [])
-        return items[part] if part < len(items) else schema.get("items")
-
-    def _keys(self, schema: dict[str, Any], prefix: str) -> Iterator[str]:
-        for variant in self._variants(schema):
-            for name, inner in variant.get("properties", {}).items():
-                yield prefix + name
-                yield from self._keys(inner, f"{prefix}{name}.")
-
-    def _words(self, schema: dict[str, Any]) -> str:
-        kind = schema.get("type")
-        if "const" in schema:
-            return str(schema["const"])
-        if "enum" in schema:
-            return "one of " + ", ".join(str(value) for value in schema["enum"])
-        if kind == "array":
-            items = schema.get("prefixItems")
-            return f"a list of {len(items)} values" if items else "a list"
-        if schema.get("format") == "path":
-            return "a file name"
-        bounds = [f"{text} {schema[bound]:g}" for bound, text in _BOUNDS.items() if bound in schema]
-        return f"{_KINDS.get(str(kind), 'another value')} {' and '.join(bounds)}".rstrip()
-
-
-_KINDS = {
-    "number": "a number",
-    "integer": "a whole number",
-    "boolean": "true or false",
-    "string": "text",
-    "object": "a block of keys",
-    "null": "nothing",
-}
-_BOUNDS = {
-    "exclusiveMinimum": "above",
-    "minimum": "at least",
-    "exclusiveMaximum": "below",
-    "maximum": "at most",
-}
-
-
-def _with_paths(node: Node, schema: _Schema, loc: Loc) -> Node:
+def _with_paths(node: Node, schema: Schema, loc: Loc) -> Node:
     """Return the tree with relative paths made absolute."""
     value = node.value
     if isinstance(value, dict):
@@ -370,14 +286,10 @@ def _unknown_drivers(tree: Node, drivers: Mapping[str, Collection[str]]) -> Iter
         node, loc = tree.locate((section, "driver"))
         if loc == (section, "driver") and isinstance(node.value, str) and node.value not in known:
             expected = "one of " + ", ".join(sorted(known))
-            yield Fault(node.place, _dotted(loc), f"found {node.found()}, expected {expected}")
+            yield Fault(node.place, dotted(loc), f"found {node.found()}, expected {expected}")
 
 
 def _at(model: Any, section: str) -> Any:
     for name in section.split("."):
         model = getattr(model, name)
     return model
-
-
-def _dotted(loc: Loc) -> str:
-    return ".".join(str(part) for part in loc)

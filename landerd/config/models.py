@@ -32,7 +32,7 @@ def split_address(text: str) -> tuple[str, int]:
 class PadSection(Section):
     """Which pad to land on."""
 
-    layout: Path = Path("pads/thesis.yaml")
+    layout: Path = Path("pads/thesis.yaml")  # markers and plate; the landing point is its origin
 
 
 class VehicleSection(Section):
@@ -46,10 +46,10 @@ class VehicleSection(Section):
 class MeteringSection(Section):
     """How pictures are exposed where landerd does it (`camera.exposure: pad`)."""
 
-    shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4
+    shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4  # the exposure is never shorter
     short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008  # against blur: gain before a longer one
     longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # once there is no more gain
-    gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0
+    gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0  # times the lowest gain
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -65,7 +65,7 @@ class CameraSection(Section):
     # fixed: as the driver's block says; auto: by the camera itself; pad: landerd by what it sees
     exposure: Literal["fixed", "auto", "pad"] = "fixed"
     metering: MeteringSection = MeteringSection()
-    calibration: Path = Path("cameras/thesis.yaml")
+    calibration: Path = Path("cameras/thesis.yaml")  # ROS camera_info: landerd calibrate camera
     # How much later a picture is stamped than its middle row was exposed; earlier: negative.
     clock_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
 
@@ -74,8 +74,8 @@ class GimbalSection(Section):
     """Which gimbal, and how far it may turn (thesis 2.3.3)."""
 
     driver: str = "sim"
-    yaw_limits_deg: tuple[Finite, Finite] = (-90.0, 90.0)
-    pitch_limits_deg: tuple[Finite, Finite] = (-180.0, 0.0)
+    yaw_limits_deg: tuple[Finite, Finite] = (-90.0, 90.0)  # positive right
+    pitch_limits_deg: tuple[Finite, Finite] = (-180.0, 0.0)  # positive up; -90 is straight down
     # How the camera sits turned on the last axis: roll right, pitch up, yaw right.
     camera_rotation_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     lag_s: Positive = 0.08  # behind its orders; used where a gimbal does not measure its angles
@@ -85,9 +85,9 @@ class AutopilotSection(Section):
     """How the autopilot is reached."""
 
     driver: str = "mavlink"
-    url: str = "memory:"
-    setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"
-    system_id: Annotated[int, Field(ge=1, le=255)] = 1
+    url: str = "memory:"  # of the link: serial:DEVICE?baud=N, udpin:HOST:PORT, tcp:HOST:PORT, ...
+    setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"  # body_ned: as the thesis
+    system_id: Annotated[int, Field(ge=1, le=255)] = 1  # SYSID_THISMAV (4.7: MAV_SYSID)
     # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
     guided_timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     # how it shapes velocities (WPNAV_ACCEL, WPNAV_ACCEL_Z, PSC_JERK_XY), until it tells that too
@@ -103,8 +103,8 @@ class AutopilotSection(Section):
 class RcSection(Section):
     """The pilot's gate."""
 
-    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11
-    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500
+    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11  # landerd flies only while it is high,
+    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500  # above this pulse width
     # Of a switch with three positions: above this it lands, between the two it holds over the
     # marker (guidance.hold). 0: there is no position between.
     land_threshold_us: Annotated[int, Field(ge=0, le=1900)] = 0
@@ -181,25 +181,25 @@ class TrackingSection(Section):
     """The controller on the pad filter's state."""
 
     kp: Annotated[float, Field(gt=0, le=5)] = 2.5  # closing speed per m of distance, near the pad
-    ki: Annotated[float, Field(ge=0, le=2)] = 0.6
+    ki: Annotated[float, Field(ge=0, le=2)] = 0.6  # of the distance that stays
     lead_s: Annotated[float, Field(ge=0, le=2)] = 0.0  # later than ArduPilot's shaper
     approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
     brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
-    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45
-    yaw_kp: Annotated[float, Field(gt=0, le=5)] = 1.0
+    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45  # the same of the descent
+    yaw_kp: Annotated[float, Field(gt=0, le=5)] = 1.0  # rad/s per rad
 
 
 class DescentSection(Section):
     """Where descent is allowed (thesis eq. 2.3) and when it is committed."""
 
-    k1_m: Annotated[float, Field(gt=0, le=1)] = 0.12
+    k1_m: Annotated[float, Field(gt=0, le=1)] = 0.12  # down within k1 exp(k2 height) of the pad
     k2_per_m: Annotated[float, Field(ge=0, le=1)] = 0.36
     close_factor: Annotated[float, Field(gt=1, le=10)] = 3.0  # CLOSE_APPROACH in this times delta
     # not below this while the heading is off
     alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
     align_deg: Positive = 2.0  # the heading counts as aligned within this,
     realign_deg: Positive = 4.0  # and as off again beyond this
-    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16
+    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16  # below: carried through
     # committed only if at touch-down these will be kept; else it climbs to the last and tries again
     commit_miss_m: Annotated[float, Field(gt=0, le=1)] = 0.2
     commit_slip_mps: Annotated[float, Field(gt=0, le=2)] = 0.3  # against the pad, horizontal
@@ -249,7 +249,8 @@ class HoldSection(Section):
 class GuidanceSection(Section):
     """How the vehicle is led onto the pad."""
 
-    method: Literal["tracking", "pid"] = "tracking"
+    method: Literal["tracking", "pid"] = "tracking"  # pid: the thesis's controller
+    # landing_target: the autopilot's own precision landing flies
     output: Literal["velocity", "landing_target"] = "velocity"
     tracking: TrackingSection = TrackingSection()
     pid: PidSection = PidSection()
@@ -259,16 +260,16 @@ class GuidanceSection(Section):
     hold: HoldSection = HoldSection()
     release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
     touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # after commit
-    touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0
+    touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0  # then: disarm by hand
 
 
 class AimSection(Section):
     """How the gimbal is pointed (thesis 2.3.4)."""
 
-    method: Literal["predicted", "increment"] = "predicted"
+    method: Literal["predicted", "increment"] = "predicted"  # increment: the thesis's law
     lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: how late the gimbal answers
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
-    idle_yaw_deg: Finite = 0.0
+    idle_yaw_deg: Finite = 0.0  # where the camera looks while no pad is known
     idle_pitch_deg: Finite = -23.0  # the thesis's 0.4 rad
     search_after_s: NotNegative = 5.0  # without a sighting: sweep down and up
 
@@ -276,7 +277,7 @@ class AimSection(Section):
 class ControlSection(Section):
     """The control task."""
 
-    rate_hz: Annotated[float, Field(ge=20, le=100)] = 40.0
+    rate_hz: Annotated[float, Field(ge=20, le=100)] = 40.0  # of set-points
 
 
 class LogSection(Section):

@@ -1,8 +1,8 @@
 """The tunable parameters, which a pilot may read and change over MAVLink, from the config models.
 
 Every number below `guidance` and `rc` is one. Names follow from the keys by rule, are at most 16
-characters and never change their meaning; ranges are those of the models. `parameter_page`
-prints docs/parameters.md.
+characters and never change their meaning; ranges are those of the models. docs/parameters.md
+is made of them (landerd.reference).
 """
 
 import math

@@ -10,7 +10,7 @@ from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import ObservationModel, PadObservation
 from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, vehicle_state
-from landerd.geometry import add, rotate, sub, transpose
+from landerd.geometry import Vec3, add, rotate, sub, transpose
 from landerd.messages import (
     Attitude,
     ClockSync,
@@ -122,6 +122,10 @@ class Estimator:
     def fresh_vehicle(self, now: float) -> VehicleState | None:
         """Return the vehicle, None where position or attitude is too old to be flown on."""
         return self.vehicle(now) if self.has_fresh_vehicle(now) else None
+
+    def velocities(self, after: float) -> list[tuple[float, Vec3]]:
+        """Return the velocities (local NED, m/s) measured after a time (s), with their times."""
+        return [(t, (p[3], p[4], p[5])) for t, p in self.poses.position.since(after)]
 
     def has_fresh_vehicle(self, now: float) -> bool:
         """Tell whether position and attitude are young enough to be flown on (rule 5)."""

@@ -4,7 +4,7 @@ A picture is some 100 ms old when its markers are found; the attitude and the gi
 belong to it are those of its exposure, not today's.
 """
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 
 from landerd.geometry import wrap
@@ -36,6 +36,11 @@ class History:
     def newest(self) -> tuple[float, tuple[float, ...]] | None:
         """Time and values of the newest measurement."""
         return (self._times[-1], self._values[-1]) if self._times else None
+
+    def since(self, t: float) -> list[tuple[float, tuple[float, ...]]]:
+        """Return time and values of the measurements after t, as far back as they are kept."""
+        first = bisect_right(self._times, t)
+        return list(zip(self._times[first:], self._values[first:], strict=True))
 
     def age(self, now: float) -> float:
         """Return how old the newest measurement is, s; infinite when there is none."""

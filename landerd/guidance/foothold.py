@@ -8,6 +8,7 @@ from landerd.guidance.touchdown import MAX_TILT
 from landerd.pad import Plate
 
 SLOWEST_SINK_MPS = 0.1  # at least so fast it is taken to sink, to tell where it will touch
+RATE_S = 0.5  # over which it is told how fast the feet move across the plate
 
 
 class Foothold:
@@ -21,6 +22,10 @@ class Foothold:
         self._east = (-plate.west_m, plate.east_m)
         self._offset = (0.0, 0.0)  # of the feet's centre from the landing point, local, m
         self._heading: float | None = None
+        self._feet: Vec3 | None = None  # when it was last followed, local, m
+        self._rate = (0.0, 0.0)  # of the offset in the last RATE_S, m/s
+        self._followed_s = 0.0  # since contact
+        self._sigma_mps = 0.0  # of the pad's velocity
 
     def will_miss(
         self, relative: RelativeState, heading: float | None, sink_rate: float, tolerance_m: float
@@ -52,19 +57,44 @@ class Foothold:
         """Note where it touches."""
         self._offset = (-relative.error[0], -relative.error[1])
         self._heading = heading
+        self._feet = None
+        self._rate, self._followed_s = (0.0, 0.0), 0.0
+        self._sigma_mps = relative.sigma_velocity
 
-    def slide(self, velocity: Vec3, pad_velocity: Vec3, dt: float) -> None:
-        """Follow the vehicle across the plate for dt (s), both velocities local, m/s."""
-        north, east = self._offset
-        self._offset = (
-            north + dt * (velocity[0] - pad_velocity[0]),
-            east + dt * (velocity[1] - pad_velocity[1]),
+    def slide(self, feet: Vec3, pad_velocity: Vec3, dt: float) -> None:
+        """Follow the feet across the plate for dt, s.
+
+        Args:
+            feet: their centre, local, m; by positions, as a velocity may be off by a constant.
+            pad_velocity: as last seen, local, m/s.
+            dt: since it was last followed, s.
+        """
+        last, self._feet = self._feet, feet
+        if last is None:
+            return
+        step = (
+            feet[0] - last[0] - dt * pad_velocity[0],
+            feet[1] - last[1] - dt * pad_velocity[1],
         )
+        self._offset = (self._offset[0] + step[0], self._offset[1] + step[1])
+        (north, east), k = self._rate, min(1.0, dt / RATE_S)
+        self._rate = (north + k * (step[0] / dt - north), east + k * (step[1] / dt - east))
+        self._followed_s += dt
 
     @property
     def on_plate(self) -> bool:
-        """Whether all feet are on the plate, as last known."""
-        return self._holds(self._offset, self._heading)
+        """Whether all feet are on the plate, as last known.
+
+        A pad's velocity that was seen a little wrong looks like a slide that never ends; one that
+        its uncertainty explains was none.
+        """
+        speed = math.hypot(*self._rate)
+        k = min(1.0, 2.0 * self._sigma_mps / speed) if speed > 0.0 else 0.0
+        north, east = self._offset
+        gone = k * self._followed_s
+        return self._holds(
+            (north - gone * self._rate[0], east - gone * self._rate[1]), self._heading
+        )
 
     def _holds(self, offset: tuple[float, float], heading: float | None) -> bool:
         """Tell whether a circle through the feet fits onto the plate there."""

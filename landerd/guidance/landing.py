@@ -15,7 +15,7 @@ from landerd.guidance.orders import Orders
 from landerd.guidance.phases import Phases
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import Searching, Tracking, WavingOff
-from landerd.guidance.state_pad import Committed, OnPad, Standing
+from landerd.guidance.state_pad import Committed, Leaving, OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
 from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
@@ -54,7 +54,7 @@ class Landing:
             State.SEARCHING: Searching(context, self._lost),
             State.COMMITTED: Committed(context, self._method, self._touchdown),
             State.WAVING_OFF: WavingOff(context),
-            State.LEAVING: WavingOff(context),
+            State.LEAVING: Leaving(context, self._touchdown),
             State.ON_PAD: OnPad(context, self._touchdown),
             State.STANDING: Standing(context, self._touchdown),
         }
@@ -78,6 +78,11 @@ class Landing:
     def phase(self) -> Phase:
         """The thesis's phase that the landing is in."""
         return self._orders.phase
+
+    @property
+    def stands(self) -> bool:
+        """Whether the vehicle stands still on the pad, as far as is known."""
+        return self.state is State.ON_PAD and self._touchdown.stands
 
     @property
     def reason(self) -> str:
@@ -139,7 +144,10 @@ class Landing:
             case Authority.RELEASED:
                 return Event.RELEASED_LOW if self._must_leave() else Event.RELEASED
             case Authority.SILENT:
-                if self.state is not State.ON_PAD or not self._gate.disarmed:
+                # ArduCopter says that what it has disarmed is on the ground; a heartbeat alone may
+                # be false.
+                on_ground = self._context.landed is Landed.ON_GROUND
+                if self.state is not State.ON_PAD or not (self._gate.disarmed and on_ground):
                     return Event.SILENCED
                 on_plate = self._context.foothold.on_plate
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD

@@ -100,8 +100,7 @@ class Metering:
 
     def _wanted(self, level: float, wanted: float) -> float:
         """Return what is to be exposed, s at gain 1, for a level to become the one wanted."""
-        is_clipped = level >= CLIPPED_LEVEL
-        step = CLIPPED_STEP if is_clipped else wanted / max(level, DARKEST_LEVEL)
+        step = CLIPPED_STEP if level >= CLIPPED_LEVEL else wanted / max(level, DARKEST_LEVEL)
         full = self._amount * step
         dim = max(DIM * full, min(full, self._options.short_s))
         return clamp(dim, self._least, self._most)

@@ -90,6 +90,8 @@ class Orders:
         changed = phase is not self.phase
         if not changed and (phase is not Phase.NOT_LANDING or reason == self.reason):
             self.reason = reason
+            if pilot_texts.asks_for_switch(reason):
+                self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
             return
         self.phase, self.reason = phase, reason
         self.commands.append(PhaseChange(phase, reason))
@@ -98,9 +100,9 @@ class Orders:
         else:
             self.say(Severity.NOTICE, f"{phase.value.replace('_', ' ').lower()}: {reason}")
 
-    def say(self, severity: Severity, text: str) -> None:
-        """Tell the pilot a line, unless it was told just now."""
+    def say(self, severity: Severity, text: str, *, every_s: float = pilot_texts.REPEAT_S) -> None:
+        """Tell the pilot a line, unless it was told within every_s (s)."""
         line = f"{pilot_texts.PREFIX}{text}"[: pilot_texts.MAX_CHARACTERS]
-        if self._now - self._said.get(line, -math.inf) >= pilot_texts.REPEAT_S:
+        if self._now - self._said.get(line, -math.inf) >= every_s:
             self._said[line] = self._now
             self.commands.append(StatusText(severity, line))

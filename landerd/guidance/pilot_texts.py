@@ -8,6 +8,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | a phase of the landing begins | NOTICE | the phase and the reason |
 | it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
 | a descent is broken off with the pad in sight | WARNING | the reason |
+| the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | on the pad, and the land detector is silent | CRITICAL | UNCONFIRMED |
 
@@ -21,6 +22,7 @@ from landerd.guidance.states import Event
 PREFIX = "landerd: "
 MAX_CHARACTERS = 50  # of a STATUSTEXT
 REPEAT_S = 1.0  # the same line is not told more often: a bound for the link, chosen by hand
+REMIND_S = 10.0  # what waits for the pilot's hand is told again: a line may be lost, or not be read
 
 # ---- who flies (guidance.gate) -----------------------------------------------------------------
 STARTING = "starting"
@@ -33,6 +35,7 @@ RC_STALE = "RC channels are stale"
 RC_NO_SIGNAL = "RC {channel} has no signal"
 RC_LOW = "RC {channel} is low"
 RC_LATCHED = "move RC {channel} low, then high"
+_SWITCH_WANTED = RC_LATCHED.partition("{")[0]
 GRANTED = "granted"  # never told: a phase is instead
 PRECISION_LANDING = "the autopilot's precision landing flies"
 
@@ -73,3 +76,8 @@ HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
 
 # ---- on the pad --------------------------------------------------------------------------------
 UNCONFIRMED = "touch-down not confirmed, disarm by hand"
+
+
+def asks_for_switch(reason: str) -> bool:
+    """Tell whether a reason asks the pilot to move the switch: nothing happens until he does."""
+    return reason.startswith(_SWITCH_WANTED)

@@ -26,6 +26,7 @@ class RelativeState:
     yaw_rate: float  # vehicle's, rad/s
     pad_turn_rate: float = 0.0  # rad/s
     sigma_heave: float = 0.0  # of the pad's vertical velocity, m/s
+    sigma_velocity: float = 0.0  # of its level velocity, m/s
     normal: Vec3 = (0.0, 0.0, 1.0)  # unit vector into the pad, local NED
     sigma_height: float = 0.0  # of the error's vertical part, m
 
@@ -52,6 +53,7 @@ class RelativeState:
             yaw_rate=vehicle.yaw_rate,
             pad_turn_rate=pad.turn_rate,
             sigma_heave=pad.sigma_velocity[2],
+            sigma_velocity=max(pad.sigma_velocity[:2]),
             normal=pad.normal,
             sigma_height=math.hypot(
                 math.sqrt(max(c[2][2], 0.0)), sigma_bearing * horizontal(error)

@@ -24,3 +24,17 @@ def safe_sink_rate(height: float, sink_rate: float, timeout_s: float, decelerati
     ahead = max(0.0, height - LEAD_S * max(0.0, sink_rate))
     fastest = math.sqrt(a * a * t * t + 2.0 * a * ahead + TOUCHES_AT_MPS**2) - a * t
     return max(TOUCHES_AT_MPS, fastest)
+
+
+def unstopped_height(timeout_s: float, deceleration: float) -> float:
+    """Return the height below which the autopilot's own timeout stops it on the ground only, m.
+
+    Higher up the safe sink rate lets it be stopped in the air; from here down it sinks at
+    TOUCHES_AT_MPS, u: u T + u^2 / (2 a).
+
+    Args:
+        timeout_s: T, after the last set-point.
+        deceleration: a, of the autopilot, m/s^2.
+    """
+    u = TOUCHES_AT_MPS
+    return u * (timeout_s + LATE_S) + u * u / (2.0 * deceleration)

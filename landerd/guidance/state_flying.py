@@ -20,6 +20,9 @@ WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
 # it; and no higher over it the pilot is told that it is there, m.
 HOLD_KP = 1.5
 HOLD_TOLERANCE_M = 0.3
+# Inside the descent region for so long before it sinks, s: at its edge one picture's error is
+# enough to be taken for inside.
+SETTLED_S = 0.15
 
 
 class Tracking:
@@ -36,6 +39,7 @@ class Tracking:
         self._method = method
         self._heading_t = 0.0  # when the landing last did not wait for the pad's heading, s
         self._holds = False  # where the pilot asked to, and he was told
+        self._outside_t = -math.inf  # when it was last seen outside the descent region, s
 
     def enter(self, step: ControlStep) -> None:
         """Begin a landing, from the velocity that the vehicle has."""
@@ -78,7 +82,10 @@ class Tracking:
         )
         north, east, down = velocity
         velocity = (north, east, min(down, relative.sure_heave + safe))
-        may_descend = phases.may_descend(relative) and relative.height > floor_m
+        if not phases.may_descend(relative):
+            self._outside_t = step.now
+        is_inside = step.now - self._outside_t >= SETTLED_S
+        may_descend = is_inside and relative.height > floor_m
         self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
 

@@ -1,20 +1,26 @@
-"""The states at the pad: COMMITTED until contact, then ON_PAD, or STANDING (rule 4)."""
+"""The states at the pad: COMMITTED until contact, ON_PAD, STANDING, LEAVING (rules 1b, 4)."""
 
 import math
 
 from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import horizontal
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, STILL_S, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
+# So slow up or down, m/s, for STILL_S, it stands on the pad; the estimate's noise is a tenth of it.
+RESTS_MPS = 0.1
+# Told to climb it rests for so long only on the pad, s: from sinking to climbing takes half of it.
+RESTS_S = 0.5
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -33,10 +39,12 @@ class Committed:
         self._touchdown = touchdown
         self._pad: PadEstimate | None = None  # as last known
         self._misses_since = math.inf
+        self._watched_t = -math.inf  # the last velocity that was looked at
 
     def enter(self, step: ControlStep) -> None:
         """Begin to watch for contact."""
         self._touchdown.begin(step.now)
+        self._watched_t = step.now
         self._context.landed = Landed.UNDEFINED  # what was said of the air or another landing
         self._pad = None
         self._misses_since = math.inf
@@ -53,17 +61,9 @@ class Committed:
         context.note(relative)
         heave = relative.pad_velocity[2]
         age = step.now - context.estimator.sighting_t
-        # Leaning, at worst, and as low as its height may be.
-        clearance = context.foothold.clearance(relative, vehicle.tilt)
-        clearance -= 2.0 * math.sqrt(pad.covariance[2][2])
-        event = self._touchdown.step(
-            step.now,
-            vehicle.velocity[2] - heave,
-            context.orders.velocity[2] - heave,
-            age,
-            clearance,
-            context.landed,
-        )
+        clearance = _clearance(context, relative, vehicle, pad)
+        self._watch(heave)
+        event = self._touchdown.step(step.now, age, clearance, context.landed)
         if event is Event.CONTACT:
             context.foothold.touch(relative, pad.heading)
         if event is not None:
@@ -80,6 +80,16 @@ class Committed:
         descent = max(heave + self._touchdown.descent(vehicle.tilt), MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
+
+    def _watch(self, heave: float) -> None:
+        """Show the touch-down each velocity measured since the last control step.
+
+        After a step that came late, feet that have been down meanwhile are known from them.
+        """
+        ordered = self._context.orders.velocity[2] - heave
+        for t, velocity in self._context.estimator.velocities(self._watched_t):
+            self._touchdown.watch(t, velocity[2] - heave, ordered)
+            self._watched_t = t
 
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
         """Tell whether, as seen for some time now, it will not stand on the pad.
@@ -115,7 +125,8 @@ class Committed:
 class OnPad:
     """Goes with the pad and presses down until the autopilot knows that it has landed.
 
-    Once the vehicle stands still, level without thrust instead; then disarms. Sight plays no part.
+    Once the vehicle stands still, level without thrust instead; then disarms. Sight plays no part,
+    though until it stands still pictures are looked at.
     Only the gate ends this state. When the land detector stays silent, the pilot is told, the
     outcome is `touchdown_unconfirmed`, and the orders go on.
     """
@@ -168,6 +179,57 @@ class Standing:
         return None
 
 
+class Leaving:
+    """Climbs away from a pad that moves, as WAVING_OFF does, because landerd may not fly on.
+
+    Pressed down on it, thrust takes a second to come back. What stands still before that stays
+    there: it would be stopped just as it lifts, and tip over. What is told to climb and rests is on
+    the pad, also where contact had not been noticed yet.
+    """
+
+    def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
+        self._context = context
+        self._touchdown = touchdown
+        self._waving_off = WavingOff(context)
+        self._rests_since = math.inf  # neither sinks nor climbs
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin to climb."""
+        self._rests_since = math.inf
+        self._waving_off.enter(step)
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order the climb until it is over, or the vehicle stands."""
+        vehicle = self._context.estimator.fresh_vehicle(step.now)
+        rests = vehicle is not None and abs(vehicle.velocity[2]) < RESTS_MPS
+        self._rests_since = min(self._rests_since, step.now) if rests else math.inf
+        if vehicle is not None and step.now - self._rests_since >= RESTS_S:
+            self._note_contact(step.now, vehicle)
+        _level_due(self._context, self._touchdown, step, vehicle)
+        if self._touchdown.stands and step.now - self._rests_since >= STILL_S:
+            return Event.STANDS
+        return self._waving_off.order(step)
+
+    def _note_contact(self, now: float, vehicle: VehicleState) -> None:
+        context = self._context
+        pad = context.estimator.pad(now)
+        if pad is None:
+            return
+        relative = context.relative(vehicle, pad)
+        if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
+            return
+        if self._touchdown.touch(self._rests_since):
+            context.foothold.touch(relative, pad.heading)
+
+
+def _clearance(
+    context: LandingContext, relative: RelativeState, vehicle: VehicleState, pad: PadEstimate
+) -> float:
+    """Return the least that the lowest foot may be over the pad, m: leaning, as low as may be."""
+    at_worst = context.foothold.clearance(relative, vehicle.tilt)
+    return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
+
+
 def _stand_level(
     context: LandingContext, touchdown: Touchdown, step: ControlStep, *, released: bool = False
 ) -> bool:
@@ -180,20 +242,28 @@ def _stand_level(
         released: landerd may not fly on: what stands is pressed down no longer.
     """
     vehicle = context.estimator.fresh_vehicle(step.now)
-    sink_rate = slip = roll_pitch_rate = math.inf
-    north, east, _ = context.pad_velocity
-    if vehicle is not None:
-        v_north, v_east, sink_rate = vehicle.velocity
-        slip = math.hypot(v_north - north, v_east - east)
-        roll_pitch_rate = vehicle.roll_pitch_rate
-    level = touchdown.level_due(
-        step.now, sink_rate, slip, roll_pitch_rate, math.hypot(north, east), context.landed
-    )
+    level = _level_due(context, touchdown, step, vehicle)
     if vehicle is None:
         return False
     if not touchdown.stands:
-        context.foothold.slide(vehicle.velocity, context.pad_velocity, step.dt)
+        context.foothold.slide(vehicle.feet, context.pad_velocity, step.dt)
     if not (level or (released and touchdown.stands)):
         return False
     context.orders.stand_level(vehicle.yaw)
     return True
+
+
+def _level_due(
+    context: LandingContext, touchdown: Touchdown, step: ControlStep, vehicle: VehicleState | None
+) -> bool:
+    """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
+    down = sink_rate = slip = roll_pitch_rate = math.inf
+    north, east, _ = context.pad_velocity
+    if vehicle is not None:
+        down = vehicle.feet[2]
+        v_north, v_east, sink_rate = vehicle.velocity
+        slip = math.hypot(v_north - north, v_east - east)
+        roll_pitch_rate = vehicle.roll_pitch_rate
+    return touchdown.level_due(
+        step.now, down, sink_rate, slip, roll_pitch_rate, math.hypot(north, east), context.landed
+    )

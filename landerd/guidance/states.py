@@ -44,6 +44,7 @@ class Event(Enum):
     PAD_MISSED = "would touch beside the pad, or slide across it"
     HOLD_ASKED = "the pilot asks to hold after all, not touching yet"
     CLEAR_OF_PAD = "climbed away from the pad"
+    STANDS = "stands still on the pad, whatever was ordered"
     COMMITS = "just over the pad, and the touch-down will be good"
     CONTACT = "feet on the pad, or ON_GROUND said since commit"
     # Hand-backs to the pilot, who must have the switch low before landerd flies again:
@@ -115,6 +116,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     },
     State.LEAVING: {
         Event.CLEAR_OF_PAD: State.RELEASING,
+        # Before its thrust came back to climb with.
+        Event.STANDS: State.STANDING,
         Event.SILENCED: State.SILENT,
     },
     State.ON_PAD: {

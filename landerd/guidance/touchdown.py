@@ -22,6 +22,9 @@ MAX_BLIND_S = 0.95
 # No contact is believed with the lowest foot higher over the pad than this, m (design rule 4): a
 # gust or the air cushion over the plate slows the sinking too.
 MAX_CONTACT_HEIGHT_M = 0.10
+# ON_GROUND is believed so long after contact, s: ArduCopter's land detector takes 1 s at least.
+# What says it sooner is wrong, and to disarm on its word would be to fall.
+CONFIRMED_S = 0.5
 
 # ---- the descent onto the pad ------------------------------------------------------------------
 # From the first foot's touch to the last one's, in wind, s; and the fastest descent for that, m/s.
@@ -38,6 +41,8 @@ STILL_S = 0.3
 LEVEL_AT_LATEST_S = 2.5
 # What counts as standing still; chosen by trial with these.
 MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
+# over STILL_S it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
+SETTLES_M = 0.012
 PAD_SPEED_ERROR_SHARE = 0.05  # of a fast pad's speed may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet
 
@@ -72,6 +77,7 @@ class Touchdown:
         """Start at commit, at time now."""
         self._watch_from = now + ANSWER_S
         self._slow_since = self._still_since = math.inf
+        self._still_down = 0.0  # local z of the feet then, m
         self._contact_t: float | None = None
         self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
@@ -95,8 +101,6 @@ class Touchdown:
     def step(
         self,
         now: float,
-        sink_rate: float,
-        ordered: float,
         sighting_age: float,
         clearance: float,
         landed: Landed,
@@ -105,14 +109,13 @@ class Touchdown:
 
         Args:
             now: s.
-            sink_rate: measured, downward against the pad's heave, m/s.
-            ordered: the same of the last set-point, m/s.
             sighting_age: s since the exposure of the last accepted sighting.
             clearance: the least that the lowest foot may be over the pad as last known, m.
             landed: what the autopilot's land detector says.
         """
-        self._watch(now, sink_rate, ordered)
-        touches = landed is Landed.ON_GROUND or now - self._slow_since >= CONTACT_S
+        # What sinks as ordered is in the air, whatever is said of it.
+        says_so = landed is Landed.ON_GROUND and self.may_touch
+        touches = says_so or now - self._slow_since >= CONTACT_S
         if touches and clearance <= MAX_CONTACT_HEIGHT_M:
             self._contact_t = now
             return Event.CONTACT
@@ -121,9 +124,23 @@ class Touchdown:
         lost = begins_late or sighting_age > MAX_BLIND_S
         return Event.SIGHT_LOST if lost else None
 
-    def _watch(self, now: float, sink_rate: float, ordered: float) -> None:
-        slow = now >= self._watch_from and sink_rate < CONTACT_SINK_SHARE * ordered
-        self._slow_since = min(self._slow_since, now) if slow else math.inf
+    def watch(self, t: float, sink_rate: float, ordered: float) -> None:
+        """Take a measurement; called from commit on for each, and before `step`.
+
+        Args:
+            t: of the measurement, s.
+            sink_rate: downward against the pad's heave, m/s.
+            ordered: the same of the last set-point, m/s.
+        """
+        slow = t >= self._watch_from and sink_rate < CONTACT_SINK_SHARE * ordered
+        self._slow_since = min(self._slow_since, t) if slow else math.inf
+
+    def touch(self, t: float) -> bool:
+        """Take it that the feet have been down since t (s); tell whether that is news."""
+        is_news = self._contact_t is None
+        if is_news:
+            self._contact_t = t
+        return is_news
 
     @property
     def may_touch(self) -> bool:
@@ -132,14 +149,19 @@ class Touchdown:
 
     def disarm_due(self, now: float, landed: Landed) -> bool:
         """Tell whether the disarm command is to be sent now."""
-        if landed is not Landed.ON_GROUND or now - self._disarm_t < DISARM_EVERY_S:
+        if not self._confirmed(now, landed) or now - self._disarm_t < DISARM_EVERY_S:
             return False
         self._disarm_t = now
         return True
 
+    def _confirmed(self, now: float, landed: Landed) -> bool:
+        touched = self._contact_t is not None and now - self._contact_t >= CONFIRMED_S
+        return touched and landed is Landed.ON_GROUND
+
     def level_due(
         self,
         now: float,
+        down: float,
         sink_rate: float,
         slip: float,
         roll_pitch_rate: float,
@@ -156,22 +178,26 @@ class Touchdown:
 
         Args:
             now: s; called at every control step from contact on.
+            down: local z of the feet, m; infinity when not known.
             sink_rate: measured, downward, m/s; infinity when not known.
             slip: measured speed across the pad, m/s; infinity when not known.
             roll_pitch_rate: measured, rad/s; infinity when not known.
             pad_speed: horizontal, against which slip is measured, m/s.
             landed: what the autopilot's land detector says.
         """
-        self._watch(now, sink_rate, self._descent_mps)
+        self.watch(now, sink_rate, self._descent_mps)
         max_slip = MAX_SLIP_MPS + PAD_SPEED_ERROR_SHARE * pad_speed
         still = slip < max_slip and roll_pitch_rate < MAX_ROLL_PITCH_RATE
-        self._still_since = min(self._still_since, now) if still else math.inf
+        if not still:
+            self._still_since = math.inf
+        elif self._still_since == math.inf or down - self._still_down > SETTLES_M:
+            self._still_since, self._still_down = now, down
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         stands = waited > LEVEL_AFTER_S and now - self._still_since >= STILL_S
         late = stands or waited > LEVEL_AT_LATEST_S
         due = self._level or (late and landed is not Landed.ON_GROUND)
         self._level = due and now - self._slow_since >= CONTACT_S
-        self.stands = stands or self._level or landed is Landed.ON_GROUND
+        self.stands = stands or self._level or self._confirmed(now, landed)
         return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:

@@ -12,8 +12,8 @@ guidance.tracking: with them every row of `landerd campaign guidance` reaches wh
 import math
 from dataclasses import replace
 
-from landerd.config.models import Config
-from landerd.geometry import Vec3, add, clamp, rot_z, rotate
+from landerd.config.models import Config, LimitsSection
+from landerd.geometry import Vec3, add, clamp, rot_z, rotate, sub
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
 from landerd.messages import Phase
@@ -23,6 +23,9 @@ MIN_LEAD_S = 0.35  # the airframe, the link and what is seen are late too
 MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
 # 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.4.
 MAX_KP_PER_ACCELERATION = 1.0
+# The error from which on a swing about the pad asks for no more jerk than there is, m. With 0.45 m
+# vehicles of 2 m/s^3 swung over a moving pad for ever, not with 0.8.
+LINEAR_ERROR_M = 1.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
@@ -36,7 +39,6 @@ PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
 VERTICAL_LAG_S = 0.35
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
 SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
-REGION_MARGIN = 1.3  # times the error: how wide the region is to be where it sinks to
 
 # ---- heading -----------------------------------------------------------------------------------
 # Height over distance from which on the camera looks down on the pad (50 degrees below level), and
@@ -59,13 +61,16 @@ class TrackingMethod:
         """Take new gains and limits, and how the autopilot shapes velocities.
 
         ArduPilot's shaper asks for an acceleration of jerk / acceleration times what is missing of
-        the velocity: a first-order lag of acceleration / jerk, by which the errors are led. It
+        the velocity: a first-order lag of acceleration / jerk. Where the jerk suffices for a
+        quicker answer, a lead compensator makes it one; what lag is left the errors are led by. It
         bounds the gain, and the gain that of the integral.
         """
         options, vehicle = config.guidance, config.autopilot
         self._gains = options.tracking
         shaper_s = vehicle.acceleration_mps2 / vehicle.jerk_mps3
-        self._lead_s = max(shaper_s, MIN_LEAD_S) + options.tracking.lead_s
+        lag_s = min(shaper_s, _quickest_lag(vehicle.jerk_mps3, options.limits, shaper_s))
+        self._compensation = shaper_s / lag_s - 1.0
+        self._lead_s = max(lag_s, MIN_LEAD_S) + options.tracking.lead_s
         self._kp = min(
             options.tracking.kp,
             MAX_KP_LEAD / self._lead_s,
@@ -106,7 +111,21 @@ class TrackingMethod:
             v[1] + k * east + self._integral[1],
             relative.heave + self._sink_rate(relative, floor_m),
         )
-        return velocity, self._yaw_rate(relative)
+        return self._compensated(velocity, relative), self._yaw_rate(relative)
+
+    def _compensated(self, velocity: Vec3, relative: RelativeState) -> Vec3:
+        """Return the order that a vehicle slower than it need be answers as one that is not.
+
+        It asks for more of what is missing of the velocity, but not for a faster approach.
+        """
+        north, east, down = velocity
+        pad_north, pad_east, _ = relative.pad_velocity
+        has = sub(relative.pad_velocity, relative.error_rate)
+        north += self._compensation * (north - has[0]) - pad_north
+        east += self._compensation * (east - has[1]) - pad_east
+        most = self._gains.approach_mps + MAX_INTEGRAL_MPS
+        k = min(1.0, most / max(math.hypot(north, east), most))
+        return pad_north + k * north, pad_east + k * east, down
 
     def _smoothed(self, relative: RelativeState, dt: float) -> RelativeState:
         """Return the same with the pad's level velocity smoothed.
@@ -141,7 +160,7 @@ class TrackingMethod:
     def _sink_rate(self, relative: RelativeState, floor_m: float) -> float:
         """Return the downward speed relative to the pad, m/s."""
         ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
-        off = REGION_MARGIN * max(ahead, relative.distance) + 2.0 * relative.sigma_m
+        off = max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
         height = relative.height - VERTICAL_LAG_S * max(0.0, relative.error_rate[2] * -1.0)
         brake = self._gains.descent_brake_mps2
@@ -163,6 +182,17 @@ class TrackingMethod:
         max_rate = math.radians(self._limits.yaw_rate_deg_s)
         turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), error)
         return clamp(relative.pad_turn_rate + turn, -max_rate, max_rate)
+
+
+def _quickest_lag(jerk: float, limits: LimitsSection, shaper_s: float) -> float:
+    """Return the shortest lag, s, of a first order that the jerk suffices for.
+
+    With errors led by the lag, a gain of MAX_KP_LEAD over it makes poles of magnitude w =
+    sqrt(MAX_KP_LEAD) / lag; a swing of LINEAR_ERROR_M at w takes a jerk of w^3 times it. Set-points
+    within the limit of acceleration ask for no more than that over the shaper's own lag.
+    """
+    jerk = min(jerk, limits.acceleration_mps2 / shaper_s)
+    return math.sqrt(MAX_KP_LEAD) * math.cbrt(LINEAR_ERROR_M / jerk)
 
 
 def _error_ahead(relative: RelativeState, lead_s: float) -> tuple[float, float]:

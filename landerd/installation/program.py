@@ -18,7 +18,7 @@ OPT = Path("/opt/landerd")
 VENV = OPT / "venv"
 PROGRAM = VENV / "bin" / "landerd"
 _SOURCE_SUM = OPT / "source.sha256"  # of what the environment was filled from
-_PARTS = ("landerd", "hw", "config", "systemd", "pyproject.toml")  # of a checkout
+_PARTS = ("landerd", "hw", "config", "systemd", "ardupilot", "pyproject.toml")  # of a checkout
 
 
 def is_installed_copy() -> bool:

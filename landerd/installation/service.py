@@ -99,6 +99,14 @@ def uninstall_steps(root: Path) -> list[Step]:
     return steps
 
 
+def parameter_file(board: str) -> Path:
+    """Return the file of ArduCopter's parameters for a board, names of 4.5 and 4.6."""
+    package = Path(__file__).parents[1]
+    packaged = package / "ardupilot_files"
+    folder = packaged if packaged.is_dir() else package.parent / "ardupilot"
+    return folder / f"{board}.param"
+
+
 def refuse_while_it_runs() -> None:
     """Raise InstallError while the service runs: it may be flying."""
     if not _systemd_runs():

@@ -17,7 +17,7 @@ from landerd.messages import (
 from landerd.ports import Autopilot, DeviceLost
 from landerd.preflight.finding import Finding
 from landerd.preflight.link import GARBLED, NO_LINK, SILENT, link_kind
-from landerd.preflight.parameters import judged_parameters, parameter_findings
+from landerd.preflight.parameters import asked_parameters, parameter_findings
 
 AUTOPILOT_S = 6.0  # how long it is listened to
 CLOCK_S = 0.01  # warned of from here on: at 30 degrees a second 0.3 degrees of attitude
@@ -43,7 +43,7 @@ class AutopilotCheck:
             autopilot: closed.
             others: set when the link is no longer needed: a gimbal may be behind it.
         """
-        names = list(judged_parameters(self._config))
+        names = asked_parameters(self._config)
         tasks: set[asyncio.Task[Any]] = set()
         try:
             await autopilot.open()

@@ -1,60 +1,72 @@
 """What in the autopilot's parameters would fight landerd (docs/ardupilot.md)."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from landerd.config.models import Config
+from landerd.guidance.sink_rate import unstopped_height
 from landerd.preflight.finding import Finding
 
 # ArduCopter 4.7 has the second for the first: a mask of what is left out for one of what is done.
-_SUCCESSORS = {"ARMING_CHECK": "ARMING_SKIPCHK"}
+SUCCESSORS = {"ARMING_CHECK": "ARMING_SKIPCHK"}
+# How the autopilot shapes velocities, by their names up to 4.6, in 4.7.0 and in what came after it;
+# with what makes m/s^2 of them. Before 4.2 there was no such jerk.
+_JERKS = ("PSC_JERK_XY", "PSC_JERK_NE", "PSC_NE_JERK")
+_ACCELERATIONS = {"WPNAV_ACCEL": 0.01, "WP_ACC": 1.0}
+LONGEST_TIMEOUT_S = 1.0  # of the autopilot's, after which it stops by itself
+# Acceleration over jerk, s: how late a velocity is answered. In the simulator a landing on a pad of
+# 5 m/s took 14 s at 0.5 s, 15 s at 0.8, 19 s at 1.3 and 28 s at 2.1.
+LATEST_S = 0.8
 
 
 @dataclass(frozen=True)
-class _Rule:
+class Rule:
+    """What a parameter must be, what is said where it is not so, and the value to set."""
+
     good: Callable[[float], bool]
     level: Literal["warn", "fail"]
     why: str
-    mend: str
+    best: float
 
 
-def judged_parameters(config: Config) -> Mapping[str, _Rule]:
-    """Return the autopilot's parameters that are judged, by name (docs/ardupilot.md)."""
-    option = f"RC{config.rc.gate_channel}_OPTION"
+def judged_parameters(config: Config) -> Mapping[str, Rule]:
+    """Return the autopilot's parameters that are judged alone, by name, those of 4.7 too."""
     rules = {
-        option: _Rule(
-            lambda v: v == 0, "fail",
-            "landerd's switch would do something else too", f"set {option} 0",
+        f"RC{config.rc.gate_channel}_OPTION": Rule(
+            lambda v: v == 0, "fail", "landerd's switch would do something else too", 0.0
         ),
-        "GUID_TIMEOUT": _Rule(
-            lambda v: v <= 1.5, "warn",
-            "the last velocity is flown on so many seconds when landerd dies",
-            "set GUID_TIMEOUT 1",
+        "GUID_TIMEOUT": Rule(
+            lambda v: v <= LONGEST_TIMEOUT_S, "fail",
+            "the last velocity is flown on so many seconds when landerd dies", LONGEST_TIMEOUT_S,
         ),
-        "WP_YAW_BEHAVIOR": _Rule(
+        "WP_YAW_BEHAVIOR": Rule(
             lambda v: v == 0, "warn",
-            "the nose turns into the direction of travel, away from the pad's heading",
-            "set WP_YAW_BEHAVIOR 0",
+            "the nose turns into the direction of travel, away from the pad's heading", 0.0,
         ),
-        "FS_THR_ENABLE": _Rule(
-            lambda v: v != 0, "warn", "nothing happens when the transmitter is lost",
-            "set FS_THR_ENABLE 1",
+        # Without it ArduPilot goes on telling the last pulses, as fresh as ever.
+        "FS_THR_ENABLE": Rule(
+            lambda v: v != 0, "fail",
+            "with the transmitter lost your switch stays high for landerd, which flies on", 1.0,
         ),
-        "ARMING_CHECK": _Rule(
-            lambda v: v != 0, "warn", "the autopilot arms whatever is wrong with it",
-            "set ARMING_CHECK 1",
+        "ARMING_CHECK": Rule(
+            lambda v: v != 0, "warn", "the autopilot arms whatever is wrong with it", 1.0
         ),
-        "ARMING_SKIPCHK": _Rule(
-            lambda v: v == 0, "warn", "the autopilot arms although something is wrong with it",
-            "set ARMING_SKIPCHK 0",
+        "ARMING_SKIPCHK": Rule(
+            lambda v: v == 0, "warn", "the autopilot arms although something is wrong with it", 0.0
         ),
     }  # fmt: skip
     if config.guidance.output == "landing_target":
         for name in ("PLND_ENABLED", "PLND_TYPE"):
             why = "ArduPilot does not use landerd's targets"
-            rules[name] = _Rule(lambda v: v == 1, "fail", why, f"set {name} 1")
+            rules[name] = Rule(lambda v: v == 1, "fail", why, 1.0)
     return rules
+
+
+def asked_parameters(config: Config) -> list[str]:
+    """Return the names of all parameters that `parameter_findings` looks at."""
+    return [*judged_parameters(config), *_ACCELERATIONS, *_JERKS]
 
 
 def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Finding]:
@@ -64,9 +76,12 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
     for name, rule in rules.items():
         if name in values and not rule.good(values[name]):
             what = f"{name} is {values[name]:g}: {rule.why}"
-            found.append(Finding(rule.level, "parameters", what, rule.mend))
-    told = {*values, *(old for old, new in _SUCCESSORS.items() if new in values)}
-    told |= {new for old, new in _SUCCESSORS.items() if old in values}
+            if name == "GUID_TIMEOUT":
+                what += _where_it_strikes(config, values[name])
+            found.append(Finding(rule.level, "parameters", what, f"set {name} {rule.best:g}"))
+    found += _shaping(config, values)
+    told = {*values, *(old for old, new in SUCCESSORS.items() if new in values)}
+    told |= {new for old, new in SUCCESSORS.items() if old in values}
     missing = [name for name in rules if name not in told]
     if missing:
         what = f"the autopilot did not tell {', '.join(missing)}"
@@ -78,3 +93,23 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
             f"{len(rules.keys() & values.keys())} looked at, none fights landerd",
         )
     ]
+
+
+def _where_it_strikes(config: Config, timeout_s: float) -> str:
+    """Say below which height it comes to the ground, with a timeout and with a good one."""
+    deceleration = config.guidance.limits.vertical_acceleration_mps2
+    now, then = (unstopped_height(t, deceleration) for t in (timeout_s, LONGEST_TIMEOUT_S))
+    return f", below {now:.1f} m to the ground (with {LONGEST_TIMEOUT_S:g} s below {then:.1f} m)"
+
+
+def _shaping(config: Config, values: Mapping[str, float]) -> list[Finding]:
+    """Return what is wrong with how the autopilot shapes velocities."""
+    told = [unit * values[name] for name, unit in _ACCELERATIONS.items() if name in values]
+    acceleration = next((a for a in told if a > 0.0), config.autopilot.acceleration_mps2)
+    for name in _JERKS:
+        jerk = values.get(name, 0.0)
+        if jerk > 0.0 and (late_s := acceleration / jerk) > LATEST_S:
+            what = f"{name} is {jerk:g}: velocities are answered {late_s:.1f} s late: slow landings"
+            mend = f"set {name} {max(5, math.ceil(acceleration / LATEST_S))}"
+            return [Finding("warn", "parameters", what, mend)]
+    return []

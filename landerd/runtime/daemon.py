@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 import cv2
 import numpy as np
@@ -49,6 +49,7 @@ from landerd.pad import PadLayout
 from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
 from landerd.runtime.frozen import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
+from landerd.runtime.observer import Observer
 from landerd.vision import Detectors, Vision
 from landerd.worker import JobHangs, Worker
 
@@ -63,6 +64,8 @@ IDLE_S = 0.1  # how often it is looked whether pictures are needed again
 LAST_ORDERS_S = 4.5  # longest that landerd takes to end: a wave-off (1 s), then stop orders (3 s)
 SEARCH_S = 1.0  # a search that takes longer hangs; what it found would be too old long before
 BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
+ARRIVALS_HZ = 300.0  # no device sends more messages
+CATCH_UP_S = 3.0  # what came before that is of no use any more
 AWAY_S = 60.0  # how often it is said again that a device is away
 
 
@@ -77,22 +80,6 @@ class Devices:
 
 class CoreFailed(Exception):
     """The core raised an exception; the vehicle was stopped, and only a new process may fly."""
-
-
-class Observer(Protocol):
-    """Sees all that happens and changes nothing: the flight log, a progress line."""
-
-    def on_flight(self, lander: Lander) -> None:
-        """A flight begins, with a core that knows of no other."""
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """A frame was searched."""
-
-    def on_vision_reset(self) -> None:
-        """Vision begins anew: a search failed, or hung."""
-
-    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """The core took a message and gave commands."""
 
 
 class Daemon:
@@ -159,6 +146,8 @@ class Daemon:
         """
         devices = self._devices
         self._observe(lambda observer: observer.on_flight(self.lander))
+        if self._worker is not None:  # on the wall's clock
+            self.monitor.look_on()
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._control())
@@ -169,6 +158,7 @@ class Daemon:
             failures, _ = group.split(CoreFailed)
             raise failures.exceptions[0] if failures is not None else group from None
         finally:
+            self.monitor.close()
             if self._worker is not None:
                 self._worker.close()
         raise AssertionError("tasks run for ever")
@@ -271,7 +261,7 @@ class Daemon:
         while True:
             due = max(due + period, loop.time())
             await asyncio.sleep(due - loop.time())
-            self.monitor.woke(due)
+            await _catch_up(self.monitor.woke(due))
             now = loop.time()
             if now - beat >= HEARTBEAT_S:
                 beat = now
@@ -448,6 +438,16 @@ class Daemon:
         if now - self._logged.get(kind, -math.inf) >= 1.0:
             self._logged[kind] = now
             log.warning("%s: %s (%d so far)", kind, detail, self.faults[kind])
+
+
+async def _catch_up(gap_s: float) -> None:
+    """Let the device tasks take what has arrived while the loop was held up for so long.
+
+    What came in meanwhile is fresh: the core must not find it stale, and stop or climb for it. The
+    loop may take no more than one datagram of a link in each of its turns.
+    """
+    for _ in range(math.ceil(min(gap_s, CATCH_UP_S) * ARRIVALS_HZ)):
+        await asyncio.sleep(0.0)
 
 
 def _tell_frame(frame: Frame, prior: Prior, sightings: Sightings, observer: Observer) -> None:

@@ -18,7 +18,7 @@ from landerd.messages import (
     Tick,
 )
 from landerd.pad import PadLayout
-from landerd.runtime.daemon import Observer
+from landerd.runtime.observer import Observer
 from landerd.vision import Vision
 
 VISION_LATENCY_S = 0.1  # from exposure to the sighting, on a small board

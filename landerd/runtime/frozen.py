@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.messages import Attitude, GimbalState, Input
+from landerd.messages import Attitude, GimbalState, Input, LocalPosition
 
 # Reports in a row that all differ: what never repeated itself for so long is frozen when it does.
 # Coarse angles, and what stands still without noise, repeat themselves before.
 RESTLESS_REPORTS = 100
+Report = Attitude | LocalPosition | GimbalState
 SOME_ROWS = 32  # pictures are compared in one row of so many first
 
 
@@ -22,7 +23,7 @@ class FrozenInput:
 
     def repeats(self, message: Input) -> bool:
         """Tell whether a message is the last of its kind with another time."""
-        if not isinstance(message, Attitude | GimbalState):
+        if not isinstance(message, Report):
             return False
         return self._reports.setdefault(type(message), _Reports()).repeats(message)
 
@@ -38,11 +39,11 @@ class _Reports:
     """Of one kind."""
 
     def __init__(self) -> None:
-        self._last: Attitude | GimbalState | None = None
+        self._last: Report | None = None
         self._restless = 0  # so many in a row have differed
         self._may_repeat = False  # it has repeated itself before it was known to be restless
 
-    def repeats(self, message: Attitude | GimbalState) -> bool:
+    def repeats(self, message: Report) -> bool:
         last, self._last = self._last, message
         if last is None or replace(last, t=message.t) != message:
             self._restless += 1

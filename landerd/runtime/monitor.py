@@ -1,16 +1,23 @@
-"""Watches that nothing holds up the event loop."""
+"""Watches that nothing holds up the event loop, and says what did."""
 
 import asyncio
 import logging
 import math
+import sys
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
 
 log = logging.getLogger("landerd")
 
 GAP_S = 0.05  # without the loop for longer than this a set-point is late (rule 3)
 LOG_EVERY_S = 1.0  # each place is logged at most so often
+BUSY = "elsewhere, or the computer was busy"
+_LOOKS_S = 0.5 * GAP_S
+_ROOT = Path(__file__).resolve().parents[2]  # where landerd and hw are
 
 
 class LoopMonitor:
@@ -26,6 +33,18 @@ class LoopMonitor:
         self.longest_s = 0.0
         self._told_t = 0.0  # until then all gaps are counted
         self._logged: dict[str, float] = {}
+        self._onlooker: _Onlooker | None = None
+
+    def look_on(self) -> None:
+        """Let a thread look, while the loop is held up, at what the loop's thread is doing."""
+        self._onlooker = _Onlooker(asyncio.get_running_loop())
+        self._onlooker.start()
+
+    def close(self) -> None:
+        """End the thread; safe to call without one."""
+        if self._onlooker is not None:
+            self._onlooker.over.set()
+            self._onlooker = None
 
     @contextmanager
     def at(self, place: str) -> Iterator[None]:
@@ -38,11 +57,19 @@ class LoopMonitor:
             if loop.time() - began > GAP_S:
                 self._note(place, began, loop.time())
 
-    def woke(self, due: float) -> None:
-        """Say that a task that was due then (loop time, s) has its turn now."""
+    def woke(self, due: float) -> float:
+        """Say that a task that was due then (loop time, s) has its turn now.
+
+        Returns:
+            The gap, s; 0 if there was none.
+        """
         now = asyncio.get_running_loop().time()
-        if now - due > GAP_S and due > self._told_t - GAP_S:
-            self._note("elsewhere, or the computer was busy", due, now)
+        seen = self._onlooker.turned(now) if self._onlooker is not None else None
+        if now - due <= GAP_S:
+            return 0.0
+        if due > self._told_t - GAP_S:
+            self._note(seen or BUSY, due, now)
+        return now - due
 
     def _note(self, place: str, began: float, ended: float) -> None:
         self.gaps[place] += 1
@@ -52,3 +79,42 @@ class LoopMonitor:
             self._logged[place] = ended
             gap_ms = 1e3 * (ended - began)
             log.warning("held up for %.0f ms: %s (%d so far)", gap_ms, place, self.gaps[place])
+
+
+class _Onlooker(threading.Thread):
+    """Looks at the loop's thread when the loop has not turned for longer than GAP_S.
+
+    Attributes:
+        over: set it to end the thread.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Called in the loop's thread."""
+        super().__init__(name="onlooker", daemon=True)
+        self.over = threading.Event()
+        self._loop = loop
+        self._watched = threading.get_ident()
+        self._turned_t = math.inf
+        self._seen: str | None = None
+
+    def turned(self, now: float) -> str | None:
+        """Say that the loop turns now (s); return where it was seen since the last time."""
+        seen, self._seen = self._seen, None
+        self._turned_t = now
+        return seen
+
+    def run(self) -> None:
+        """Look again and again until it is over."""
+        while not self.over.wait(_LOOKS_S):
+            if self._loop.time() - self._turned_t > GAP_S:
+                self._seen = _place(sys._current_frames().get(self._watched)) or self._seen
+
+
+def _place(frame: FrameType | None) -> str | None:
+    """Return the innermost place in landerd's own code; None where the loop only waits."""
+    while frame is not None and frame.f_code.co_name != "_run_once":
+        file = Path(frame.f_code.co_filename)
+        if file.is_relative_to(_ROOT):
+            return f"{file.relative_to(_ROOT)}:{frame.f_lineno} {frame.f_code.co_name}"
+        frame = frame.f_back
+    return None

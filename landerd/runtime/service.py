@@ -4,8 +4,8 @@ import logging
 import os
 import socket
 
-from landerd.lander import Lander
-from landerd.messages import Command, Frame, Input, PhaseChange, Prior, Sightings, Tick
+from landerd.messages import Command, Input, PhaseChange, Tick
+from landerd.runtime.observer import Observer
 
 ALIVE_EVERY_S = 0.5  # well inside the unit's WatchdogSec
 
@@ -42,20 +42,14 @@ def log_to_stderr() -> None:
     logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 
-class ServiceNotifier:
-    """An observer fed by the control task: when that hangs, so does the watchdog's food."""
+class ServiceNotifier(Observer):
+    """Fed by the control task: when that hangs, so does the watchdog's food.
+
+    Frames do not matter here: a daemon without a camera is alive.
+    """
 
     def __init__(self) -> None:
         self._fed_t: float | None = None
-
-    def on_flight(self, lander: Lander) -> None:
-        """A new flight changes nothing here."""
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
-        """Frames do not matter here: a daemon without a camera is alive."""
-
-    def on_vision_reset(self) -> None:
-        """Nor does this."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Pass changes of phase on, and feed the watchdog with ticks."""

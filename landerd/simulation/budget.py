@@ -14,7 +14,6 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from landerd.config.files import Loaded
-from landerd.lander import Lander
 from landerd.messages import (
     AutopilotMessage,
     Command,
@@ -35,6 +34,7 @@ from landerd.messages import (
 from landerd.ports import GimbalTraits
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
 from landerd.vision import Vision
 
@@ -118,18 +118,8 @@ def _switch_low_before(t: float, message: AutopilotMessage) -> AutopilotMessage:
     return dataclasses.replace(message, channels_us=(1000,) * len(message.channels_us))
 
 
-class _Observer:
-    def on_flight(self, lander: Lander) -> None: ...
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None: ...
-
-    def on_vision_reset(self) -> None: ...
-
-    def on_step(self, now: float, message: Input, commands: list[Command]) -> None: ...
-
-
 @dataclass
-class _Kept(_Observer):
+class _Kept(Observer):
     """All that came in during a flight."""
 
     frames: list[tuple[Frame, Prior]] = field(default_factory=list)
@@ -148,7 +138,7 @@ class _Kept(_Observer):
 
 
 @dataclass
-class _Times(_Observer):
+class _Times(Observer):
     """How long after its coming each picture was followed by a set-point."""
 
     after: list[float] = field(default_factory=list)

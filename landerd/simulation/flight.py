@@ -37,11 +37,13 @@ from landerd.flightlog.recorder import Recorder
 from landerd.pad import PadLayout, load_pad
 from landerd.ports import ByteLink
 from landerd.runtime.clock import run_realtime, run_virtual
-from landerd.runtime.daemon import Daemon, Devices, Observer
+from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.observer import Observer
 from landerd.simulation.companion import Companion
 from landerd.simulation.drawn import seed_draws
 from landerd.simulation.faults import Faults
 from landerd.simulation.judge import Judge
+from landerd.simulation.path import path_of
 from landerd.simulation.process import (
     BreakableDaemon,
     BreakableLink,
@@ -291,9 +293,9 @@ class Simulation:
         ended_t = self.process.over_t
         if ended_t is not None and now > ended_t + AFTER_END_S:
             return True
-        over_t = self.score.disarm_t
         if self.ends_at_contact and self.score.contact is not None:
-            over_t = self.score.contact.t
+            return True  # from here on ground and pad go different ways
+        over_t = self.score.disarm_t
         if over_t is None:
             return False
         return bool(self.daemon.lander.outcome) or now > over_t + AFTER_LANDING_S
@@ -340,6 +342,7 @@ def simulate(
     log: Path | None = None,
     progress: Callable[[str], None] | None = None,
     watch: Callable[[Daemon], None] | None = None,
+    with_path: bool = False,
 ) -> dict[str, Any]:
     """Fly one landing and return the object that `landerd sim --json` prints.
 
@@ -353,6 +356,7 @@ def simulate(
         log: where to record it.
         progress: is told a line now and again.
         watch: is given the daemon before it runs, and may observe it.
+        with_path: the result has `path`, for figures (landerd.simulation.path).
 
     Raises:
         CalibrationError: the camera's calibration cannot be used.
@@ -376,6 +380,8 @@ def simulate(
     result["sight"] = sim_options(loaded).sight
     result["world"] = simulation.drawn
     result["infeasible"] = infeasible(sim_options(loaded))
+    if with_path:
+        result["path"] = path_of(simulation.recording, simulation.score.first_sighting_t)
     result["not_written"] = simulation.not_written(picture, result)
     result["wall_s"] = time.perf_counter() - started
     return result

@@ -9,6 +9,7 @@ from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import LONGEST_S, Simulation
+from landerd.simulation.path import path_of
 from landerd.simulation.result import result_of
 
 APPROACH_M = 1.6  # an approach has succeeded within this of the pad, level,
@@ -76,7 +77,13 @@ _PARTS: dict[Part, Callable[[], _Approach | _Turn]] = {"approach": _Approach, "t
 
 
 def simulate_part(
-    loaded: Loaded, part: Part, scenario: str, seed: int, *, longest_s: float = LONGEST_S
+    loaded: Loaded,
+    part: Part,
+    scenario: str,
+    seed: int,
+    *,
+    longest_s: float = LONGEST_S,
+    with_path: bool = False,
 ) -> dict[str, Any]:
     """Fly a part of a landing; return what `landerd sim --json` prints, as far as it has a meaning.
 
@@ -111,6 +118,7 @@ def simulate_part(
     reached = first is not None and reached_t is not None
     return {
         **result,
+        **({"path": path_of(simulation.recording, first)} if with_path else {}),
         "landed": reached,
         "outcome": "reached" if reached else f"{part} not reached",
         "time_s": reached_t - first if first is not None and reached_t is not None else None,

@@ -10,7 +10,8 @@ from landerd.lander import Lander
 from landerd.messages import Command, Frame, Input, Prior, Sightings, Tick
 from landerd.pad import PadLayout
 from landerd.ports import ByteLink
-from landerd.runtime.daemon import SEARCH_S, CoreFailed, Daemon, Devices, Observer
+from landerd.runtime.daemon import SEARCH_S, CoreFailed, Daemon, Devices
+from landerd.runtime.observer import Observer
 from landerd.simulation.companion import Companion, stand_still
 from landerd.vision import Detectors, Vision
 

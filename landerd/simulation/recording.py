@@ -20,18 +20,22 @@ from landerd.messages import (
     Sightings,
     Tick,
 )
+from landerd.runtime.observer import Observer
 
 SAMPLE_S = 0.1
 KNOWN_AFTER_S = 2.0  # from the first sighting to when the pad's velocity is to be known
 
 
-class Recording:
+class Recording(Observer):
     """An observer that keeps what the result and the picture need.
 
     Attributes:
         began: when the flight began, s on the loop's clock.
         camera_model: intrinsics of the pictures.
         samples: where vehicle and pad were.
+        headings: how far off the pad's heading was with every sample, rad.
+        in_camera: the landing point in the camera's frame, m, as last seen with every sample;
+            None: not since the one before.
         phases: the changes of phase or reason, with their loop times.
         views: the first picture with a marker of each phase, with its time from the beginning.
         progress: is told a line with every sample.
@@ -63,6 +67,8 @@ class Recording:
         self.began = world.t
         self.camera_model = camera_model
         self.samples: list[Sample] = []
+        self.headings: list[float] = []
+        self.in_camera: list[Vec3 | None] = []
         self.phases: list[tuple[float, PhaseChange]] = []
         self.views: dict[Phase, tuple[float, Frame, Sightings]] = {}
         self.progress: Callable[[str], None] | None = None
@@ -76,6 +82,7 @@ class Recording:
         self._gimbal_angles = gimbal_angles
         self._start_pad = world.pad
         self._sampled_t = -math.inf
+        self._last_seen: Vec3 | None = None
         self._lander: Lander | None = None
 
     @property
@@ -96,12 +103,11 @@ class Recording:
             x, y, z = looked_at.solutions[0].position
             model = self.camera_model
             self.off_centre_px.append(math.hypot(model.fx * x / z, model.fy * y / z))
+        if sightings.pad:
+            self._last_seen = sightings.pad[0].position
         phase = self.lander.phase
         if self._has_pictures and sightings.markers and phase not in self.views:
             self.views[phase] = (frame.t - self.began, frame, sightings)
-
-    def on_vision_reset(self) -> None:
-        """Nothing to keep of it."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Sample the truth, note changes of phase."""
@@ -145,6 +151,9 @@ class Recording:
         vehicle = self._from_start(world.footprint_centre)
         pad = self._from_start(world.pad.position)
         self.samples.append(Sample(flown_s, vehicle, pad, lander.phase))
+        self.headings.append(world.heading_error)
+        self.in_camera.append(self._last_seen)
+        self._last_seen = None
         if self.progress is not None:
             distance = math.hypot(*world.offset)
             self.progress(

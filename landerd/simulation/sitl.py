@@ -7,6 +7,7 @@ vehicle. With a take-off height a fake ground station does what a pilot would do
 import asyncio
 import contextlib
 import gc
+import math
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -20,16 +21,18 @@ from hw.sim.stand_in.shared_link import SharedLink
 from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.drivers import gimbal_speaks_over
+from landerd.geometry import add, scale, sub
+from landerd.guidance.pilot_texts import HOLDING_OVER
 from landerd.pad import load_pad
 from landerd.ports import DeviceLost
 from landerd.runtime.clock import SlavedLoop, run_slaved
 from landerd.simulation.flight import LONGEST_S, Simulation, as_coroutine
 from landerd.simulation.result import result_of
 from landerd.simulation.surroundings import (
-    GATE_OPENS_S,
     WALL_JITTER_S,
     Surroundings,
     beyond_pad,
+    open_gate,
     speed_on_the_way,
 )
 
@@ -37,10 +40,11 @@ CONNECTS_S = 10.0
 REPORTS_S = 90.0  # ArduCopter needs 42 s from its start to a local origin
 TAKES_OFF_S = 120.0  # arming, take-off and the way to the start
 ON_THE_WAY_MPS = 5.0  # as the stand-in flies, and ArduCopter up to 4.1; newer ones would fly 10
+LANDS_FROM_M = 2.0  # from the pad, where LAND is ordered: within ArduPilot's PLND_XY_DIST_MAX
 ASK_S = 1.0
 REOPEN_S = 0.2
 _THROTTLE_CHANNEL = 3  # low to arm; in the air in the middle, or LOITER would sink
-_BOTTOM_US, _LOW_US, _MIDDLE_US, _HIGH_US = 1000, 1100, 1500, 1900
+_BOTTOM_US, _LOW_US, _MIDDLE_US = 1000, 1100, 1500
 
 Script = Callable[[Simulation], Awaitable[None]]
 
@@ -230,12 +234,33 @@ class SitlFlight:
 
     async def _send_off(self, world: SitlWorld, height_m: float) -> None:
         """Send the vehicle past the pad, as the stand-in's ground station does; open the gate."""
+        if self._loaded.config.guidance.output == "landing_target":
+            await self._let_it_land(world, height_m)
+            return
         beyond = beyond_pad(world)
         await self._ground_station.set_speed(speed_on_the_way(world) or ON_THE_WAY_MPS)
         if beyond is not None:
             self._ground_station.send_to((beyond[0], beyond[1], -height_m))
-        await asyncio.sleep(GATE_OPENS_S)
-        self._ground_station.set_rc(self._loaded.config.rc.gate_channel, _HIGH_US)
+        rc = self._loaded.config.rc
+        # ArduPilot does not send landerd's texts back on the link that they came by.
+        told: list[str] = []
+        self.simulation.rules.on_text.append(lambda t, text: told.append(text))
+        await open_gate(
+            lambda us: self._ground_station.set_rc(rc.gate_channel, us),
+            rc,
+            self._options.autopilot.hold_s,
+            lambda: any(HOLDING_OVER in text for text in told),
+        )
+
+    async def _let_it_land(self, world: SitlWorld, height_m: float) -> None:
+        """Bring the vehicle near the pad and order LAND: the autopilot itself lands on it."""
+        vehicle, pad = world.vehicle, world.pad.position
+        way = sub(vehicle.position, pad)
+        level = math.hypot(way[0], way[1])
+        near = add(pad, scale(way, min(1.0, LANDS_FROM_M / level))) if level > 0.0 else pad
+        await self._ground_station.set_speed(ON_THE_WAY_MPS)
+        await self._ground_station.bring_to((near[0], near[1], -height_m), vehicle.yaw)
+        await self._ground_station.set_mode(Mode.LAND)
 
     async def _finish(self) -> None:
         """Leave the vehicle on the ground with its motors off, ready for the next landing."""

@@ -14,8 +14,8 @@ from hw.sim.stand_in.copter import CopterParameters
 from hw.sim.stand_in.ekf import Ekf
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
-from hw.sim.stand_in.switch import GateSwitch, ObedientPilot
-from landerd.config.models import Config
+from hw.sim.stand_in.switch import HIGH_US, GateSwitch, ObedientPilot
+from landerd.config.models import Config, RcSection
 from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
 from landerd.guidance.pilot_texts import HOLDING_OVER
 
@@ -100,14 +100,34 @@ class StandIn:
         return jobs
 
     async def open_gate(self) -> None:
-        """Move the pilot's switch up, by way of its middle if the vehicle is to hold first."""
-        await asyncio.sleep(GATE_OPENS_S)
-        if self._hold_s > 0.0:
-            self.switch.move((self._rc.gate_threshold_us + self._rc.land_threshold_us) // 2)
-            while not any(HOLDING_OVER in t.text for t in self.ground_station.texts):
-                await asyncio.sleep(0.1)
-            await asyncio.sleep(self._hold_s)
-        self.switch.set(high=True)
+        """Move the pilot's switch up."""
+        texts = self.ground_station.texts
+        await open_gate(
+            self.switch.move,
+            self._rc,
+            self._hold_s,
+            lambda: any(HOLDING_OVER in t.text for t in texts),
+        )
+
+
+async def open_gate(
+    move: Callable[[int], None], rc: RcSection, hold_s: float, holds: Callable[[], bool]
+) -> None:
+    """Move the pilot's switch up, by way of its middle if the vehicle is to hold first.
+
+    Args:
+        move: the switch, to this pulse width, us.
+        rc: where its positions are.
+        hold_s: how long it holds; 0: not at all.
+        holds: tells whether landerd has said that it does.
+    """
+    await asyncio.sleep(GATE_OPENS_S)
+    if hold_s > 0.0:
+        move((rc.gate_threshold_us + rc.land_threshold_us) // 2)
+        while not holds():
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(hold_s)
+    move(HIGH_US)
 
 
 def link_faults(options: LinkOptions, delay_s: float, rng: Random) -> LinkFaults:

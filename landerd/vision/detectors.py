@@ -16,6 +16,7 @@ from landerd.vision.metering import Meter
 from landerd.vision.plate_check import PlateCheck
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
+from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import FoundSquare, Image, SquareFinder, printed_cells
 from landerd.vision.square_fit import SquarePrint
@@ -95,12 +96,15 @@ class PixelDetectors:
         }
         self._squares = SquareFinder(layout)
         self._codes = WhyCodeFinder(layout, camera)
+        self._response = CameraResponse()
 
     def track_ring(
         self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
     ) -> MarkerSighting | None:
         """See `whycon.track_ring`."""
-        return track_ring(image, ring, self._camera, position, normal, down=down)
+        return track_ring(
+            image, ring, self._camera, position, normal, down=down, response=self._response
+        )
 
     def find_rings(
         self,
@@ -123,6 +127,7 @@ class PixelDetectors:
             expected_diameter_px=expected_diameter_px,
             thorough=thorough,
             work=work,
+            response=self._response,
         )
 
     def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:

@@ -33,12 +33,15 @@ _INTO_BLACK, _INTO_WHITE = 0.27, 0.2
 _FINE_PX = 4.0
 _COARSE_ROUNDS, _FINE_ROUNDS = 1, 2
 _DESCENTS = 2  # steps to the edges of one round
+_SETTLED_PX = 0.1  # a round that moves the edges by less is the last
 _END = 5  # samples at either end of a band that tell black and white
 _LEAST_STEP = 6.0  # grey levels between black and white beside an edge
 # Over the white beside it: behind gamma a faded print's is two thirds, more where white is clipped.
 _MOST_BLACK, _MOST_BLACK_CLIPPED = 0.8, 0.92
 _CLIPPED = 240.0  # grey level
 _LEVEL_RAYS = 2  # to either side, of which black and white are medians
+_BESIDE = (np.arange(_RAYS)[:, None] + np.arange(-_LEVEL_RAYS, _LEVEL_RAYS + 1)) % _RAYS
+_BANDS, _RAY = np.ogrid[:2, :_RAYS]
 _SIGMA_PER_MAD = 1.4826
 _ROBUST_SIGMAS = 3.0
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
@@ -100,7 +103,7 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit
     pose, shift = start, 0.0
     radius_px = _radius_px(camera, ring, pose)
     for i in range(_COARSE_ROUNDS + _FINE_ROUNDS):
-        is_coarse = i < _COARSE_ROUNDS
+        is_coarse, before = i < _COARSE_ROUNDS, pose
         reach = 1.0 if is_coarse else min(1.0, _FINE_PX / (_INTO_WHITE * radius_px))
         edges = _edges(image, camera, ring, pose, reach)
         if edges is None or np.count_nonzero(edges.seen) < _MIN_RAYS:
@@ -113,7 +116,8 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit
         radius_px = _radius_px(camera, ring, pose)
         if not _MIN_RADIUS_PX < radius_px < 4.0 * max(image.shape):
             return None
-        if i == _COARSE_ROUNDS + _FINE_ROUNDS - 1:
+        is_last = i == _COARSE_ROUNDS + _FINE_ROUNDS - 1
+        if is_last or (not is_coarse and _moved_px(before, pose, radius_px, ring) < _SETTLED_PX):
             return _judged(image, camera, ring, pose, shift, noise, edges, equations)
     return None
 
@@ -123,6 +127,13 @@ def edge_cost(fit: EdgeFit, noise_px: float) -> float:
     u = (fit.residual / (_ROBUST_SIGMAS * noise_px)) ** 2
     robust = np.where(np.isnan(u), 1.0, u / (1.0 + u))
     return _ROBUST_SIGMAS**2 * float(robust.sum()) / fit.dependence
+
+
+def _moved_px(before: Pose, after: Pose, radius_px: float, ring: Ring) -> float:
+    """Return about how far the edges were moved in the image from one pose to another."""
+    way = (after[0] - before[0]) * (radius_px / ring.radius_m)
+    way[2] *= ring.radius_m / float(after[0][2])
+    return float(np.sqrt(way @ way))
 
 
 def _radius_px(camera: CameraModel, ring: Ring, pose: Pose) -> float:
@@ -190,16 +201,18 @@ def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float)
     share = np.clip((middle[:, None] - smooth[:, :-1]) / step, 0.0, 1.0)
     at = along[None, :-1, None] + share * (along[1] - along[0])
     off = np.where(rises, np.abs(at), np.inf)
-    nearest = off.argmin(axis=1)[:, None]
-    found = np.take_along_axis(at, nearest, axis=1)[:, 0]
-    is_edge = np.isfinite(np.take_along_axis(off, nearest, axis=1)[:, 0])
+    nearest = _BANDS, off.argmin(axis=1), _RAY
+    found = at[nearest]
+    is_edge = np.isfinite(off[nearest])
     in_image = inside.all(axis=1)
     most_black = np.where(white < _CLIPPED, _MOST_BLACK, _MOST_BLACK_CLIPPED) * white
     seen = is_edge & in_image & (white - black > _LEAST_STEP) & (black < most_black)
-    spacing = np.hypot(*np.moveaxis(px[:, -1] - px[:, 0], -1, 0)) / (_SAMPLES - 1)
-    slope = np.take_along_axis(step, nearest, axis=1)[:, 0] / np.maximum(spacing, 1e-3)
-    blurs = ((white - black) / slope)[seen] / math.sqrt(2.0 * math.pi)
-    blur, broad = np.percentile(blurs, (50, 75)).tolist() if seen.any() else (0.0, 0.0)
+    across = px[:, -1] - px[:, 0]
+    spacing = np.sqrt((across * across).sum(axis=-1)) / (_SAMPLES - 1)
+    slope = step[nearest] / np.maximum(spacing, 1e-3)
+    blurs = np.sort(((white - black) / slope)[seen]) / math.sqrt(2.0 * math.pi)
+    n = len(blurs)
+    blur, broad = (float(blurs[n // 2]), float(blurs[3 * n // 4])) if n else (0.0, 0.0)
     where = np.stack([R + found[0], r - found[1]])
     points = _points(ring, pose, where).reshape(-1, 3)
     rays = (points / points[:, 2:]).T.astype(np.float32)
@@ -210,8 +223,7 @@ def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float)
 
 def _beside(level: F64) -> F64:
     """Return levels (edges, rays), each the median of its neighbours."""
-    near = [np.roll(level, k, axis=1) for k in range(-_LEVEL_RAYS, _LEVEL_RAYS + 1)]
-    smooth: F64 = np.median(np.stack(near), axis=0)
+    smooth: F64 = np.partition(level[:, _BESIDE], _LEVEL_RAYS, axis=2)[:, :, _LEVEL_RAYS]
     return smooth
 
 
@@ -274,7 +286,8 @@ def _normal_equations(
     J[3:5] = (g.a[0] * g.rho[0])[None] * g.u[0, :2] / scale
     J[5] = -inwards
     off = np.abs(residual[edges.seen])
-    noise = max(least_noise, _SIGMA_PER_MAD * float(np.median(off)))
+    middle = len(off) // 2
+    noise = max(least_noise, _SIGMA_PER_MAD * float(np.partition(off, middle)[middle]))
     u = (residual / (_ROBUST_SIGMAS * noise)) ** 2
     weight = edges.seen / (1.0 + u) ** 2
     H = (J * weight) @ J.T / noise**2

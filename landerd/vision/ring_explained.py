@@ -7,6 +7,7 @@ edges with their larger covariance.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from landerd.pad import Ring
 from landerd.vision.ring_edges import EdgeFit, edge_cost, edge_fit
 from landerd.vision.ring_fit import RingFit, frontal_inflation
 from landerd.vision.ring_pixels import plane_axes
-from landerd.vision.ring_pose import F64, mirrored
+from landerd.vision.ring_pose import F64, Pose, mirrored
 
 U8 = NDArray[np.uint8]
 
@@ -69,15 +70,17 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
         image: grey image (height, width).
         camera: the lens.
         ring: its true size and ratio.
-        fits: to grey levels, best first, at least one.
+        fits: to grey levels, best first, at least one; if there is but one, the mirrored pose is
+            known to be none.
     """
     best = fits[0]
     found: list[EdgeFit] = []
-    for start in (
-        (best.position, best.normal),
-        mirrored(best.position, best.normal, ring.radius_m),
-    ):
-        edges = None if start is None else edge_fit(image, camera, ring, start)
+    starts = [(best.position, best.normal)]
+    other = mirrored(*starts[0], ring.radius_m)
+    if other is not None and len(fits) > 1:
+        starts.append(other)
+    for start in starts:
+        edges = edge_fit(image, camera, ring, start)
         if edges is not None:
             found.append(edges)
         # Under the wrong one of two poses half of the edges are in place, in texture few.
@@ -100,6 +103,18 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
         wider = [replace(f, covariance=dependence * f.covariance) for f in fits]
         return Explained(wider, toned)
     return Explained([_ring_fit(e, ring, camera, noise) for e in found], toned)
+
+
+def edge_fits(image: U8, camera: CameraModel, ring: Ring, starts: Sequence[Pose]) -> list[RingFit]:
+    """Return the fits to edges near expected poses, best first; empty if they are no ring's."""
+    found = [e for e in (edge_fit(image, camera, ring, s) for s in starts) if e is not None]
+    if not found:
+        return []
+    noise = min(e.noise_px for e in found)
+    found.sort(key=lambda e: edge_cost(e, noise))
+    if not is_ring_by_edges(found[0]):
+        return []
+    return [_ring_fit(e, ring, camera, noise) for e in found]
 
 
 def _is_shifted(e: EdgeFit) -> bool:

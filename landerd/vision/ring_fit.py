@@ -24,11 +24,13 @@ from landerd.vision.ring_model import (
     MIN_BLUR_PX,
     MOTION,
     RATIO,
+    RESPONSE,
     TILT,
     RingModel,
 )
 from landerd.vision.ring_pixels import F32, Pixels, plane_axes
 from landerd.vision.ring_pose import F64, Pose
+from landerd.vision.ring_response import RESPONSE_SIGMAS, bounded_response
 
 Mask = NDArray[np.bool_]
 
@@ -72,6 +74,10 @@ class RingFit:
     sigma_tilt: float  # rad
     ratio: float  # inner over outer diameter as the pixels have it
     sigma_ratio: float
+    response_chi2: float = 0.0  # by which it differs from a linear camera's
+    residual: F32 | None = None  # (n,), grey levels
+    response: F64 | None = None  # the camera's, as `ring_response` has it; None: not fitted
+    coherent: float = math.inf  # `ring_residuals.coherent_residual`, where it was worked out
     stage: str = "grey"  # fitted to grey levels; "edges": to the places of the edges alone
 
     @property
@@ -86,8 +92,8 @@ class _Estimate:
 
     t: F64  # (starts, 3), m
     normal: F64  # (starts, 3)
-    # (starts, rows - 1): blur, levels, motion and light as `RingModel` takes them. The columns of
-    # ratio and pose stay 0: the ratio is held, the pose is in t and normal.
+    # (starts, rows - 1): blur, levels, motion or response, and light as `RingModel` takes them.
+    # The columns of ratio and pose stay 0: the ratio is held, the pose is in t and normal.
     parameters: F64
 
 
@@ -123,6 +129,7 @@ def fit_ring(
     blur_px: float,
     steps: int,
     motion_px: Sequence[F64] | None = None,
+    response: F64 | None = None,
 ) -> list[RingFit]:
     """Return the fits from starts within about two pixels, best first; failed ones are left out.
 
@@ -134,11 +141,16 @@ def fit_ring(
         steps: at most.
         motion_px: a first path (2,) of the image during exposure for every start; None: the image
             stood still.
+        response: a first one (3,) of the camera's; None: it is linear.
     """
-    model = RingModel(pixels, starts[0][0], ring, motion_px)
+    model = RingModel(pixels, starts[0][0], ring, motion_px, has_response=response is not None)
     black, white = _levels(pixels.grey)
-    estimate = _first_estimate(model.rows, starts, (black, white), blur_px, motion_px)
-    prior = _prior(model.rows - 1, max(white, _LEAST_WHITE), model.is_moving)
+    estimate = _first_estimate(model.rows, starts, (black, white), blur_px)
+    if motion_px is not None:
+        estimate.parameters[:, MOTION] = motion_px
+    if response is not None:
+        estimate.parameters[:, RESPONSE] = response
+    prior = _prior(model.rows - 1, max(white, _LEAST_WHITE), model.is_moving, model.has_response)
     equations = _descended(model, prior, estimate, steps)
     return [] if equations is None else _ring_fits(model, estimate, equations)
 
@@ -179,19 +191,16 @@ def _first_estimate(
     starts: Sequence[Pose],
     levels: tuple[float, float],
     blur_px: float,
-    motion_px: Sequence[F64] | None,
 ) -> _Estimate:
     black, white = levels
     parameters = np.zeros((len(starts), rows - 1))
     parameters[:, BLUR : HEIGHTS.stop] = blur_px**2, white, white - black, black - white
-    if motion_px is not None:
-        parameters[:, MOTION] = motion_px
     t = np.array([position for position, _ in starts])
     return _Estimate(t, np.array([normal for _, normal in starts]), parameters)
 
 
 @lru_cache
-def _prior(rows: int, white: float, is_moving: bool) -> _Prior:
+def _prior(rows: int, white: float, is_moving: bool, has_response: bool) -> _Prior:
     """Return what is known of all rings.
 
     Paper is equally white inside and around: far away little is seen of the surroundings. Motion is
@@ -205,6 +214,8 @@ def _prior(rows: int, white: float, is_moving: bool) -> _Prior:
     held[-2:] += 1.0
     if is_moving:
         zero_mean[MOTION, MOTION] = 1e-3 * np.eye(2)
+    if has_response:
+        zero_mean[RESPONSE, RESPONSE] = np.diag(RESPONSE_SIGMAS**-2)
     damping = np.zeros(rows)
     damping[TILT] = 1.0 / _TILT_STEP**2
     return _Prior(zero_mean + np.diag(held), zero_mean, np.diag(damping))
@@ -215,15 +226,15 @@ def _normal_equations(
 ) -> _NormalEquations | None:
     """Return the normal equations about an estimate; None if they are not finite."""
     weight = model.pixels.weight
-    n = len(weight)
     t32, axes = plane_axes(estimate.t, estimate.normal)
     J = model.derivative(t32, axes, estimate.parameters, supersampled)
     residual = J[:, -1]
-    middle = np.partition(np.abs(residual), n // 2, axis=1)[:, n // 2]
-    noise = np.maximum(_SIGMA_PER_MAD * middle, _MIN_NOISE)
+    noise = np.maximum(_SIGMA_PER_MAD * _middle(residual, model.is_told), _MIN_NOISE)
     u = residual * (1.0 / (_ROBUST_SIGMAS * noise))[:, None]
     u *= u
     robust = weight / (1.0 + u) ** 2
+    if model.is_told is not None:
+        robust *= model.is_told
     products = ((J * robust[:, None]) @ J.transpose(0, 2, 1)).astype(np.float64)
     if not np.isfinite(products).all():
         return None
@@ -231,6 +242,19 @@ def _normal_equations(
     H = products[:, :-1, :-1] + variance[:, None] * prior.information
     b = products[:, :-1, -1] - variance * (estimate.parameters @ prior.zero_mean)
     return _NormalEquations(axes, J[:, :-1], residual, u, robust, noise, variance, products, H, b)
+
+
+def _middle(residual: F32, is_told: Mask | None) -> F32:
+    """Return the median of the sizes of residuals (starts, n) that tell anything, (starts,)."""
+    size = np.abs(residual)
+    n = size.shape[1]
+    if is_told is None:
+        return np.asarray(np.partition(size, n // 2, axis=1)[:, n // 2])
+    size[~is_told] = np.inf
+    counts = np.maximum(is_told.sum(axis=1), 1)
+    ordered = np.sort(size, axis=1)
+    middle: F32 = ordered[np.arange(len(size)), counts // 2]
+    return np.where(np.isfinite(middle), middle, np.float32(_EXPLAINED))
 
 
 def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _NormalEquations) -> F64:
@@ -244,6 +268,8 @@ def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _Norm
     p[:, BLUR] = np.minimum(np.maximum(p[:, BLUR], MIN_BLUR_PX**2), _MAX_BLUR_PX**2)
     if model.is_moving:
         p[:, MOTION] = np.clip(p[:, MOTION], -_MAX_MOTION_PX, _MAX_MOTION_PX)
+    if model.has_response:
+        p[:, RESPONSE] = bounded_response(p[:, RESPONSE])
     return reduction
 
 
@@ -316,6 +342,10 @@ def _ring_fit(
         model.pixels.rays[:2] - centre,
     )
     covariance += frontal_inflation(covariance, e @ t / np.linalg.norm(t))
+    response, chi2 = None, 0.0
+    if model.has_response:
+        response = parameters[RESPONSE].copy()
+        chi2 = float(response @ np.linalg.solve(scale * C[RESPONSE, RESPONSE], response))
     return RingFit(
         position=t,
         normal=estimate.normal[k],
@@ -331,6 +361,9 @@ def _ring_fit(
         sigma_tilt=math.sqrt(max(0.0, float(np.trace(covariance[3:, 3:])) / 2.0)),
         ratio=model.ring.inner_ratio + float(C[RATIO] @ equations.b[k]) / radius,
         sigma_ratio=math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius,
+        residual=equations.residual[k],
+        response=response,
+        response_chi2=chi2,
     )
 
 

@@ -4,17 +4,19 @@ The model of a pixel: its ray meets the pad's plane at a distance rho from the r
 edges at rho = r_i and r_o are steps between three grey levels, blurred by a Gaussian and, where
 asked for, by straight motion, under light with a linear gradient. Distances are exact in the pad's
 plane, so neither perspective nor lens distortion bends them; two corrections of second order make
-up for measuring them in pixels.
+up for measuring them in pixels. Where asked for, the camera's response bends the grey levels.
 """
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from landerd.pad import Ring
 from landerd.vision.ring_pixels import F32, Pixels, PlaneView, blurred_step, shifted
 from landerd.vision.ring_pose import F64
+from landerd.vision.ring_response import HALO_PX, RESPONSES, responded
 
 # Rows of the derivative. The light gradient follows, then the residual.
 RATIO = 0  # inner radius: only the judgement uses it
@@ -23,10 +25,12 @@ TILT = slice(4, 6)  # of the normal, towards the two tangents
 BLUR = 6  # variance, px^2
 INSIDE = 7  # level
 HEIGHTS = slice(8, 10)  # steps of the level, outwards: at the outer and the inner edge
-MOTION = slice(10, 12)  # where it is fitted
-_STATIC, _MOVING = 10, 12  # rows before the light gradient
+# Where one of them is fitted: the path of the image, or the camera's response.
+MOTION, RESPONSE = slice(10, 12), slice(10, 10 + RESPONSES)
+_STATIC = 10  # rows before these, or the light gradient
 
 MIN_BLUR_PX = 0.2
+_BLACKEST, _WHITEST = 2.5, 252.5  # grey levels of what is clipped; JPEG moves some
 # Subpixels lie so far from a pixel's centre, along x and y each.
 _SUBPIXEL_PX = 0.4
 _SUBPIXELS = np.array([[[-1.0, -1.0, 1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]])
@@ -44,6 +48,8 @@ class RingModel:
         centre: F64,
         ring: Ring,
         motion_px: Sequence[F64] | None,
+        *,
+        has_response: bool = False,
     ) -> None:
         """Prepare; the light gradient is about a first centre.
 
@@ -52,9 +58,10 @@ class RingModel:
             centre: of the ring, roughly, camera frame, m, (3,).
             ring: its true size and ratio.
             motion_px: path (2,) of the image during exposure for every start; None: it stood still.
+            has_response: behind a camera's response; not together with motion.
         """
         self.pixels, self.ring = pixels, ring
-        self.is_moving = motion_px is not None
+        self.is_moving, self.has_response = motion_px is not None, has_response
         radius = ring.radius_m
         self._radii = np.array([radius, radius * ring.inner_ratio], dtype=np.float32)
         x, y, z = centre.tolist()
@@ -66,8 +73,11 @@ class RingModel:
             samples = max(length / _PATH_STEP_PX, _MIN_PATH_SAMPLES)
             parts = int(min(samples, _MAX_PATH_SAMPLES))
             self._along = (np.arange(parts) + 0.5) / parts - 0.5
+        # Of the last derivative, which pixels (starts, n) tell anything; None: all do.
+        self.is_told: NDArray[np.bool_] | None = None
         self._curvature: tuple[F32, F32] | None = None
-        self._static = _MOVING if self.is_moving else _STATIC
+        extension = MOTION if self.is_moving else RESPONSE
+        self._static = extension.stop if self.is_moving or has_response else _STATIC
         self.rows = self._static + 3
 
     def derivative(self, t: F32, axes: F32, parameters: F64, supersampled: bool) -> F32:
@@ -76,8 +86,8 @@ class RingModel:
         Args:
             t: centres (starts, 3), camera frame, m.
             axes: planes' axes (starts, 3, 3) as `PlaneView` takes them.
-            parameters: blur, levels, motion and light gradient (starts, rows - 1), in the rows'
-                order; what stands for ratio and pose is not read.
+            parameters: blur, levels, motion or response, and light gradient (starts, rows - 1),
+                in the rows' order; what stands for ratio and pose is not read.
             supersampled: small rings bend within the blur. A Gaussian is nearly the mean of four
                 narrower ones set square around it, and for those the edges are straight enough.
         """
@@ -86,10 +96,13 @@ class RingModel:
         blur = np.sqrt(np.maximum(parameters[:, BLUR] - spread**2, MIN_BLUR_PX**2))
         s = blur.astype(np.float32)[:, None, None]
         d, shift = self._distances(g, supersampled)
-        shape = self._shape(g, d, shift, s, parameters)
-        if parts > 1:
-            shape = shape.reshape(*shape.shape[:2], parts, -1).mean(axis=2)
-        return self._lit(shape, parameters)
+        shape = _joined(self._shape(g, d, shift, s, parameters), parts)
+        level = _level(shape, parameters)
+        if self.has_response:
+            s = np.sqrt(s * s + np.float32(HALO_PX * HALO_PX))
+            softer = _joined(self._shape(g, d, shift, s, parameters), parts)
+            level = _respond(shape, level, softer, parameters)
+        return self._lit(shape, level, parameters)
 
     def _sampled(self, parameters: F64, supersampled: bool) -> tuple[F32, int, float]:
         """Return the rays looked along, how many a pixel, and how far from its centre, px.
@@ -140,20 +153,63 @@ class RingModel:
         if self._along is not None:
             share = np.repeat(self._along, len(self.pixels.grey)).astype(np.float32)
             shape[:, MOTION] = (down * -g.scale * share)[:, None] * g.across()
+        if self.has_response:
+            shape[:, RESPONSE] = 0.0  # `_respond` knows
         return shape
 
-    def _lit(self, shape: F32, parameters: F64) -> F32:
+    def _lit(self, shape: F32, level: F32, parameters: F64) -> F32:
         """Return the derivatives with the light's gradient on and beside them, and the residual."""
         grey = self.pixels.grey
-        base = (_heights(parameters) * shape[:, HEIGHTS]).sum(axis=1)
-        base += parameters[:, INSIDE, None].astype(np.float32)
         light = parameters[:, self._static : self._static + 2].astype(np.float32) @ self._xy
         light += 1.0
         J = np.empty((len(parameters), self.rows, len(grey)), dtype=np.float32)
         np.multiply(shape, light[:, None], out=J[:, : self._static])
-        np.multiply(base[:, None], self._xy, out=J[:, self._static : -1])
-        np.subtract(grey, light * base, out=J[:, -1])
+        np.multiply(level[:, None], self._xy, out=J[:, self._static : -1])
+        np.subtract(grey, light * level, out=J[:, -1])
+        if self.has_response:
+            beyond = _beyond(grey, J[:, -1])
+            J *= ~beyond[:, None]
+            self.is_told = ~beyond
         return J
+
+
+def _beyond(grey: F32, residual: F32) -> NDArray[np.bool_]:
+    """Tell which pixels (starts, n) are white, or black, beyond what a picture can hold."""
+    clipped: NDArray[np.bool_] = (grey > _WHITEST) & (residual < 0.0)
+    clipped |= (grey < _BLACKEST) & (residual > 0.0)
+    return clipped
+
+
+def _joined(shape: F32, parts: int) -> F32:
+    """Return derivatives of pixels as the mean of their parts' (starts, rows, parts n)."""
+    if parts == 1:
+        return shape
+    mean: F32 = shape.reshape(*shape.shape[:2], parts, -1).mean(axis=2)
+    return mean
+
+
+def _level(shape: F32, parameters: F64) -> F32:
+    """Return grey levels (starts, n) under even light."""
+    level: F32 = (_heights(parameters) * shape[:, HEIGHTS]).sum(axis=1)
+    level += parameters[:, INSIDE, None].astype(np.float32)
+    return level
+
+
+def _respond(shape: F32, level: F32, softer: F32, parameters: F64) -> F32:
+    """Return grey levels behind the responses; the derivatives `shape` are made so in place."""
+    inside, outer, inner = parameters[:, INSIDE : HEIGHTS.stop].astype(np.float32).T[:, :, None]
+    response = parameters[:, RESPONSE].astype(np.float32)
+    made = responded(
+        level, _level(softer, parameters), inside + inner, 0.5 * (outer - inner), response
+    )
+    shape *= made.by_sharp[:, None]
+    softer *= made.by_soft[:, None]
+    shape += softer
+    shape[:, INSIDE] = 1.0  # all levels together move the curve with them
+    shape[:, HEIGHTS] += (0.5 * made.by_white)[:, None]
+    shape[:, HEIGHTS.start + 1] += made.by_black
+    shape[:, RESPONSE] = made.by_response
+    return made.level
 
 
 def _heights(parameters: F64) -> F32:

@@ -12,6 +12,7 @@ from landerd.vision.pose import gravity_cost, mat3, vec3
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import MARGIN, edge_pixels
 from landerd.vision.ring_pose import F64
+from landerd.vision.tone import edge_shift
 
 # Errors that no residual shows, chosen so that the stated 95 % regions of `bench.vision_ring` hold
 # about 95 % of its positions.
@@ -21,6 +22,7 @@ _LATERAL_BIAS_PX = 0.003  # and as it differs from side to side
 # image. Measured on exact images of 20 to 30 m at 0 to 70 degrees.
 _SURROUNDINGS_BIAS_PX = 0.18  # of every edge if there were no margin
 _SURROUNDINGS_DECAY_PX = 0.33  # a margin wider by this lets in e times less
+_TONE_BIAS = 0.2  # of what a tone curve moves edges by: no camera's is a cubic
 _MIN_SIGMA_M = 1.5e-5  # nobody prints or measures a pad more truly
 _OUTLINE_POINTS = 32
 
@@ -78,6 +80,8 @@ def _covariance(fit: RingFit, radius: float, focal: float) -> F64:
     bias_px = _EDGE_BIAS_PX + _SURROUNDINGS_BIAS_PX * math.exp(
         -MARGIN * focal * radius / distance * float(fit.normal @ sight) / _SURROUNDINGS_DECAY_PX
     )
+    if fit.response is not None:
+        bias_px += _TONE_BIAS * abs(edge_shift(fit.response, fit.blur_px**2))
     radial = bias_px * distance * distance / (focal * radius)
     lateral = _LATERAL_BIAS_PX * distance / focal
     biases = np.eye(3) * (lateral**2 + _MIN_SIGMA_M**2)

@@ -6,30 +6,40 @@ S-curves that are laid over them.
 """
 
 import math
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from landerd.camera_model import F64
+
+Real = TypeVar("Real", np.float32, np.float64)
 
 TONES = 2  # numbers of a curve: how much it bulges, and how much it is S-shaped
 LINEAR = np.zeros(TONES)
 TONE_SIGMA = 0.6  # of both, before anything is seen
-_MAX_TONE = 1.2
+MAX_TONE = 1.2  # of either
 _MIN_SLOPE = 0.03  # a curve rises everywhere
 
 
-def toned(value: F64, tone: F64) -> tuple[F64, F64, F64]:
-    """Return a curve at values (n,), 0 black and 1 white, its slope, and its derivative (2, n)."""
-    bulge, bend = tone.tolist()
+def toned(
+    value: NDArray[Real], tone: NDArray[Real]
+) -> tuple[NDArray[Real], NDArray[Real], NDArray[Real]]:
+    """Return curves at values (..., n), 0 black and 1 white, their slopes, and the derivatives.
+
+    Tones are (..., 2), derivatives by them (..., 2, n).
+    """
+    bulge, bend = tone[..., :1], tone[..., 1:]
     product = value * (1.0 - value)
-    by_tone = np.stack([product, product * (1.0 - 2.0 * value)])
+    by_bend = product * (1.0 - 2.0 * value)
     slope = 1.0 + bulge * (1.0 - 2.0 * value) + bend * (1.0 - 6.0 * product)
-    return value + tone @ by_tone, np.maximum(slope, _MIN_SLOPE), by_tone
+    by_tone = np.stack([product, by_bend], axis=-2)
+    return value + bulge * product + bend * by_bend, np.maximum(slope, _MIN_SLOPE), by_tone
 
 
 def bounded(tone: F64) -> F64:
     """Return the nearest tone that is a camera's."""
-    return np.clip(tone, -_MAX_TONE, _MAX_TONE)
+    return np.clip(tone, -MAX_TONE, MAX_TONE)
 
 
 def edge_shift(tone: F64, blur: float) -> float:

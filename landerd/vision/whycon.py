@@ -12,9 +12,16 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.pyramid import SMALL_PX, Level, levels
-from landerd.vision.ring_explained import Explained, explained, has_rings_within, is_toned
+from landerd.vision.ring_explained import (
+    Explained,
+    edge_fits,
+    explained,
+    has_rings_within,
+    is_toned,
+)
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pose import F64
+from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import (
     Candidate,
     Segmentation,
@@ -24,11 +31,16 @@ from landerd.vision.ring_segment import (
 )
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import (
+    expected_poses,
     full_fits,
     hard_fits,
     is_dark_in_white,
     is_poor,
     is_ring,
+    is_ring_behind,
+    may_be_behind,
+    may_have_edges,
+    response_fits,
     rough_fit,
     tracked_fits,
 )
@@ -63,6 +75,7 @@ def find_rings(
     expected_diameter_px: float | None = None,
     thorough: bool = True,
     work: RingWork | None = None,
+    response: CameraResponse | None = None,
 ) -> list[MarkerSighting]:
     """Return the rings seen in an image, or in a window of it, nearest first.
 
@@ -76,10 +89,11 @@ def find_rings(
         expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
         thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
         work: what remembers where the search of the image before was cut short; None: nothing does.
+        response: what remembers the camera's; None: nothing does.
     """
     work = work or RingWork()
     work.begin()
-    search = _RingSearch(image, ring, camera, down, work)
+    search = _RingSearch(image, ring, camera, down, work, response or CameraResponse())
     parts = list(levels(image, camera, window, expected_diameter_px))
     for segment in _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]:
         for level in parts:
@@ -103,7 +117,7 @@ class _Try:
 
 @dataclass(frozen=True)
 class _Doubtful:
-    """Fits that may be those of a ring behind a tone curve, in shadow or motion."""
+    """Fits that may be those of a ring behind a response, in shadow or motion."""
 
     place: Place
     share: float  # of the candidate's spokes
@@ -114,13 +128,20 @@ class _RingSearch:
     """The search of one image: what was found, what is left to try and what was doubtful."""
 
     def __init__(
-        self, image: U8, ring: Ring, camera: CameraModel, down: Vec3 | None, work: RingWork
+        self,
+        image: U8,
+        ring: Ring,
+        camera: CameraModel,
+        down: Vec3 | None,
+        work: RingWork,
+        response: CameraResponse,
     ) -> None:
         self._image, self._ring, self._camera, self._down = image, ring, camera, down
-        self._work = work
+        self._work, self._response = work, response
         self._later: list[_Try] = []
         self._doubtful: list[_Doubtful] = []
         self._level_found: Level | None = None
+        self._has_tried_hidden = False
         self.found: list[MarkerSighting] = []
 
     def nearest_first(self) -> list[MarkerSighting]:
@@ -157,8 +178,8 @@ class _RingSearch:
                 return
 
     def find_hard(self) -> None:
-        """Look at the edges of the best doubtful ones; then fit with shadow and motion."""
-        unclear = self._find_by_edges()
+        """Fit the best doubtful with a response and to edges, then with shadow and motion."""
+        unclear = self._find_toned()
         if not self.found:
             self._find_shaded_or_moving()
         if unclear is not None and not self.found:
@@ -167,15 +188,20 @@ class _RingSearch:
             if one.share < _CONTINUED_HARD_SHARE:
                 self._work.refuse(one.place)
 
-    def _find_by_edges(self) -> Explained | None:
+    def _find_toned(self) -> Explained | None:
         """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
         tried: list[_Doubtful] = []
         unclear = None
         for one in sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast):
             is_new = not any(t.place.is_same(one.place) for t in tried)
-            if one.share < _EDGE_SHARE or not is_new or len(tried) == _EDGE_TRIES:
+            is_likely = one.share >= _EDGE_SHARE and may_have_edges(one.fits[0])
+            if not is_likely or not is_new or len(tried) == _EDGE_TRIES:
                 continue
             tried.append(one)
+            behind_response = _behind_response(self._image, self._camera, self._ring, one.fits[0])
+            if behind_response:
+                self._report(behind_response)
+                return None
             by_edges = explained(self._image, self._camera, self._ring, one.fits)
             if by_edges is not None and by_edges.is_toned:
                 self._report(by_edges.fits)
@@ -184,6 +210,7 @@ class _RingSearch:
         return unclear
 
     def _report(self, fits: list[RingFit]) -> None:
+        _remember(self._response, fits[0])
         self.found.append(ring_sighting(fits, self._ring, self._camera, self._down))
 
     def _find_shaded_or_moving(self) -> None:
@@ -228,15 +255,31 @@ class _RingSearch:
         if not self._work.affords(FULL_COST, reserve):
             return False
         reduction = self._camera.fx / one.level.camera.fx
-        fits = full_fits(self._image, self._camera, self._ring, rough, reduction)
+        response = self._response.response
+        fits = full_fits(self._image, self._camera, self._ring, rough, reduction, response)
         if fits and _is_ours(self._image, self._camera, self._ring, fits[0]):
-            self._report(_untoned(self._image, self._camera, self._ring, fits))
+            self._report(_explained(self._image, self._camera, self._ring, fits))
             self._level_found = one.level
         elif fits and is_dark_in_white(fits[0]):
+            hidden = self._clearly_hidden(one.candidate, fits)
+            if hidden:
+                self._report(hidden)
+                self._level_found = one.level
+                return True
             self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
         else:
             self._work.refuse(one.place)
         return True
+
+    def _clearly_hidden(self, candidate: Candidate, fits: list[RingFit]) -> list[RingFit]:
+        """Return the fits of the first that is clearly bright, dark and bright; empty: no ring."""
+        if candidate.share < _CLEAR_SHARE or self._has_tried_hidden:
+            return []
+        self._has_tried_hidden = True
+        if not self._response.pictures_by_edges:
+            return _behind_response(self._image, self._camera, self._ring, fits[0])
+        by_edges = explained(self._image, self._camera, self._ring, fits)
+        return [] if by_edges is None else by_edges.fits
 
 
 def _place(level: Level, candidate: Candidate) -> Place:
@@ -249,6 +292,8 @@ def _place(level: Level, candidate: Candidate) -> Place:
 
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
+    if fit.response is not None:
+        return is_ring_behind(fit, ring)
     if not is_ring(fit, ring):
         return False
     # Motion explains much, a target of several rings too.
@@ -256,10 +301,39 @@ def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     return not (is_doubtful and has_rings_within(image, camera, ring, fit))
 
 
-def _untoned(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> list[RingFit]:
-    """Return the fits, those to edges where a tone curve has moved both of the ring's."""
-    by_edges = explained(image, camera, ring, fits) if is_toned(fits[0], ring) else None
-    return fits if by_edges is None else by_edges.fits
+def _explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -> list[RingFit]:
+    """Return the fits of what may be a ring, others where a curve or foreign things hide it.
+
+    Empty, if it is none.
+    """
+    fit = fits[0]
+    is_plain = is_ring(fit, ring) if fit.response is None else is_ring_behind(fit, ring)
+    if (is_plain and not is_toned(fit, ring)) or not (is_plain or is_dark_in_white(fit)):
+        return fits if is_plain else []
+    behind_response = _behind_response(image, camera, ring, fit)
+    if behind_response:
+        return behind_response
+    by_edges = explained(image, camera, ring, fits)
+    if by_edges is not None:
+        return by_edges.fits
+    return fits if is_plain else []
+
+
+def _remember(response: CameraResponse, fit: RingFit) -> None:
+    """Remember the curve of a fit that could show one."""
+    if fit.stage == "edges":
+        response.learn_edges()
+    elif not np.any(fit.motion_px):
+        response.learn(fit.response, fit.response_chi2)
+
+
+def _behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
+    """Return the fits behind a response that explain what a plain fit does not; empty: none."""
+    if fit.response is not None or not may_be_behind(fit):
+        return []
+    fits = response_fits(image, camera, ring, fit)
+    is_ours = fits and is_ring_behind(fits[0], ring) and not is_toned(fits[0], ring)
+    return fits if is_ours else []
 
 
 def track_ring(
@@ -270,6 +344,7 @@ def track_ring(
     normal: F64,
     *,
     down: Vec3 | None = None,
+    response: CameraResponse | None = None,
 ) -> MarkerSighting | None:
     """Return the ring that is where it was expected, to a few pixels; None if it is not there.
 
@@ -283,14 +358,20 @@ def track_ring(
         position: of the ring's centre, camera frame, m, (3,).
         normal: into the pad, unit vector, camera frame, (3,).
         down: unit vector of gravity, camera frame.
+        response: what remembers the camera's; None: nothing does.
     """
-    fits = tracked_fits(image, camera, ring, (position, normal), down)
+    response = response or CameraResponse()
+    expected = (position, normal)
+    fits: list[RingFit] = []
+    if response.pictures_by_edges:
+        fits = edge_fits(image, camera, ring, expected_poses(ring, expected, down))
+    if not fits:
+        fits = tracked_fits(image, camera, ring, expected, down, response.response)
+        fits = _explained(image, camera, ring, fits) if fits else []
     if not fits:
         return None
-    if is_ring(fits[0], ring):
-        return ring_sighting(_untoned(image, camera, ring, fits), ring, camera, down)
-    by_edges = explained(image, camera, ring, fits) if is_dark_in_white(fits[0]) else None
-    return None if by_edges is None else ring_sighting(by_edges.fits, ring, camera, down)
+    _remember(response, fits[0])
+    return ring_sighting(fits, ring, camera, down)
 
 
 def _covers(sighting: MarkerSighting, camera: CameraModel, position: F64) -> bool:

@@ -14,7 +14,6 @@ from landerd.estimation.pad_filter import SensorErrors
 from landerd.guidance.pilot_texts import PREFIX
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import State
-from landerd.lander import Lander
 from landerd.messages import (
     Attitude,
     Battery,
@@ -33,6 +32,7 @@ from landerd.messages import (
     Tick,
 )
 from landerd.runtime.daemon import Daemon
+from landerd.runtime.observer import Observer
 
 M = TypeVar("M", bound=Input)
 
@@ -84,7 +84,7 @@ class View:
     sightings: Sightings | None  # of that frame
 
 
-class LiveView:
+class LiveView(Observer):
     """An observer that keeps the newest view while it is looked at.
 
     Attributes:
@@ -122,15 +122,9 @@ class LiveView:
 
     # ---- seen by the control task: must not wait -----------------------------------------------
 
-    def on_flight(self, lander: Lander) -> None:
-        """There is one core a daemon, which knows it."""
-
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         """Keep the newest picture, and no other."""
         self._frame, self._sightings = frame, sightings
-
-    def on_vision_reset(self) -> None:
-        """Nothing to keep of it."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Keep the newest of each type; make a view now and again, if somebody looks."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from landerd.analysis.flight import flight_of, sentences
+from landerd.analysis.sighting_errors import judged
 from landerd.cli import main
 from landerd.config.models import LogSection
 from landerd.flightlog.reader import read_log
@@ -76,6 +77,15 @@ def test_sentences_say_when_and_where(landing: Path) -> None:
     assert float(distance[2]) == pytest.approx(1.8, abs=0.2)
 
 
+def test_sightings_are_judged_by_what_the_same_flight_saw_from_nearby(landing: Path) -> None:
+    found = judged(flight_of(read_log(landing)))
+    assert found is not None
+    assert {each.kind for each in found} == {"apriltag"}
+    assert max(each.error_m for each in found) < 0.05
+    assert max(each.yaw_error_rad or 0.0 for each in found) < 0.02
+    assert max(each.range_m for each in found) > 1.8
+
+
 def test_a_cut_log_is_reported_as_far_as_it_goes(landing: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     data = landing.read_bytes()
@@ -85,6 +95,8 @@ def test_a_cut_log_is_reported_as_far_as_it_goes(landing: Path, tmp_path: Path) 
     text = output.read_text()
     assert "recording was cut off" in text
     assert "the log ends before the landing does" in text
+    assert "1 of 2 landed (95 %: 9-91 %)" in text
+    assert "How true the sightings were" in text
 
 
 def test_what_is_no_log_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

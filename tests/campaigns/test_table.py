@@ -1,8 +1,9 @@
 import pytest
 
+from landerd.analysis.intervals import percentile
 from landerd.campaigns.plan import Needed, Row
 from landerd.campaigns.pool import Run
-from landerd.campaigns.table import as_text, make_row, percentile
+from landerd.campaigns.table import as_text, make_row
 from tests.campaigns.landings import landing
 
 
@@ -75,7 +76,7 @@ def test_the_table_names_failed_seeds_below() -> None:
     bad = make_row(Row(scenario="moving"), runs({}, {"rules_broken": ["3: too fast (at 1.00 s)"]}))
     head, first, second, *notes = as_text([good, bad], 200).splitlines()
     assert head.split()[:2] == ["scenario", "landed"]
-    assert first.split()[:3] == ["radial", "2/2", "18.0"]
+    assert first.split()[:5] == ["radial", "2/2", "34-100", "%", "18.0"]
     assert len(head) == len(first) == len(second)
     assert "moving: failed with seeds 2" in notes
     assert "moving: rule 3: too fast (seeds 2)" in notes
@@ -95,7 +96,7 @@ def test_on_a_narrow_terminal_no_line_is_broken() -> None:
     assert len(wide) == 2
     assert max(map(len, narrow)) <= 80
     heads = [line for line in narrow if line.startswith("scenario")]
-    assert len(heads) == 2
+    assert len(heads) == 3
     assert [cell for line in heads for cell in line.split("  ")[1:] if cell] == [
         cell for cell in wide[0].split("  ")[1:] if cell
     ]

@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Generator, Iterable
 from pathlib import Path
 from typing import Any
@@ -185,6 +186,49 @@ def test_it_flies_the_simulator() -> None:
     (row,) = as_json(done.stdout)["rows"]
     assert (row["landed"], row["failed_seeds"]) == (2, [])
     assert 0.0 < row["touchdown_error_m_median"] < 0.3
+
+
+SHORT = """
+runs: 3
+longest_s: 2
+rows:
+  - {scenario: hover, settings: [sim.sight=modelled], needed: {landed_percent: 0}}
+"""
+
+
+def test_a_killed_campaign_that_goes_on_is_the_one_that_was_never_stopped(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(SHORT)
+    kept = {name: tmp_path / f"{name}.jsonl" for name in ("killed", "whole")}
+    command = [sys.executable, "-m", "landerd", "campaign", str(mine), "--jobs", "1", "--json"]
+    started = subprocess.Popen([*command, "--keep", kept["killed"]], stdout=subprocess.DEVNULL)
+    until = time.monotonic() + 300.0
+    while not kept["killed"].exists() or not _runs(kept["killed"]):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    started.kill()
+    started.wait()
+    assert len(_runs(kept["killed"])) < 3
+    rows = {}
+    for name, path in kept.items():
+        done = subprocess.run(
+            [*command, "--keep", path], capture_output=True, text=True, timeout=300, check=False
+        )
+        rows[name] = as_json(done.stdout)["rows"]
+    assert rows["killed"] == rows["whole"]
+    assert rows["whole"][0]["runs"] == 3
+    assert sorted(_runs(kept["killed"])) == sorted(_runs(kept["whole"]))
+
+
+def _runs(kept: Path) -> list[str]:
+    """Return the runs that a file holds, without what the wall's clock said of them."""
+    found = []
+    for line in kept.read_text().splitlines(keepends=True):
+        run = json.loads(line) if line.endswith("\n") else {}
+        if "result" in run:
+            del run["result"]["wall_s"]
+            found.append(json.dumps(run))
+    return found
 
 
 def test_a_campaign_of_faults_tells_what_came_of_them(

@@ -207,6 +207,14 @@ def long_timeout(set_up: SetUp) -> None:
     set_up.vehicle.parameters["GUID_TIMEOUT"] = 5.0
 
 
+def no_failsafe(set_up: SetUp) -> None:
+    set_up.vehicle.parameters["FS_THR_ENABLE"] = 0.0
+
+
+def soft(set_up: SetUp) -> None:
+    set_up.vehicle.parameters["PSC_JERK_XY"] = 1.0
+
+
 def fast(set_up: SetUp) -> None:
     set_up.overrides = ["guidance.limits.speed_mps=20"]
 
@@ -273,7 +281,9 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
         (no_signal, "fail", "gate", "RC 11 has no signal", "transmitter"),
         (gate_high, "warn", "gate", r"high \(1900 us\)", "low"),
         (gate_in_its_middle, "warn", "gate", r"in its middle \(1500 us\)", "low"),
-        (long_timeout, "warn", "parameters", "GUID_TIMEOUT is 5", "GUID_TIMEOUT 1"),
+        (long_timeout, "fail", "parameters", "GUID_TIMEOUT is 5.*below 2.2 m", "GUID_TIMEOUT 1"),
+        (no_failsafe, "fail", "parameters", "FS_THR_ENABLE is 0: .* flies on", "FS_THR_ENABLE 1"),
+        (soft, "warn", "parameters", "PSC_JERK_XY is 1: .* 2.5 s late", "PSC_JERK_XY 5"),
         (fast, "warn", "speed limit", "up to 20 m/s", "speed_mps to 3"),
         (real_camera, "fail", "calibration", "thesis's camera and not yours", "calibrate camera"),
         (pad_with("edge"), "warn", "pad", "apriltag 0 of 312 mm reaches over the edge", "measure"),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from landerd.campaigns.journal import Journal
+from landerd.campaigns.journal import Journal, Plan, Sitting
 from landerd.campaigns.pool import Run
 from landerd.cli import main
 from tests.campaigns.landings import landing
@@ -12,7 +12,7 @@ from tests.campaigns.landings import landing
 
 def kept(path: Path, **series: list[float]) -> str:
     """Write the file of a campaign and return its name."""
-    with Journal(path, "settings of " + path.name) as journal:
+    with Journal(path, Plan("settings of " + path.name), Sitting("today", "0")) as journal:
         for n in range(len(next(iter(series.values())))):
             result = landing("radial", n + 1, **{key: v[n] for key, v in series.items()})
             journal.keep(Run("radial", n + 1, result))

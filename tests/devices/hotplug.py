@@ -15,10 +15,10 @@ from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.gimbal import GimbalPlant
 from landerd.camera_model import load_camera
 from landerd.devices import make_devices
-from landerd.lander import Lander
 from landerd.messages import Attitude, Command, Frame, GimbalState, Input, Prior, Sightings
 from landerd.pad import load_pad
 from landerd.runtime.daemon import Daemon
+from landerd.runtime.observer import Observer
 from tests.devices.bench import sh, show, wait_for
 from tests.devices.kernel import (
     AUTOPILOT,
@@ -79,20 +79,14 @@ def busyness() -> float:
     return max(1.0, (time.monotonic() - start) / LOOP_S)
 
 
-class Seen:
+class Seen(Observer):
     """An observer: when what last came in."""
 
     def __init__(self) -> None:
         self.t = {"camera": -math.inf, "gimbal": -math.inf, "autopilot": -math.inf}
 
-    def on_flight(self, lander: Lander) -> None:
-        pass
-
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         self.t["camera"] = frame.t  # the search takes its time here
-
-    def on_vision_reset(self) -> None:
-        """Nothing to see."""
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         if isinstance(message, GimbalState):

@@ -33,6 +33,8 @@ def test_a_landing_goes_through_tracking_committed_and_on_the_pad() -> None:
         State.ON_PAD,
     ]
     assert flight.lander.phase is Phase.LANDED
+    assert flight.lander.needs_sight  # until it stands still
+    flight.run(1.0)
     assert not flight.lander.needs_sight
     assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
     assert flight.lander.outcome == "landed"

@@ -85,3 +85,17 @@ def test_to_stand_level_ends_the_velocity_that_was_flown() -> None:
     orders.stand_level(0.7)
     assert orders.commands == [PressDown(0.7)]
     assert orders.velocity == (0.0, 0.0, 0.0)
+
+
+def test_what_waits_for_the_switch_is_told_again_as_a_line_may_be_lost() -> None:
+    orders, told = begun(), []
+    for tick in range(round(25.0 / DT)):
+        orders.begin(10.0 + tick * DT, DT)
+        orders.enter(Phase.NOT_LANDING, "move RC 11 low, then high")
+        told += [tick * DT for c in orders.commands if isinstance(c, StatusText)]
+    assert told == pytest.approx([0.0, 10.0, 20.0])
+    for tick in range(round(25.0 / DT)):
+        orders.begin(40.0 + tick * DT, DT)
+        orders.enter(Phase.NOT_LANDING, "RC 11 is low")
+        told += [tick * DT for c in orders.commands if isinstance(c, StatusText)]
+    assert len(told) == 4

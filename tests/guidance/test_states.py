@@ -31,6 +31,7 @@ def test_whatever_it_flies_the_gate_ends_it_stopping_first_where_it_may(state: S
 
 def test_what_leaves_the_pad_stops_before_it_is_silent() -> None:
     assert TRANSITIONS[State.LEAVING][Event.CLEAR_OF_PAD] is State.RELEASING
+    assert TRANSITIONS[State.LEAVING][Event.STANDS] is State.STANDING
 
 
 def test_it_begins_to_fly_only_by_seeing_the_pad() -> None:

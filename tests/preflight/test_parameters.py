@@ -22,3 +22,39 @@ def test_a_check_that_is_left_out_in_4_7_is_told() -> None:
 def test_arming_checks_that_nobody_told_of_are_told_by_both_names() -> None:
     (finding,) = parameter_findings(CONFIG, SOUND)
     assert "did not tell ARMING_CHECK, ARMING_SKIPCHK" in finding.what
+
+
+@pytest.mark.parametrize(
+    ("shaping", "late_s"),
+    [
+        ({"WPNAV_ACCEL": 250.0, "PSC_JERK_XY": 2.0}, 1.25),  # to 4.6
+        ({"WP_ACC": 2.5, "PSC_JERK_NE": 2.0}, 1.25),  # 4.7.0
+        ({"WP_ACC": 5.0, "PSC_NE_JERK": 5.0}, 1.0),  # after it
+        ({"WPNAV_ACCEL": 0.0, "PSC_JERK_XY": 2.0}, 1.25),  # ArduPilot's own default then
+    ],
+)
+def test_velocities_that_are_answered_late_are_told(
+    shaping: dict[str, float], late_s: float
+) -> None:
+    values = SOUND | {"ARMING_CHECK": 1.0} | shaping
+    (finding,) = parameter_findings(CONFIG, values)
+    assert (finding.level, f"{late_s:.1f} s late" in finding.what) == ("warn", True)
+    _, name, jerk = finding.mend.split()
+    (again,) = parameter_findings(CONFIG, values | {name: float(jerk)})
+    assert again.level == "ok"
+
+
+@pytest.mark.parametrize("shaping", [{}, {"WPNAV_ACCEL": 250.0, "PSC_JERK_XY": 5.0}])
+def test_shaping_as_delivered_or_of_an_old_autopilot_is_not(shaping: dict[str, float]) -> None:
+    (finding,) = parameter_findings(CONFIG, SOUND | {"ARMING_CHECK": 1.0} | shaping)
+    assert finding.level == "ok"
+
+
+@pytest.mark.parametrize(("timeout_s", "height_m"), [(1.1, 0.6), (3.0, 1.4)])
+def test_a_long_timeout_fails_with_the_height_from_which_it_strikes(
+    timeout_s: float, height_m: float
+) -> None:
+    values = SOUND | {"ARMING_CHECK": 1.0, "GUID_TIMEOUT": timeout_s}
+    (finding,) = parameter_findings(CONFIG, values)
+    assert finding.level == "fail"
+    assert f"below {height_m} m to the ground" in finding.what

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from landerd.runtime.monitor import GAP_S, LoopMonitor
+from landerd.runtime.monitor import BUSY, GAP_S, LoopMonitor
 
 LONG_S = 2.0 * GAP_S
 
@@ -69,3 +69,44 @@ def test_a_loop_that_turns_has_no_gaps() -> None:
             pass
 
     assert not watch(scene).gaps
+
+
+def test_the_onlooker_names_the_line_that_held_it_up(caplog: pytest.LogCaptureFixture) -> None:
+    """In whatever code of landerd's it is, watched or not."""
+
+    async def main() -> LoopMonitor:
+        monitor = LoopMonitor()
+        monitor.look_on()
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        for held_up_s in (0.0, 6.0 * GAP_S, 0.0):
+            monitor.woke(due)
+            due = loop.time() + 0.01
+            await asyncio.sleep(0.01)
+            if held_up_s:
+                hold_up(held_up_s)
+        monitor.woke(due)
+        monitor.close()
+        return monitor
+
+    def hold_up(duration_s: float) -> None:
+        time.sleep(duration_s)
+
+    monitor = asyncio.run(main())
+    (place,) = [place for place in monitor.gaps if place.endswith(" hold_up")]
+    assert place.startswith("tests/runtime/test_monitor.py:")
+    assert place in caplog.text
+
+
+def test_a_loop_that_waits_is_not_taken_for_one_that_works() -> None:
+    async def main() -> LoopMonitor:
+        monitor = LoopMonitor()
+        monitor.look_on()
+        due = asyncio.get_running_loop().time()
+        monitor.woke(due)
+        await asyncio.sleep(6.0 * GAP_S)
+        monitor.woke(due + 0.01)
+        monitor.close()
+        return monitor
+
+    assert list(asyncio.run(main()).gaps) == [BUSY]

@@ -90,6 +90,32 @@ def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
     assert not simulation.faults.excuses("2: a downward set-point", note.began + 1.0)
 
 
+@pytest.mark.parametrize(
+    "fault", ["rc-missing, at: {height_m: 0.25}, for_s: 2", "sigterm, at: {height_m: 0.1}"]
+)
+def test_just_over_a_moving_pad_it_leaves_before_it_stops(fault: str) -> None:
+    """Stopped there, the pad would pull its feet away: a 5 m/s deck tipped it to 68 degrees."""
+    simulation = flown(f"{{fault: {fault}}}", "sim.pad.speed_mps=2")
+    assert broken(simulation) == set()
+    assert simulation.monitor.worst.tilt_deg < 15.0
+
+
+def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
+    """It was: level without thrust was ordered 0.15 m up."""
+    simulation = flown("{fault: ground-effect, at: {phase: DESCENT}, severity: 1}")
+    assert broken(simulation) == set()
+    assert simulation.monitor.worst.down_mps < 0.7
+
+
+@pytest.mark.parametrize("fault", ["attitude-frozen", "position-frozen", "pictures-frozen"])
+def test_what_repeats_itself_with_new_times_is_not_flown_on(fault: str) -> None:
+    """Frozen, the attitude made it swing up to 9 m off, and a picture drew it 17 m sideways."""
+    simulation = flown(f"{{fault: {fault}, at: {{phase: DESCENT, after_s: 1}}, for_s: 4}}")
+    assert broken(simulation) == set()
+    assert simulation.daemon.lander.aborts >= 1
+    assert any("repeats itself" in kind for kind in simulation.daemon.faults)
+
+
 def test_tasks_and_memory_stay_flat_while_it_hovers_without_a_pad() -> None:
     """With a loss of sight, and with a camera and a gimbal that are lost and found."""
     seen: list[tuple[int, int]] = []

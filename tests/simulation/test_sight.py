@@ -8,9 +8,9 @@ import pytest
 
 from hw.sim.picture.numbered import NumberedPictures
 from landerd.devices import sim_options
-from landerd.lander import Lander
-from landerd.messages import Command, Frame, Input, Prior, Sightings
+from landerd.messages import Frame, Prior, Sightings
 from landerd.runtime.clock import run_virtual
+from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
 from landerd.simulation.sight.world_view import WorldView
 from tests.simulated import ABOVE, Script, configured
@@ -26,17 +26,11 @@ def numbered(simulation: Simulation) -> NumberedPictures:
     return pictures
 
 
-class Watcher:
+class Watcher(Observer):
     """Keeps what was seen, with the frames."""
 
     def __init__(self) -> None:
         self.frames: list[tuple[Frame, Sightings]] = []
-
-    def on_flight(self, lander: Lander) -> None: ...
-
-    def on_vision_reset(self) -> None: ...
-
-    def on_step(self, now: float, message: Input, commands: list[Command]) -> None: ...
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         self.frames.append((frame, sightings))

@@ -11,6 +11,7 @@ from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec
 from landerd.config.files import Loaded, config_dir
 from landerd.drivers import read_configuration
+from landerd.guidance.pilot_texts import HOLDING_OVER
 from landerd.messages import Phase
 from landerd.runtime.clock import run_slaved
 from landerd.simulation.flight import Simulation
@@ -57,6 +58,23 @@ def test_it_touches_a_pad_that_drives_at_1_mps() -> None:
     assert result["landed"]
     assert result["touchdown_error_m"] <= 0.20
     assert result["touchdown_horizontal_mps"] <= 0.3
+    assert _broken(simulation) == []
+
+
+def test_it_holds_over_a_driving_marker_until_it_is_told_to_land() -> None:
+    errors_m: list[float] = []
+
+    async def script(simulation: Simulation) -> None:
+        while simulation.daemon.lander.reason != HOLDING_OVER:
+            await asyncio.sleep(0.1)
+        for _ in range(80):
+            await asyncio.sleep(0.1)
+            errors_m.append(math.hypot(*simulation.world.offset))
+            assert simulation.world.height == pytest.approx(2.0, abs=0.3)
+
+    simulation = _fly("hold", 1, script)
+    assert result_of(simulation.flown(), "hold", 1)["landed"]
+    assert sorted(errors_m)[75] <= 0.2
     assert _broken(simulation) == []
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from landerd.vision.ring_response import CameraResponse
 from landerd.vision.whycon import find_rings, track_ring
 from tests.vision import scenes
 
@@ -55,7 +56,43 @@ def test_a_ring_behind_gamma_and_jpeg_is_seen(distance: float) -> None:
     view = seen(distance, 25.0)
     image = picture((0.85 * light(view)) ** (1.0 / 2.2))
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1]
-    assert check(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), view, 0.005) == "edges"  # type: ignore[arg-type]
+    assert check(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), view, 0.003) == "grey"  # type: ignore[arg-type]
+
+
+def sharpened(view: scenes.View) -> U8:
+    """Return a view as an ISP makes it: sRGB under an S-curve, an unsharp mask, noise before."""
+    linear = 0.6 * light(view) + np.random.default_rng(3).normal(0.0, 0.008, (480, 640))
+    level = np.clip(linear, 0.0, 1.0) ** (1.0 / 2.2)
+    level = level + 0.4 * level * (1.0 - level) * (2.0 * level - 1.0)
+    soft = cv2.GaussianBlur(level, (0, 0), 1.1)
+    return picture(level + 0.8 * (level - soft), noise=0.0)
+
+
+@pytest.mark.parametrize("distance", [3.0, 7.0, 12.0])
+def test_a_ring_is_exact_behind_s_curve_and_sharpening(distance: float) -> None:
+    view = seen(distance, 25.0)
+    assert check(sharpened(view), view, 0.003) == "grey"
+
+
+def test_a_camera_is_remembered_and_forgotten() -> None:
+    """Tracking starts with the response that the ring before had, and ends with a plain one's."""
+    view, response = seen(6.0, 30.0), CameraResponse()
+    near = np.array(view.position) * 1.002
+    assert track_ring(sharpened(view), RING, CAMERA, near, view.normal, response=response)
+    assert response.response is not None
+    assert response.response[0] > 0.2
+    again = track_ring(sharpened(view), RING, CAMERA, near, view.normal, response=response)
+    assert again is not None
+    assert math.dist(again.solutions[0].position, view.position) < 0.012
+    blown = track_ring(
+        picture(2.5 * light(view)), RING, CAMERA, near, view.normal, response=response
+    )
+    assert blown is not None
+    assert response.pictures_by_edges > 0
+    response.pictures_by_edges = 0
+    linear = picture(0.75 * light(view))
+    assert track_ring(linear, RING, CAMERA, near, view.normal, response=response) is not None
+    assert response.response is None
 
 
 @pytest.mark.parametrize("distance", [2.0, 7.0, 10.0])

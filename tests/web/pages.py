@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from landerd.messages import Command, Frame, Input, Prior, Sightings
-from landerd.runtime.daemon import Daemon, Devices, Observer
+from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.observer import Observer
 from landerd.web.door import Door
 from landerd.web.status_page import StatusPage
 from tests.hw.idle import Idle

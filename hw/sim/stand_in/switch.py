@@ -7,7 +7,7 @@ from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.ground_station import GroundStation
 
 OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
-_HIGH_US, _LOW_US = 1900, 1100
+HIGH_US, _LOW_US = 1900, 1100  # the switch's ends
 _REACTS_S = 1.0  # from a line on the screen to a hand that moves, and to the next move
 _LOOKS_S = 0.2
 _TRIES = 3  # so often he lets landerd try again
@@ -33,7 +33,7 @@ class GateSwitch:
 
     def set(self, *, high: bool) -> None:
         """Move it to one of its ends."""
-        self.move(_HIGH_US if high else _LOW_US)
+        self.move(HIGH_US if high else _LOW_US)
 
     def move(self, us: int) -> None:
         """Move it to where its channel has this pulse width, us."""

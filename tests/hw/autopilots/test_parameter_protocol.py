@@ -41,6 +41,38 @@ def values(client: Client) -> dict[str, float]:
     return {m.param_id: m.param_value for _, m in client.of("PARAM_VALUE")}
 
 
+async def open_file(f: Flight, *, component: int, opcode: int = 4) -> list[Any]:
+    """Ask a component for its parameters as a file; return the answers."""
+    name = b"@PARAM/param.pck"
+    request = bytes([7, 0, 0, opcode, len(name), 0, 0, 0, *bytes(4)]) + name
+    f.client.send(
+        mavlink.MAVLink_file_transfer_protocol_message(
+            0, 1, component, list(request.ljust(251, b"\0"))
+        )
+    )
+    await asyncio.sleep(0.1)
+    return [m for _, m in f.client.of("FILE_TRANSFER_PROTOCOL")]
+
+
+def test_a_station_that_would_fetch_a_file_first_is_refused_at_once() -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        (answer,) = await open_file(f, component=191)
+        to = (answer.target_system, answer.target_component)
+        assert to == (255, 190)
+        # Sequence 8, session 0, NAK of 1 byte to OpenFileRO: no such command.
+        assert bytes(answer.payload)[:13] == bytes([8, 0, 0, 129, 1, 4, 0, 0, 0, 0, 0, 0, 7])
+
+    fly(scene)
+
+
+@pytest.mark.parametrize(("component", "opcode"), [(1, 4), (0, 4), (191, 128), (191, 129)])
+def test_files_of_others_and_answers_are_none_of_its_business(component: int, opcode: int) -> None:
+    async def scene(f: Flight, tuned: ParameterSet) -> None:
+        assert await open_file(f, component=component, opcode=opcode) == []
+
+    fly(scene)
+
+
 async def set_value(f: Flight, name: str, value: float, *, component: int = 191) -> None:
     f.client.send(
         mavlink.MAVLink_param_set_message(

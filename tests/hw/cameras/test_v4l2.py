@@ -22,6 +22,7 @@ from landerd.messages import ExposureOrder
 from landerd.pad import load_pad
 from landerd.ports import DeviceLost, ExposureControl
 from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.observer import Observer
 from tests.hw.cameras import fake_v4l2 as fake
 from tests.hw.cameras.fake_v4l2 import FakeCamera
 from tests.hw.idle import Idle
@@ -327,15 +328,12 @@ def test_unplugged_it_is_lost_at_once_and_works_again_when_it_is_back() -> None:
     assert source.opened == 2
 
 
-class Searched:
+class Searched(Observer):
     """An observer: when pictures were searched."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
 
-    def on_flight(self, lander: Any) -> None: ...
-    def on_vision_reset(self) -> None: ...
-    def on_step(self, *_: Any) -> None: ...
     def on_frame(self, *_: Any) -> None:
         self.times.append(time.monotonic())
 

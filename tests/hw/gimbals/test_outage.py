@@ -6,7 +6,6 @@ The whole daemon with the real driver over a real socket or terminal; its device
 import asyncio
 import logging
 import random
-from typing import Any
 
 import pytest
 
@@ -25,6 +24,7 @@ from landerd.messages import Command, GimbalState, Input
 from landerd.pad import load_pad
 from landerd.runtime.clock import run_realtime
 from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.observer import Observer
 from tests.hw.gimbals.benches import EXACT, ON_BYTES
 from tests.hw.idle import Idle
 from tests.hw.sim.worlds import world
@@ -33,16 +33,12 @@ AWAY_S = 1.6  # longer than a driver waits for an answer
 BACK_S = 1.0
 
 
-class Heard:
+class Heard(Observer):
     """An observer that keeps the times of the gimbal's angles."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
 
-    def on_flight(self, lander: Any) -> None: ...
-    def on_frame(self, *_: Any) -> None: ...
-
-    def on_vision_reset(self) -> None: ...
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         if isinstance(message, GimbalState):
             self.times.append(now)

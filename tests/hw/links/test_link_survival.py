@@ -19,40 +19,32 @@ from hw.links.inbox import Inbox
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
-from landerd.lander import Lander
 from landerd.messages import (
     Attitude,
     AutopilotMessage,
     AutopilotRestarted,
     Command,
-    Frame,
     Heartbeat,
     Input,
     LocalPosition,
-    Prior,
     RcChannels,
-    Sightings,
 )
 from landerd.pad import load_pad
 from landerd.ports import ByteLink
 from landerd.runtime.daemon import Daemon, Devices
+from landerd.runtime.observer import Observer
 from tests.hw.flight import PlainAirframe, plain_autopilot
 from tests.hw.idle import Idle
 
 NEEDED = (Heartbeat, Attitude, LocalPosition, RcChannels)
 
 
-class Heard:
+class Heard(Observer):
     """An observer: what reached the core."""
 
     def __init__(self) -> None:
         self.messages: list[tuple[float, Input]] = []
 
-    def on_flight(self, lander: Lander) -> None: ...
-
-    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None: ...
-
-    def on_vision_reset(self) -> None: ...
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         self.messages.append((now, message))
 

@@ -89,13 +89,13 @@ def test_the_camera_sees_the_vehicle_where_it_was_at_the_exposure() -> None:
     assert seen == pytest.approx((3.11, 0.0, -5.0 - 0.1), abs=0.012)
 
 
-def _come_down(sitl: Sitl, world: SitlWorld, north_mps: float) -> None:
+def _come_down(sitl: Sitl, world: SitlWorld, north_mps: float, east_m: float = 0.1) -> None:
     """Sink at 0.3 m/s from 0.6 m on to SITL's ground, and stand there."""
     lands_t = (0.6 - STANDS_M) / 0.3
     for i in range(400):
         t = i / TRUTH_HZ
         flown = min(t, lands_t)
-        place = (5.0 + north_mps * flown, 0.1, -0.6 + 0.3 * flown)
+        place = (5.0 + north_mps * flown, east_m, -0.6 + 0.3 * flown)
         sitl.at(t, place, (north_mps, 0.0, 0.3) if t < lands_t else (0.0, 0.0, 0.0))
         if i == 0:
             world.begin(0.0)
@@ -113,6 +113,15 @@ def test_it_touches_down_on_sitls_ground_at_the_speed_it_had() -> None:
     assert all(world.vehicle.feet)
     assert world.height == pytest.approx(0.0, abs=0.02)
     assert world.offset == pytest.approx((0.0, 0.1), abs=0.012)
+
+
+@pytest.mark.parametrize(("east_m", "on_pad"), [(0.4, True), (0.55, False), (2.0, False)])
+def test_it_stands_on_the_pad_only_with_all_feet_on_the_plate(east_m: float, on_pad: bool) -> None:
+    sitl = Sitl()
+    world = _world(sitl)
+    _come_down(sitl, world, 0.0, east_m)
+    assert all(world.vehicle.feet)
+    assert world.vehicle.on_pad is on_pad
 
 
 def test_contact_with_a_driving_pad_is_judged_relative_to_it() -> None:

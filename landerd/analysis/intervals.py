@@ -1,4 +1,4 @@
-"""Confidence intervals of 95 % for what campaigns count and measure, and tests of pairs."""
+"""Confidence intervals of 95 % for what is counted and measured, and tests of pairs."""
 
 import math
 from collections.abc import Sequence
@@ -51,3 +51,27 @@ def mcnemar(only_a: int, only_b: int) -> float:
     n = only_a + only_b
     tail = sum(math.comb(n, k) for k in range(min(only_a, only_b) + 1))
     return min(1.0, 2.0 * tail / 2.0**n)
+
+
+def percentile(values: Sequence[float], percent: float) -> float | None:
+    """Return a percentile, interpolated between the two values next to it; None of no values."""
+    if not values:
+        return None
+    ordered = sorted(values)
+    at = (len(ordered) - 1) * percent / 100.0
+    below = math.floor(at)
+    above = min(below + 1, len(ordered) - 1)
+    return ordered[below] + (at - below) * (ordered[above] - ordered[below])
+
+
+def with_interval(mean: float | None, interval: tuple[float, float] | None, digits: int) -> str:
+    """Return a mean and how far its 95 % interval goes to either side, if they are known."""
+    if interval is None:
+        return "-" if mean is None else f"{mean:.{digits}f}"
+    return f"{mean:.{digits}f} ±{0.5 * (interval[1] - interval[0]):.{digits}f}"
+
+
+def in_percent(interval: tuple[float, float]) -> str:
+    """Return the interval of a share in words."""
+    low, high = (100.0 * share for share in interval)
+    return f"{low:.0f}-{high:.0f} %"

@@ -1,4 +1,4 @@
-"""docs/parameters.md, from the parameters: python -m landerd.config.parameter_page."""
+"""docs/parameters.md, from the parameters."""
 
 from landerd.config.parameters import parameters
 
@@ -11,7 +11,7 @@ on, without a bump, and logged. What may not be changed while armed is refused a
 are gone with the next start unless you save them ("write to storage", MAV_CMD_PREFLIGHT_STORAGE):
 they go to an overlay file beside the configuration (`landerd run --help`).
 
-This table is made from the code: `python -m landerd.config.parameter_page > docs/parameters.md`.
+This table is made from the code: `make reference`.
 """
 
 
@@ -29,7 +29,3 @@ def markdown() -> str:
             f"| {'yes' if p.in_flight else 'no'} |"
         )
     return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    print(markdown(), end="")

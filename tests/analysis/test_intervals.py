@@ -1,6 +1,6 @@
 import pytest
 
-from landerd.campaigns.intervals import mcnemar, mean_interval, t_quantile, wilson
+from landerd.analysis.intervals import mcnemar, mean_interval, t_quantile, wilson
 
 
 def test_the_interval_of_a_share_is_wilsons() -> None:

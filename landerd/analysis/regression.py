@@ -1,0 +1,40 @@
+"""Errors over the distance, fitted as the thesis fits them (eq. 3.3 to 3.5)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from landerd.analysis.intervals import t_quantile
+
+
+def regression(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str, Any] | None:
+    """Return a polynomial's fit as of eq. 3.3 to 3.5; None of too few points.
+
+    Returns:
+        `polynomial`, the highest power first, the 95 % interval of each (`polynomial_95`), the
+        standard error (`sigma`) and how many `samples`.
+    """
+    if len(x) <= degree + 1 or len(x) != len(y):
+        return None
+    fit, covariance = np.polyfit(x, y, degree, cov=True)
+    rest = np.asarray(y) - np.polyval(fit, x)
+    freedom = len(x) - degree - 1
+    half = t_quantile(freedom) * np.sqrt(np.diag(covariance))
+    return {
+        "polynomial": [float(c) for c in fit],
+        "polynomial_95": [[float(c - h), float(c + h)] for c, h in zip(fit, half, strict=True)],
+        "sigma": math.sqrt(float(rest @ rest) / freedom),
+        "samples": len(x),
+    }
+
+
+def in_words(fit: Mapping[str, Any]) -> str:
+    """Return a regression in words."""
+    ends = zip(fit["polynomial"], fit["polynomial_95"], strict=True)
+    terms = " ".join(f"{c:+.4f} ±{high - c:.4f}" for c, (_, high) in ends)
+    return (
+        f"over distance, highest power first: {terms}; sigma {fit['sigma']:.4f} of "
+        f"{fit['samples']} samples"
+    )

@@ -1,0 +1,395 @@
+"""`landerd bench-test`: chapter 4 of the thesis before the first flight, on marked places."""
+
+import argparse
+import asyncio
+import csv
+import io
+import math
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from landerd.calibration.bench import Refused
+from landerd.calibration.marks import (
+    Mark,
+    MarkTrial,
+    Search,
+    Seen,
+    pose_errors,
+    swing_errors,
+)
+from landerd.camera_model import CalibrationError, CameraModel
+from landerd.commands.shared import (
+    InputError,
+    add_config,
+    add_json,
+    add_overlay,
+    ask,
+    check_folder,
+    load_with_saved,
+    print_json,
+    refusing,
+    tell,
+    whole_number,
+    write_text,
+)
+from landerd.config.files import Loaded
+from landerd.devices import SetUpError, fitting_camera, make_devices
+from landerd.drivers import gimbal_speaks_over
+from landerd.messages import Frame, Prior, Sightings
+from landerd.pad import PadError, PadLayout, load_pad
+from landerd.ports import DeviceLost, Feedback, GimbalOptions
+from landerd.runtime.clock import run_virtual
+from landerd.runtime.daemon import Devices
+from landerd.vision import Vision
+from landerd.worker import JobHangs, Worker, exit_without_waiting
+
+_SEARCH_S = 5.0  # after which a search hangs
+_NEXT = "Lay the pad flat, its landing point on the mark {mark}, its north where the nose points."
+
+
+class _Figure(NamedTuple):
+    """One figure of a row: at most `go` is good, above `no_go` nothing is to be flown with."""
+
+    name: str
+    value: float | None  # None: there is none
+    go: float
+    no_go: float
+    unit: str
+
+    @property
+    def verdict(self) -> str:
+        if self.value is None or self.value <= self.go:
+            return "go"
+        return "look" if self.value <= self.no_go else "no-go"  # NaN: no-go
+
+
+class _Row(NamedTuple):
+    what: str
+    figures: Sequence[_Figure]
+
+    @property
+    def verdict(self) -> str:
+        verdicts = [figure.verdict for figure in self.figures]
+        return next((v for v in ("no-go", "look") if v in verdicts), "go")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the two tests with their arguments."""
+    tests = parser.add_subparsers(metavar="TEST", required=True)
+    for name, what in (
+        ("pose", "how far from marked places the pad is seen"),
+        ("gimbal", "how the gimbal comes to the pad, and what is seen while it turns"),
+    ):
+        sub = tests.add_parser(
+            name,
+            help=what,
+            description=f"Say {what}. The vehicle stands level and disarmed. With camera.driver "
+            "sim all of it is simulated.",
+            epilog=f"example: landerd bench-test {name} -c landerd.yaml --height 1.52 --mark 2,0 "
+            "--mark 3,1 -o bench.csv",
+        )
+        _add_options(sub)
+        sub.set_defaults(test=name)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--mark",
+        type=_mark,
+        action="append",
+        required=True,
+        metavar="AHEAD,RIGHT",
+        help="where the landing point is laid, from below the camera, m; give several",
+    )
+    parser.add_argument(
+        "--height",
+        type=_metres,
+        required=True,
+        metavar="M",
+        help="of the camera over the pad",
+    )
+    parser.add_argument(
+        "--pictures",
+        type=lambda text: whole_number(text, 3),
+        default=30,
+        metavar="N",
+        help="at each mark (30)",
+    )
+    parser.add_argument(
+        "--without-autopilot",
+        action="store_true",
+        help="nobody is asked whether the vehicle is disarmed, and it stands level",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE.csv", help="what every picture showed"
+    )
+    add_json(parser)
+    add_config(parser, required=True)
+    add_overlay(parser)
+
+
+def _mark(text: str) -> tuple[float, float]:
+    try:
+        ahead, right = (float(part) for part in text.split(","))
+    except ValueError:
+        ahead = right = math.nan
+    if not (abs(ahead) <= 50.0 and abs(right) <= 50.0):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected AHEAD,RIGHT in m, as 2,-0.5")
+    return ahead, right
+
+
+def _metres(text: str) -> float:
+    try:
+        height = float(text)
+    except ValueError:
+        height = math.nan
+    if not 0.2 <= height <= 30.0:
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected metres from 0.2 to 30")
+    return height
+
+
+def run(args: argparse.Namespace) -> int:
+    """Test; return 0, or 1 if landerd should not fly with it."""
+    loaded, overlay = load_with_saved(args)
+    check_folder(args.output)
+    config = loaded.config
+    is_simulated = config.camera.driver == "sim"
+    if args.test == "gimbal" and config.gimbal.driver == "fixed":
+        raise InputError("gimbal.driver: fixed does not turn; landerd bench-test pose is for it")
+    if args.without_autopilot and gimbal_speaks_over(config.gimbal.driver) == "autopilot":
+        raise InputError(
+            f"--without-autopilot: {config.gimbal.driver} speaks through the autopilot"
+        )
+    marks = [Mark(ahead, right, args.height) for ahead, right in args.mark]
+    with refusing(CalibrationError, PadError, SetUpError):
+        bench = _Bench(loaded, overlay, args, is_simulated=is_simulated)
+    measure = _pose_rows if args.test == "pose" else _gimbal_rows
+    run_it: Callable[[Coroutine[Any, Any, Any]], Any] = run_virtual if is_simulated else asyncio.run
+    rows, pictures, refused = run_it(_all(bench, marks, measure))
+    verdict = next((v for v in ("no-go", "look") if v in {r.verdict for r in rows}), "go")
+    if refused:
+        verdict = "no-go"
+    if args.output is not None:
+        write_text(args.output, pictures)
+    if args.json:
+        print_json(_as_json(verdict, rows, refused))
+    else:
+        print("\n".join(_table(rows)))
+        for reason in refused:
+            print(f"no-go: {reason}")
+        print(_SAID[verdict])
+        if args.output is not None:
+            print(f"written: {args.output}")
+    code = 1 if verdict == "no-go" else 0
+    exit_without_waiting(code)
+    return code
+
+
+_SAID = {
+    "go": "go: on to the next step",
+    "look": "look: what is not go makes landings worse; docs/bench.md says what mends it",
+    "no-go": "no-go: do not fly with this; docs/bench.md says what mends it",
+}
+
+
+class _Bench:
+    """Makes a trial for each mark, of real or of simulated devices."""
+
+    def __init__(
+        self, loaded: Loaded, overlay: Path, args: argparse.Namespace, *, is_simulated: bool
+    ) -> None:
+        """Read pad and calibration, and make real devices.
+
+        Raises:
+            CalibrationError, PadError, SetUpError: it cannot be done.
+        """
+        self.loaded, self.pictures = loaded, int(args.pictures)
+        self.layout: PadLayout = load_pad(loaded.config.pad.layout)
+        self.camera: CameraModel = fitting_camera(loaded)
+        self._with_autopilot = not args.without_autopilot
+        self._devices = None if is_simulated else make_devices(loaded, overlay)
+        self._worker = None if is_simulated else Worker("vision")
+        self._seed = 0
+
+    @asynccontextmanager
+    async def trial(self, mark: Mark) -> AsyncIterator[MarkTrial]:
+        """Have the pad laid on a mark."""
+        if self._devices is not None:
+            await ask(_NEXT.format(mark=_name(mark)))
+            yield self._trial(self._devices)
+            return
+        from landerd.simulation.standing import standing
+
+        async with standing(self.loaded, mark.place, self._seed) as devices:
+            yield self._trial(devices)
+
+    def _trial(self, devices: Devices) -> MarkTrial:
+        options = self.loaded.options.get(f"gimbal.{self.loaded.config.gimbal.driver}")
+        measured = not isinstance(options, GimbalOptions) or (
+            options.traits.feedback is Feedback.MEASURED
+        )
+        vision = Vision(self.layout, self.camera, self.loaded.config.vision)
+        return MarkTrial(
+            self.loaded.config,
+            self.layout,
+            self.camera,
+            devices,
+            self._search(vision),
+            is_measured=measured,
+            with_autopilot=self._with_autopilot,
+        )
+
+    def _search(self, vision: Vision) -> Search:
+        async def search(frame: Frame, prior: Prior) -> Sightings:
+            call = partial(vision.process, frame, prior)
+            if self._worker is None:
+                await asyncio.sleep(0.0)
+                return call()
+            return await self._worker.run(call, _SEARCH_S)
+
+        return search
+
+
+_COLUMNS = (
+    "mark",
+    "time_s",
+    "ahead_m",
+    "right_m",
+    "down_m",
+    "heading_deg",
+    "off_middle_deg",
+    "sigma_m",
+)
+_Measure = Callable[[_Bench, Mark, MarkTrial], Coroutine[Any, Any, tuple[list[_Row], list[Seen]]]]
+
+
+async def _all(
+    bench: _Bench, marks: Sequence[Mark], measure: _Measure
+) -> tuple[list[_Row], str, list[str]]:
+    """Return the rows, the pictures as CSV, and what was refused."""
+    rows: list[_Row] = []
+    refused: list[str] = []
+    file = io.StringIO()
+    table = csv.writer(file)
+    table.writerow(_COLUMNS)
+    for mark in marks:
+        try:
+            async with bench.trial(mark) as trial:
+                found, seen = await measure(bench, mark, trial)
+        except (DeviceLost, Refused) as e:
+            refused.append(f"{_name(mark)}: {e}")
+            continue
+        except JobHangs:
+            refused.append(f"{_name(mark)}: the search of a picture hangs")
+            continue
+        tell(f"{_name(mark)}: {len(seen)} pictures")
+        rows += found
+        table.writerows(_cells(mark, each) for each in seen)
+    return rows, file.getvalue(), refused
+
+
+def _cells(mark: Mark, seen: Seen) -> list[str]:
+    values: list[float | None] = [seen.t, *(seen.place or (None, None, None))]
+    values += [_degrees(seen.heading), _degrees(seen.off_middle), seen.sigma_m]
+    texts = ["" if v is None or math.isnan(v) else f"{v:.4f}" for v in values]
+    return [_name(mark), *texts]
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else math.degrees(angle)
+
+
+async def _pose_rows(bench: _Bench, mark: Mark, trial: MarkTrial) -> tuple[list[_Row], list[Seen]]:
+    """Return how far from a mark the pad is seen.
+
+    Directions are held against what the pad filter assumes of the gimbal, headings against what a
+    landing is aligned to.
+    """
+    seen = await trial.at_rest(bench.pictures)
+    found = pose_errors(mark, seen)
+    config = bench.loaded.config
+    gimbal_deg = max(0.5, config.estimation.gimbal_sigma_deg)
+    descent = config.guidance.descent
+    heading = None if found.heading is None else abs(math.degrees(found.heading))
+    figures = (
+        _Figure("missed", 100.0 * (1.0 - found.found), 10.0, 50.0, "%"),
+        _Figure("range", 100.0 * abs(found.range_share), 2.0, 4.0, "%"),
+        _Figure("angle", math.degrees(found.direction), 2.0 * gimbal_deg, 4.0 * gimbal_deg, "deg"),
+        _Figure("heading", heading, descent.align_deg, descent.realign_deg, "deg"),
+        _Figure("scatter", 100.0 * found.scatter_m / math.hypot(*mark.place), 1.0, 3.0, "%"),
+    )
+    return [_Row(_name(mark), figures)], seen
+
+
+async def _gimbal_rows(
+    bench: _Bench, mark: Mark, trial: MarkTrial
+) -> tuple[list[_Row], list[Seen]]:
+    """Return how the gimbal comes to a pad on a mark, a row for each way it was aside."""
+    rest, swings = await trial.swings(bench.pictures)
+    if not swings:
+        raise Refused("the gimbal cannot be turned aside there: limits, or a pad too large")
+    gimbal_deg = max(0.5, bench.loaded.config.estimation.gimbal_sigma_deg)
+    rows, seen = [], list(rest)
+    for swing in swings:
+        found = swing_errors(rest, swing)
+        centred = math.inf if found.centred_s is None else found.centred_s
+        figures = (
+            _Figure("centred", centred, 1.0, 2.0, "s"),
+            _Figure("off", math.degrees(found.rest), 6.0, 12.0, "deg"),
+            _Figure("missed", 100.0 * (1.0 - found.found), 10.0, 50.0, "%"),
+            _Figure(
+                "turning", math.degrees(found.direction), 2.0 * gimbal_deg, 4.0 * gimbal_deg, "deg"
+            ),
+        )
+        rows.append(_Row(f"{_name(mark)} {swing.axis} {math.degrees(swing.step):+.0f}", figures))
+        seen += swing.seen
+    return rows, seen
+
+
+# ---- what is said ------------------------------------------------------------------------------
+
+
+def _name(mark: Mark) -> str:
+    return f"{mark.ahead:g},{mark.right:g}"
+
+
+def _table(rows: Sequence[_Row]) -> list[str]:
+    if not rows:
+        return []
+    names = [f"{figure.name} {figure.unit}" for figure in rows[0].figures]
+    wide = max(4, *(len(row.what) for row in rows))
+    lines = ["  ".join([f"{'mark':<{wide}}", *(f"{name:>11}" for name in names)])]
+    for row in rows:
+        cells = [f"{_shown(f)}{'' if f.verdict == 'go' else '!':1}" for f in row.figures]
+        lines.append("  ".join([f"{row.what:<{wide}}", *(f"{c:>11}" for c in cells), row.verdict]))
+    limits = [f"{f.go:g} / {f.no_go:g} " for f in rows[0].figures]
+    return [*lines, "  ".join([f"{'at most':<{wide}}", *(f"{text:>11}" for text in limits)])]
+
+
+def _shown(figure: _Figure) -> str:
+    return "-" if figure.value is None else f"{figure.value:.2f}"
+
+
+def _as_json(verdict: str, rows: Sequence[_Row], refused: Sequence[str]) -> dict[str, Any]:
+    return {
+        "verdict": verdict,
+        "refused": list(refused),
+        "rows": [
+            {
+                "mark": row.what,
+                "verdict": row.verdict,
+                **{f"{f.name}_{_UNITS[f.unit]}": _finite(f.value) for f in row.figures},
+            }
+            for row in rows
+        ],
+    }
+
+
+_UNITS = {"%": "percent", "deg": "deg", "s": "s"}
+
+
+def _finite(value: float | None) -> float | None:
+    return round(value, 3) if value is not None and math.isfinite(value) else None

@@ -1,0 +1,95 @@
+"""What a camera makes of the light of a ring: a tone curve, and a halo by sharpening.
+
+Cameras made for people bend grey levels (`tone`), then add an unsharp mask: a share of the
+difference to a softer image.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from landerd.vision.ring_pixels import F32
+from landerd.vision.ring_pose import F64
+from landerd.vision.tone import MAX_TONE, TONE_SIGMA, TONES, toned
+
+RESPONSES = TONES + 1  # numbers of a response: of the curve, and the share of the mask
+LINEAR_RESPONSE = np.zeros(RESPONSES)
+RESPONSE_SIGMAS = np.array([TONE_SIGMA, TONE_SIGMA, 0.8])  # before anything is seen
+_LEAST = np.array([-MAX_TONE, -MAX_TONE, -0.2])
+_MOST = np.array([MAX_TONE, MAX_TONE, 3.0])
+HALO_PX = 0.9  # sigma of what the softer image is softer by: masks are 3 to 5 pixels wide
+_MIN_CONTRAST = 1.0  # grey levels: a wrong fit may have none
+_BY_EDGES = 30  # pictures: a second or two
+_SEEN_CHI2 = 20.0  # by which a response differs from a linear camera's: by chance in none of 5000
+
+
+@dataclass
+class CameraResponse:
+    """What the last rings showed of their camera's response: the next are looked for with it."""
+
+    response: F64 | None = None  # None: linear, as far as rings show
+    pictures_by_edges: int = 0  # for so many more none is tried: the last was explained by none
+
+    def learn(self, response: F64 | None, chi2: float) -> None:
+        """Take what an accepted fit to grey levels has found; None: it needed none."""
+        self.response = response if chi2 > _SEEN_CHI2 else None
+        self.pictures_by_edges = 0
+
+    def learn_edges(self) -> None:
+        """Take that no response explained a ring's grey levels, but its edges were there."""
+        is_news = self.pictures_by_edges == 0
+        self.pictures_by_edges = _BY_EDGES if is_news else self.pictures_by_edges - 1
+
+
+def bounded_response(response: F64) -> F64:
+    """Return the nearest responses (..., 3) that are cameras'."""
+    return np.clip(response, _LEAST, _MOST)
+
+
+def is_clipped(response: F64) -> bool:
+    """Tell whether a curve lies at its bound: what was seen is none, but clipped white."""
+    return bool(np.any(np.abs(response[:TONES]) >= MAX_TONE))
+
+
+@dataclass(frozen=True)
+class Responded:
+    """Grey levels (starts, n) behind responses, and their derivatives."""
+
+    level: F32
+    by_sharp: F32  # (starts, n), of the sharp image's grey levels
+    by_soft: F32  # of the softer one's
+    by_white: F32  # of the mean of the whites, the images held
+    by_black: F32
+    by_response: F32  # (starts, 3, n)
+
+
+def responded(sharp: F32, soft: F32, black: F32, contrast: F32, response: F32) -> Responded:
+    """Return what responses (starts, 3) make of linear grey levels (starts, n), sharp and softer.
+
+    The curve is that between the print's black and the mean of its whites, the contrast over it,
+    (starts, 1): these move it too.
+    """
+    contrast = np.maximum(contrast, np.float32(_MIN_CONTRAST))
+    halo = response[:, TONES:]
+    sum_of = []
+    for image, share in ((sharp, 1.0 + halo), (soft, -halo)):
+        value = (image - black) / contrast
+        curve, slope, by_tone = toned(value, response[:, :TONES])
+        by_white = curve - slope * value
+        by_black = 1.0 - slope - by_white
+        sum_of.append((curve, share * slope, share * by_white, share * by_black, by_tone, share))
+    (c, slope_c, w, b, t, k), (s, slope_s, v, a, u, j) = sum_of
+    return Responded(
+        level=black + contrast * (k * c + j * s),
+        by_sharp=slope_c,
+        by_soft=slope_s,
+        by_white=w + v,
+        by_black=b + a,
+        by_response=np.concatenate(
+            [
+                contrast[:, None] * (k[:, None] * t + j[:, None] * u),
+                (contrast * (c - s))[:, None],
+            ],
+            axis=1,
+        ),
+    )

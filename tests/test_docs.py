@@ -1,0 +1,134 @@
+"""README and docs: links lead somewhere, the site builds, and commands run as they are printed."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from landerd.cli import _parser
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+_LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+_FENCE = re.compile(r"^\s*```.*?^\s*```", re.MULTILINE | re.DOTALL)
+_SHELL = re.compile(r"^\s*```sh\n(.*?)^\s*```", re.MULTILINE | re.DOTALL)
+
+
+# ---- links -------------------------------------------------------------------------------------
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings as GitHub makes them."""
+    text = _FENCE.sub("", page.read_text("utf-8"))
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_lead_to_files_and_headings_that_are_there(page: Path) -> None:
+    dead = []
+    for link in _LINK.findall(_FENCE.sub("", page.read_text("utf-8"))):
+        if "://" in link:
+            continue
+        name, _, anchor = link.partition("#")
+        target = page.parent / name if name else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            dead.append(link)
+    assert dead == []
+
+
+def test_every_page_can_be_reached_from_the_site_and_on_github() -> None:
+    index = (ROOT / "docs" / "index.rst").read_text("utf-8").split()
+    readme = (ROOT / "README.md").read_text("utf-8")
+    for page in PAGES[1:]:
+        assert page.stem in index
+        assert f"](docs/{page.name})" in readme
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx", reason="the extra docs is not installed: make sets it up")
+    build = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet"]
+    done = subprocess.run(
+        [*build, ROOT / "docs", tmp_path / "site"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "site" / "wiring-navio2.svg").exists() or any(
+        tmp_path.rglob("wiring-navio2.svg")
+    )
+
+
+# ---- commands ----------------------------------------------------------------------------------
+
+# Commands that need what a test has not, and are only read as the command line reads them.
+ONLY_READ = (
+    (r"-c /etc/landerd/|-c landerd\.yaml|/dev/video0", "devices"),
+    (r"--realtime", "a flight on the wall's clock"),
+    (r"^landerd (campaign|tune|compare) ", "minutes of flights: tests/commands has shorter ones"),
+    (r"calibrate camera photos/", "a folder of one's own pictures"),
+    (r"--video flight\.mp4|00001-2026", "a flight of one's own"),
+)
+
+
+def commands(page: Path) -> list[str]:
+    """Return the commands of landerd that a page shows to be typed, without remarks."""
+    found = []
+    for block in _SHELL.findall(page.read_text("utf-8")):
+        joined = re.sub(r"(?:\\|(?<=\},))\n\s*", " ", block)  # lines that go on
+        for line in joined.splitlines():
+            command = re.sub(r"\s+#.*$", "", line).strip()
+            found += [c for c in [command.replace(".venv/bin/", "")] if c.startswith("landerd ")]
+    return found
+
+
+def is_only_read(command: str) -> bool:
+    return any(re.search(pattern, command) for pattern, _ in ONLY_READ)
+
+
+SHOWN = {name: commands(page) for name, page in zip(NAMES, PAGES, strict=True)}
+RUN = {name: [c for c in shown if not is_only_read(c)] for name, shown in SHOWN.items()}
+
+
+@pytest.fixture
+def somewhere(tmp_path: Path) -> Path:
+    """Return a folder like a checkout, in which a user has what the pages speak of."""
+    for folder in ("config", "docs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    shutil.copy(ROOT / "tests" / "golden" / "landing.mcap", tmp_path / "flight.mcap")
+    shutil.copy(ROOT / "config" / "pads" / "nested.yaml", tmp_path / "my-pad.yaml")
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    landerd = programs / "landerd"
+    landerd.write_text(f'#!/bin/sh\nexec {sys.executable} -m landerd "$@"\n')
+    landerd.chmod(0o755)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", [name for name, shown in RUN.items() if shown])
+def test_the_commands_of_a_page_run_as_printed(name: str, somewhere: Path) -> None:
+    path = f"{somewhere / 'programs'}:{os.environ['PATH']}"
+    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    for command in RUN[name]:
+        done = subprocess.run(
+            ["bash", "-c", command],
+            cwd=somewhere,
+            env={**os.environ, "PATH": path, "PYTHONPATH": paths},
+            capture_output=True,
+            text=True,
+            timeout=600,
+            check=False,
+        )
+        assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("command", sorted({c for shown in SHOWN.values() for c in shown}))
+def test_each_command_is_one_that_the_command_line_takes(command: str) -> None:
+    for part in command.split(" && "):
+        words = shlex.split(part)[1:]
+        _parser(words).parse_args(words)
