@@ -22,7 +22,9 @@ from landerd.vision.square_pose import square_points
 
 U8 = NDArray[np.uint8]
 
-_MIN_RADIUS_PX = 9.0  # of the ring: of smaller ones the white beside it is a few pixels
+_MIN_RADIUS_PX = (
+    6.0  # of the ring, the shorter one: smaller ones and what is beside them run together
+)
 _HEADINGS = 48  # white as wide as this leaves is half a square's side
 _BESIDE = (1.15, 1.3, 1.45)  # times a marker's size: the white round it
 _ROUND_RING = 1.15  # times its radius: nearer is its own white

@@ -52,7 +52,7 @@ def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
 
 
 def test_a_far_ring_is_taken_before_the_white_beside_it_can_be_seen() -> None:
-    assert is_seen(BARE, view(24.0, 0.3), Optics())
+    assert is_seen(BARE, view(36.0, 0.3), Optics(background="grass"))
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
