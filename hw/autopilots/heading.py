@@ -4,8 +4,8 @@ import math
 
 from landerd.geometry import wrap
 
-# Of what a measured heading differs from the one carried on by the rate, s. The rate is a gyro's,
-# quiet; half a tenth of a degree of noise in the heading is a jerk of 10 m/s^3 at 5 m/s.
+# In which it follows the measured heading, s, beside what the rate says at once. The rate is a
+# gyro's and quiet; half a tenth of a degree of noise in the heading is a jerk of 10 m/s^3 at 5 m/s.
 TIME_CONSTANT_S = 0.5
 GAP_S = 0.3  # after so long without a measurement the next one is taken as it is,
 STEP = math.radians(5.0)  # rad, as is one so far off: the autopilot's filter has begun anew

@@ -31,6 +31,10 @@ DOWN: Vec3 = (0.0, 0.0, 1.0)  # gravity, local NED
 # Between two positions, beyond what their velocities explain, m: the autopilot has moved its local
 # frame (a reset of its EKF). Chosen by hand: no flight within the limits explains as much.
 FRAME_JUMP_M = 0.3
+# In which the position follows the autopilot's, s, beside what its velocity says at once. GPS has
+# it wander by some centimetres in a second, which is no motion: taken at once it was taken for the
+# pad's, and flown after.
+POSITION_TIME_CONSTANT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,12 @@ class CameraPose:
 
 
 class PoseHistory:
-    """Position, attitude and gimbal angles of the last second, and the camera's pose from them."""
+    """Position, attitude and gimbal angles of the last second, and the camera's pose from them.
+
+    Positions are the autopilot's without their noise and wander: they go by its velocity, and
+    follow what it says of its position in POSITION_TIME_CONSTANT_S. Where that is off, pad and
+    vehicle are alike.
+    """
 
     def __init__(self, config: Config) -> None:
         self._camera_offset = config.vehicle.camera_offset_m
@@ -53,6 +62,7 @@ class PoseHistory:
         self.attitude = History(angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s)
         self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
         self._reference = Reference.BODY
+        self._measured: Vec3 = (0.0, 0.0, 0.0)  # the newest position as it was told, m
 
     def add(self, message: LocalPosition | Attitude | GimbalState) -> Vec3 | None:
         """Take a measurement in; one that is not newer than its predecessor is dropped.
@@ -62,11 +72,7 @@ class PoseHistory:
             with it.
         """
         if isinstance(message, LocalPosition):
-            jump = self._frame_jump(message)
-            if jump is not None:
-                self.position.shift((*jump, 0.0, 0.0, 0.0))
-            self.position.add(message.t, (*message.position, *message.velocity))
-            return jump
+            return self._add_position(message)
         if isinstance(message, Attitude):
             angles = (message.roll, message.pitch, message.yaw)
             self.attitude.add(message.t, (*angles, *message.rates))
@@ -84,18 +90,34 @@ class PoseHistory:
         pitch, dt = last[1][1], max(0.0, ordered.t - last[0])
         return pitch + (1.0 - math.exp(-dt / self._gimbal_lag_s)) * wrap(ordered.pitch - pitch)
 
-    def _frame_jump(self, new: LocalPosition) -> Vec3 | None:
-        """Return how far a position lies from where its velocity says, if no flight explains it."""
+    def _add_position(self, new: LocalPosition) -> Vec3 | None:
+        """Take a position in by a complementary filter; return how far the frame jumped, if so."""
         last = self.position.newest
-        if last is None:
+        if last is not None and new.t <= last[0]:
             return None
-        dt = new.t - last[0]
-        if not 0.0 < dt <= self.position.max_gap_s:
+        moved = self._moved(new)
+        position, jump = new.position, None
+        if last is not None and moved is not None:
+            by = sub(new.position, add(self._measured, moved))
+            if norm(by) > FRAME_JUMP_M:
+                jump = by
+                self.position.shift((*jump, 0.0, 0.0, 0.0))
+                last = self.position.newest or last
+            x, y, z = last[1][:3]
+            carried_on = add((x, y, z), moved)
+            k = min(1.0, (new.t - last[0]) / POSITION_TIME_CONSTANT_S)
+            position = add(carried_on, scale(sub(new.position, carried_on), k))
+        self._measured = new.position
+        self.position.add(new.t, (*position, *new.velocity))
+        return jump
+
+    def _moved(self, new: LocalPosition) -> Vec3 | None:
+        """Return how far it has moved since the newest position by velocity, m; None: too long."""
+        last = self.position.newest
+        if last is None or not 0.0 < new.t - last[0] <= self.position.max_gap_s:
             return None
-        x, y, z, u, v, w = last[1]
-        mean = scale(add((u, v, w), new.velocity), 0.5)
-        jump = sub(new.position, add((x, y, z), scale(mean, dt)))
-        return jump if norm(jump) > FRAME_JUMP_M else None
+        u, v, w = last[1][3:]
+        return scale(add((u, v, w), new.velocity), 0.5 * (new.t - last[0]))
 
     def forget_autopilot(self) -> None:
         """Drop all that came from the autopilot: it restarted, its frame may be another."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from landerd.config.models import VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
-from landerd.geometry import Vec3, add, rot_zyx, rotate, scale
+from landerd.geometry import Vec3, add, rot_zyx, rotate, scale, wrap
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,8 @@ class VehicleState:
 def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> VehicleState | None:
     """Return the vehicle at time now from its newest position and attitude, None without them.
 
-    The position is carried on by the velocity to now; the attitude is taken as it was measured.
+    Position and yaw are carried on to now by velocity and yaw rate; roll and pitch are taken as
+    they were measured.
     """
     position, attitude = poses.position.newest, poses.attitude.newest
     if position is None or attitude is None:
@@ -33,5 +34,6 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     velocity = (p[3], p[4], p[5])
     origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
     feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
+    yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
     tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(roll_rate, pitch_rate)
     return VehicleState(feet, velocity, yaw, yaw_rate, tilt, roll_pitch_rate)

@@ -95,10 +95,14 @@ class Committed:
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
         """Tell whether, as seen for some time now, it will not stand on the pad.
 
-        A pad that is seen where it cannot be has stopped, started or been moved.
+        A pad that is seen where it cannot be has stopped, started or been moved. Where sightings
+        have agreed to the millimetre, some millimetres are more than their noise explains, as
+        when other markers of the pad come into use; then it must be as far off as a pad that
+        slides away too fast to touch would be by now.
         """
         options, estimator = self._context.options, self._context.estimator
-        is_elsewhere = estimator.doubted_s >= MISSES_S
+        too_far_m = options.descent.commit_slip_mps * MISSES_S
+        is_elsewhere = estimator.doubted_s >= MISSES_S and estimator.doubted_m > too_far_m
         if is_elsewhere and not self._touchdown.may_touch:
             return True
         sink_rate = options.touchdown_descent_mps

@@ -23,9 +23,9 @@ MIN_LEAD_S = 0.35  # the airframe, the link and what is seen are late too
 MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
 # 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.4.
 MAX_KP_PER_ACCELERATION = 1.0
-# The error from which on a swing about the pad asks for no more jerk than there is, m. With 0.45 m
-# vehicles of 2 m/s^3 swung over a moving pad for ever, not with 0.8.
-LINEAR_ERROR_M = 1.0
+# The error from which on a swing about the pad asks for no more jerk than there is, m. With 1 m
+# vehicles of 2 m/s^3 overshot a pad by 1 to 2 m from 6 m away, with 2 m by 0.2.
+LINEAR_ERROR_M = 2.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 INTEGRAL_RANGE_M = 1.0  # the integral runs only this near the pad
@@ -47,6 +47,8 @@ MIN_TURN_STEEPNESS = 1.2
 SMALL_TURN = math.radians(30.0)
 # Lag of the answer to a yaw rate, s: ArduCopter 4.5.7 in SITL was at 63 % after 0.26 s.
 YAW_LAG_S = 0.3
+# Of the pad's turn rate before it is turned with, s; pads turn as steadily as they drive.
+TURN_RATE_TIME_CONSTANT_S = 0.7
 YAW_BRAKE = math.radians(30.0)  # rad/s^2 that a turn is braked with: a quarter of the limiter's
 
 
@@ -86,6 +88,7 @@ class TrackingMethod:
         """Begin a landing."""
         self._integral = (0.0, 0.0)
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
+        self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
 
     def step(
         self, phase: Phase, relative: RelativeState, floor_m: float, dt: float
@@ -128,7 +131,7 @@ class TrackingMethod:
         return pad_north + k * north, pad_east + k * east, down
 
     def _smoothed(self, relative: RelativeState, dt: float) -> RelativeState:
-        """Return the same with the pad's level velocity smoothed.
+        """Return the same with the pad's level velocity and its turn rate smoothed.
 
         A swinging airframe lets the pad seem to move a little (a lens or a clock a little late).
         What flies after that at once swings on.
@@ -136,7 +139,8 @@ class TrackingMethod:
         north, east, down = relative.pad_velocity
         if self._pad_velocity is None:
             self._pad_velocity = (north, east)
-        turned = rotate(rot_z(relative.pad_turn_rate * dt), (*self._pad_velocity, 0.0))
+        turn_rate = self._smooth_turn_rate(relative, dt)
+        turned = rotate(rot_z(turn_rate * dt), (*self._pad_velocity, 0.0))
         k = min(1.0, dt / max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s))
         smooth = (turned[0] + k * (north - turned[0]), turned[1] + k * (east - turned[1]))
         self._pad_velocity = smooth
@@ -145,7 +149,18 @@ class TrackingMethod:
             relative,
             pad_velocity=(*smooth, down),
             error_rate=add(relative.error_rate, change),
+            pad_turn_rate=turn_rate,
         )
+
+    def _smooth_turn_rate(self, relative: RelativeState, dt: float) -> float:
+        """Return the pad's turn rate smoothed, rad/s; 0 while its heading is not known."""
+        if relative.heading_error is None:
+            self._turn_rate = None
+            return relative.pad_turn_rate
+        last = relative.pad_turn_rate if self._turn_rate is None else self._turn_rate
+        k = min(1.0, dt / TURN_RATE_TIME_CONSTANT_S)
+        self._turn_rate = last + k * (relative.pad_turn_rate - last)
+        return self._turn_rate
 
     def _integrate(self, relative: RelativeState, dt: float) -> None:
         if relative.distance > INTEGRAL_RANGE_M:

@@ -1,3 +1,6 @@
+from itertools import pairwise
+from random import Random
+
 import pytest
 
 from landerd.estimation.camera_pose import PoseHistory
@@ -17,6 +20,30 @@ def test_when_the_local_frame_jumps_the_past_goes_along() -> None:
     camera = made.camera_pose(1.01)
     assert camera is not None
     assert camera.position == pytest.approx((2.05, -1.0, 0.5))
+
+
+def test_a_position_that_wanders_is_no_motion() -> None:
+    """As GPS has it: 3 cm to either side every 0.2 s, while the velocity says nothing of it."""
+    made, rng = PoseHistory(AT_ORIGIN), Random(2)
+    told, places = 0.0, []
+    for i in range(500):
+        told += rng.choice((-0.03, 0.03)) if i % 10 == 0 else 0.0
+        made.add(LocalPosition(1.0 + 0.02 * i, (0.1 * i + told, 0.0, 0.0), (5.0, 0.0, 0.0)))
+        newest = made.position.newest
+        assert newest is not None
+        places.append(newest[1][0] - 0.1 * i)
+    steps = [abs(b - a) for a, b in pairwise(places)]
+    assert max(steps) < 0.005
+    assert abs(places[-1] - told) < 0.2  # it goes along all the same
+
+
+def test_after_a_gap_the_position_is_taken_as_it_is() -> None:
+    made = PoseHistory(AT_ORIGIN)
+    made.add(LocalPosition(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    made.add(LocalPosition(3.0, (0.2, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    newest = made.position.newest
+    assert newest is not None
+    assert newest[1][0] == 0.2
 
 
 def test_gravity_in_the_picture() -> None:
