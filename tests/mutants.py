@@ -458,10 +458,31 @@ MUTANTS = [
         "guidance/test_touchdown.py::test_on_ground_is_not_believed_while_it_sinks_as_ordered",
     ),
     Mutant(
+        "4: levelled while it creeps down on an air cushion",
+        TOUCHDOWN,
+        "SETTLES_M = 0.012",
+        "SETTLES_M = 9.0",
+        "guidance/test_touchdown.py::test_what_creeps_down_on_an_air_cushion_is_not_levelled",
+    ),
+    Mutant(
+        "5: flies on a frozen position",
+        "landerd/runtime/frozen.py",
+        "Report = Attitude | LocalPosition | GimbalState",
+        "Report = Attitude | GimbalState",
+        "runtime/test_frozen.py::test_what_was_never_still_and_repeats_itself_is_frozen[LocalPosition]",
+    ),
+    Mutant(
+        "6: says landed although only a heartbeat says disarmed",
+        LANDING,
+        "(self._gate.disarmed and on_ground)",
+        "self._gate.disarmed",
+        "guidance/test_landing.py::test_a_word_of_being_disarmed_is_no_landing_without_on_ground",
+    ),
+    Mutant(
         "4: climbs from the pad on which it stands",
         PAD,
-        "if self._touchdown.stands and step.now - self._rests_since >= STILL_S:",
-        "if False:",
+        "return Event.STANDS if stands else self._waving_off.order(step)",
+        "return self._waving_off.order(step)",
         "simulation/test_fault_defects.py::test_it_keeps_the_rules",
     ),
     Mutant(

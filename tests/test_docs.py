@@ -94,6 +94,9 @@ SHOWN = {name: commands(page) for name, page in zip(NAMES, PAGES, strict=True)}
 RUN = {name: [c for c in shown if not is_only_read(c)] for name, shown in SHOWN.items()}
 
 
+THEIR_OWN = {"config", "docs", "programs", "flight.mcap", "my-pad.yaml"}
+
+
 @pytest.fixture
 def somewhere(tmp_path: Path) -> Path:
     """Return a folder like a checkout, in which a user has what the pages speak of."""
@@ -125,6 +128,17 @@ def test_the_commands_of_a_page_run_as_printed(name: str, somewhere: Path) -> No
         )
         assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
         assert "Traceback" not in done.stderr
+    if (ROOT / ".git").exists():  # what a user has made stays out of the next commit
+        made = {p.name for p in somewhere.iterdir()} - THEIR_OWN
+        ignored = subprocess.run(
+            ["git", "check-ignore", "--stdin"],
+            cwd=ROOT,
+            input="\n".join(sorted(made)),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert made == set(ignored.stdout.split())
 
 
 @pytest.mark.parametrize("command", sorted({c for shown in SHOWN.values() for c in shown}))

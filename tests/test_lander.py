@@ -507,6 +507,16 @@ def test_after_commit_a_pad_that_is_seen_elsewhere_is_climbed_away_from() -> Non
     assert flight.run(0.3)[-1].velocity[2] < -0.3
 
 
+def test_after_commit_a_pad_a_little_aside_is_no_other_pad() -> None:
+    # Markers printed so far apart, as the nearer one takes over. All sightings before agreed.
+    flight = Flight().engaged().until(Phase.LANDED)
+    flight.distort = lambda true: replace(true, position=add(true.position, (0.018, 0.0, 0.018)))
+    flight.until_contact()
+    flight.run(4.0)
+    assert not said(flight, "climbing")
+    assert flight.lander.outcome == "landed"
+
+
 def test_refused_sightings_with_the_feet_at_the_pad_are_no_reason_to_climb() -> None:
     # The touch turns the airframe faster than the lens's direction is known.
     flight = Flight().engaged().until_contact()

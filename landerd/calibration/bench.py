@@ -61,14 +61,14 @@ class Bench:
         """
         devices = self.devices
         opened: list[Camera | Gimbal | Autopilot] = [devices.gimbal, devices.camera]
-        jobs: list[Coroutine[Any, Any, NoReturn]] = [self._hear_gimbal()]
+        jobs: list[Callable[[], Coroutine[Any, Any, NoReturn]]] = [self._hear_gimbal]
         if self._with_autopilot:
             opened.insert(0, devices.autopilot)
-            jobs += [self._hear_autopilot(), self._beat()]
+            jobs += [self._hear_autopilot, self._beat]
         try:
             for device in opened:
                 await device.open()
-            self._tasks = [asyncio.create_task(job) for job in jobs]
+            self._tasks = [asyncio.create_task(job()) for job in jobs]
             await self._hear()
             yield
         finally:

@@ -1,15 +1,16 @@
 """Sweeps as a table: one line for each effect and value, and which value is the first to fail."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from landerd.analysis.page import Table
+from landerd.campaigns.failures import GRAVE, failure, is_feasible
 from landerd.campaigns.plan import Campaign, Sweep
 from landerd.campaigns.pool import Run
 from landerd.campaigns.table import has_failed, make_row, notes
 
-FIRST, FURTHER = "first to fail", "fails"
+FIRST, FURTHER, BEYOND = "first to fail", "fails", "beyond the vehicle"
 Nominal = Callable[[str], Any]  # what a key is where nothing is swept; None: not known
 
 
@@ -18,6 +19,7 @@ class _Line(NamedTuple):
     value: Any
     cells: list[str]
     fails: bool
+    is_beyond: bool  # no vehicle could have landed in one of the scenarios
     said: list[str]
 
 
@@ -34,7 +36,8 @@ def effects_of(
     """Return what came of a campaign's sweeps; None: none was flown.
 
     A value fails if any of its flights in any scenario did not land, broke a rule or raised an
-    error. Of numbers the first to fail is the one nearest to the nominal value, on either side.
+    error; where the vehicle could not have landed at all, only what is grave there too counts. Of
+    numbers the first to fail is the one nearest to the nominal value, on either side.
 
     Args:
         campaign: with the sweeps.
@@ -74,7 +77,7 @@ def _lines(
     lines = []
     rows = {(row.scenario, row.settings[-1]): row for row in sweep.rows()}
     for value in sweep.values:
-        cells, said, fails = list[str](), list[str](), False
+        cells, said = list[str](), list[str]()
         setting = f"{sweep.key}={json.dumps(value)}"
         of_value = {s: runs.get(rows[s, setting].name, ()) for s in sweep.scenarios}
         for scenario in scenarios:
@@ -83,8 +86,8 @@ def _lines(
                 cells += [""] * 4
                 continue
             row = make_row(rows[scenario, setting], found)
-            fails = fails or any(has_failed(run) for run in found)
-            said += notes({**row, "label": f"{effect} {_shown(value)}, {scenario}", "missed": []})
+            label = f"{effect} {_shown(value)}, {scenario}"
+            said += [*notes({**row, "label": label, "missed": []}), *_ends(label, found)]
             time_s, error = row["time_s_mean"], row["touchdown_error_m_p95"]
             cells += [
                 f"{row['landed']}/{row['runs']}",
@@ -92,9 +95,27 @@ def _lines(
                 "-" if error is None else f"{error:.3f}",
                 str(row["rules_broken"]),
             ]
-        if any(of_value.values()):
-            lines.append(_Line(effect, value, cells, fails, said))
+        flown = [run for found in of_value.values() for run in found]
+        if flown:
+            is_beyond = not all(map(is_feasible, flown))
+            lines.append(_Line(effect, value, cells, any(map(_fails, flown)), is_beyond, said))
     return lines
+
+
+def _fails(run: Run) -> bool:
+    return has_failed(run) if is_feasible(run) else failure(run) in GRAVE
+
+
+def _ends(label: str, runs: Sequence[Run]) -> Iterator[str]:
+    """Say how the flights ended that did not land, and why they could not if that is so."""
+    seeds: dict[str, list[str]] = {}
+    for run in runs:
+        if run.result is not None and not run.result["landed"]:
+            beyond = run.result.get("infeasible")
+            end = f"{run.result['outcome']} ({beyond})" if beyond else run.result["outcome"]
+            seeds.setdefault(end, []).append(str(run.seed))
+    for end, of in seeds.items():
+        yield f"{label}: {end}: seeds {', '.join(of)}"
 
 
 def _marks(lines: Sequence[_Line], nominal: Any) -> list[str]:
@@ -108,7 +129,10 @@ def _marks(lines: Sequence[_Line], nominal: Any) -> list[str]:
         first += [line for line in failing if line.value == nominal]
     else:  # words and lists have no order
         first = failing
-    return [FIRST if line in first else FURTHER if line.fails else "" for line in lines]
+    return [
+        FIRST if line in first else FURTHER if line.fails else BEYOND if line.is_beyond else ""
+        for line in lines
+    ]
 
 
 def _is_number(value: Any) -> bool:

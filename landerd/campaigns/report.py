@@ -6,7 +6,7 @@ from typing import Any
 
 from landerd.analysis.page import Block, Heading, Lines, Table, Text
 from landerd.campaigns.effects import Nominal, effects_of
-from landerd.campaigns.failures import CLASSES, as_lines, failure
+from landerd.campaigns.failures import CLASSES, GRAVE, as_lines, failure, is_feasible
 from landerd.campaigns.fault_table import as_lines as fault_lines
 from landerd.campaigns.fault_table import failures
 from landerd.campaigns.figures import figures
@@ -128,7 +128,9 @@ def _kinds(run: Run, row: Row) -> list[str]:
     if row.faults:
         return failures(run)
     kind = failure(run)
-    return [] if kind is None else [kind]
+    if kind is None or not (is_feasible(run) or kind in GRAVE):
+        return []
+    return [kind]
 
 
 def _what(run: Run, row: Row) -> str:

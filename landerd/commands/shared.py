@@ -34,11 +34,18 @@ def refusing(*errors: type[Exception]) -> Iterator[None]:
 
 
 async def ask(question: str) -> None:
-    """Show a person what is to be done, and wait until it is."""
+    """Show a person what is to be done, and wait until it is.
+
+    Raises:
+        InputError: nobody can answer.
+    """
     import asyncio
 
     print(question)
-    await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
+    try:
+        await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
+    except EOFError:
+        raise InputError("nobody can press Enter: standard input has ended") from None
 
 
 def tell(line: str) -> None:

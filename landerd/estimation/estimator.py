@@ -101,6 +101,11 @@ class Estimator:
         return self._filter.doubted_s
 
     @property
+    def doubted_m(self) -> float:
+        """How far from there, m, the newest sighting was; 0: no farther than noise explains."""
+        return self._filter.doubted_m
+
+    @property
     def nis(self) -> float:
         """Normalised innovation squared of the newest sighting, 3 on average; NaN without one."""
         return self._filter.nis

@@ -119,6 +119,7 @@ class PadFilter:
         nis: normalised innovation squared of the last update, refused or not: chi-square of 3
             degrees of freedom, 3 on average; NaN where there was nothing to compare with.
         doubted_s: for how long, s, every sighting was farther off than noise explains.
+        doubted_m: how far off, m, the newest of these was; 0: it was none of them.
     """
 
     def __init__(self, options: EstimationSection) -> None:
@@ -142,7 +143,7 @@ class PadFilter:
         self._rejections = 0  # in a row, lying together
         self._refused_t = self._stepped_t = -math.inf
         self._likely_t = math.inf
-        self.doubted_s = 0.0
+        self.doubted_s = self.doubted_m = 0.0
         self._refused_step: Vec3 = (0.0, 0.0, 0.0)  # innovation of the last one refused, m
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._tilt_variance = SIGMA_INITIAL_TILT**2
@@ -222,6 +223,7 @@ class PadFilter:
         is_likely = self.nis <= self._nis_limit  # NaN is not
         self._likely_t = t if is_likely else min(self._likely_t, t)
         self.doubted_s = t - self._likely_t
+        self.doubted_m = 0.0 if is_likely else norm(innovation.vector)
         if not is_likely:
             # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
             innovation = innovation.with_noise(best.hiccup)
@@ -251,7 +253,8 @@ class PadFilter:
 
     def _start(self, seen: PadObservation) -> None:
         """Begin anew from one observation; the biases are kept."""
-        self._likely_t, self.doubted_s = seen.t, 0.0
+        self._likely_t = seen.t
+        self.doubted_s = self.doubted_m = 0.0
         self._accepted = 1
         self._accepted_t = seen.t
         self._rejections = 0

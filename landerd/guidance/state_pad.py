@@ -11,16 +11,17 @@ from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, STILL_S, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# So slow up or down, m/s, for STILL_S, it stands on the pad; the estimate's noise is a tenth of it.
+# Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
+# climbing takes half of it. After THRUST_BACK_S it lifts: levelled at 0.7 s it hopped, and fell.
 RESTS_MPS = 0.1
-# Told to climb it rests for so long only on the pad, s: from sinking to climbing takes half of it.
-RESTS_S = 0.5
+RESTS_S = 0.4
+THRUST_BACK_S = 0.6
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -94,10 +95,14 @@ class Committed:
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
         """Tell whether, as seen for some time now, it will not stand on the pad.
 
-        A pad that is seen where it cannot be has stopped, started or been moved.
+        A pad that is seen where it cannot be has stopped, started or been moved. Where sightings
+        have agreed to the millimetre, some millimetres are more than their noise explains, as
+        when other markers of the pad come into use; then it must be as far off as a pad that
+        slides away too fast to touch would be by now.
         """
         options, estimator = self._context.options, self._context.estimator
-        is_elsewhere = estimator.doubted_s >= MISSES_S
+        too_far_m = options.descent.commit_slip_mps * MISSES_S
+        is_elsewhere = estimator.doubted_s >= MISSES_S and estimator.doubted_m > too_far_m
         if is_elsewhere and not self._touchdown.may_touch:
             return True
         sink_rate = options.touchdown_descent_mps
@@ -191,11 +196,12 @@ class Leaving:
         self._context = context
         self._touchdown = touchdown
         self._waving_off = WavingOff(context)
+        self._began = -math.inf
         self._rests_since = math.inf  # neither sinks nor climbs
 
     def enter(self, step: ControlStep) -> None:
         """Begin to climb."""
-        self._rests_since = math.inf
+        self._began, self._rests_since = step.now, math.inf
         self._waving_off.enter(step)
 
     def order(self, step: ControlStep) -> Event | None:
@@ -206,9 +212,8 @@ class Leaving:
         if vehicle is not None and step.now - self._rests_since >= RESTS_S:
             self._note_contact(step.now, vehicle)
         _level_due(self._context, self._touchdown, step, vehicle)
-        if self._touchdown.stands and step.now - self._rests_since >= STILL_S:
-            return Event.STANDS
-        return self._waving_off.order(step)
+        stands = rests and self._touchdown.stands and step.now - self._began < THRUST_BACK_S
+        return Event.STANDS if stands else self._waving_off.order(step)
 
     def _note_contact(self, now: float, vehicle: VehicleState) -> None:
         context = self._context
@@ -218,8 +223,9 @@ class Leaving:
         relative = context.relative(vehicle, pad)
         if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
             return
-        if self._touchdown.touch(self._rests_since):
+        if not self._touchdown.has_touched:
             context.foothold.touch(relative, pad.heading)
+        self._touchdown.settle(self._rests_since)
 
 
 def _clearance(

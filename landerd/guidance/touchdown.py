@@ -135,12 +135,16 @@ class Touchdown:
         slow = t >= self._watch_from and sink_rate < CONTACT_SINK_SHARE * ordered
         self._slow_since = min(self._slow_since, t) if slow else math.inf
 
-    def touch(self, t: float) -> bool:
-        """Take it that the feet have been down since t (s); tell whether that is news."""
-        is_news = self._contact_t is None
-        if is_news:
+    @property
+    def has_touched(self) -> bool:
+        """Whether contact has been noticed."""
+        return self._contact_t is not None
+
+    def settle(self, t: float) -> None:
+        """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
+        if self._contact_t is None:
             self._contact_t = t
-        return is_news
+        self._level = self.stands = True
 
     @property
     def may_touch(self) -> bool:

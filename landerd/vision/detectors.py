@@ -13,6 +13,7 @@ from landerd.messages import Light, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.expected import Expected
 from landerd.vision.metering import Meter
+from landerd.vision.plate_check import PlateCheck
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
@@ -73,6 +74,10 @@ class Detectors(Protocol):
         """See `WhyCodeFinder.find`."""
         ...
 
+    def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `PlateCheck.contradicts`."""
+        ...
+
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """See `Meter.light`."""
         ...
@@ -85,6 +90,7 @@ class PixelDetectors:
         """Prepare finders and prints of a pad's markers."""
         self._camera = camera
         self._meter = Meter(camera, layout.plate)
+        self._plate = PlateCheck(layout, camera)
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares
         }
@@ -153,6 +159,10 @@ class PixelDetectors:
     ) -> list[FoundCode]:
         """See `WhyCodeFinder.find`."""
         return self._codes.find(image, expected, normal)
+
+    def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `PlateCheck.contradicts`."""
+        return self._plate.contradicts(image, ring, sighting)
 
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """See `Meter.light`."""

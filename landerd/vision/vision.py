@@ -94,6 +94,8 @@ class Vision:
                 candidates.append(candidate)
         codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
+        if _is_heading_open(prior):
+            candidates = self._with_plate(image, candidates)
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         self._found = _once([*chosen, *candidates]) if poses else []
@@ -128,6 +130,19 @@ class Vision:
         sighting = self._shutter.of_ring(t, ring, sighting)
         measured = ring_measurement(number, ring.position_m, sighting.solutions)
         return Candidate(ring, sighting, measured)
+
+    def _with_plate(self, image: Image, candidates: list[Candidate]) -> list[Candidate]:
+        """Return the candidates without rings that are bare where the pad has other markers."""
+        if any(c.sighting.id is not None for c in candidates):
+            return candidates
+        return [
+            c
+            for c in candidates
+            if not (
+                isinstance(c.marker, Ring)
+                and self._detectors.lacks_plate(image, c.marker, c.sighting)
+            )
+        ]
 
     def _square(
         self, frame: Frame, found: FoundSquare, prior: Prior, normal: Vec3 | None
@@ -185,6 +200,11 @@ def _checked(image: Image, camera: CameraModel) -> Image:
             f"the camera is calibrated for {camera.width}x{camera.height}"
         )
     return image
+
+
+def _is_heading_open(prior: Prior) -> bool:
+    """Tell whether no marker has told a heading yet, which look-alikes of rings do not have."""
+    return prior.pad is None or prior.pad.north is None
 
 
 def _unambiguous_normal(rings: list[FoundRing]) -> Vec3 | None:

@@ -42,7 +42,10 @@ def test_one_line_for_each_value_with_both_scenarios_beside_each_other() -> None
         "0", "first to fail",
     ]  # fmt: skip
     assert table.strong == {4}
-    assert said == ["camera.clock_offset_s 0.03, moving-5: failed with seeds 8, 9, 10"]
+    assert said == [
+        "camera.clock_offset_s 0.03, moving-5: failed with seeds 8, 9, 10",
+        "camera.clock_offset_s 0.03, moving-5: landed: seeds 8, 9, 10",
+    ]
 
 
 def test_the_first_to_fail_is_the_nearest_to_the_nominal_value_on_either_side() -> None:
@@ -66,6 +69,21 @@ def test_words_have_no_order() -> None:
     runs = flown(campaign, {("stationary", "gravel"): 9, ("stationary", "water"): 0})
     found = marks(campaign, runs, "grass")
     assert found == {"gravel": "first to fail", "canopy": "", "water": "first to fail"}
+
+
+def test_what_no_vehicle_could_have_landed_in_is_no_failure_of_landerds() -> None:
+    campaign = Campaign(
+        sweeps=(Sweep(scenarios=("moving-5",), key="sim.wind.speed_mps", values=(8.0, 9.0)),)
+    )
+    runs = {}
+    for row, broken in zip(campaign.all_rows, ([], ["3: too fast (at 1.00 s)"]), strict=True):
+        lost = {"landed": False, "outcome": "handed_back", "touchdown_error_m": None}
+        beyond = {"infeasible": "too much wind", "rules_broken": broken}
+        runs[row.name] = [Run(row.name, 1, landing(row.name, 1, **lost, **beyond))]
+    found = effects_of(campaign, runs, lambda key: 0.0)
+    assert found is not None
+    assert [line[-1] for line in found.table.rows] == ["beyond the vehicle", "first to fail"]
+    assert "wind.speed_mps 8.0, moving-5: handed_back (too much wind): seeds 1" in found.said
 
 
 def test_what_was_not_flown_yet_is_empty() -> None:

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,8 @@ from landerd.cli import main
 from landerd.config.files import config_dir
 
 DEFAULT = str(config_dir() / "default.yaml")
-BENCH = ("-c", DEFAULT, "--height", "1.5", "--mark", "2.6,0.2", "--pictures", "3", "--json")
+FEW = ("-c", DEFAULT, "--pictures", "3", "--set", "sim.camera.fps=10")
+BENCH = (*FEW, "--height", "1.5", "--mark", "2.6,0.2", "--json")
 TOLD_WELL = ("--set", "gimbal.driver=simplebgc", "--set", "sim.gimbal.bias_deg=0.0")
 
 
@@ -71,8 +74,8 @@ def test_a_gimbal_centres_the_pad_and_a_slow_one_is_told(
 def test_a_pad_that_is_nowhere_is_told_with_what_to_look_at(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    places = ("--height", "1.5", "--pictures", "3", "--mark=-3,0")  # behind the vehicle
-    code = main(["bench-test", "pose", "-c", DEFAULT, *places])
+    behind = ("--height", "1.5", "--mark=-3,0", "--set", "sim.camera.fps=3")
+    code = main(["bench-test", "pose", *FEW, *behind])
     out = capsys.readouterr().out
     assert code == 1
     assert "no-go: -3,0: the pad is nowhere to be seen" in out
@@ -97,3 +100,27 @@ def test_wrong_input_is_one_line(
         code = int(e.code or 0)
     assert code == 2
     assert says in capsys.readouterr().err.splitlines()[-1]
+
+
+def on_a_vehicle(answers: str) -> subprocess.CompletedProcess[str]:
+    """Test a vehicle whose devices are not there; the answers are typed."""
+    vehicle = str(config_dir() / "vehicles" / "pixhawk-usb.yaml")
+    places = ("--height", "1.5", "--mark", "2,0", "--mark", "3,0")
+    words = [sys.executable, "-m", "landerd", "bench-test", "pose", "-c", vehicle, *places]
+    return subprocess.run(
+        words, input=answers, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def test_devices_that_are_not_there_are_told_at_each_mark() -> None:
+    done = on_a_vehicle("\n\n")
+    assert done.returncode == 1
+    assert "its landing point on the mark 3,0" in done.stdout
+    assert done.stdout.count("/dev/landerd-autopilot is not there") == 2
+    assert done.stderr == ""
+
+
+def test_where_nobody_can_answer_it_says_so() -> None:
+    done = on_a_vehicle("")
+    assert done.returncode == 2
+    assert done.stderr == "nobody can press Enter: standard input has ended\n"

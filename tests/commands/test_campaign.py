@@ -120,7 +120,7 @@ def test_pictures_that_are_only_searched_are_a_table_of_distances(
     flown[name, 1] = Run(name, 1, {"scenario": name, "seed": 1, "poses": [picture]})
     assert main(["campaign", "whycon-pose", "--runs", "1"]) == 0
     out = capsys.readouterr().out
-    assert "4 to 6 1/1 0.500 0.500 1.463" in " ".join(out.split())
+    assert "4 to 6 1/1 21-100 % 0.500 0.500 1.463" in " ".join(out.split())
     assert "without gravity: 1 of 1" in out
 
 

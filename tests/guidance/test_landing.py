@@ -113,6 +113,14 @@ def test_disarmed_after_commit_but_before_contact_is_taken_over() -> None:
     assert flight.lander.outcome == "taken over"
 
 
+def test_a_word_of_being_disarmed_is_no_landing_without_on_ground() -> None:
+    flight = Flight().engaged()
+    to(flight, State.ON_PAD)
+    flight.armed = False
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "taken over"
+
+
 def test_the_precision_landing_of_the_autopilot_leaves_every_state_alone() -> None:
     config = Config.model_validate({"guidance": {"output": "landing_target"}})
     flight = Flight(config=config)

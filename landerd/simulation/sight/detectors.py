@@ -198,6 +198,10 @@ class ModelledDetectors:
                 found.append(FoundCode(code, self._code_poses(code, sight, normal)))
         return found
 
+    def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """Return False: there are no look-alikes."""
+        return False
+
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """Return the brightness of white, or of the ground and whether white is clipped."""
         view = self._look(image)

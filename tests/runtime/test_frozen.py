@@ -1,0 +1,47 @@
+"""What repeats itself to the bit with new times, and what may."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
+from landerd.runtime.frozen import RESTLESS_REPORTS, FrozenInput
+
+REPORTS = [
+    Attitude(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)),
+    LocalPosition(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    GimbalState(0.0, 0.0, 0.0, 0.0, Reference.BODY),
+]
+Report = Attitude | LocalPosition | GimbalState
+
+
+def at(report: Report, i: int) -> Report:
+    """Return the report number i of a sensor that is never still."""
+    if isinstance(report, LocalPosition):
+        return replace(report, t=0.02 * i, position=(0.0, 0.0, 1e-3 * i))
+    return replace(report, t=0.02 * i, pitch=1e-3 * i)
+
+
+@pytest.mark.parametrize("report", REPORTS, ids=lambda report: type(report).__name__)
+def test_what_was_never_still_and_repeats_itself_is_frozen(report: Report) -> None:
+    frozen = FrozenInput()
+    assert not any(frozen.repeats(at(report, i)) for i in range(RESTLESS_REPORTS + 1))
+    last = at(report, RESTLESS_REPORTS)
+    assert frozen.repeats(replace(last, t=last.t + 0.02))
+    assert frozen.repeats(replace(last, t=last.t + 0.04))
+    assert not frozen.repeats(at(report, RESTLESS_REPORTS + 3))
+
+
+@pytest.mark.parametrize("report", REPORTS, ids=lambda report: type(report).__name__)
+def test_what_repeats_itself_from_the_beginning_may(report: Report) -> None:
+    frozen = FrozenInput()
+    assert not any(frozen.repeats(at(report, i // 2)) for i in range(3 * RESTLESS_REPORTS))
+
+
+def test_a_picture_that_differs_in_one_pixel_is_another() -> None:
+    frozen, image = FrozenInput(), np.zeros((48, 64), np.uint8)
+    assert not frozen.picture_repeats(image)
+    assert frozen.picture_repeats(image)
+    image[33, 5] = 1  # in the same memory
+    assert not frozen.picture_repeats(image)

@@ -1,0 +1,68 @@
+"""Rings that lack what the pad has beside its own."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from landerd.config.models import VisionSection
+from landerd.messages import Frame
+from landerd.pad import PadLayout, Plate, Square
+from landerd.vision import Vision
+from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, Shadow, View, look, render
+
+RING = THESIS_PAD.rings[0]
+BARE = PadLayout(
+    name="bare",
+    markers=(RING,),
+    plate=Plate(north_m=0.62, south_m=0.62, east_m=0.62, west_m=0.62),
+)
+UNREADABLE = THESIS_PAD.model_copy(
+    update={
+        "markers": tuple(
+            m.model_copy(update={"id": 7}) if isinstance(m, Square) else m
+            for m in THESIS_PAD.markers
+        )
+    }
+)
+
+
+def view(distance: float, heading: float) -> View:
+    return look(
+        IDEAL_CAMERA, distance, 0.4, pixel=(300.0, 230.0), tilt_towards=1.0, heading=heading
+    )
+
+
+def is_seen(painted: PadLayout, at: View, optics: Optics) -> bool:
+    """Tell whether one of some pictures shows the thesis's pad: a search may go on in the next."""
+    image = render(at, IDEAL_CAMERA, optics, np.random.default_rng(2), painted)
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
+
+
+@pytest.mark.parametrize("distance", [3.0, 8.0])
+@pytest.mark.parametrize("heading", [0.3, 2.5])
+def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
+    distance: float, heading: float
+) -> None:
+    grass = Optics(background="grass")
+    assert not is_seen(BARE, view(distance, heading), grass)
+    assert is_seen(UNREADABLE, view(distance, heading), grass)
+
+
+def test_a_far_ring_is_taken_before_the_white_beside_it_can_be_seen() -> None:
+    assert is_seen(BARE, view(36.0, 0.3), Optics(background="grass"))
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
+def test_a_shadow_over_a_part_of_the_pad_is_no_reason_to_refuse_its_ring(turn: float) -> None:
+    at = view(6.0, 0.3)
+    edge = Shadow(0.25, (305.0, 235.0), (math.cos(turn), math.sin(turn)))
+    assert is_seen(UNREADABLE, at, replace(Optics(), shadow=edge))
+
+
+def test_a_ring_by_itself_is_what_it_should_be_for_a_pad_of_one_ring() -> None:
+    at = view(5.0, 0.3)
+    image = render(at, IDEAL_CAMERA, Optics(), np.random.default_rng(2), BARE)
+    assert Vision(BARE, IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, image)).pad
