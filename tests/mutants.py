@@ -460,7 +460,7 @@ MUTANTS = [
     Mutant(
         "4: levelled while it creeps down on an air cushion",
         TOUCHDOWN,
-        "SETTLES_M = 0.012",
+        "SETTLES_M = 0.01",
         "SETTLES_M = 9.0",
         "guidance/test_touchdown.py::test_what_creeps_down_on_an_air_cushion_is_not_levelled",
     ),

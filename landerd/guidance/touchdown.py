@@ -42,7 +42,7 @@ LEVEL_AT_LATEST_S = 2.5
 # What counts as standing still; chosen by trial with these.
 MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
 # over STILL_S it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
-SETTLES_M = 0.012
+SETTLES_M = 0.01
 PAD_SPEED_ERROR_SHARE = 0.05  # of a fast pad's speed may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet
 

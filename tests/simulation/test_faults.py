@@ -101,8 +101,8 @@ def test_just_over_a_moving_pad_it_leaves_before_it_stops(fault: str) -> None:
 
 
 def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
-    """It was: level without thrust was ordered 0.15 m up."""
-    simulation = flown("{fault: ground-effect, at: {phase: DESCENT}, severity: 1}")
+    """It was: level without thrust 0.15 m up. A fifth more thrust is the most that was measured."""
+    simulation = flown("{fault: ground-effect, at: {phase: DESCENT}, severity: 0.25}")
     assert broken(simulation) == set()
     assert simulation.monitor.worst.down_mps < 0.7
 
