@@ -58,6 +58,8 @@ class Detectors(Protocol):
         window: Window | None = None,
         scale: float = 1.0,
         smallest_px: float | None = None,
+        *,
+        evened_px: int | None = None,
     ) -> list[FoundSquare]:
         """See `SquareFinder.find`; smallest_px None: its own."""
         ...
@@ -140,11 +142,13 @@ class PixelDetectors:
         window: Window | None = None,
         scale: float = 1.0,
         smallest_px: float | None = None,
+        *,
+        evened_px: int | None = None,
     ) -> list[FoundSquare]:
         """See `SquareFinder.find`; smallest_px None: its own."""
         if smallest_px is None:
             return self._squares.find(image, window, scale)
-        return self._squares.find(image, window, scale, smallest_px)
+        return self._squares.find(image, window, scale, smallest_px, evened_px=evened_px)
 
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None

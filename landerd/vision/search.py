@@ -23,6 +23,10 @@ _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-ali
 # 40), and at least at that.
 _SEARCH_SIDE_PX, _MIN_SIDE_PX = 28.0, 14.0
 _MAX_SCALE = 4.0  # of the image so enlarged
+# Where that shows none, the light is made even, and the square a little larger. Of a tag with a
+# shadow's edge to 0.2 of the light across it, no other way showed any, this one all from 26 px on.
+_EVENED_SIDE_PX, _EVENED_PX = 40.0, 13
+_MAX_EVENED_SCALE = 1.4  # else it is too small for that
 _MIN_SLANT = 0.35  # cosine of the viewing angle below which the image is not enlarged further
 _SQUARE_MARGIN_PX = 4.0  # round the circle about a ring in which squares must lie
 _WINDOW_MARGIN, _WINDOW_SIGMAS = 0.2, 3.0  # round what is expected: of its size, and of its sigma
@@ -221,6 +225,11 @@ class Search:
             return []
         scale = self._search_scale(size, position, normal)
         found = self._detectors.find_squares(image, window, scale, _MIN_SIDE_PX)
+        if not found and scale < _MAX_EVENED_SCALE:
+            scale *= _EVENED_SIDE_PX / _SEARCH_SIDE_PX
+            found = self._detectors.find_squares(
+                image, window, scale, _MIN_SIDE_PX, evened_px=_EVENED_PX
+            )
         return [f for f in found if f.square.size_m == size]
 
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:

@@ -26,6 +26,7 @@ _TEXTURE_MEANS_PX = ((17, 17, 1), (7, 7, 1), (23, 23, 1))
 # Above it the image is full of texture.
 _MAX_EDGE_SHARE = 0.04
 _THRESHOLD_OFFSET = 7  # grey levels: OpenCV's own
+_EVENED_LEVEL, _DARKEST = 110.0, 4.0  # grey levels: of a mean made even, and added against noise
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ class SquareFinder:
         window: Window | None = None,
         scale: float = 1.0,
         smallest_px: float = _MIN_SIDE_PX,
+        *,
+        evened_px: int | None = None,
     ) -> list[FoundSquare]:
         """Return the pad's squares in an image.
 
@@ -67,6 +70,8 @@ class SquareFinder:
             scale: the search is done on an image enlarged by this.
             smallest_px: shortest mean side that is looked for, in the enlarged image. The time goes
                 with the number of outlines that are longer.
+            evened_px: the light of the enlarged image is made even over so many pixels, that a
+                shadow's edge across a square is none; None: not at all.
         """
         x0, y0 = 0, 0
         means_px: Sequence[tuple[int, int, int]]
@@ -79,6 +84,8 @@ class SquareFinder:
         if min(image.shape) < _MIN_SIDE_PX:
             return []
         image = _enlarged(image, scale)
+        if evened_px is not None:
+            image = _evened(image, evened_px)
         perimeter_rate = 4.0 * smallest_px / max(image.shape)
         parameters = [_parameters(perimeter_rate, means) for means in means_px]
         found: list[FoundSquare] = []
@@ -117,6 +124,13 @@ def _enlarged(image: Image, scale: float) -> Image:
     return np.asarray(
         cv2.resize(image, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8
     )
+
+
+def _evened(image: Image, width_px: int) -> Image:
+    """Return an image over its mean of so many pixels, which becomes a middle grey."""
+    grey = image.astype(np.float32) + _DARKEST
+    even = grey * (_EVENED_LEVEL / cv2.blur(grey, (width_px, width_px)))
+    return np.asarray(np.clip(even, 0.0, 255.0), dtype=np.uint8)
 
 
 def _detected(

@@ -8,8 +8,8 @@ import pytest
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior, Sightings
 from landerd.vision import Vision
+from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, look, render
 from tests.vision.scenes import THESIS_CAMERA as BIG_CAMERA
-from tests.vision.scenes import THESIS_PAD, Optics, View, look, render
 
 OPTICS = Optics()
 THESIS_CAMERA = BIG_CAMERA.scaled(320, 240)  # half the size: these images are slow to make
@@ -92,3 +92,20 @@ def test_sightings_depend_on_nothing_but_frames_and_priors() -> None:
     second = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
     for view in views:
         assert seen(view, None, first) == seen(view, None, second)
+
+
+@pytest.mark.parametrize("distance", [3.0, 4.0, 6.0])
+def test_a_tag_with_a_shadow_edge_across_it_tells_the_heading(distance: float) -> None:
+    """From one side to the other of the tag the light falls to a fifth over some pixels."""
+    view = look(IDEAL_CAMERA, distance, 0.2, pixel=(320.0, 300.0))
+    optics = Optics(noise=2.0)
+    image = render(view, IDEAL_CAMERA, optics, np.random.default_rng(1))
+    square = THESIS_PAD.squares[0]
+    middle = np.array(view.position) + view.R_camera_pad @ np.array([*square.position_m, 0.0])
+    x = float(IDEAL_CAMERA.pixels(middle[None])[0, 0])
+    light = 0.2 + 0.8 / (1.0 + np.exp((np.arange(image.shape[1]) - x) / 2.0))
+    shaded = np.rint(image * light).astype(np.uint8)
+    seen = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, shaded))
+    assert any(m.kind == "apriltag" for m in seen.markers)
+    assert seen.pad[0].north is not None
+    assert np.dot(seen.pad[0].north, view.R_camera_pad[:, 0]) > math.cos(math.radians(2.0))
