@@ -549,7 +549,8 @@ def test_carried_by_the_pad_it_presses_on_gently_and_stands_level_within_a_secon
     flight.until_contact()
     flown = flight.run(0.6)
     assert len(flown) == 24
-    assert all(0.0 < setpoint.velocity[2] <= 0.3001 for setpoint in flown)
+    # On top of what the pad is believed to sink.
+    assert all(0.0 < setpoint.velocity[2] <= 0.31 for setpoint in flown)
     assert flight.pressed == []
     flight.run(0.6)
     assert flight.pressed
@@ -577,7 +578,7 @@ def test_leaning_against_wind_it_comes_down_quicker_once_it_is_committed() -> No
         fastest[pitch] = max(order.velocity[2] for order in flight.run(0.4))
     level, leaning = fastest.values()
     assert level <= 0.3001
-    assert 0.45 < leaning <= 0.6
+    assert 0.45 < leaning <= 0.64  # on top of what the pad is believed to sink
 
 
 def test_it_commits_below_the_commit_height_only() -> None:

@@ -20,7 +20,7 @@ MIN_DESCENT_MPS = 0.05
 # Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
 # climbing takes half of it. After THRUST_BACK_S it lifts: levelled at 0.7 s it hopped, and fell.
 RESTS_MPS = 0.1
-RESTS_S = 0.4
+RESTS_S = 0.35
 THRUST_BACK_S = 0.6
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09

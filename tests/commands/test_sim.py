@@ -13,7 +13,7 @@ def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
     (line,) = done.stdout.splitlines()
     result = json.loads(line)
     assert (result["landed"], result["seed"], result["scenario"]) == (True, 3, "hover")
-    assert 0.8 < result["nis_ratio"] < 1.2
+    assert 0.5 < result["nis_ratio"] < 1.2  # of a flight of some seconds
     assert result["refused_percent"] < 5.0
 
 
