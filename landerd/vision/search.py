@@ -189,6 +189,7 @@ class Search:
         """Look for squares round the rings, of which the first with any is taken for the pad's."""
         for ring, sighting in rings:
             found = self._squares_round(image, ring, sighting)
+            found = found or self._detectors.squares_beside(image, ring, sighting)
             if found:
                 return found
         is_wanted = where is SquareSearch.ANYWHERE and not rings
