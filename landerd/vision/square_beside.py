@@ -27,7 +27,7 @@ _MIN_IN_IMAGE = 0.8  # share of the print
 _MIN_SCATTER = 4.0  # grey levels, rms: less is noise
 # Correlations, set by trial: of the code as of the whole, or another square would do, and above
 # that at any heading which is not next to the best.
-_MIN_CORRELATION = 0.5
+_MIN_CORRELATION = 0.57
 _MIN_LEAD = 0.15
 _NEXT = math.radians(12.0)
 # How surely the pose is known besides the heading. All of that is the ring's, which is counted
