@@ -155,7 +155,9 @@ class MarkerPrint:
             return None
         blur = max(patch.blur, self._blur * patch.blur)
         was_toned = bool(self._tone.any())
-        estimate = _Estimate(start, blur, _first_light(patch.grey), self._tone, was_toned, is_hidden)
+        estimate = _Estimate(
+            start, blur, _first_light(patch.grey), self._tone, was_toned, is_hidden
+        )
         equations = self._descended(patch, estimate, has_rival)
         if equations is None:
             return None

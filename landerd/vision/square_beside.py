@@ -60,7 +60,9 @@ class SquareBeside:
             _kernels(print_, self._radii[:, None] * (off < limit)) for limit in (half, code)
         ]
 
-    def find(self, image: Image, camera: CameraModel, ring: tuple[PoseSolution, ...]) -> Pose | None:
+    def find(
+        self, image: Image, camera: CameraModel, ring: tuple[PoseSolution, ...]
+    ) -> Pose | None:
         """Return the square's pose beside a ring with these solutions; None: it is not seen.
 
         Its heading is measured, to half a cell's angle; the rest is the ring's.
@@ -123,9 +125,7 @@ class SquareBeside:
         t = np.array(ring.position)
         C = np.zeros((6, 6))
         C[:3, :3] = (
-            np.array(ring.covariance)
-            + np.eye(3) * self._cell**2
-            + np.outer(t, t) * _RANGE_SHARE**2
+            np.array(ring.covariance) + np.eye(3) * self._cell**2 + np.outer(t, t) * _RANGE_SHARE**2
         )
         normal = np.array(ring.normal)
         across = np.eye(3) - np.outer(normal, normal)
@@ -173,6 +173,7 @@ def _correlations(
         spectra: of what is in the image, its grey levels and their squares, (radii, ...).
         count: of angles.
     """
+
     def summed(kernel: NDArray[np.complex128], spectrum: NDArray[np.complex128]) -> F64:
         return np.fft.irfft((kernel * spectrum).sum(axis=0), n=count)
 

@@ -1,12 +1,13 @@
 """Poses of a square marker from its pixels, both solutions of the planar ambiguity."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, rotation_vector
 from landerd.pad import Square
 from landerd.vision.patch import Image
 from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose
@@ -30,6 +31,9 @@ _MIN_TRACKED_EXPLAINED = 0.93
 # Where the print is hidden in part: of the whole, below which what is left is not sought; and the
 # share of black, of white and of the code that must be left. Of another code half is as printed.
 _MIN_HIDDEN_EXPLAINED, _MIN_SHOWN = 0.3, 0.6
+# What no residual shows of such a fit: what hides the print is not cut out to its very edge. And of
+# how far it moved the pose: what does not fit may be no foreign piece, but white that is blown out.
+_HIDDEN_VARIANCE, _HIDDEN_SHARE = 2.0, 0.5
 # Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
 # lean by 15 degrees at most.
 _LEVEL_COS = math.cos(math.radians(6.0))
@@ -98,10 +102,12 @@ class SquarePrint(MarkerPrint):
             return fit
         if fit.explained < _MIN_HIDDEN_EXPLAINED:
             return None
-        fit = self.fit(image, camera, fit.pose, has_rival=False, is_hidden=True)
-        if fit is None or fit.shown is None or fit.shown < _MIN_SHOWN:
+        left = self.fit(image, camera, fit.pose, has_rival=False, is_hidden=True)
+        if left is None or left.shown is None or left.shown < _MIN_SHOWN:
             return None
-        return fit if fit.explained > _MIN_TRACKED_EXPLAINED else None
+        if left.explained < _MIN_TRACKED_EXPLAINED:
+            return None
+        return replace(left, pose=_less_certain(left.pose, fit.pose))
 
     def _is_telling(self, north: F64, east: F64) -> NDArray[np.bool_]:
         reach = self._code_reach
@@ -126,6 +132,15 @@ class SquarePrint(MarkerPrint):
                 if fit is not None and fit.pose.normal @ pose.normal < EQUAL_NORMALS_COS:
                     rivals.append(fit)
         return rivals
+
+
+def _less_certain(pose: Pose, whole: Pose) -> Pose:
+    """Return a pose by what is left of a print, as certain as the fit to the whole lets it be."""
+    way = np.concatenate([pose.t - whole.t, rotation_vector((pose.R @ whole.R.T).tolist())])
+    covariance = _HIDDEN_VARIANCE * np.linalg.inv(pose.information)
+    covariance += _HIDDEN_SHARE**2 * np.outer(way, way)
+    information: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    return replace(pose, information=information)
 
 
 def _ranked(fits: list[Fit]) -> list[Pose]:

@@ -145,7 +145,12 @@ class Vision:
         return self._decoded(t, found.code, list(found.poses), outline, prior)
 
     def _decoded(
-        self, t: float, marker: Square | WhyCode, poses: list[Pose], outline: F64, prior: Prior,
+        self,
+        t: float,
+        marker: Square | WhyCode,
+        poses: list[Pose],
+        outline: F64,
+        prior: Prior,
         stage: str = "grey",
     ) -> Candidate | None:
         """Return a marker that tells its id and heading; None if its pose is too uncertain."""
