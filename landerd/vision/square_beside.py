@@ -132,7 +132,7 @@ class SquareBeside:
         sigma = float(self._angles[1])
         C[3:, 3:] = across * _TILT_SIGMA**2 + np.outer(normal, normal) * sigma**2
         top = north @ _turn(self._heading)[:, 0]
-        information: F64 = np.linalg.inv(C)
+        information: F64 = np.asarray(np.linalg.inv(C), dtype=np.float64)
         return Pose(rotation_from(normal, top), t + north @ self._place, information, 0.0)
 
 
@@ -148,10 +148,10 @@ def _sampled(cells: NDArray[np.bool_], at: F64) -> F64:
     fine = np.kron(
         np.pad(2.0 * cells - 1.0, margin, constant_values=1.0), np.ones((_PER_CELL, _PER_CELL))
     )
-    fine = cv2.GaussianBlur(fine.astype(np.float32), (0, 0), _BLUR_CELLS * _PER_CELL)
-    middle = 0.5 * (len(fine) - 1)
+    blurred = cv2.GaussianBlur(fine.astype(np.float32), (0, 0), _BLUR_CELLS * _PER_CELL)
+    middle = 0.5 * (len(blurred) - 1)
     u, v = (middle + at[..., 1] * _PER_CELL), (middle - at[..., 0] * _PER_CELL)
-    sampled = cv2.remap(fine, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    sampled = cv2.remap(blurred, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
     return np.asarray(sampled, dtype=np.float64)
 
 
