@@ -86,6 +86,7 @@ class MarkerSighting:
     outline_px: tuple[tuple[float, float], ...]  # polygon in image pixels, for drawing
     # What the pose was fitted to: "grey" levels, or the places of "edges" alone where a tone curve,
     # clipped white, shade or dirt leaves the levels unexplained: less exact, and sigma says so.
+    # A square's "beside": only its heading was found, round a ring that tells the place.
     stage: str = "grey"
 
 

@@ -19,7 +19,9 @@ from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import FoundSquare, Image, SquareFinder, printed_cells
+from landerd.vision.square_beside import SquareBeside
 from landerd.vision.square_fit import SquarePrint
+from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
 from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
@@ -64,6 +66,12 @@ class Detectors(Protocol):
         """See `SquareFinder.find`; smallest_px None: its own."""
         ...
 
+    def squares_beside(
+        self, image: Image, ring: Ring, sighting: MarkerSighting
+    ) -> list[FoundSquare]:
+        """See `SquareBeside.find`."""
+        ...
+
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
     ) -> list[Pose]:
@@ -95,6 +103,11 @@ class PixelDetectors:
         self._plate = PlateCheck(layout, camera)
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares
+        }
+        self._beside = {
+            (r, s): SquareBeside(s, printed_cells(s), r)
+            for r in layout.rings
+            for s in layout.squares
         }
         self._squares = SquareFinder(layout)
         self._codes = WhyCodeFinder(layout, camera)
@@ -150,10 +163,24 @@ class PixelDetectors:
             return self._squares.find(image, window, scale)
         return self._squares.find(image, window, scale, smallest_px, evened_px=evened_px)
 
+    def squares_beside(
+        self, image: Image, ring: Ring, sighting: MarkerSighting
+    ) -> list[FoundSquare]:
+        """See `SquareBeside.find`."""
+        found = []
+        for square in self._prints:
+            pose = self._beside[ring, square].find(image, self._camera, sighting.solutions)
+            if pose is not None:
+                corners = pose.t + square_points(square.size_m) @ pose.R[:, :2].T
+                found.append(FoundSquare(square, self._camera.pixels(corners), beside=pose))
+        return found
+
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
     ) -> list[Pose]:
         """See `SquarePrint.poses`."""
+        if found.beside is not None:
+            return [found.beside]
         return self._prints[found.square].poses(
             image, self._camera, found.corners, down, normal, found.fit
         )

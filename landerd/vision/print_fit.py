@@ -39,6 +39,7 @@ _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
 _LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
+_AS_PRINTED = 0.2  # of the contrast: a residual below it
 _MAX_CORRELATION = 0.95  # of neighbouring residuals: what they tell is never nothing
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
@@ -58,6 +59,9 @@ class Fit:
     variance: float  # of one residual, grey levels^2
     correlation: float  # of neighbouring residuals, 0 (noise alone) to below 1
     tone: F64  # as `toned` takes it; zeros: none is seen
+    # Of a fit that cuts out what hides the print: the share of it that is as printed, of that part
+    # which is least so. None: of a fit to the whole print.
+    shown: float | None = None
 
 
 @dataclass
@@ -69,6 +73,7 @@ class _Estimate:
     light: F64  # black, contrast, gradients: (4,)
     tone: F64  # (2,)
     is_toned: bool  # else the tone is held: most information, where the camera is linear
+    is_hidden: bool  # in part: what hides the print is cut out, and the tone not sought in it
 
     @property
     def rows(self) -> int:
@@ -132,18 +137,27 @@ class MarkerPrint:
         self._tone = LINEAR  # of the camera, as far as it is known
 
     def fit(
-        self, image: Image, camera: CameraModel, start: Pose, *, has_rival: bool = True
+        self,
+        image: Image,
+        camera: CameraModel,
+        start: Pose,
+        *,
+        has_rival: bool = True,
+        is_hidden: bool = False,
     ) -> Fit | None:
         """Return the pose that explains the pixels round a start near it; None if none does.
 
         With a rival it will be compared with another fit by how well each explains the pixels.
+        Where the print is hidden in part, what does not fit is cut out.
         """
         patch = marker_patch(image, camera, start, self._reach, self._is_used)
         if patch is None:
             return None
         blur = max(patch.blur, self._blur * patch.blur)
         was_toned = bool(self._tone.any())
-        estimate = _Estimate(start, blur, _first_light(patch.grey), self._tone, was_toned)
+        estimate = _Estimate(
+            start, blur, _first_light(patch.grey), self._tone, was_toned, is_hidden
+        )
         equations = self._descended(patch, estimate, has_rival)
         if equations is None:
             return None
@@ -165,6 +179,10 @@ class MarkerPrint:
         used: NDArray[np.bool_] = (np.abs(north) < self._reach) & (np.abs(east) < self._reach)
         return used
 
+    def _is_telling(self, north: F64, east: F64) -> NDArray[np.bool_]:
+        """Tell at which points (n,) of the plane the print differs from others of its kind."""
+        return self._is_used(north, east)
+
     def _descended(
         self, patch: Patch, estimate: _Estimate, has_rival: bool
     ) -> _NormalEquations | None:
@@ -173,7 +191,7 @@ class MarkerPrint:
         equations = None
         for _ in range(_MAX_STEPS):
             residual = self._linearise(patch, estimate, J)
-            equations = _normal_equations(J, residual, estimate.tone)
+            equations = _normal_equations(J, residual, estimate.tone, estimate.is_hidden)
             try:
                 step = equations.step(estimate.rows)
             except np.linalg.LinAlgError:
@@ -184,7 +202,7 @@ class MarkerPrint:
                 return None
             # Not of the blur: its step has no effect until the print is blurred anew.
             reduction = float(step @ equations.gradient - step[_BLUR] * equations.gradient[_BLUR])
-            if motion_px < _LEARN_BLUR_PX and not estimate.is_toned:
+            if motion_px < _LEARN_BLUR_PX and not (estimate.is_toned or estimate.is_hidden):
                 estimate.is_toned = equations.tone_gain() > _TONE_CHI2
                 if estimate.is_toned:
                     continue
@@ -259,7 +277,24 @@ class MarkerPrint:
         explained = 1.0 - squares / max(scatter, 1e-9)
         is_seen = estimate.is_toned and equations.tone_loss(estimate.tone) > _TONE_CHI2
         tone = estimate.tone if is_seen else LINEAR
-        return Fit(fitted, explained, squares, variance, correlation, tone)
+        if not estimate.is_hidden:
+            return Fit(fitted, explained, squares, variance, correlation, tone)
+        squares = float(np.sqrt(weight) @ equations.residual**2)  # what is cut out costs, too
+        shown = self._shown(patch, estimate, equations.residual)
+        return Fit(fitted, explained, squares, variance, correlation, tone, shown)
+
+    def _shown(self, patch: Patch, estimate: _Estimate, residual: F64) -> float:
+        """Return the share of the print that is as printed, of that part which is least so.
+
+        The parts are black, white and what tells the print from others.
+        """
+        light = estimate.light
+        shade = 1.0 + light[2] * patch.x + light[3] * patch.y
+        is_as_printed = np.abs(residual) < _AS_PRINTED * light[1] * shade
+        is_white = patch.grey - residual > (light[0] + 0.5 * light[1]) * shade
+        telling = self._is_telling(*on_plane(patch.rays, estimate.pose))
+        parts = [is_as_printed[part] for part in (is_white, ~is_white, telling)]
+        return min(float(part.mean()) if len(part) else 0.0 for part in parts)
 
     def _information(
         self, matrix: F64, variance: float, pose: Pose, bias: float, shift: float
@@ -294,11 +329,14 @@ def _first_light(grey: F64) -> F64:
     return np.array([dark, bright - dark, 0.0, 0.0])
 
 
-def _normal_equations(J: F64, residual: F64, tone: F64) -> _NormalEquations:
+def _normal_equations(J: F64, residual: F64, tone: F64, is_hidden: bool) -> _NormalEquations:
     n = len(residual)
     size = np.abs(residual)
     sigma = max(_READ_NOISE, _SIGMA_PER_MAD * float(np.partition(size, n // 2)[n // 2]))
-    weight = np.minimum(1.0, _ROBUST_SIGMAS * sigma / np.maximum(size, 1e-9))
+    if is_hidden:  # Geman and McClure's weights: far residuals count nothing
+        weight = (1.0 + (size / (_ROBUST_SIGMAS * sigma)) ** 2) ** -2
+    else:
+        weight = np.minimum(1.0, _ROBUST_SIGMAS * sigma / np.maximum(size, 1e-9))
     JW = J * weight
     matrix = JW @ J.T
     gradient = JW @ residual

@@ -82,7 +82,7 @@ class Search:
                 ring_only = bool(rings)
             if not ring_only:
                 squares = self._squares_expected(image, expected)
-                which = policy.rings_beside([_side_px(s.corners) for s in squares])
+                which = policy.rings_beside([_telling_side_px(s) for s in squares])
                 rings = self._rings_expected(image, expected, down, which)
         seen = Seen(bool(rings), bool(squares), ring_only)
         elsewhere = policy.elsewhere(self._state, seen, is_expected=expected is not None)
@@ -155,7 +155,7 @@ class Search:
                 found.append(tracked)
             else:
                 missed.setdefault(s.size_m, []).append(points)
-        if policy.is_square_enough([_side_px(f.corners) for f in found]):
+        if policy.is_square_enough([_telling_side_px(f) for f in found]):
             return found
         known = {f.square for f in found}
         for size, outlines in missed.items():
@@ -193,6 +193,7 @@ class Search:
         """Look for squares round the rings, of which the first with any is taken for the pad's."""
         for ring, sighting in rings:
             found = self._squares_round(image, ring, sighting)
+            found = found or self._detectors.squares_beside(image, ring, sighting)
             if found:
                 return found
         is_wanted = where is SquareSearch.ANYWHERE and not rings
@@ -264,6 +265,12 @@ class Search:
         if not (x1 - x0 >= 4 and y1 - y0 >= 4):
             return None
         return Window(int(x0), int(y0), int(x1), int(y1))
+
+
+def _telling_side_px(found: FoundSquare) -> float:
+    """Return the shortest side of a square in the image; 0 of one that is hidden in part."""
+    is_hidden = found.fit is not None and found.fit.shown is not None
+    return 0.0 if is_hidden else _side_px(found.corners)
 
 
 def _side_px(corners: F64) -> float:

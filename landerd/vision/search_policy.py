@@ -7,7 +7,8 @@ fails, by detection in a window round it:
    the estimate holds the heading: squares tell the heading, which changes slowly. If a ring is seen
    the frame is done.
 2. Squares, in all other frames and where step 1 saw nothing. Once one with sides over 40 px is
-   tracked, those that are not are left: it tells the pose as well as all markers do.
+   tracked, those that are not are left: it tells the pose as well as all markers do. One that is
+   hidden in part does not count so.
 3. Rings, after step 2: none beside a square with sides over 40 px, those wholly in the image beside
    smaller squares, all beside none.
 
@@ -29,6 +30,8 @@ searched thoroughly, and every fifth after it.
 
 What a search of the whole image for rings may cost is counted (`ring_work.py`): one that comes to
 the end of it is cut short, and the next frame goes on with what was not tried.
+
+Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`).
 
 WhyCodes are not under this policy: `WhyCodeFinder` tracks those whose heading is known where they
 are expected, up to the first one over 60 px, and searches the whole image with all thresholds in

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64
 from landerd.pad import PadLayout, Square
+from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
 from landerd.vision.window import Window
 
@@ -36,6 +37,7 @@ class FoundSquare:
     square: Square
     corners: F64  # (4, 2) px, top left first, clockwise as its makers print it
     fit: Fit | None = None  # that found it where it was expected; None: it was detected
+    beside: Pose | None = None  # by `SquareBeside`: nothing but its heading is of the square
 
 
 class SquareFinder:

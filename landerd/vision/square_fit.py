@@ -1,12 +1,13 @@
 """Poses of a square marker from its pixels, both solutions of the planar ambiguity."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, rotation_vector
 from landerd.pad import Square
 from landerd.vision.patch import Image
 from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose
@@ -27,6 +28,12 @@ _MAX_RIVAL_ERROR_PX = 0.5
 _CORNER_SIGMA_PX = 0.7  # of corners as OpenCV finds them, where the pixels cannot be fitted
 # Share of the pixels' variance. More than `MIN_EXPLAINED`, because nothing decoded what is tracked.
 _MIN_TRACKED_EXPLAINED = 0.93
+# Where the print is hidden in part: of the whole, below which what is left is not sought; and the
+# share of black, of white and of the code that must be left. Of another code half is as printed.
+_MIN_HIDDEN_EXPLAINED, _MIN_SHOWN = 0.3, 0.6
+# What no residual shows of such a fit: what hides the print is not cut out to its very edge. And of
+# how far it moved the pose: what does not fit may be no foreign piece, but white that is blown out.
+_HIDDEN_VARIANCE, _HIDDEN_SHARE = 2.0, 0.5
 # Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
 # lean by 15 degrees at most.
 _LEVEL_COS = math.cos(math.radians(6.0))
@@ -42,6 +49,7 @@ class SquarePrint(MarkerPrint):
         padded = np.pad(cells.astype(np.float64), _MARGIN_CELLS, constant_values=1.0)
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
         reach = 0.5 * size * (1.0 + 2.0 * _USED_MARGIN_CELLS / count)
+        self._code_reach = size * (0.5 - 1.0 / count)
         super().__init__(fine, size, count * _PER_CELL / size, reach)
 
     def poses(
@@ -79,22 +87,38 @@ class SquarePrint(MarkerPrint):
         ):
             self.remember(first)
             return [first.pose]
-        fits = [first, *self._rivals(image, camera, first.pose, down)]
+        fits = [first, *self._rivals(image, camera, first, down)]
         self.remember(min(fits, key=lambda f: f.squares))
         return _ranked(fits)
 
     def track(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | None:
         """Return the fit of the square where it is expected, to a cell; None: it is not there.
 
-        The whole print must be explained, so that nothing else is taken for it.
+        The whole print must be explained, or most of it where something hides the rest, so that
+        nothing else is taken for it.
         """
         fit = self.fit(image, camera, expected, has_rival=False)
-        return fit if fit is not None and fit.explained > _MIN_TRACKED_EXPLAINED else None
+        if fit is None or fit.explained > _MIN_TRACKED_EXPLAINED:
+            return fit
+        if fit.explained < _MIN_HIDDEN_EXPLAINED:
+            return None
+        left = self.fit(image, camera, fit.pose, has_rival=False, is_hidden=True)
+        if left is None or left.shown is None or left.shown < _MIN_SHOWN:
+            return None
+        if left.explained < _MIN_TRACKED_EXPLAINED:
+            return None
+        return replace(left, pose=_less_certain(left.pose, fit.pose))
+
+    def _is_telling(self, north: F64, east: F64) -> NDArray[np.bool_]:
+        reach = self._code_reach
+        telling: NDArray[np.bool_] = (np.abs(north) < reach) & (np.abs(east) < reach)
+        return telling
 
     def _rivals(
-        self, image: Image, camera: CameraModel, pose: Pose, down: Vec3 | None
+        self, image: Image, camera: CameraModel, first: Fit, down: Vec3 | None
     ) -> list[Fit]:
         """Return fits of the other solution, of the corners as a first fit has them."""
+        pose, is_hidden = first.pose, first.shown is not None
         focal = 0.5 * (camera.fx + camera.fy)
         rivals = []
         for start, error in planar_poses(self.corner_rays(pose), self._size):
@@ -104,10 +128,19 @@ class SquarePrint(MarkerPrint):
                 float(start.normal @ pose.normal) < EQUAL_NORMALS_COS
                 and error * focal < _MAX_RIVAL_ERROR_PX
             ):
-                fit = self.fit(image, camera, start)
+                fit = self.fit(image, camera, start, is_hidden=is_hidden)
                 if fit is not None and fit.pose.normal @ pose.normal < EQUAL_NORMALS_COS:
                     rivals.append(fit)
         return rivals
+
+
+def _less_certain(pose: Pose, whole: Pose) -> Pose:
+    """Return a pose by what is left of a print, as certain as the fit to the whole lets it be."""
+    way = np.concatenate([pose.t - whole.t, rotation_vector((pose.R @ whole.R.T).tolist())])
+    covariance = _HIDDEN_VARIANCE * np.linalg.inv(pose.information)
+    covariance += _HIDDEN_SHARE**2 * np.outer(way, way)
+    information: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    return replace(pose, information=information)
 
 
 def _ranked(fits: list[Fit]) -> list[Pose]:

@@ -23,6 +23,7 @@ from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode
 
 _SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SAME_SOLUTION_COS`)
+_BESIDE = "beside"  # stage of a square by `SquareBeside`
 _AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
 
 
@@ -98,14 +99,14 @@ class Vision:
             candidates = self._with_plate(image, candidates)
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
-        self._found = _once([*chosen, *candidates]) if poses else []
+        self._found = _once(_placed([*chosen, *candidates])) if poses else []
         others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
         markers = tuple(c.sighting for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
         if pad:
             self._last = SeenPad(frame.t, pad[0])
             self._shutter.saw(frame.t, np.array(pad[0].position))
-            learn([c.measurement for c in chosen], self._errors, frame.t, pad[0])
+            learn(_placed(chosen), self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
         shown = self._detectors.light(image, seen, prior.down) if self._meters else None
         return Sightings(frame.t, frame.seq, markers, pad, shown)
@@ -150,7 +151,8 @@ class Vision:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
         poses = self._detectors.square_poses(frame.image, found, prior.down, normal)
-        return self._decoded(frame.t, square, poses, square_points(square.size_m), prior)
+        stage = "grey" if found.beside is None else _BESIDE
+        return self._decoded(frame.t, square, poses, square_points(square.size_m), prior, stage)
 
     def _code(self, t: float, found: FoundCode, prior: Prior) -> Candidate | None:
         """Return a WhyCode with its pose; None if that is too uncertain."""
@@ -158,7 +160,13 @@ class Vision:
         return self._decoded(t, found.code, list(found.poses), outline, prior)
 
     def _decoded(
-        self, t: float, marker: Square | WhyCode, poses: list[Pose], outline: F64, prior: Prior
+        self,
+        t: float,
+        marker: Square | WhyCode,
+        poses: list[Pose],
+        outline: F64,
+        prior: Prior,
+        stage: str = "grey",
     ) -> Candidate | None:
         """Return a marker that tells its id and heading; None if its pose is too uncertain."""
         poses = [self._shutter.of_pose(t, p, outline) for p in poses]
@@ -168,7 +176,7 @@ class Vision:
             return None
         points = level[0].t + outline @ level[0].R[:, :2].T
         polygon = tuple((float(x), float(y)) for x, y in self._camera.pixels(points))
-        sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon)
+        sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon, stage)
         number = self._layout.markers.index(marker)
         place, heading = np.array([*marker.position_m, 0.0]), math.radians(marker.heading_deg)
         return Candidate(marker, sighting, Measurement(number, place, heading, tuple(poses)))
@@ -178,11 +186,16 @@ class Vision:
         return bool(variance <= self._options.max_sigma_m**2)
 
 
-def _once(candidates: list[Candidate]) -> list[Measurement]:
+def _placed(candidates: list[Candidate]) -> list[Measurement]:
+    """Return what tells the place of a marker; that of a square beside a ring is the ring's."""
+    return [c.measurement for c in candidates if c.sighting.stage != _BESIDE]
+
+
+def _once(measured: list[Measurement]) -> list[Measurement]:
     """Return the first measurement of each marker: those of the pad come first."""
     first: dict[int, Measurement] = {}
-    for c in candidates:
-        first.setdefault(c.measurement.marker, c.measurement)
+    for m in measured:
+        first.setdefault(m.marker, m)
     return list(first.values())
 
 

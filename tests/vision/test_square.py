@@ -9,12 +9,12 @@ from landerd.config.models import VisionSection
 from landerd.messages import Frame, Prior
 from landerd.pad import PadLayout, Plate, Square
 from landerd.vision import Vision
-from landerd.vision.pose import vec3
+from landerd.vision.pose import Pose, vec3
 from landerd.vision.square import SquareFinder, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import poses_from_corners, square_points
 from landerd.vision.window import Window
-from tests.vision.scenes import IDEAL_CAMERA, THESIS_CAMERA, Optics, View, look, render
+from tests.vision.scenes import IDEAL_CAMERA, THESIS_CAMERA, Bar, Optics, View, look, render
 
 PLATE = Plate(north_m=0.3, south_m=0.3, east_m=0.3, west_m=0.3)
 
@@ -87,6 +87,37 @@ def test_fit_to_the_pixels_is_true_and_its_covariance_honest(
     covariance = np.linalg.inv(best.information)[:3, :3]
     assert error @ np.linalg.inv(covariance) @ error < 16.3  # 99.9 %
     assert float(best.R[:, 0] @ view.R_camera_pad[:, 0]) > math.cos(math.radians(0.5))
+
+
+def tracked(number: int, width_px: float, seed: int = 5):  # type: ignore[no-untyped-def]
+    """Return the fit of tag 0 to a picture of a tag with a bar across it, and the true view."""
+    square = tag()
+    view = look(THESIS_CAMERA, 2.0, math.radians(30), pixel=(250, 260), heading=0.7)
+    bar = Bar((256.0, 262.0), (1.0, 0.4), width_px, 100.0)
+    shown = pad_of(tag(number=number))
+    rng = np.random.default_rng(seed)
+    image = render(view, THESIS_CAMERA, Optics(bar=bar), rng, shown)
+    start = Pose(view.R_camera_pad, np.array(view.position), np.zeros((6, 6)), 0.0)
+    near = start.moved(np.array([0.004, -0.003, 0.02, 0.02, -0.02, 0.02]))
+    return SquarePrint(square, printed_cells(square)).track(image, THESIS_CAMERA, near), view
+
+
+def test_a_tag_hidden_in_part_is_tracked_by_what_is_left_of_it() -> None:
+    fit, view = tracked(0, 18.0)
+    assert fit is not None
+    assert fit.shown < 0.9
+    error = fit.pose.t - np.array(view.position)
+    assert np.linalg.norm(error) < 5e-3
+    covariance = np.linalg.inv(fit.pose.information)[:3, :3]
+    assert error @ np.linalg.inv(covariance) @ error < 16.3  # 99.9 %
+    assert float(fit.pose.R[:, 0] @ view.R_camera_pad[:, 0]) > math.cos(math.radians(0.5))
+
+
+@pytest.mark.parametrize(("number", "width_px"), [(0, 40.0), (7, 0.0), (7, 18.0)])
+def test_a_tag_that_is_hidden_for_the_most_or_another_is_not_tracked(
+    number: int, width_px: float
+) -> None:
+    assert tracked(number, width_px)[0] is None
 
 
 @pytest.mark.parametrize(

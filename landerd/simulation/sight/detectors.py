@@ -173,6 +173,12 @@ class ModelledDetectors:
             found.append(FoundSquare(square, self._camera.pixels(corners)))
         return found
 
+    def squares_beside(
+        self, image: Image, ring: Ring, sighting: MarkerSighting
+    ) -> list[FoundSquare]:
+        """Return none: what hides a square's code is not modelled."""
+        return []
+
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
     ) -> list[Pose]:

@@ -1,0 +1,192 @@
+"""A pad's heading from the print of a square beside a ring that is seen.
+
+A decoder needs a square's whole border and code. Where a ring of the pad tells place and tilt, only
+the heading is open: the picture is sampled in polar coordinates on the pad's plane about the ring's
+centre, where a heading is a shift in angle, and compared with the print at each.
+"""
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64, CameraModel
+from landerd.messages import PoseSolution
+from landerd.pad import Ring, Square
+from landerd.vision.expected import any_across
+from landerd.vision.patch import Image
+from landerd.vision.pose import MIN_DEPTH_M, Pose, rotation_from
+
+_STEP_CELLS = 0.5  # between samples, along radii and, at the square, between them
+_MARGIN_CELLS = 1.0  # of the white round the print that is compared
+_PER_CELL = 8  # samples of the print along a cell, and
+_BLUR_CELLS = 0.4  # sigma of its blur: what a lens makes of cells of 1.5 px
+_MIN_CELL_PX = 1.2
+_MIN_IN_IMAGE = 0.8  # share of the print
+_MIN_SCATTER = 4.0  # grey levels, rms: less is noise
+# Correlations, set by trial: of the code as of the whole, or another square would do, and above
+# that at any heading which is not next to the best.
+_MIN_CORRELATION = 0.57
+_MIN_LEAD = 0.15
+_NEXT = math.radians(12.0)
+# How surely the pose is known besides the heading. All of that is the ring's, which is counted
+# already: a cell and a share of the range that the print was compared to, as good as nothing.
+_RANGE_SHARE, _TILT_SIGMA = 0.05, 0.3
+
+
+class SquareBeside:
+    """The print of a square as it lies beside a ring of its pad."""
+
+    def __init__(self, square: Square, cells: NDArray[np.bool_], ring: Ring) -> None:
+        """Prepare from the print's cells (n, n): True is white, top row first, border included."""
+        self._heading = math.radians(square.heading_deg)
+        self._place = np.array(square.position_m) - np.array(ring.position_m)
+        self._cell = square.size_m / len(cells)
+        half = 0.5 * square.size_m + _MARGIN_CELLS * self._cell
+        distance = float(np.linalg.norm(self._place))
+        step = _STEP_CELLS * self._cell
+        count = math.ceil(2.0 * math.pi * max(distance, half) / step)
+        self._angles = np.arange(count) * (2.0 * math.pi / count)
+        reach = math.sqrt(2.0) * half
+        self._radii = np.arange(max(0.0, distance - reach) + 0.5 * step, distance + reach, step)
+        along = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=-1)
+        self._points: F64 = self._radii[:, None, None] * along  # on the plane, (radii, angles, 2)
+        at = (self._points - self._place) @ _turn(self._heading)
+        print_ = _sampled(cells, at / self._cell)
+        off = np.abs(at).max(axis=-1)
+        code = 0.5 * square.size_m - self._cell
+        self._kernels = [
+            _kernels(print_, self._radii[:, None] * (off < limit)) for limit in (half, code)
+        ]
+
+    def find(
+        self, image: Image, camera: CameraModel, ring: tuple[PoseSolution, ...]
+    ) -> Pose | None:
+        """Return the square's pose beside a ring with these solutions; None: it is not seen.
+
+        Its heading is measured, to half a cell's angle; the rest is the ring's.
+
+        Args:
+            image: grey image (height, width).
+            camera: the lens.
+            ring: its solutions.
+        """
+        focal = 0.5 * (camera.fx + camera.fy)
+        best: tuple[float, Pose] | None = None
+        for s in ring:
+            t, normal = np.array(s.position), np.array(s.normal)
+            if float(normal @ t) * focal * self._cell < _MIN_CELL_PX * float(t @ t):
+                continue
+            R = rotation_from(normal, any_across(normal))
+            found = self._heading_in(image, camera, t, R)
+            if found is not None and (best is None or found[0] > best[0]):
+                best = (found[0], self._pose(s, R, found[1]))
+        return None if best is None else best[1]
+
+    def _heading_in(
+        self, image: Image, camera: CameraModel, t: F64, R: F64
+    ) -> tuple[float, float] | None:
+        """Return correlation and heading, about the axes R (3, 3) of a ring at t; None: no."""
+        points = (t + self._points @ R[:, :2].T).reshape(-1, 3)
+        is_seen = points[:, 2] > MIN_DEPTH_M
+        points[~is_seen] = (0.0, 0.0, 1.0)
+        px = camera.pixels(points)
+        is_seen &= (px >= 0.0).all(axis=1) & (px <= (camera.width - 1, camera.height - 1)).all(
+            axis=1
+        )
+        if not is_seen.any():
+            return None
+        px32 = px.astype(np.float32)
+        grey = cv2.remap(image, px32[None, :, 0], px32[None, :, 1], cv2.INTER_LINEAR)[0]
+        grey = grey.astype(np.float64)
+        grey = np.where(is_seen, grey - grey[is_seen].mean(), 0.0)
+        shape = self._points.shape[:2]
+        spectra = [
+            np.fft.rfft(x.reshape(shape), axis=1) for x in (is_seen.astype(float), grey, grey**2)
+        ]
+        scores = np.minimum(*(_correlations(k, spectra, shape[1]) for k in self._kernels))
+        return self._peak(scores)
+
+    def _peak(self, scores: F64) -> tuple[float, float] | None:
+        k = int(np.argmax(scores))
+        top = float(scores[k])
+        away = np.abs(np.mod(self._angles - self._angles[k] + math.pi, 2.0 * math.pi) - math.pi)
+        if top < _MIN_CORRELATION or top - float(scores[away > _NEXT].max()) < _MIN_LEAD:
+            return None
+        before, after = float(scores[k - 1]), float(scores[(k + 1) % len(scores)])
+        bend = 2.0 * top - before - after
+        step = self._angles[1] * 0.5 * (after - before) / max(bend, 1e-9)
+        return top, float(self._angles[k]) + step
+
+    def _pose(self, ring: PoseSolution, R: F64, heading: float) -> Pose:
+        """Return the square's pose beside a ring whose axes R (3, 3) the pad is turned against."""
+        north = R[:, :2] @ _turn(heading)
+        t = np.array(ring.position)
+        C = np.zeros((6, 6))
+        C[:3, :3] = (
+            np.array(ring.covariance) + np.eye(3) * self._cell**2 + np.outer(t, t) * _RANGE_SHARE**2
+        )
+        normal = np.array(ring.normal)
+        across = np.eye(3) - np.outer(normal, normal)
+        sigma = float(self._angles[1])
+        C[3:, 3:] = across * _TILT_SIGMA**2 + np.outer(normal, normal) * sigma**2
+        top = north @ _turn(self._heading)[:, 0]
+        information: F64 = np.asarray(np.linalg.inv(C), dtype=np.float64)
+        return Pose(rotation_from(normal, top), t + north @ self._place, information, 0.0)
+
+
+def _turn(angle: float) -> F64:
+    """Return the rotation (2, 2) from north to east by an angle: its columns are turned axes."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _sampled(cells: NDArray[np.bool_], at: F64) -> F64:
+    """Return a print, 1 white and -1 black, blurred, at points (..., 2) north and east, cells."""
+    margin = 3
+    fine = np.kron(
+        np.pad(2.0 * cells - 1.0, margin, constant_values=1.0), np.ones((_PER_CELL, _PER_CELL))
+    )
+    blurred = cv2.GaussianBlur(fine.astype(np.float32), (0, 0), _BLUR_CELLS * _PER_CELL)
+    middle = 0.5 * (len(blurred) - 1)
+    u, v = (middle + at[..., 1] * _PER_CELL), (middle - at[..., 0] * _PER_CELL)
+    sampled = cv2.remap(blurred, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    return np.asarray(sampled, dtype=np.float64)
+
+
+def _kernels(print_: F64, weight: F64) -> list[NDArray[np.complex128]]:
+    """Return the conjugate spectra of weight, and of it times print and squared print."""
+    weight = weight / weight.sum()
+    return [np.conj(np.fft.rfft(weight * x, axis=1)) for x in (np.ones(1), print_, print_**2)]
+
+
+def _correlations(
+    kernels: list[NDArray[np.complex128]], spectra: list[NDArray[np.complex128]], count: int
+) -> F64:
+    """Return the correlation coefficients (count,) of print and image at every shift in angle.
+
+    Of what is in the image at a shift; where that is too little, -1.
+
+    Args:
+        kernels: of the print, as `_kernels` has them.
+        spectra: of what is in the image, its grey levels and their squares, (radii, ...).
+        count: of angles.
+    """
+
+    def summed(kernel: NDArray[np.complex128], spectrum: NDArray[np.complex128]) -> F64:
+        return np.fft.irfft((kernel * spectrum).sum(axis=0), n=count)
+
+    weight, of_print, of_square = kernels
+    inside, grey, squared = spectra
+    seen = summed(weight, inside)
+    is_told = seen > _MIN_IN_IMAGE
+    seen = np.where(is_told, seen, 1.0)
+    mean, print_mean = summed(weight, grey) / seen, summed(of_print, inside) / seen
+    scatter = summed(weight, squared) / seen - mean**2
+    print_scatter = summed(of_square, inside) / seen - print_mean**2
+    both = summed(of_print, grey) / seen - mean * print_mean
+    is_told &= scatter > _MIN_SCATTER**2
+    scale = np.sqrt(np.maximum(scatter * print_scatter, 1e-9))
+    correlations: F64 = np.where(is_told, both / scale, -1.0)
+    return correlations

@@ -1,0 +1,93 @@
+"""A pad's heading where its ring is seen and its square's code cannot be read."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from landerd.config.models import VisionSection
+from landerd.messages import Frame, Sightings
+from landerd.pad import PadLayout
+from landerd.vision import Vision
+from landerd.vision.square import SquareFinder
+from tests.vision.scenes import (
+    THESIS_CAMERA,
+    THESIS_PAD,
+    U8,
+    Bar,
+    Optics,
+    View,
+    look,
+    render,
+)
+
+CAMERA = THESIS_CAMERA.scaled(320, 240)
+VIEW = look(CAMERA, 3.0, 0.4, pixel=(170.0, 140.0), heading=2.5)
+
+
+def with_tag(**changes: object) -> PadLayout:
+    ring, square = THESIS_PAD.markers
+    return THESIS_PAD.model_copy(update={"markers": (ring, square.model_copy(update=changes))})
+
+
+def shown(pad: PadLayout, width_px: float = 5.0, view: View = VIEW) -> U8:
+    """Return a picture of a pad with something grey lying across the middle of its tag."""
+    place = np.array([*pad.squares[0].position_m, 0.0])
+    x, y = CAMERA.pixels((np.array(view.position) + view.R_camera_pad @ place)[None])[0]
+    bar = Bar((float(x) + 2.0, float(y) + 2.0), (1.0, 0.3), width_px, 90.0)
+    optics = replace(Optics(), bar=bar)
+    return render(view, CAMERA, optics, np.random.default_rng(1), pad)
+
+
+def seen(image: U8, pad: PadLayout = THESIS_PAD) -> tuple[Sightings, Vision]:
+    vision = Vision(pad, CAMERA, VisionSection())
+    return vision.process(Frame(0.0, 0, image)), vision
+
+
+@pytest.mark.parametrize(
+    "pad",
+    [
+        THESIS_PAD,
+        with_tag(heading_deg=90.0, position_m=(-0.5, 0.55)),
+        with_tag(size_m=0.25, position_m=(0.0, 0.0)),  # in the ring's heart
+    ],
+)
+def test_heading_is_told_by_a_tag_that_cannot_be_read(pad: PadLayout) -> None:
+    view = look(CAMERA, 2.0, 0.4, pixel=(170.0, 120.0), heading=2.5)
+    image = shown(pad, view=view)
+    assert SquareFinder(pad).find(image) == []
+    found, vision = seen(image, pad)
+    assert {m.kind: m.stage for m in found.markers}["apriltag"] == "beside"
+    best = found.pad[0]
+    assert best.north is not None
+    assert best.sigma_yaw is not None
+    error = math.acos(min(1.0, float(np.array(best.north) @ view.R_camera_pad[:, 0])))
+    assert error < min(2.0 * best.sigma_yaw, math.radians(5.0))
+    assert math.dist(best.position, view.position) < 0.02
+    assert vision.disagreement() is None  # its place is the ring's: the two cannot contradict
+
+
+@pytest.mark.parametrize(
+    "pad",
+    [
+        with_tag(id=5),
+        PadLayout(**{**THESIS_PAD.model_dump(), "name": "ring", "markers": THESIS_PAD.rings}),
+    ],
+)
+def test_no_heading_without_the_pads_own_tag(pad: PadLayout) -> None:
+    image = render(VIEW, CAMERA, Optics(), np.random.default_rng(2), pad)
+    found, _ = seen(image)
+    assert {m.kind for m in found.markers} == {"whycon"}
+    assert found.pad[0].north is None
+
+
+def test_next_picture_is_tracked_though_the_tag_is_hidden_in_part() -> None:
+    vision = Vision(THESIS_PAD, CAMERA, VisionSection())
+    image = shown(THESIS_PAD)
+    first, second = (vision.process(Frame(k / 30.0, k, image)) for k in range(2))
+    stages = [{m.kind: m.stage for m in s.markers}["apriltag"] for s in (first, second)]
+    assert stages == ["beside", "grey"]
+    north = second.pad[0].north
+    assert north is not None
+    assert float(np.array(north) @ VIEW.R_camera_pad[:, 0]) > math.cos(math.radians(1.0))
