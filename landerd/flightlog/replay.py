@@ -119,18 +119,24 @@ class VisionReplayed:
 
 
 def replay_vision(log: FlightLog, config: Config) -> VisionReplayed | str:
-    """Search the log's frames again and compare what is seen; or say why that is not possible."""
-    if not log.searched or log.images < len(log.searched):
-        return (
-            f"{log.images} of {len(log.searched)} searched frames were recorded; vision replays "
-            "from log.images=lossless and log.every_nth=1"
-        )
+    """Search the log's frames again and compare what is seen; or say why that is not possible.
+
+    Those after the landing, which are not recorded, are left out.
+    """
+    few = (
+        f"{log.images} of {len(log.searched)} searched frames were recorded; vision replays "
+        "from log.images=lossless and log.every_nth=1"
+    )
+    if not log.searched or not log.images:
+        return few
     seen = {s.message.seq: s.message for s in log.steps if isinstance(s.message, Sightings)}
     meters = config.camera.exposure == "pad"
     vision = Vision(log.layout, log.camera, config.vision, meters=meters)
     result = VisionReplayed(Comparison())
     for searched, (frame, form) in zip(log.searched, read_images(log.path), strict=False):
-        if form != "png" or frame.seq != searched.seq:
+        if frame.seq != searched.seq:
+            return few
+        if form != "png":
             return f"frame {searched.seq} was not recorded without loss"
         if searched.anew:
             vision = Vision(log.layout, log.camera, config.vision, meters=meters)
