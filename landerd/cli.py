@@ -13,6 +13,7 @@ from typing import NamedTuple, NoReturn, Protocol, cast
 
 from landerd import __version__
 from landerd.commands.shared import InputError
+from landerd.worker import exit_without_waiting
 
 
 class CommandModule(Protocol):
@@ -139,6 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
+        exit_without_waiting(130)
         return 130
     except BrokenPipeError:
         # Whoever read our output has gone; nothing is left to say, at exit neither.
