@@ -22,6 +22,9 @@ _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-ali
 # Squares whose size in the image is known are searched at about this one, chosen for speed (it was
 # 40), and at least at that.
 _SEARCH_SIDE_PX, _MIN_SIDE_PX = 28.0, 14.0
+# Sigma over range of a square that tells the pose as well as all markers do: what disturbs it,
+# dirt or leaf shade, disturbs a ring less.
+_TELLING_SHARE = 0.005
 _MAX_SCALE = 4.0  # of the image so enlarged
 # Where that shows none, the light is made even, and the square a little larger. Of a tag with a
 # shadow's edge to 0.2 of the light across it, no other way showed any, this one all from 26 px on.
@@ -268,9 +271,13 @@ class Search:
 
 
 def _telling_side_px(found: FoundSquare) -> float:
-    """Return the shortest side of a square in the image; 0 of one that is hidden in part."""
-    is_hidden = found.fit is not None and found.fit.shown is not None
-    return 0.0 if is_hidden else _side_px(found.corners)
+    """Return the shortest side of a square in the image; 0 if its fit leaves much open."""
+    if found.fit is not None:
+        pose = found.fit.pose
+        covariance = np.linalg.inv(pose.information)[:3, :3]
+        if float(np.trace(covariance)) > _TELLING_SHARE**2 * float(pose.t @ pose.t):
+            return 0.0
+    return _side_px(found.corners)
 
 
 def _side_px(corners: F64) -> float:

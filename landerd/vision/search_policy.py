@@ -7,8 +7,8 @@ fails, by detection in a window round it:
    the estimate holds the heading: squares tell the heading, which changes slowly. If a ring is seen
    the frame is done.
 2. Squares, in all other frames and where step 1 saw nothing. Once one with sides over 40 px is
-   tracked, those that are not are left: it tells the pose as well as all markers do. One that is
-   hidden in part does not count so.
+   tracked, those that are not are left: it tells the pose as well as all markers do. One that dirt
+   or shade leaves less certain does not count so.
 3. Rings, after step 2: none beside a square with sides over 40 px, those wholly in the image beside
    smaller squares, all beside none.
 

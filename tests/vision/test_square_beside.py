@@ -91,3 +91,16 @@ def test_next_picture_is_tracked_though_the_tag_is_hidden_in_part() -> None:
     north = second.pad[0].north
     assert north is not None
     assert float(np.array(north) @ VIEW.R_camera_pad[:, 0]) > math.cos(math.radians(1.0))
+
+
+@pytest.mark.parametrize(
+    ("width_px", "kinds"), [(0.0, {"apriltag"}), (12.0, {"apriltag", "whycon"})]
+)
+def test_beside_a_large_tag_the_ring_is_looked_for_if_the_tag_is_disturbed(
+    width_px: float, kinds: set[str]
+) -> None:
+    view = look(CAMERA, 1.35, 0.3, pixel=(120.0, 125.0), heading=math.pi / 2.0)
+    vision = Vision(THESIS_PAD, CAMERA, VisionSection())
+    image = shown(THESIS_PAD, width_px, view)
+    _, second = (vision.process(Frame(k / 30.0, k, image)) for k in range(2))
+    assert {m.kind for m in second.markers} == kinds
