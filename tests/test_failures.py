@@ -12,7 +12,7 @@ from landerd.messages import Command, Frame, Input, Phase, Prior, Sightings, Tic
 from landerd.runtime.daemon import CoreFailed
 from landerd.runtime.service import ServiceNotifier
 from landerd.simulation.flight import Simulation
-from tests.simulated import ABOVE, fly
+from tests.simulated import ABOVE, SEEN, fly
 from tests.test_safety import Wire, flying, now, speed, texts
 
 
@@ -47,7 +47,7 @@ def test_a_search_that_failed_replays_to_the_bit(tmp_path: Path) -> None:
 
     file = tmp_path / "a.mcap"
     lossless = ("log.images=lossless", "log.every_nth=1", "log.keep_free_mb=0")
-    simulation = fly(script, longest_s=10.0, overrides=[*ABOVE, *lossless], log=file)
+    simulation = fly(script, longest_s=10.0, overrides=[*ABOVE, SEEN, *lossless], log=file)
     assert simulation.daemon.faults["image not searched"] == 1
     log = read_log(file)
     assert sum(searched.anew for searched in log.searched) == 1
@@ -88,7 +88,7 @@ def test_a_notify_socket_that_refuses_changes_nothing(monkeypatch: pytest.Monkey
         await flying(simulation)
         simulation.over = True
 
-    simulation = fly(script, overrides=[*ABOVE, "sim.sight=modelled"])
+    simulation = fly(script, overrides=ABOVE)
     assert simulation.daemon.faults["ServiceNotifier failed"] > 10
     assert simulation.rules.broken == {}
     assert simulation.daemon.lander.phase is not Phase.NOT_LANDING

@@ -8,7 +8,7 @@ import pytest
 from pymavlink import mavutil
 
 from landerd.cli import main
-from tests.simulated import ABOVE
+from tests.simulated import ABOVE, SEEN
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "gate-closed.mcap"
 
@@ -22,7 +22,7 @@ def test_a_simulated_flight_with_lossless_images_replays_in_core_and_vision(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = tmp_path / "flight.mcap"
-    options = (*ABOVE, "log.images=lossless", "log.every_nth=1", "log.keep_free_mb=0")
+    options = (*ABOVE, SEEN, "log.images=lossless", "log.every_nth=1", "log.keep_free_mb=0")
     keys = [
         part for option in (*options, "guidance.lost.give_up_s=2") for part in ("--set", option)
     ]

@@ -10,10 +10,11 @@ from landerd.flightlog.replay import replay, replay_vision
 from landerd.messages import ExposureOrder, Sightings
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
-from tests.simulated import ABOVE
+from tests.simulated import ABOVE, SEEN
 
 OVERRIDES = (
     *ABOVE,
+    SEEN,
     "camera.exposure=pad",
     "sim.render.illumination=3.2",  # the pad's white is 2.5 times over full scale
     "log.images=lossless",
