@@ -32,6 +32,7 @@ _LEAST_FOLLOWED = 0.3  # part of an order that must come, for the gimbal to be s
 _SEARCH_PITCHES = tuple(math.radians(a) for a in (0.0, -20.0, -40.0, -60.0, -80.0, 20.0))
 _FROM_MIDDLE = 0.6  # of half the picture: how far from its middle the pad is brought
 _WIDEST_YAW = math.radians(35.0)  # straight down it would be any
+_SURE_YAW = math.radians(1.0)
 _SWING = math.radians(5.0)  # amplitude
 _SWING_HZ, _SWING_S = 0.5, 3.0
 _SWING_PICTURES_S = 0.05  # between pictures that are searched
@@ -273,7 +274,7 @@ class GimbalMotion:
 
     async def _pad_in(self, frame: Frame) -> PoseSolution | None:
         await asyncio.sleep(0.0)  # a search takes long: links are served in between
-        pads = [pad for pad in self._search(frame).pad if pad.north is not None]
+        pads = [pad for pad in self._search(frame).pad if _tells_heading(pad)]
         return pads[0] if pads else None
 
     def _down(self, state: GimbalState) -> Vec3:
@@ -281,6 +282,11 @@ class GimbalMotion:
             return (0.0, 0.0, 1.0)
         R_level_body = rot_zyx(0.0, self._bench.attitude.pitch, self._bench.attitude.roll)
         return rotate(transpose(R_level_body), (0.0, 0.0, 1.0))
+
+
+def _tells_heading(pad: PoseSolution) -> bool:
+    """Tell whether a pad's north is known well: not one that its tag was too hidden to show."""
+    return pad.sigma_yaw is not None and pad.sigma_yaw < _SURE_YAW
 
 
 def _spread(at: float, ends: list[float], limits: tuple[float, float]) -> list[float]:

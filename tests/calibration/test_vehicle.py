@@ -50,6 +50,6 @@ def test_a_real_log_has_a_stretch_under_orders_of_its_own() -> None:
 
 
 def test_a_flight_that_goes_nowhere_is_told_to_tell_nothing() -> None:
-    hovers = stretches(read_log(GOLDEN / "landing.mcap"))
+    hovers = flown(Response(0.05, 5.0, 10.0, 9.0), [0.0] * 4)
     with pytest.raises(ResponseError, match="found no 4 s of landerd's orders"):
-        fit(hovers, minimised)
+        fit([hovers], minimised)
