@@ -43,6 +43,7 @@ class Signing:
         self._begin: tuple[float, int] | None = None  # loop time and time stamp then
         self._streams: dict[tuple[int, int, int], int] = {}  # newest stamp by link and sender
         self._saved = self._last
+        self._saving = threading.Lock()  # on a slow disk the next one comes before the last ends
         try:
             self._save_time()
         except OSError as e:
@@ -94,9 +95,11 @@ class Signing:
 
     def _save_time(self) -> None:
         new = self._time_file.with_name(f".{self._time_file.name}.new")
-        new.write_text(f"{self._last + _AHEAD}\n", encoding="ascii")
-        new.replace(self._time_file)
-        self._saved = self._last + _AHEAD
+        with self._saving:
+            saved = self._last + _AHEAD
+            new.write_text(f"{saved}\n", encoding="ascii")
+            new.replace(self._time_file)
+            self._saved = saved
 
 
 def _read_key(path: Path) -> bytes:
