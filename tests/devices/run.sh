@@ -52,7 +52,7 @@ clean_up() {
 trap clean_up EXIT
 chmod 755 "$WORK"
 mkdir "$WORK/repo"
-for part in landerd hw config systemd tests pyproject.toml README.md LICENSE; do cp -r "$REPO/$part" "$WORK/repo"; done
+for part in landerd hw config systemd ardupilot tests pyproject.toml README.md LICENSE; do cp -r "$REPO/$part" "$WORK/repo"; done
 find "$WORK/repo" -name __pycache__ -prune -exec rm -r {} +
 
 # Two wheels: of what is here, and of a next version that has other keys.
