@@ -6,7 +6,7 @@ import sys
 if not __package__:  # sys.path begins with this folder instead of the one that it is in
     sys.path[0] = os.path.dirname(sys.path[0])
 
-from landerd.cli import main
+from landerd.cli import entry_point
 
 if __name__ == "__main__":  # processes of a campaign import this too
-    sys.exit(main())
+    entry_point()

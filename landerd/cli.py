@@ -124,6 +124,13 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
+def entry_point() -> NoReturn:
+    """Run the process's command line, and end it without waiting for a search that still hangs."""
+    code = main()
+    exit_without_waiting(code)
+    sys.exit(code)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return the exit code."""
     arguments = sys.argv[1:] if argv is None else list(argv)
@@ -140,7 +147,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        exit_without_waiting(130)
         return 130
     except BrokenPipeError:
         # Whoever read our output has gone; nothing is left to say, at exit neither.

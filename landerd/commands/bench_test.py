@@ -28,7 +28,9 @@ from landerd.commands.shared import (
     add_overlay,
     ask,
     check_folder,
+    check_gimbal_alone,
     load_with_saved,
+    metres,
     print_json,
     refusing,
     tell,
@@ -37,14 +39,13 @@ from landerd.commands.shared import (
 )
 from landerd.config.files import Loaded
 from landerd.devices import SetUpError, fitting_camera, make_devices
-from landerd.drivers import gimbal_speaks_over
 from landerd.messages import Frame, Prior, Sightings
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.ports import DeviceLost, Feedback, GimbalOptions
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
-from landerd.worker import JobHangs, Worker, exit_without_waiting
+from landerd.worker import JobHangs, Worker
 
 _SEARCH_S = 5.0  # after which a search hangs
 _NEXT = "Lay the pad flat, its landing point on the mark {mark}, its north where the nose points."
@@ -106,7 +107,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--height",
-        type=_metres,
+        type=_height,
         required=True,
         metavar="M",
         help="of the camera over the pad",
@@ -141,14 +142,8 @@ def _mark(text: str) -> tuple[float, float]:
     return ahead, right
 
 
-def _metres(text: str) -> float:
-    try:
-        height = float(text)
-    except ValueError:
-        height = math.nan
-    if not 0.2 <= height <= 30.0:
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected metres from 0.2 to 30")
-    return height
+def _height(text: str) -> float:
+    return metres(text, 0.2, 30.0)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -159,10 +154,8 @@ def run(args: argparse.Namespace) -> int:
     is_simulated = config.camera.driver == "sim"
     if args.test == "gimbal" and config.gimbal.driver == "fixed":
         raise InputError("gimbal.driver: fixed does not turn; landerd bench-test pose is for it")
-    if args.without_autopilot and gimbal_speaks_over(config.gimbal.driver) == "autopilot":
-        raise InputError(
-            f"--without-autopilot: {config.gimbal.driver} speaks through the autopilot"
-        )
+    if args.without_autopilot:
+        check_gimbal_alone(loaded)
     marks = [Mark(ahead, right, args.height) for ahead, right in args.mark]
     with refusing(CalibrationError, PadError, SetUpError):
         bench = _Bench(loaded, overlay, args, is_simulated=is_simulated)
@@ -183,9 +176,7 @@ def run(args: argparse.Namespace) -> int:
         print(_SAID[verdict])
         if args.output is not None:
             print(f"written: {args.output}")
-    code = 1 if verdict == "no-go" else 0
-    exit_without_waiting(code)
-    return code
+    return 1 if verdict == "no-go" else 0
 
 
 _SAID = {

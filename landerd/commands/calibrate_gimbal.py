@@ -24,6 +24,7 @@ from landerd.commands.shared import (
     add_overlay,
     ask,
     check_folder,
+    check_gimbal_alone,
     load_with_saved,
     print_json,
     refusing,
@@ -32,7 +33,6 @@ from landerd.commands.shared import (
 from landerd.config.files import Loaded
 from landerd.config.yaml_tree import put
 from landerd.devices import SetUpError, fitting_camera, make_devices
-from landerd.drivers import gimbal_speaks_over
 from landerd.geometry import clamp
 from landerd.pad import PadError, load_pad
 from landerd.ports import DeviceLost, Feedback, GimbalOptions
@@ -109,12 +109,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace, loaded: Loaded) -> None:
     """Refuse what cannot be calibrated so. Raises InputError."""
-    driver = loaded.config.gimbal.driver
     if args.yes and args.places > 1:
         raise InputError("--places needs somebody to move the pad: not with --yes")
     check_folder(args.output)
-    if args.without_autopilot and gimbal_speaks_over(driver) == "autopilot":
-        raise InputError(f"--without-autopilot: {driver} speaks through the autopilot")
+    if args.without_autopilot:
+        check_gimbal_alone(loaded)
     with refusing(PadError):
         layout = load_pad(loaded.config.pad.layout)
     if not layout.has_heading:

@@ -39,7 +39,6 @@ from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
 from landerd.preflight.status_page import page_findings
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
-from landerd.worker import exit_without_waiting
 
 _STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
 _LEAST_FREE_MB = 500.0  # of the logs' disk
@@ -95,10 +94,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         _show(findings)
         print("ready" if ready else "not ready: what is marked FAIL would stop a landing")
-    code = 0 if ready else 1
-    if args.budget:  # its daemon's last search may still be going on
-        exit_without_waiting(code)
-    return code
+    return 0 if ready else 1
 
 
 def _is_stopped_by(findings: Sequence[Finding]) -> bool:

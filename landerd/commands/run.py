@@ -25,7 +25,6 @@ from landerd.runtime.daemon import CoreFailed, Daemon
 from landerd.runtime.observer import Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
 from landerd.web import StatusPage
-from landerd.worker import exit_without_waiting
 
 log = logging.getLogger("landerd")
 
@@ -97,7 +96,6 @@ def run(args: argparse.Namespace) -> int:
             recorder.close()
         if page is not None:
             page.close()
-    exit_without_waiting(code)
     return code
 
 

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import json
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -235,6 +236,32 @@ def write_text(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as e:
         raise InputError(f"{path}: cannot be written: {e.strerror}") from None
+
+
+def metres(text: str, least: float, most: float) -> float:
+    """Return a command line's length within limits, m.
+
+    Raises:
+        ArgumentTypeError: it is none, or outside.
+    """
+    try:
+        length = float(text)
+    except ValueError:
+        length = math.nan
+    if not least <= length <= most:
+        raise argparse.ArgumentTypeError(
+            f"found {text!r}, expected metres from {least:g} to {most:g}"
+        )
+    return length
+
+
+def check_gimbal_alone(loaded: "Loaded") -> None:
+    """Refuse --without-autopilot where the gimbal speaks through it. Raises InputError."""
+    from landerd.drivers import gimbal_speaks_over
+
+    driver = loaded.config.gimbal.driver
+    if gimbal_speaks_over(driver) == "autopilot":
+        raise InputError(f"--without-autopilot: {driver} speaks through the autopilot")
 
 
 def whole_number(text: str, least: int) -> int:

@@ -5,7 +5,6 @@ import contextlib
 import difflib
 import importlib.util
 import logging
-import math
 import sys
 import threading
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from landerd.commands.shared import (
     check_output,
     check_stand_in_flies,
     load_config,
+    metres,
     print_json,
     refusing,
     tell,
@@ -29,7 +29,6 @@ from landerd.commands.shared import (
 )
 from landerd.config.files import Loaded, config_files
 from landerd.pad import PadError
-from landerd.worker import exit_without_waiting
 
 if TYPE_CHECKING:
     from landerd.web import StatusPage
@@ -93,8 +92,6 @@ def run(args: argparse.Namespace) -> int:
         code = 2
     if page is not None:
         _show_on(page, stays=shows_progress)
-    if args.realtime:  # a search may still be going on
-        exit_without_waiting(code)
     return code
 
 
@@ -232,13 +229,7 @@ def _happened(fault: dict[str, Any]) -> str:
 
 
 def _height(text: str) -> float:
-    try:
-        height = float(text)
-    except ValueError:
-        height = math.nan
-    if not 2.0 <= height <= 100.0:
-        raise argparse.ArgumentTypeError(f"found {text!r}, expected metres from 2 to 100")
-    return height
+    return metres(text, 2.0, 100.0)
 
 
 def _seed(text: str) -> int:

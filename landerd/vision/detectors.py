@@ -18,7 +18,7 @@ from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_work import RingWork
-from landerd.vision.square import FoundSquare, Image, SquareFinder, printed_cells
+from landerd.vision.square import MIN_SIDE_PX, FoundSquare, Image, SquareFinder, printed_cells
 from landerd.vision.square_beside import SquareBeside
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
@@ -59,11 +59,11 @@ class Detectors(Protocol):
         image: Image,
         window: Window | None = None,
         scale: float = 1.0,
-        smallest_px: float | None = None,
+        smallest_px: float = MIN_SIDE_PX,
         *,
         evened_px: int | None = None,
     ) -> list[FoundSquare]:
-        """See `SquareFinder.find`; smallest_px None: its own."""
+        """See `SquareFinder.find`."""
         ...
 
     def squares_beside(
@@ -154,13 +154,11 @@ class PixelDetectors:
         image: Image,
         window: Window | None = None,
         scale: float = 1.0,
-        smallest_px: float | None = None,
+        smallest_px: float = MIN_SIDE_PX,
         *,
         evened_px: int | None = None,
     ) -> list[FoundSquare]:
-        """See `SquareFinder.find`; smallest_px None: its own."""
-        if smallest_px is None:
-            return self._squares.find(image, window, scale)
+        """See `SquareFinder.find`."""
         return self._squares.find(image, window, scale, smallest_px, evened_px=evened_px)
 
     def squares_beside(

@@ -17,7 +17,16 @@ from landerd.camera_model import F64
 from landerd.geometry import Vec3, cross, rotation_vector
 from landerd.messages import PoseSolution, SystematicError
 from landerd.vision.marker_errors import ERRORS, LEARNED_SHARE, SCALE, TILT, MarkerErrors
-from landerd.vision.pose import Pose, gravity_cost, mat3, rotation_from, skew, solution, vec3
+from landerd.vision.pose import (
+    Pose,
+    gravity_cost,
+    mat3,
+    rotation_from,
+    skew,
+    solution,
+    turned_about_normal,
+    vec3,
+)
 
 _MAX_STEPS = 5
 _CONVERGED = 1e-4  # reduction of chi-square by a step: a hundredth of a sigma
@@ -184,9 +193,9 @@ def _to_pad_axes(m: Measurement) -> Measurement:
     """Return a measurement whose poses are turned from the marker's axes to the pad's."""
     if m.heading is None:
         return m
-    c, s = math.cos(m.heading), math.sin(m.heading)
-    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return replace(m, poses=tuple(replace(p, R=p.R @ turn) for p in m.poses))
+    heading = m.heading
+    poses = tuple(replace(p, R=turned_about_normal(p.R, -heading)) for p in m.poses)
+    return replace(m, poses=poses)
 
 
 def _tilt_information(pose: Pose) -> float:

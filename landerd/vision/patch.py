@@ -130,3 +130,15 @@ def _lagrange(n: int) -> F64:
 def _normalised(x: F64) -> F64:
     centred: F64 = (x - x.mean()) / max(float(x.max() - x.min()), 1e-9)
     return centred
+
+
+def levels_at(image: Image, camera: CameraModel, points: F64) -> F64:
+    """Return grey levels at points (n, 3), camera frame; NaN at those that are not in the image."""
+    is_seen = points[:, 2] > MIN_DEPTH_M
+    px = camera.pixels(np.where(is_seen[:, None], points, (0.0, 0.0, 1.0)))
+    h, w = image.shape
+    is_seen &= ((px >= 0.0) & (px <= (w - 1, h - 1))).all(axis=1)
+    at = np.where(is_seen[:, None], px, 0.0).astype(np.float32)[None]
+    grey = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[0]
+    levels: F64 = np.where(is_seen, grey.astype(np.float64), np.nan)
+    return levels

@@ -9,7 +9,6 @@ white this says nothing.
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,14 +16,14 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.expected import any_across
-from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
+from landerd.vision.patch import levels_at
+from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_2d, rotation_from
 from landerd.vision.square_pose import square_points
 
 U8 = NDArray[np.uint8]
 
-_MIN_RADIUS_PX = (
-    6.0  # of the ring, the shorter one: smaller ones and what is beside them run together
-)
+# Of the ring, the shorter one: smaller ones and what is beside them run together.
+_MIN_RADIUS_PX = 6.0
 _HEADINGS = 48  # white as wide as this leaves is half a square's side
 _BESIDE = (1.15, 1.3, 1.45)  # times a marker's size: the white round it
 _ROUND_RING = 1.15  # times its radius: nearer is its own white
@@ -36,14 +35,7 @@ _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
 # may hide the plate too.
 _EVEN_SHARE, _EVEN_PERCENTILE = 0.6, 10.0
 
-
-def _turned_by(angle: float) -> F64:
-    """Return the matrix (2, 2) that turns rows by an angle, rad."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, s], [-s, c]])
-
-
-_TURNS = [_turned_by(2.0 * math.pi * k / _HEADINGS) for k in range(_HEADINGS)]
+_TURNS = [rotation_2d(2.0 * math.pi * k / _HEADINGS).T for k in range(_HEADINGS)]
 
 
 class PlateCheck:
@@ -87,7 +79,7 @@ class PlateCheck:
     def _own_levels(self, image: U8, ring: Ring, t: F64, axes: F64) -> tuple[float, float] | None:
         """Return a ring's black and white; None: not all of it is seen, or in patchy light."""
         rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
-        levels = self._levels(image, t + ring.radius_m * rims @ axes.T)
+        levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
         if np.isnan(levels).any():
             return None
         stroke, around = levels.reshape(2, -1)
@@ -97,18 +89,8 @@ class PlateCheck:
 
     def _turned(self, image: U8, points: F64, t: F64, axes: F64) -> F64:
         """Return grey levels (headings, n) at points (n, 2) about a ring's centre."""
-        turned = np.concatenate([points @ turn for turn in _TURNS])
-        return self._levels(image, t + turned @ axes.T).reshape(_HEADINGS, -1)
-
-    def _levels(self, image: U8, points: F64) -> F64:
-        """Return grey levels at points (n, 3), NaN where they are not in the image."""
-        px = self._camera.pixels(np.maximum(points, (-np.inf, -np.inf, MIN_DEPTH_M)))
-        h, w = image.shape
-        inside = np.asarray(((px >= 0.0) & (px <= (w - 1, h - 1))).all(axis=1))
-        at = np.where(inside[:, None], px, 0.0).astype(np.float32)[None]
-        grey = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[0]
-        levels: F64 = np.where(inside, grey, np.nan)
-        return levels
+        turned = np.concatenate([points @ each for each in _TURNS])
+        return levels_at(image, self._camera, t + turned @ axes.T).reshape(_HEADINGS, -1)
 
 
 def _share(good: NDArray[np.bool_], levels: F64) -> F64:
@@ -146,7 +128,7 @@ def _outline(marker: Square | WhyCode) -> F64:
     """Return points (n, 2) round a marker's edge about its centre, pad axes."""
     if isinstance(marker, WhyCode):
         return circle(marker.radius_m)
-    corners = square_points(marker.size_m) @ _turned_by(math.radians(marker.heading_deg))
+    corners = square_points(marker.size_m) @ rotation_2d(math.radians(marker.heading_deg)).T
     shares = np.linspace(0.0, 1.0, 5)[:-1, None]
     sides = [
         c + shares * (d - c) for c, d in zip(corners, np.roll(corners, -1, axis=0), strict=True)

@@ -71,6 +71,20 @@ def solution(pose: Pose, has_north: bool = True) -> PoseSolution | None:
     )
 
 
+def rotation_2d(angle: float) -> F64:
+    """Return the rotation (2, 2) from north to east by an angle, rad; its columns are axes."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def turned_about_normal(R: F64, angle: float) -> F64:
+    """Return a frame (3, 3) turned clockwise about its z axis by an angle, rad."""
+    about = np.eye(3)
+    about[:2, :2] = rotation_2d(angle)
+    turned: F64 = R @ about
+    return turned
+
+
 def rotation_from(normal: F64, north: F64) -> F64:
     """Return the rotation (3, 3) of a plane with this unit normal; north need not lie in it."""
     x = north - normal * float(normal @ north)

@@ -6,11 +6,10 @@ would move the fit by is independent again from sector to sector: the clustered 
 covariance of Liang and Zeger, Biometrika 1986.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.vision.ring_pixels import sectors
 from landerd.vision.ring_pose import F64
 
 _SECTORS = 12  # with 24 a glare spot covers several, with fewer five numbers could not be told
@@ -28,9 +27,7 @@ def clustered_covariance(
         scores: (rows, n), what each pixel adds to that right side.
         directions: (2, n), from the ring's centre to the pixels.
     """
-    turn = np.arctan2(directions[1], directions[0]) * (_SECTORS / (2.0 * math.pi))
-    sector = np.floor(turn).astype(np.intp) % _SECTORS
-    is_in = sector[:, None] == np.arange(_SECTORS)
+    is_in = sectors(directions[0], directions[1], _SECTORS)[:, None] == np.arange(_SECTORS)
     used = int(is_in.any(axis=0).sum())
     pulls = gain @ (scores @ is_in)
     clustered = (pulls @ pulls.T) * (used / max(used - _FITTED, 1))

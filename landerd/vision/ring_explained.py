@@ -86,10 +86,8 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
         # Under the wrong one of two poses half of the edges are in place, in texture few.
         if not found or sum(found[0].support) < _HOPELESS_SUPPORT:
             return None
-    noise = min(e.noise_px for e in found)
     dependence = max(e.dependence for e in found)
-    found = [replace(e, dependence=dependence) for e in found]
-    found.sort(key=lambda e: edge_cost(e, noise))
+    found, noise = _best_first([replace(e, dependence=dependence) for e in found])
     edges = found[0]
     if not is_ring_by_edges(edges):
         return None
@@ -110,11 +108,16 @@ def edge_fits(image: U8, camera: CameraModel, ring: Ring, starts: Sequence[Pose]
     found = [e for e in (edge_fit(image, camera, ring, s) for s in starts) if e is not None]
     if not found:
         return []
-    noise = min(e.noise_px for e in found)
-    found.sort(key=lambda e: edge_cost(e, noise))
+    found, noise = _best_first(found)
     if not is_ring_by_edges(found[0]):
         return []
     return [_ring_fit(e, ring, camera, noise) for e in found]
+
+
+def _best_first(fits: list[EdgeFit]) -> tuple[list[EdgeFit], float]:
+    """Return fits in order of their cost, and the least noise of their edges, px."""
+    noise = min(e.noise_px for e in fits)
+    return sorted(fits, key=lambda e: edge_cost(e, noise)), noise
 
 
 def _is_shifted(e: EdgeFit) -> bool:

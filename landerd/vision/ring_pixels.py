@@ -202,6 +202,13 @@ class PlaneView:
         return (near.rho.reshape(count, 2, n) - radii) / scale + d * turn, scale
 
 
+def sectors(x: NDArray[np.floating], y: NDArray[np.floating], count: int) -> NDArray[np.intp]:
+    """Return in which of so many sectors round the origin points (n,) lie, from 0."""
+    turns = np.arctan2(y, x) * (count / math.tau)
+    sector: NDArray[np.intp] = np.floor(turns).astype(np.intp) % count
+    return sector
+
+
 def blurred_step(z: F32) -> tuple[F32, F32]:
     """Return the normal distribution function (to 3e-4) and the density."""
     square = z * z

@@ -6,7 +6,7 @@ import numpy as np
 
 from landerd.pad import Ring
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pixels import Pixels, PlaneView, plane_axes
+from landerd.vision.ring_pixels import Pixels, PlaneView, plane_axes, sectors
 
 _SECTORS = 12
 _BIN_PX, _BINS = 1.0, 8  # across an edge
@@ -28,8 +28,7 @@ def coherent_residual(pixels: Pixels, fit: RingFit, ring: Ring) -> float:
     is_outer = np.abs(to_outer) < np.abs(to_inner)
     distance = np.where(is_outer, to_outer, to_inner)
     across = np.clip(np.floor(distance / _BIN_PX) + _BINS // 2, 0, _BINS - 1).astype(np.intp)
-    angle = np.arctan2(view.u[0, 1], view.u[0, 0])
-    sector = ((angle / math.tau + 0.5) * _SECTORS).astype(np.intp) % _SECTORS
+    sector = sectors(view.u[0, 0], view.u[0, 1], _SECTORS)
     group = (is_outer * _BINS + across) * _SECTORS + sector
     residual = fit.residual
     assert residual is not None

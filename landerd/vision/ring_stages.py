@@ -274,6 +274,8 @@ def may_have_edges(plain: RingFit) -> bool:
 
 def is_ring(fit: RingFit, ring: Ring) -> bool:
     """Tell whether a fit describes a ring of this ratio well."""
+    if fit.response is not None:
+        return _is_ring_behind(fit, fit.response, ring)
     moved = bool(np.any(fit.motion_px))
     noises = _MIN_MOVING_CONTRAST_NOISES if moved else _MIN_CONTRAST_NOISES
     is_clear = fit.contrast > noises * fit.noise and fit.inliers > _MIN_INLIERS
@@ -282,16 +284,15 @@ def is_ring(fit: RingFit, ring: Ring) -> bool:
     return is_explained and fit.contrast > _MIN_CONTRAST and _has_ratio(fit, ring)
 
 
-def is_ring_behind(fit: RingFit, ring: Ring) -> bool:
-    """Tell whether a fit behind a response describes a ring of this ratio well.
+def _is_ring_behind(fit: RingFit, response: F64, ring: Ring) -> bool:
+    """Tell the same of a fit behind a camera's response.
 
     Sharpened black is noisy, and white beside it is not: no limit to noise would hold for both.
     """
-    assert fit.response is not None
     return (
         fit.contrast > max(_MIN_CONTRAST, _MIN_NOISY_CONTRAST_NOISES * fit.noise)
         and fit.coherent < _MAX_COHERENT
-        and not is_clipped(fit.response)
+        and not is_clipped(response)
         and _has_ratio(fit, ring)
     )
 

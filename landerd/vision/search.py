@@ -11,7 +11,7 @@ from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
 from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
-from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_from
+from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_2d, rotation_from
 from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image
@@ -287,7 +287,5 @@ def _side_px(corners: F64) -> float:
 
 def _turned(points: F64, heading_deg: float) -> F64:
     """Return points (n, 2) of a marker in the pad's axes."""
-    a = math.radians(heading_deg)
-    turn = np.array([[math.cos(a), -math.sin(a)], [math.sin(a), math.cos(a)]])
-    turned: F64 = points @ turn.T
+    turned: F64 = points @ rotation_2d(math.radians(heading_deg)).T
     return turned

@@ -15,7 +15,7 @@ from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]
 
-_MIN_SIDE_PX = 5.0
+MIN_SIDE_PX = 5.0
 # Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
 # Where a pad is known to be the first mostly shows them.
 _WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
@@ -60,7 +60,7 @@ class SquareFinder:
         image: Image,
         window: Window | None = None,
         scale: float = 1.0,
-        smallest_px: float = _MIN_SIDE_PX,
+        smallest_px: float = MIN_SIDE_PX,
         *,
         evened_px: int | None = None,
     ) -> list[FoundSquare]:
@@ -83,7 +83,7 @@ class SquareFinder:
             x0, y0 = window.x0, window.y0
             image = image[window.y0 : window.y1, window.x0 : window.x1]
             means_px = _WINDOW_MEANS_PX
-        if min(image.shape) < _MIN_SIDE_PX:
+        if min(image.shape) < MIN_SIDE_PX:
             return []
         image = _enlarged(image, scale)
         if evened_px is not None:

@@ -15,8 +15,8 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution
 from landerd.pad import Ring, Square
 from landerd.vision.expected import any_across
-from landerd.vision.patch import Image
-from landerd.vision.pose import MIN_DEPTH_M, Pose, rotation_from
+from landerd.vision.patch import Image, levels_at
+from landerd.vision.pose import Pose, rotation_2d, rotation_from
 
 _STEP_CELLS = 0.5  # between samples, along radii and, at the square, between them
 _MARGIN_CELLS = 1.0  # of the white round the print that is compared
@@ -52,7 +52,7 @@ class SquareBeside:
         self._radii = np.arange(max(0.0, distance - reach) + 0.5 * step, distance + reach, step)
         along = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=-1)
         self._points: F64 = self._radii[:, None, None] * along  # on the plane, (radii, angles, 2)
-        at = (self._points - self._place) @ _turn(self._heading)
+        at = (self._points - self._place) @ rotation_2d(self._heading)
         print_ = _sampled(cells, at / self._cell)
         off = np.abs(at).max(axis=-1)
         code = 0.5 * square.size_m - self._cell
@@ -89,17 +89,10 @@ class SquareBeside:
     ) -> tuple[float, float] | None:
         """Return correlation and heading, about the axes R (3, 3) of a ring at t; None: no."""
         points = (t + self._points @ R[:, :2].T).reshape(-1, 3)
-        is_seen = points[:, 2] > MIN_DEPTH_M
-        points[~is_seen] = (0.0, 0.0, 1.0)
-        px = camera.pixels(points)
-        is_seen &= (px >= 0.0).all(axis=1) & (px <= (camera.width - 1, camera.height - 1)).all(
-            axis=1
-        )
+        grey = levels_at(image, camera, points)
+        is_seen = ~np.isnan(grey)
         if not is_seen.any():
             return None
-        px32 = px.astype(np.float32)
-        grey = cv2.remap(image, px32[None, :, 0], px32[None, :, 1], cv2.INTER_LINEAR)[0]
-        grey = grey.astype(np.float64)
         grey = np.where(is_seen, grey - grey[is_seen].mean(), 0.0)
         shape = self._points.shape[:2]
         spectra = [
@@ -121,7 +114,7 @@ class SquareBeside:
 
     def _pose(self, ring: PoseSolution, R: F64, heading: float) -> Pose:
         """Return the square's pose beside a ring whose axes R (3, 3) the pad is turned against."""
-        north = R[:, :2] @ _turn(heading)
+        north = R[:, :2] @ rotation_2d(heading)
         t = np.array(ring.position)
         C = np.zeros((6, 6))
         C[:3, :3] = (
@@ -131,15 +124,9 @@ class SquareBeside:
         across = np.eye(3) - np.outer(normal, normal)
         sigma = float(self._angles[1])
         C[3:, 3:] = across * _TILT_SIGMA**2 + np.outer(normal, normal) * sigma**2
-        top = north @ _turn(self._heading)[:, 0]
+        top = north @ rotation_2d(self._heading)[:, 0]
         information: F64 = np.asarray(np.linalg.inv(C), dtype=np.float64)
         return Pose(rotation_from(normal, top), t + north @ self._place, information, 0.0)
-
-
-def _turn(angle: float) -> F64:
-    """Return the rotation (2, 2) from north to east by an angle: its columns are turned axes."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s], [s, c]])
 
 
 def _sampled(cells: NDArray[np.bool_], at: F64) -> F64:

@@ -24,6 +24,7 @@ from landerd.vision.pose import (
     SAME_SOLUTION_COS,
     Pose,
     rotation_from,
+    turned_about_normal,
 )
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit
 from landerd.vision.pyramid import SMALL_PX, levels
@@ -170,7 +171,7 @@ class WhyCodeFinder:
                     and (best is None or reading.decision_margin > best[0])
                 ):
                     t = code.radius_m * pose.t
-                    start = Pose(_rotated_about_normal(pose.R, turn), t, pose.information, 0.0)
+                    start = Pose(turned_about_normal(pose.R, turn), t, pose.information, 0.0)
                     best = reading.decision_margin, code, start
         return best[1:] if best else None
 
@@ -267,13 +268,6 @@ def _top_angle(reading: Reading, code: WhyCode) -> float | None:
     return None
 
 
-def _rotated_about_normal(R: F64, turn: float) -> F64:
-    """Return a frame turned clockwise about its z axis by an angle (rad)."""
-    c, s = math.cos(turn), math.sin(turn)
-    turned: F64 = R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return turned
-
-
 def _ranked(fits: list[Fit]) -> tuple[Pose, ...]:
     """Return the poses, best first; its cost is 0, another's how much worse it explains a pixel.
 
@@ -308,4 +302,4 @@ def _as_expected(code: WhyCode, expected: Expected) -> Pose:
     assert expected.north is not None
     R = rotation_from(expected.normal, expected.north)
     t = expected.position + R[:, :2] @ np.array(code.position_m)
-    return Pose(_rotated_about_normal(R, math.radians(code.heading_deg)), t, np.zeros((6, 6)), 0.0)
+    return Pose(turned_about_normal(R, math.radians(code.heading_deg)), t, np.zeros((6, 6)), 0.0)

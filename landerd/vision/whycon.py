@@ -37,7 +37,6 @@ from landerd.vision.ring_stages import (
     is_dark_in_white,
     is_poor,
     is_ring,
-    is_ring_behind,
     may_be_behind,
     may_have_edges,
     response_fits,
@@ -292,12 +291,10 @@ def _place(level: Level, candidate: Candidate) -> Place:
 
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
-    if fit.response is not None:
-        return is_ring_behind(fit, ring)
     if not is_ring(fit, ring):
         return False
     # Motion explains much, a target of several rings too.
-    is_doubtful = is_poor(fit) or bool(np.any(fit.motion_px))
+    is_doubtful = fit.response is None and (is_poor(fit) or bool(np.any(fit.motion_px)))
     return not (is_doubtful and has_rings_within(image, camera, ring, fit))
 
 
@@ -307,16 +304,16 @@ def _explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) 
     Empty, if it is none.
     """
     fit = fits[0]
-    is_plain = is_ring(fit, ring) if fit.response is None else is_ring_behind(fit, ring)
-    if (is_plain and not is_toned(fit, ring)) or not (is_plain or is_dark_in_white(fit)):
-        return fits if is_plain else []
+    is_told = is_ring(fit, ring)
+    if (is_told and not is_toned(fit, ring)) or not (is_told or is_dark_in_white(fit)):
+        return fits if is_told else []
     behind_response = _behind_response(image, camera, ring, fit)
     if behind_response:
         return behind_response
     by_edges = explained(image, camera, ring, fits)
     if by_edges is not None:
         return by_edges.fits
-    return fits if is_plain else []
+    return fits if is_told else []
 
 
 def _remember(response: CameraResponse, fit: RingFit) -> None:
@@ -332,7 +329,7 @@ def _behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
     if fit.response is not None or not may_be_behind(fit):
         return []
     fits = response_fits(image, camera, ring, fit)
-    is_ours = fits and is_ring_behind(fits[0], ring) and not is_toned(fits[0], ring)
+    is_ours = fits and is_ring(fits[0], ring) and not is_toned(fits[0], ring)
     return fits if is_ours else []
 
 

@@ -29,7 +29,7 @@ from landerd.vision.ring_pose import tangents
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import MAX_TILT_COS, TRACKED_BAND_PX
 from landerd.vision.ring_work import RingWork
-from landerd.vision.square import FoundSquare, Image
+from landerd.vision.square import MIN_SIDE_PX, FoundSquare, Image
 from landerd.vision.square_fit import AMBIGUITY_CHI2
 from landerd.vision.square_pose import corner_information, planar_poses, square_points
 from landerd.vision.tone import LINEAR
@@ -152,7 +152,7 @@ class ModelledDetectors:
         image: Image,
         window: Window | None = None,
         scale: float = 1.0,
-        smallest_px: float | None = None,
+        smallest_px: float = MIN_SIDE_PX,
         *,
         evened_px: int | None = None,
     ) -> list[FoundSquare]:

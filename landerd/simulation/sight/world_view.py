@@ -14,7 +14,7 @@ from hw.sim.snapshot import CameraPose, PadPose
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import Marker, PadLayout, Ring, Square
 from landerd.simulation.sight.edges import Edges, edges_of
-from landerd.vision.pose import MIN_DEPTH_M, Pose
+from landerd.vision.pose import MIN_DEPTH_M, Pose, rotation_2d, turned_about_normal
 
 _ROUNDS = 2  # to the row in which a rolling shutter shows a point
 
@@ -69,9 +69,7 @@ class WorldView:
         t = in_camera(camera, on_pad(pad, place))[0]
         R = matrix(camera.R_local_camera).T @ matrix(pad.R_local_pad)
         if not isinstance(marker, Ring):
-            a = math.radians(marker.heading_deg)
-            c, s = math.cos(a), math.sin(a)
-            R = R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            R = turned_about_normal(R, math.radians(marker.heading_deg))
         return Pose(R, t, np.zeros((6, 6)), 0.0)
 
     def _on_pad(self, pad: PadPose, flat: F64) -> F64:
@@ -127,9 +125,7 @@ def _placed(marker: Marker, edges: Edges) -> F64:
     """Return a marker's edges (n, 3) in the pad frame."""
     points = edges.points
     if not isinstance(marker, Ring):
-        a = math.radians(marker.heading_deg)
-        turn = np.array([[math.cos(a), -math.sin(a)], [math.sin(a), math.cos(a)]])
-        points = points @ turn.T
+        points = points @ rotation_2d(math.radians(marker.heading_deg)).T
     return np.column_stack([points + np.array(marker.position_m), np.zeros(len(points))])
 
 
