@@ -7,6 +7,7 @@ import os
 import termios
 import threading
 from collections.abc import Callable
+from functools import partial
 
 import serial
 
@@ -77,10 +78,12 @@ class SerialLink:
         """Release the port; safe to call twice. What was written last has a moment to go out."""
         loop = asyncio.get_running_loop()
         end = loop.time() + _DRAIN_S
-        with contextlib.suppress(OSError):
-            while (port := self._port) is not None and port.out_waiting and loop.time() < end:
-                await asyncio.sleep(_POLL_S)
-        closing = self._release("closed")
+        try:
+            with contextlib.suppress(OSError):
+                while (port := self._port) is not None and port.out_waiting and loop.time() < end:
+                    await asyncio.sleep(_POLL_S)
+        finally:  # of the daemon that ends in this very moment, too
+            closing = self._release("closed")
         while closing is not None and closing.is_alive() and loop.time() < end:
             await asyncio.sleep(_POLL_S)
 
@@ -122,17 +125,26 @@ class SerialLink:
             loop = asyncio.get_running_loop()
             loop.remove_reader(port.fileno())
             loop.remove_writer(port.fileno())
-            closing = _aside(port.close)
+            closing = _aside(partial(_close, port))
         self._unsent.clear()
         self._inbox.lose(f"serial {self._path}: {reason}")
         return closing
 
 
+def _close(port: serial.Serial) -> None:
+    """Close a port without waiting for bytes that the device did not take.
+
+    The kernel waits 30 s for them, even at the end of a process.
+    """
+    with contextlib.suppress(OSError, termios.error):
+        termios.tcflush(port.fileno(), termios.TCOFLUSH)
+    port.close()
+
+
 def _aside(work: Callable[[], None]) -> threading.Thread:
     """Do it in a thread that nobody has to wait for, not even the end of the process.
 
-    With bytes that the device does not take, the kernel holds up who closes a port for 30 s, and
-    who opens it in the meantime.
+    A driver may hold up who closes a port, and who opens it in the meantime.
     """
     thread = threading.Thread(target=work, daemon=True)
     thread.start()

@@ -5,6 +5,7 @@ import os
 import pty
 import random
 import socket
+import termios
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -277,6 +278,42 @@ def test_a_kernel_that_takes_its_time_with_a_serial_port_holds_nobody_up(
         ticking.cancel()
         os.close(device)
         os.close(port)
+
+    run(scene)
+
+
+def test_a_serial_port_is_let_go_though_the_daemon_ends_while_it_closes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else the kernel waits at the end of the process for what the device never takes."""
+    flushed: list[int] = []
+    monkeypatch.setattr(serial.Serial, "out_waiting", 64)
+    monkeypatch.setattr(termios, "tcflush", lambda fd, what: flushed.append(what))
+
+    async def scene() -> None:
+        device, port = pty.openpty()
+        link = open_link(f"serial:{os.ttyname(port)}")
+        await link.open()
+        os.close(port)
+        os.set_blocking(device, False)
+        flushed.clear()
+        closing = asyncio.create_task(link.close())
+        await asyncio.sleep(0.01)
+        closing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await closing
+        for _ in range(100):
+            await asyncio.sleep(0.01)
+            try:
+                os.read(device, 1)
+            except BlockingIOError:
+                continue
+            except OSError:  # nobody has its other side any more
+                break
+        else:
+            pytest.fail("the port is still open")
+        assert flushed == [termios.TCOFLUSH]
+        os.close(device)
 
     run(scene)
 
