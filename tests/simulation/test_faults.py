@@ -8,11 +8,9 @@ import pytest
 from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, fly
 
-MODELLED = "sim.sight=modelled"
-
 
 def flown(fault: str, *more: str, longest_s: float = 40.0) -> Simulation:
-    settings = [*ABOVE, MODELLED, "sim.pilot=obeys", f"sim.faults=[{fault}]", *more]
+    settings = [*ABOVE, "sim.pilot=obeys", f"sim.faults=[{fault}]", *more]
     return fly(overrides=settings, longest_s=longest_s)
 
 
@@ -132,7 +130,7 @@ def test_tasks_and_memory_stay_flat_while_it_hovers_without_a_pad() -> None:
         " {fault: gimbal-lost, at: {time_s: 17}, for_s: 3}]"
     )
     patient = ("guidance.lost.give_up_s=600", "guidance.lost.total_s=600")
-    fly(script, overrides=[*ABOVE, MODELLED, faults, *patient], longest_s=44.0)
+    fly(script, overrides=[*ABOVE, faults, *patient], longest_s=44.0)
     (tasks, _), (then, objects), (last, most) = seen
     assert tasks >= then >= last
     # What the recording keeps for the drawing: ten samples a second.
