@@ -102,7 +102,7 @@ def lighter(arguments: list[str]) -> list[str]:
             settings = (*ABOVE, SEEN) if "--log" in arguments else ABOVE
             return [*arguments, *(word for setting in settings for word in ("--set", setting))]
         case ["dry-run", *_]:
-            return [*arguments, "--fps", "10"]
+            return [*arguments, "--fps", "3"]
     return arguments
 
 
