@@ -16,6 +16,7 @@ from landerd.commands import flying
 from landerd.config.files import config_dir
 from landerd.devices import sim_options
 from tests.campaigns.landings import landing
+from tests.simulated import ABOVE
 
 
 @pytest.fixture
@@ -174,7 +175,7 @@ def test_wrong_input_is_one_line_and_nothing_is_flown(
 
 
 def test_it_flies_the_simulator() -> None:
-    low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
+    low = [word for setting in ABOVE for word in ("--set", setting)]
     done = subprocess.run(
         [sys.executable, "-m", "landerd", "campaign", "hover", "--runs", "2", "--json", *low],
         capture_output=True,
