@@ -107,8 +107,10 @@ def without_heartbeats() -> tuple[Simulation, Wire, float]:
         await flying(simulation)
         simulation.autopilot.mute.add(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
         seen["t"] = now()
+        await asyncio.sleep(7.0)
+        simulation.over = True
 
-    simulation = fly(script, longest_s=15.0, overrides=[*ABOVE, "sim.start.altitude_m=10"])
+    simulation = fly(script, overrides=[*ABOVE, "sim.start.altitude_m=10"])
     return simulation, seen["wire"], seen["t"]
 
 
@@ -231,8 +233,10 @@ def latching(event: str) -> tuple[Simulation, Wire, dict[str, float]]:
         simulation.autopilot.pilot.set(11, 1100)
         await asyncio.sleep(1.0)
         simulation.autopilot.pilot.set(11, 1900)
+        await asyncio.sleep(3.0)
+        simulation.over = True
 
-    simulation = fly(script, longest_s=25.0, overrides=[*ABOVE, "sim.start.altitude_m=8"])
+    simulation = fly(script, overrides=[*ABOVE, "sim.start.altitude_m=8"])
     return simulation, seen["wire"], seen
 
 

@@ -6,12 +6,12 @@ import gc
 import pytest
 
 from landerd.simulation.flight import Simulation
-from tests.simulated import ABOVE, fly
+from tests.simulated import ABOVE, Script, fly
 
 
-def flown(fault: str, *more: str, longest_s: float = 40.0) -> Simulation:
+def flown(fault: str, *more: str, script: Script | None = None) -> Simulation:
     settings = [*ABOVE, "sim.pilot=obeys", f"sim.faults=[{fault}]", *more]
-    return fly(overrides=settings, longest_s=longest_s)
+    return fly(script, overrides=settings, longest_s=40.0)
 
 
 def broken(simulation: Simulation) -> set[str]:
@@ -30,7 +30,13 @@ def broken(simulation: Simulation) -> set[str]:
     ],
 )
 def test_it_begins_when_it_is_to(at: str, phase: str | None, high: float | None) -> None:
-    simulation = flown(f"{{fault: gust, at: {at}, for_s: 0.5, severity: 0}}")
+
+    async def until_it_ended(simulation: Simulation) -> None:
+        while simulation.faults.happened[0].ended is None:
+            await asyncio.sleep(0.02)
+        simulation.over = True
+
+    simulation = flown(f"{{fault: gust, at: {at}, for_s: 0.5, severity: 0}}", script=until_it_ended)
     (note,) = simulation.faults.happened
     assert note.began is not None
     assert note.ended == pytest.approx(note.began + 0.5)
