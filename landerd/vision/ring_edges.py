@@ -46,6 +46,7 @@ _SIGMA_PER_MAD = 1.4826
 _ROBUST_SIGMAS = 3.0
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
 _SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
+_CLIPPED_SHIFT_BLURS = 1.3  # white that is 2.5 to 5 times over full scale moves an edge so far
 _NEAREST_M = 1e-3
 _MIN_RADIUS_PX = 3.0
 _MIN_RAYS = 20  # of both edges together
@@ -278,7 +279,7 @@ def _normal_equations(
         0.5
         * area[0] ** 2
         / (radii * scale**3)
-        * min(edges.blur_px, 0.1 * ring.radius_m / float(scale.min())) ** 2
+        * min(_true_blur_px(edges, shift), 0.1 * ring.radius_m / float(scale.min())) ** 2
     )
     residual = (g.rho[0] - radii) / scale + bend + inwards * shift
     J = np.empty((6, 2 * n))
@@ -301,6 +302,11 @@ def _normal_equations(
     return _Equations(residual, weight, H, spread, axes[0]), b, noise
 
 
+def _true_blur_px(edges: _Edges, shift_px: float) -> float:
+    """Return the blur before white was clipped: what is left of it looks sharp, but lies aside."""
+    return max(edges.blur_px, shift_px / _CLIPPED_SHIFT_BLURS)
+
+
 def _judged(
     image: U8,
     camera: CameraModel,
@@ -318,7 +324,7 @@ def _judged(
     near = edges.seen & (off < reach)
     there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
     support = near.reshape(2, _RAYS).sum(axis=1) / there
-    dark, bright, ridge = _areas(image, camera, ring, pose, edges)
+    dark, bright, ridge = _areas(image, camera, ring, pose, edges, max(shift, 0.0) / radius_px)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
     inverse = np.asarray(np.linalg.inv(equations.H), dtype=np.float64)
     covariance = inverse * max(equations.scale, 0.3) * few
@@ -366,20 +372,24 @@ def _dependence(equations: _Equations, radius_px: float) -> float:
     return max((1.0 + c) / (1.0 - c), _RAYS * _INDEPENDENT_PX / (2.0 * math.pi * radius_px))
 
 
+_LEAST_STROKE = 0.1  # over the radius
 _STROKE_RADII = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # from inner to outer edge
 _HOLE_RADII = (0.1, 0.35, 0.55, 0.7)  # of the inner edge
 _MARGIN_RADII = (1.08, 1.13)
 
 
 def _areas(
-    image: U8, camera: CameraModel, ring: Ring, pose: Pose, edges: _Edges
+    image: U8, camera: CameraModel, ring: Ring, pose: Pose, edges: _Edges, spread: float
 ) -> tuple[float, float, float]:
     """Return the shares of the stroke that is dark and of the white that is bright, and the ridge.
 
     The last: what rises within the stroke, between its edges, as in targets of several rings.
+    `spread` is what the white has taken of the stroke on either side, over the radius.
     """
     R, k = ring.radius_m, ring.inner_ratio
-    shares = [k * s for s in _HOLE_RADII] + [k + (1.0 - k) * s for s in _STROKE_RADII]
+    left = max(_LEAST_STROKE, 1.0 - k - 2.0 * spread)
+    inner_edge = 0.5 * (1.0 + k - left)
+    shares = [k * s for s in _HOLE_RADII] + [inner_edge + left * s for s in _STROKE_RADII]
     shares += _MARGIN_RADII
     sampled = _sampled(image, camera, ring, pose, R * np.array([shares]))
     if sampled is None:

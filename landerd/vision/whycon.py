@@ -20,7 +20,7 @@ from landerd.vision.ring_explained import (
     is_toned,
 )
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pose import F64
+from landerd.vision.ring_pose import F64, cone_through, poses_of_cone
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import (
     Candidate,
@@ -193,7 +193,7 @@ class _RingSearch:
         unclear = None
         for one in sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast):
             is_new = not any(t.place.is_same(one.place) for t in tried)
-            is_likely = one.share >= _EDGE_SHARE and may_have_edges(one.fits[0])
+            is_likely = one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
             if not is_likely or not is_new or len(tried) == _EDGE_TRIES:
                 continue
             tried.append(one)
@@ -244,6 +244,8 @@ class _RingSearch:
 
     def _try(self, one: _Try) -> bool:
         """Fit a candidate; False: there is no work left for it."""
+        if one.candidate.is_bloomed:
+            return self._try_edges(one)
         reserve = HARD_COST if self._hard_now() and self._work.has(HARD_COST) else 0
         if not self._work.affords(ROUGH_COST, reserve):
             return False
@@ -266,6 +268,22 @@ class _RingSearch:
                 self._level_found = one.level
                 return True
             self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
+        elif one.candidate.share >= _CLEAR_SHARE:
+            return self._try_edges(one)
+        else:
+            self._work.refuse(one.place)
+        return True
+
+    def _try_edges(self, one: _Try) -> bool:
+        """Fit nothing but the edges of a candidate; False: there is no work left for it."""
+        if not self._work.affords(FULL_COST):
+            return False
+        cone = cone_through(one.level.camera.rays(one.candidate.outline.points()))
+        starts = None if cone is None else poses_of_cone(cone, self._ring.radius_m)
+        fits = edge_fits(self._image, self._camera, self._ring, starts or [])
+        if fits:
+            self._report(fits)
+            self._level_found = one.level
         else:
             self._work.refuse(one.place)
         return True
@@ -291,7 +309,7 @@ def _place(level: Level, candidate: Candidate) -> Place:
 
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
-    if not is_ring(fit, ring):
+    if not is_ring(fit, ring, camera):
         return False
     # Motion explains much, a target of several rings too.
     is_doubtful = fit.response is None and (is_poor(fit) or bool(np.any(fit.motion_px)))
@@ -304,7 +322,7 @@ def _explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) 
     Empty, if it is none.
     """
     fit = fits[0]
-    is_told = is_ring(fit, ring)
+    is_told = is_ring(fit, ring, camera)
     if (is_told and not is_toned(fit, ring)) or not (is_told or is_dark_in_white(fit)):
         return fits if is_told else []
     behind_response = _behind_response(image, camera, ring, fit)
@@ -329,7 +347,7 @@ def _behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
     if fit.response is not None or not may_be_behind(fit):
         return []
     fits = response_fits(image, camera, ring, fit)
-    is_ours = fits and is_ring(fits[0], ring) and not is_toned(fits[0], ring)
+    is_ours = fits and is_ring(fits[0], ring, camera) and not is_toned(fits[0], ring)
     return fits if is_ours else []
 
 
