@@ -41,7 +41,7 @@ def is_seen(painted: PadLayout, at: View, optics: Optics) -> bool:
     return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
 
 
-@pytest.mark.parametrize("distance", [3.0, 8.0])
+@pytest.mark.parametrize("distance", [3.0, 8.0, 20.0, 36.0])
 @pytest.mark.parametrize("heading", [0.3, 2.5])
 def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     distance: float, heading: float
@@ -51,8 +51,16 @@ def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     assert is_seen(UNREADABLE, view(distance, heading), grass)
 
 
-def test_a_far_ring_is_taken_before_the_white_beside_it_can_be_seen() -> None:
-    assert is_seen(BARE, view(36.0, 0.3), Optics(background="grass"))
+@pytest.mark.parametrize("margin_m", [0.52, 0.56])
+@pytest.mark.parametrize("distance", [6.0, 12.0, 20.0])
+def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
+    distance: float, margin_m: float
+) -> None:
+    plate = Plate(north_m=margin_m, south_m=margin_m, east_m=margin_m, west_m=margin_m)
+    narrow = BARE.model_copy(update={"plate": plate})
+    blurred = Optics(background="grass", blur_px=1.2)
+    assert not is_seen(narrow, view(distance, 0.3), blurred)
+    assert is_seen(UNREADABLE, view(distance, 0.3), blurred)
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
