@@ -89,8 +89,7 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
         # Under the wrong one of two poses half of the edges are in place, in texture few.
         if not found or sum(found[0].support) < _HOPELESS_SUPPORT:
             return None
-    dependence = max(e.dependence for e in found)
-    found, noise = _best_first([replace(e, dependence=dependence) for e in found])
+    found, noise = _best_first(found)
     edges = found[0]
     if not is_ring_by_edges(edges):
         return None
@@ -101,7 +100,7 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
     )
     if _agree(edges, best, ring, camera):
         # What is left over of the grey levels is as alike from place to place as that of the edges.
-        wider = [replace(f, covariance=dependence * f.covariance) for f in fits]
+        wider = [replace(f, covariance=edges.dependence * f.covariance) for f in fits]
         return Explained(wider, toned)
     return Explained([_ring_fit(e, ring, camera, noise) for e in found], toned)
 
@@ -118,8 +117,13 @@ def edge_fits(image: U8, camera: CameraModel, ring: Ring, starts: Sequence[Pose]
 
 
 def _best_first(fits: list[EdgeFit]) -> tuple[list[EdgeFit], float]:
-    """Return fits in order of their cost, and the least noise of their edges, px."""
+    """Return fits in order of their cost, and the least noise of their edges, px.
+
+    As many edges are independent for one as for the other: the fewer it was for any.
+    """
     noise = min(e.noise_px for e in fits)
+    dependence = max(e.dependence for e in fits)
+    fits = [replace(e, dependence=dependence) for e in fits]
     return sorted(fits, key=lambda e: edge_cost(e, noise)), noise
 
 
