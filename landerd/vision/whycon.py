@@ -43,7 +43,15 @@ from landerd.vision.ring_stages import (
     rough_fit,
     tracked_fits,
 )
-from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Place, RingWork
+from landerd.vision.ring_work import (
+    EDGE_COST,
+    FULL_COST,
+    HARD_COST,
+    RESPONSE_COST,
+    ROUGH_COST,
+    Place,
+    RingWork,
+)
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
@@ -59,9 +67,7 @@ _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows 
 # Share from which shadow and motion are tried at once, not in the next image: four of ten of the
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
 _HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
-# Whose edges are looked at: so many doubtful fits in an image, the best of candidates with this
-# share.
-_EDGE_TRIES, _EDGE_SHARE = 3, 0.5
+_EDGE_SHARE = 0.5  # from which edges are looked at
 
 
 def find_rings(
@@ -121,6 +127,7 @@ class _Doubtful:
     place: Place
     share: float  # of the candidate's spokes
     fits: list[RingFit]
+    is_linear: bool = False  # no response explains it
 
 
 class _RingSearch:
@@ -155,7 +162,7 @@ class _RingSearch:
             is_clear = candidate.share >= _CLEAR_SHARE and (
                 level.reduction <= 1.0 or one.place.size_px >= _CLEAR_PX * level.reduction
             )
-            if is_clear and not self._work.is_refused(one.place):
+            if is_clear and not self._is_known(one.place):
                 self._try(one)
             else:
                 self._later.append(one)
@@ -184,29 +191,36 @@ class _RingSearch:
         if unclear is not None and not self.found:
             self._report(unclear.fits)
         for one in self._doubtful:
-            if one.share < _CONTINUED_HARD_SHARE:
+            is_over = self._work.is_unexplained(one.place) or not _may_be_toned(one)
+            if is_over and one.share < _CONTINUED_HARD_SHARE:
                 self._work.refuse(one.place)
 
     def _find_toned(self) -> Explained | None:
         """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
-        tried: list[_Doubtful] = []
         unclear = None
-        for one in sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast):
-            is_new = not any(t.place.is_same(one.place) for t in tried)
-            is_likely = one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
-            if not is_likely or not is_new or len(tried) == _EDGE_TRIES:
+        best_first = sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
+        for one in filter(_may_be_toned, best_first):
+            if self._work.is_unexplained(one.place):
                 continue
-            tried.append(one)
-            behind_response = _behind_response(self._image, self._camera, self._ring, one.fits[0])
-            if behind_response:
-                self._report(behind_response)
+            fits = [] if one.is_linear else self._behind_response(one.fits[0])
+            if not fits:
+                if not self._work.affords(EDGE_COST):
+                    break
+                by_edges = explained(self._image, self._camera, self._ring, one.fits)
+                self._work.leave_unexplained(one.place)
+                unclear = unclear or by_edges
+                fits = by_edges.fits if by_edges is not None and by_edges.is_toned else []
+            if fits:
+                self._report(fits)
                 return None
-            by_edges = explained(self._image, self._camera, self._ring, one.fits)
-            if by_edges is not None and by_edges.is_toned:
-                self._report(by_edges.fits)
-                return None
-            unclear = unclear or by_edges
         return unclear
+
+    def _behind_response(self, fit: RingFit) -> list[RingFit]:
+        """Return the fits behind a response, where that is worth its cost; empty: none."""
+        is_worth = fit.response is None and may_be_behind(fit)
+        if not is_worth or not self._work.affords(RESPONSE_COST):
+            return []
+        return _behind_response(self._image, self._camera, self._ring, fit)
 
     def _report(self, fits: list[RingFit]) -> None:
         _remember(self._response, fits[0])
@@ -242,18 +256,30 @@ class _RingSearch:
         is_wanted = self._level_found is None or self._level_found is one.level
         return self._try(one) if is_wanted else True
 
+    def _reserve(self) -> int:
+        """Return what is kept to explain the best of what was doubtful, if that is still left."""
+        toned = [
+            d for d in self._doubtful if _may_be_toned(d) and not self._work.is_unexplained(d.place)
+        ]
+        cost = EDGE_COST * bool(toned) + HARD_COST * bool(self._hard_now())
+        cost += RESPONSE_COST * any(not d.is_linear for d in toned)
+        return cost if self._work.has(cost) else 0
+
     def _try(self, one: _Try) -> bool:
         """Fit a candidate; False: there is no work left for it."""
         if one.candidate.is_bloomed:
             return self._try_edges(one)
-        reserve = HARD_COST if self._hard_now() and self._work.has(HARD_COST) else 0
-        if not self._work.affords(ROUGH_COST, reserve):
+        reserve = self._reserve()
+        if not self._work.affords_search(ROUGH_COST, reserve):
             return False
-        rough = rough_fit(one.level, one.candidate.outline, self._ring)
+        rough = rough_fit(one.level, one.candidate, self._ring)
+        is_clear = one.candidate.share >= _CLEAR_SHARE
+        if rough is None and is_clear:
+            return self._try_edges(one)
         if rough is None or any(_covers(s, self._camera, rough.position) for s in self.found):
             self._work.refuse(one.place)
             return True
-        if not self._work.affords(FULL_COST, reserve):
+        if not self._work.affords_search(FULL_COST, reserve):
             return False
         reduction = self._camera.fx / one.level.camera.fx
         response = self._response.response
@@ -262,13 +288,15 @@ class _RingSearch:
             self._report(_explained(self._image, self._camera, self._ring, fits))
             self._level_found = one.level
         elif fits and is_dark_in_white(fits[0]):
-            hidden = self._clearly_hidden(one.candidate, fits)
+            is_first = is_clear and not self._has_tried_hidden
+            hidden = self._clearly_hidden(one.place, fits) if is_first else []
             if hidden:
                 self._report(hidden)
                 self._level_found = one.level
                 return True
-            self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
-        elif one.candidate.share >= _CLEAR_SHARE:
+            is_linear = is_first and not self._response.pictures_by_edges
+            self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits, is_linear))
+        elif is_clear:
             return self._try_edges(one)
         else:
             self._work.refuse(one.place)
@@ -276,7 +304,7 @@ class _RingSearch:
 
     def _try_edges(self, one: _Try) -> bool:
         """Fit nothing but the edges of a candidate; False: there is no work left for it."""
-        if not self._work.affords(FULL_COST):
+        if not self._work.affords(EDGE_COST):
             return False
         cone = cone_through(one.level.camera.rays(one.candidate.outline.points()))
         starts = None if cone is None else poses_of_cone(cone, self._ring.radius_m)
@@ -288,14 +316,16 @@ class _RingSearch:
             self._work.refuse(one.place)
         return True
 
-    def _clearly_hidden(self, candidate: Candidate, fits: list[RingFit]) -> list[RingFit]:
+    def _clearly_hidden(self, place: Place, fits: list[RingFit]) -> list[RingFit]:
         """Return the fits of the first that is clearly bright, dark and bright; empty: no ring."""
-        if candidate.share < _CLEAR_SHARE or self._has_tried_hidden:
-            return []
         self._has_tried_hidden = True
         if not self._response.pictures_by_edges:
-            return _behind_response(self._image, self._camera, self._ring, fits[0])
+            return self._behind_response(fits[0])
+        if not self._work.affords(EDGE_COST):
+            return []
         by_edges = explained(self._image, self._camera, self._ring, fits)
+        if by_edges is None:
+            self._work.leave_unexplained(place)
         return [] if by_edges is None else by_edges.fits
 
 
@@ -305,6 +335,11 @@ def _place(level: Level, candidate: Candidate) -> Place:
     k = level.reduction
     size = 2.0 * k * math.sqrt(abs(float(np.linalg.det(outline.axes))))
     return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size, k)
+
+
+def _may_be_toned(one: _Doubtful) -> bool:
+    """Tell whether a response or edges may explain what a plain fit does not."""
+    return one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
 
 
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
