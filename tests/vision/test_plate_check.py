@@ -63,6 +63,19 @@ def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
     assert is_seen(UNREADABLE, view(distance, 0.3), blurred)
 
 
+def test_the_pad_is_seen_behind_a_nearer_ring_that_is_another_s() -> None:
+    rng, grass = np.random.default_rng(2), Optics(background="grass")
+    far = look(IDEAL_CAMERA, 9.0, 0.4, pixel=(150.0, 230.0), tilt_towards=1.0, heading=0.3)
+    near = look(IDEAL_CAMERA, 6.0, 0.4, pixel=(480.0, 230.0), tilt_towards=1.0, heading=0.3)
+    image = render(far, IDEAL_CAMERA, grass, rng, UNREADABLE)
+    image[:, 320:] = render(near, IDEAL_CAMERA, grass, rng, BARE)[:, 320:]
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    sights = [vision.process(Frame(i / 30.0, i, image)) for i in range(4)]
+    seen = [s.pad[0] for s in sights if s.pad]
+    assert seen
+    assert all(math.dist(p.position, far.position) < 0.3 for p in seen)
+
+
 @pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
 def test_a_shadow_over_a_part_of_the_pad_is_no_reason_to_refuse_its_ring(turn: float) -> None:
     at = view(6.0, 0.3)
