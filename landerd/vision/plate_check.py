@@ -39,6 +39,8 @@ _BEYOND, _BRIGHTEST = (1.25, 1.4), 95.0  # where white may be, too; percentile
 # ring's contrast, or by this factor and so many grey levels: in a shadow, too.
 _EVEN_SHARE, _EVEN_PERCENTILE = 0.6, 10.0
 _STANDS_OUT, _STANDS_OUT_TIMES, _LEAST_STEP = 0.3, 1.5, 8.0
+_HIDDEN_SHARE = 0.3  # of the plate's white, by leaves or dirt, or because it is another's corner
+_MOST_HEADINGS = 0.75  # of those under which the plate could lie
 _BRIGHT_SHARE = 0.7  # of the way from black: of ground that is as bright as white
 _BEHIND = (0.3, 0.45, 0.6)  # times the ring's radius, the plate's edge
 _FAR_BESIDE = 1.7  # times the ring's radius: beyond the corners of another ring's own plate
@@ -85,7 +87,9 @@ class PlateCheck:
         beside = self._turned(image, self._white[ring], t, axes)
         behind = _mean(self._turned(image, self._ground[ring], t, axes))
         far = np.hypot(*self._white[ring].T) > _FAR_BESIDE * ring.radius_m
-        may_be = _stands_out(_mean(beside[:, far]), behind, brightest - black)
+        may_be = _stands_out(_lower(beside[:, far]), behind, brightest - black)
+        if may_be.mean() > _MOST_HEADINGS:  # the middle of a target
+            may_be[:] = False
         may_be |= behind > black + _BRIGHT_SHARE * (brightest - black)
         if is_even and radius_px > _CLEAR_RADIUS_PX:
             is_white = beside > black + _WHITE_SHARE * (white - black)
@@ -128,6 +132,14 @@ def _mean(levels: F64) -> F64:
     seen = ~np.isnan(levels)
     means = np.where(seen, levels, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
     return np.where(seen.mean(axis=1) < _LEAST_SEEN, np.nan, means)
+
+
+def _lower(levels: F64) -> F64:
+    """Return the level (headings,) that most of points (headings, n) reach; NaN: few are seen."""
+    seen = ~np.isnan(levels)
+    ordered = np.sort(levels, axis=1)  # NaN last
+    lower = ordered[:, int(_HIDDEN_SHARE * levels.shape[1])]
+    return np.where(seen.mean(axis=1) < _LEAST_SEEN, np.nan, lower)
 
 
 def _stands_out(plate: F64, ground: F64, contrast: float) -> NDArray[np.bool_]:
