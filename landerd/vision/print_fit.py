@@ -39,7 +39,7 @@ _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
 _LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
-_AS_PRINTED = 0.2  # of the contrast: a residual below it
+_AS_PRINTED, _TURNED = 0.2, 0.6  # of the contrast: a residual below, and above
 _MAX_CORRELATION = 0.95  # of neighbouring residuals: what they tell is never nothing
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
@@ -59,6 +59,9 @@ class Fit:
     variance: float  # of one residual, grey levels^2
     correlation: float  # of neighbouring residuals, 0 (noise alone) to below 1
     tone: F64  # as `toned` takes it; zeros: none is seen
+    # Share of what tells the print from others that is white for black, or black for white,
+    # whichever is less: what hides a print does one of the two, another print both.
+    contradicted: float
     # Of a fit that cuts out what hides the print: the share of it that is as printed, of that part
     # which is least so. None: of a fit to the whole print.
     shown: float | None = None
@@ -271,30 +274,33 @@ class MarkerPrint:
             )
         except np.linalg.LinAlgError:
             return None
-        grey = patch.grey
-        scatter = float(weight @ (grey - np.average(grey, weights=weight)) ** 2)
         fitted = Pose(pose.R, pose.t, information, 0.0)
-        explained = 1.0 - squares / max(scatter, 1e-9)
+        explained = 1.0 - squares / max(_scatter(patch, weight), 1e-9)
         is_seen = estimate.is_toned and equations.tone_loss(estimate.tone) > _TONE_CHI2
         tone = estimate.tone if is_seen else LINEAR
+        shown, contradicted = self._shown(patch, estimate, equations.residual)
         if not estimate.is_hidden:
-            return Fit(fitted, explained, squares, variance, correlation, tone)
+            return Fit(fitted, explained, squares, variance, correlation, tone, contradicted)
         squares = float(np.sqrt(weight) @ equations.residual**2)  # what is cut out costs, too
-        shown = self._shown(patch, estimate, equations.residual)
-        return Fit(fitted, explained, squares, variance, correlation, tone, shown)
+        return Fit(fitted, explained, squares, variance, correlation, tone, contradicted, shown)
 
-    def _shown(self, patch: Patch, estimate: _Estimate, residual: F64) -> float:
-        """Return the share of the print that is as printed, of that part which is least so.
+    def _shown(self, patch: Patch, estimate: _Estimate, residual: F64) -> tuple[float, float]:
+        """Return the share of the print that is as printed, and that which is contradicted.
 
-        The parts are black, white and what tells the print from others.
+        The first is of that part which is least so: black, white or what tells the print.
         """
         light = estimate.light
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
-        is_as_printed = np.abs(residual) < _AS_PRINTED * light[1] * shade
+        off = residual / np.maximum(light[1] * shade, 1e-9)
+        is_as_printed = np.abs(off) < _AS_PRINTED
         is_white = patch.grey - residual > (light[0] + 0.5 * light[1]) * shade
         telling = self._is_telling(*on_plane(patch.rays, estimate.pose))
         parts = [is_as_printed[part] for part in (is_white, ~is_white, telling)]
-        return min(float(part.mean()) if len(part) else 0.0 for part in parts)
+        shown = min(float(part.mean()) if len(part) else 0.0 for part in parts)
+        if not telling.any():
+            return shown, 0.0
+        turned = (off[telling] > _TURNED, off[telling] < -_TURNED)
+        return shown, min(float(part.mean()) for part in turned)
 
     def _information(
         self, matrix: F64, variance: float, pose: Pose, bias: float, shift: float
@@ -318,6 +324,15 @@ class MarkerPrint:
             + np.outer(nearer, nearer)
         )
         return information
+
+
+def _scatter(patch: Patch, weight: F64) -> float:
+    """Return the weighted sum of squares that light alone, with its gradient, leaves over."""
+    root = np.sqrt(weight)
+    light = np.stack([root, root * patch.x, root * patch.y], axis=1)
+    grey = root * patch.grey
+    plane, *_ = np.linalg.lstsq(light, grey)
+    return float(((grey - light @ plane) ** 2).sum())
 
 
 def _first_light(grey: F64) -> F64:

@@ -414,7 +414,10 @@ def _areas(
     black = np.r_[hole : hole + stroke]
     dark = float(is_dark[black][inside[black]].mean()) if inside[black].any() else 0.0
     bright = float((~is_dark[white])[inside[white]].mean()) if inside[white].any() else 0.0
-    level = np.median(grey[black], axis=1)
+    seen = inside[black].all(axis=0)
+    if not seen.any():
+        return dark, bright, 1.0
+    level = np.median(grey[black][:, seen], axis=1)
     before = np.minimum.accumulate(level)
     after = np.minimum.accumulate(level[::-1])[::-1]
     contrast = 2.0 * float(np.median(inner) - level.min())

@@ -33,7 +33,8 @@ _MIN_COS = 0.3  # of the tilt: flatter ones are narrow bands of few pixels
 _MAX_RIDGE = 0.2  # of the contrast, within the stroke
 _MIN_PRODUCT, _PRODUCT_PX = 0.27, 2.7  # this, and this over the shorter radius
 _MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
-_MIN_SHARE = 0.6  # of what is seen, dark and bright
+_MIN_SHARE = 0.6  # dark and bright
+_MIN_VISIBLE = 0.35  # just over the pad a ring is cut by the image's edge
 _HOPELESS_SUPPORT = 0.9  # of both edges' shares together
 _MIN_CONTRAST = 12.0  # grey levels
 # How far a tone curve moves edges: px, of the blur, and what the print may be off, of the radius.
@@ -152,7 +153,8 @@ def is_ring_by_edges(e: EdgeFit) -> bool:
         shorter > _MIN_RADIUS_PX
         and e.cos_tilt > _MIN_COS
         and min(e.support) > _MIN_EITHER
-        and min(e.visible, e.dark, e.bright) > _MIN_SHARE
+        and e.visible > _MIN_VISIBLE
+        and min(e.dark, e.bright) > _MIN_SHARE
         and math.prod((*e.support, e.visible, e.dark, e.bright))
         > _MIN_PRODUCT + _PRODUCT_PX / shorter
         and e.ridge < _MAX_RIDGE

@@ -28,9 +28,12 @@ _MAX_RIVAL_ERROR_PX = 0.5
 _CORNER_SIGMA_PX = 0.7  # of corners as OpenCV finds them, where the pixels cannot be fitted
 # Share of the pixels' variance. More than `MIN_EXPLAINED`, because nothing decoded what is tracked.
 _MIN_TRACKED_EXPLAINED = 0.93
-# Where the print is hidden in part: of the whole, below which what is left is not sought; and the
-# share of black, of white and of the code that must be left. Of another code half is as printed.
-_MIN_HIDDEN_EXPLAINED, _MIN_SHOWN = 0.3, 0.6
+# A robust fit explains another code's tag as well, but for the cells that differ: of its pixels.
+_MAX_CONTRADICTED = 0.05
+# Where the print is hidden in part: of the whole, below which what is left is not sought; of what
+# is left; and the share of black, of white and of the code that must be left. A tag with glare and
+# a shadow's edge had 0.89 and 0.7, texture never both so much.
+_MIN_HIDDEN_EXPLAINED, _MIN_LEFT_EXPLAINED, _MIN_SHOWN = 0.3, 0.86, 0.6
 # What no residual shows of such a fit: what hides the print is not cut out to its very edge. And of
 # how far it moved the pose: what does not fit may be no foreign piece, but white that is blown out.
 _HIDDEN_VARIANCE, _HIDDEN_SHARE = 2.0, 0.5
@@ -98,14 +101,16 @@ class SquarePrint(MarkerPrint):
         nothing else is taken for it.
         """
         fit = self.fit(image, camera, expected, has_rival=False)
-        if fit is None or fit.explained > _MIN_TRACKED_EXPLAINED:
-            return fit
-        if fit.explained < _MIN_HIDDEN_EXPLAINED:
+        if fit is None or fit.explained < _MIN_HIDDEN_EXPLAINED:
             return None
+        if fit.contradicted > _MAX_CONTRADICTED:
+            return None
+        if fit.explained > _MIN_TRACKED_EXPLAINED:
+            return fit
         left = self.fit(image, camera, fit.pose, has_rival=False, is_hidden=True)
         if left is None or left.shown is None or left.shown < _MIN_SHOWN:
             return None
-        if left.explained < _MIN_TRACKED_EXPLAINED:
+        if left.explained < _MIN_LEFT_EXPLAINED or left.contradicted > _MAX_CONTRADICTED:
             return None
         return replace(left, pose=_less_certain(left.pose, fit.pose))
 

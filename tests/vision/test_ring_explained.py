@@ -167,6 +167,17 @@ def test_a_blown_out_ring_is_tracked() -> None:
     assert math.dist(found.solutions[0].position, view.position) < 0.025
 
 
+def test_a_ring_cut_by_the_edge_is_tracked_just_over_the_pad() -> None:
+    """With a shadow's edge across it, so that its grey levels explain nothing."""
+    view = scenes.look(CAMERA, 0.62, math.radians(15.0), pixel=(330.0, 470.0), tilt_towards=1.0)
+    x, y = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
+    sun = np.where((x + y < 560) | (x - y > 60), 0.25, 0.7)
+    near = np.array(view.position) * 1.01
+    found = track_ring(picture(sun * light(view)), RING, CAMERA, near, view.normal)
+    assert found is not None
+    assert math.dist(found.solutions[0].position, view.position) < 0.01
+
+
 def test_a_target_of_several_rings_is_none_of_ours() -> None:
     """A blurred CCTag's outline and heart have our ratio, but a grey ring lies between."""
     k, size = 8, 80
