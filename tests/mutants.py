@@ -483,7 +483,8 @@ MUTANTS = [
         PAD,
         "return Event.STANDS if stands else self._waving_off.order(step)",
         "return self._waving_off.order(step)",
-        "simulation/test_fault_defects.py::test_it_keeps_the_rules",
+        "guidance/test_landing.py::"
+        "test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is_back",
     ),
     Mutant(
         "5: takes for stale what came while it stood still",
