@@ -87,8 +87,9 @@ class PlateCheck:
         beside = self._turned(image, self._white[ring], t, axes)
         behind = _mean(self._turned(image, self._ground[ring], t, axes))
         far = np.hypot(*self._white[ring].T) > _FAR_BESIDE * ring.radius_m
-        may_be = _stands_out(_lower(beside[:, far]), behind, brightest - black)
-        if may_be.mean() > _MOST_HEADINGS:  # the middle of a target
+        plate = _lower(beside[:, far])
+        may_be = _stands_out(plate, behind, brightest - black)
+        if (may_be & ~np.isnan(plate - behind)).mean() > _MOST_HEADINGS:  # the middle of a target
             may_be[:] = False
         may_be |= behind > black + _BRIGHT_SHARE * (brightest - black)
         if is_even and radius_px > _CLEAR_RADIUS_PX:
