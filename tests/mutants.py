@@ -189,7 +189,8 @@ MUTANTS = [
         PHASES,
         "relative.height < self._options.commit_height_m",
         "relative.height < 1.0",
-        "test_2_no_commitment_higher_than_the_commit_height",
+        "guidance/test_phases.py::"
+        "test_it_commits_only_aligned_over_the_pad_and_below_the_commit_height",
     ),
     Mutant(
         "2: sinks blind for long after commit",
