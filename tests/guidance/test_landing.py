@@ -91,7 +91,8 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     while flight.contact_t is None:
         flight.tick()
     flight.pulse_us = LOW
-    on_pad, gone, released_t = flight.position[2], [], flight.t
+    on_pad, released_t = flight.position[2], flight.t
+    gone: list[State] = []
     while flight.lander.state is not State.STANDING:
         assert flight.t < released_t + 0.6, gone
         # Told to climb, but its thrust is not there yet: it goes with the pad.
