@@ -189,7 +189,8 @@ MUTANTS = [
         PHASES,
         "relative.height < self._options.commit_height_m",
         "relative.height < 1.0",
-        "test_2_no_commitment_higher_than_the_commit_height",
+        "guidance/test_phases.py::"
+        "test_it_commits_only_aligned_over_the_pad_and_below_the_commit_height",
     ),
     Mutant(
         "2: sinks blind for long after commit",
@@ -483,7 +484,8 @@ MUTANTS = [
         PAD,
         "return Event.STANDS if stands else self._waving_off.order(step)",
         "return self._waving_off.order(step)",
-        "simulation/test_fault_defects.py::test_it_keeps_the_rules",
+        "guidance/test_landing.py::"
+        "test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is_back",
     ),
     Mutant(
         "5: takes for stale what came while it stood still",

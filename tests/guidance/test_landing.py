@@ -85,6 +85,29 @@ def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -
     assert flight.lander.aborts == 1
 
 
+def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is_back() -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    to(flight, State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.pulse_us = LOW
+    on_pad, released_t = flight.position[2], flight.t
+    gone: list[State] = []
+    while flight.lander.state is not State.STANDING:
+        assert flight.t < released_t + 0.6, gone
+        # Told to climb, but its thrust is not there yet: it goes with the pad.
+        flight.position = (*flight.position[:2], on_pad)
+        flight.velocity = flight.pad_velocity
+        flight.tick()
+        gone.append(flight.lander.state)
+    assert State.LEAVING in gone
+    assert flight.setpoints[-1][1].velocity[2] < -0.3  # it would have left
+    climbs, levelled = len(flight.setpoints), len(flight.pressed)
+    flight.run(0.5)
+    assert len(flight.setpoints) == climbs
+    assert len(flight.pressed) > levelled
+
+
 def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_holds() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
