@@ -58,8 +58,8 @@ _SPREAD_FLOOR = 10.0  # grey levels, added to the stroke's spread: below that is
 # photograph of the ground has on average, 8 have half of them and 0.1 nine tenths.
 _MIN_SHARE = 0.5
 # Or else the step over the stroke's spread tells: 800 rings in all kinds of light kept one of the
-# two, but for one behind strong motion; seven tenths of the textures' outlines keep neither.
-_CLEAR_SHARE, _MIN_SCORE = 0.85, 0.8
+# two, but for two behind strong motion or shadow; eight tenths of the textures' outlines keep neither.
+_CLEAR_SHARE, _MIN_SCORE = 0.85, 0.95
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, _SPOKES, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
