@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.ma  # noqa: F401  np.median loads it when first called: 40 ms, in flight
+import numpy.ma  # np.median loads it when first called: 40 ms, in flight
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
@@ -131,7 +131,7 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit
 def _has_support(edges: _Edges, equations: "_Equations", radius_px: float) -> bool:
     """Tell whether a ring may come of a first round: most texture goes no further."""
     near = edges.seen & (np.abs(equations.residual) < max(_NEAR_PX, _COARSE_NEAR * radius_px))
-    return np.count_nonzero(near) > _COARSE_SUPPORT * np.count_nonzero(edges.in_image)
+    return bool(near.sum() > _COARSE_SUPPORT * edges.in_image.sum())
 
 
 def edge_cost(fit: EdgeFit, noise_px: float) -> float:

@@ -57,8 +57,8 @@ _SPREAD_FLOOR = 10.0  # grey levels, added to the stroke's spread: below that is
 # leaf shade, gave 1.0, but with a shadow's edge across them 0.56 to 0.94; of the 35 components a
 # photograph of the ground has on average, 8 have half of them and 0.1 nine tenths.
 _MIN_SHARE = 0.5
-# Or else the step over the stroke's spread tells: 800 rings in all kinds of light kept one of the
-# two, but for two behind strong motion or shadow; eight tenths of the textures' outlines keep neither.
+# Or else the step over the stroke's spread tells: of 800 rings in all kinds of light all but two,
+# behind strong motion or shadow, kept one of both; of textures' outlines eight tenths keep neither.
 _CLEAR_SHARE, _MIN_SCORE = 0.85, 0.95
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, _SPOKES, endpoint=False)
@@ -175,7 +175,7 @@ def _components(dark: U8, largest_px: float) -> _Components:
     of = (np.cumsum(is_sized) - 1)[of[used]]
     y, px = row[used].astype(np.float64), length[used].astype(np.float64)
     x = first[used] + 0.5 * (px - 1.0)
-    n, area_px = len(label), area[label]
+    n, area_px = len(label), area[label].astype(np.float64)
     cx, cy = np.bincount(of, px * x, n) / area_px, np.bincount(of, px * y, n) / area_px
     x -= cx[of]
     y -= cy[of]

@@ -259,9 +259,7 @@ class _RingSearch:
     def _reserve(self) -> int:
         """Return what is kept to explain the best of what was doubtful, if that is still left."""
         toned = [
-            d
-            for d in self._doubtful
-            if _may_be_toned(d) and not self._work.is_unexplained(d.place)
+            d for d in self._doubtful if _may_be_toned(d) and not self._work.is_unexplained(d.place)
         ]
         cost = EDGE_COST * bool(toned) + HARD_COST * bool(self._hard_now())
         cost += RESPONSE_COST * any(not d.is_linear for d in toned)
