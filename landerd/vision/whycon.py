@@ -1,6 +1,7 @@
 """WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -20,7 +21,7 @@ from landerd.vision.ring_explained import (
     is_toned,
 )
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pose import F64
+from landerd.vision.ring_pose import F64, cone_through, poses_of_cone
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import (
     Candidate,
@@ -55,6 +56,7 @@ from landerd.vision.ring_work import (
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
+Refusal = Callable[[MarkerSighting], bool]
 
 # How a search looks for what is dark: at first the way that sees most rings, in all levels; in a
 # thorough one the others too, where they are cheap (rings from 48 px on the finest level's side).
@@ -81,6 +83,7 @@ def find_rings(
     thorough: bool = True,
     work: RingWork | None = None,
     response: CameraResponse | None = None,
+    refuses: Refusal | None = None,
 ) -> list[MarkerSighting]:
     """Return the rings seen in an image, or in a window of it, nearest first.
 
@@ -95,10 +98,11 @@ def find_rings(
         thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
         work: what remembers where the search of the image before was cut short; None: nothing does.
         response: what remembers the camera's; None: nothing does.
+        refuses: tells that a ring is another's; the search then goes on.
     """
     work = work or RingWork()
     work.begin()
-    search = _RingSearch(image, ring, camera, down, work, response or CameraResponse())
+    search = _RingSearch(image, ring, camera, down, work, response or CameraResponse(), refuses)
     parts = list(levels(image, camera, window, expected_diameter_px))
     for segment in _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]:
         for level in parts:
@@ -141,9 +145,10 @@ class _RingSearch:
         down: Vec3 | None,
         work: RingWork,
         response: CameraResponse,
+        refuses: Refusal | None,
     ) -> None:
         self._image, self._ring, self._camera, self._down = image, ring, camera, down
-        self._work, self._response = work, response
+        self._work, self._response, self._refuses = work, response, refuses
         self._later: list[_Try] = []
         self._doubtful: list[_Doubtful] = []
         self._level_found: Level | None = None
@@ -210,8 +215,7 @@ class _RingSearch:
                 self._work.leave_unexplained(one.place)
                 unclear = unclear or by_edges
                 fits = by_edges.fits if by_edges is not None and by_edges.is_toned else []
-            if fits:
-                self._report(fits)
+            if fits and self._report(fits):
                 return None
         return unclear
 
@@ -222,9 +226,15 @@ class _RingSearch:
             return []
         return _behind_response(self._image, self._camera, self._ring, fit)
 
-    def _report(self, fits: list[RingFit]) -> None:
+    def _report(self, fits: list[RingFit], level: Level | None = None) -> bool:
+        """Take a ring, seen in a level, for found unless it is another's; tell whether it was."""
+        sighting = ring_sighting(fits, self._ring, self._camera, self._down)
+        if self._refuses is not None and self._refuses(sighting):
+            return False
         _remember(self._response, fits[0])
-        self.found.append(ring_sighting(fits, self._ring, self._camera, self._down))
+        self.found.append(sighting)
+        self._level_found = level or self._level_found
+        return True
 
     def _find_shaded_or_moving(self) -> None:
         """Fit the best doubtful one with shadow and motion, now or in the next image."""
@@ -235,8 +245,7 @@ class _RingSearch:
             return
         best = min(hard, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
         fits = hard_fits(self._image, self._camera, self._ring, best.fits)
-        if _is_ours(self._image, self._camera, self._ring, fits[0]):
-            self._report(fits)
+        if _is_ours(self._image, self._camera, self._ring, fits[0]) and self._report(fits):
             return
         self._work.refuse(best.place)
         if not all(d.place.is_same(best.place) for d in self._doubtful):
@@ -267,10 +276,15 @@ class _RingSearch:
 
     def _try(self, one: _Try) -> bool:
         """Fit a candidate; False: there is no work left for it."""
+        if one.candidate.is_bloomed:
+            return self._try_edges(one)
         reserve = self._reserve()
         if not self._work.affords_search(ROUGH_COST, reserve):
             return False
         rough = rough_fit(one.level, one.candidate, self._ring)
+        is_clear = one.candidate.share >= _CLEAR_SHARE
+        if rough is None and is_clear:
+            return self._try_edges(one)
         if rough is None or any(_covers(s, self._camera, rough.position) for s in self.found):
             self._work.refuse(one.place)
             return True
@@ -280,20 +294,35 @@ class _RingSearch:
         response = self._response.response
         fits = full_fits(self._image, self._camera, self._ring, rough, reduction, response)
         if fits and _is_ours(self._image, self._camera, self._ring, fits[0]):
-            self._report(_explained(self._image, self._camera, self._ring, fits))
-            self._level_found = one.level
-        elif fits and is_dark_in_white(fits[0]):
-            is_first = one.candidate.share >= _CLEAR_SHARE and not self._has_tried_hidden
+            fits = _explained(self._image, self._camera, self._ring, fits)
+            return self._reported(one, fits)
+        if fits and is_dark_in_white(fits[0]):
+            is_first = is_clear and not self._has_tried_hidden
             hidden = self._clearly_hidden(one.place, fits) if is_first else []
             if hidden:
-                self._report(hidden)
-                self._level_found = one.level
-                return True
+                return self._reported(one, hidden)
             is_linear = is_first and not self._response.pictures_by_edges
             self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits, is_linear))
+        elif is_clear:
+            return self._try_edges(one)
         else:
             self._work.refuse(one.place)
         return True
+
+    def _reported(self, one: _Try, fits: list[RingFit]) -> bool:
+        """Report what is the ring of a candidate, if it is one; always True."""
+        if not fits or not self._report(fits, one.level):
+            self._work.refuse(one.place)
+        return True
+
+    def _try_edges(self, one: _Try) -> bool:
+        """Fit nothing but the edges of a candidate; False: there is no work left for it."""
+        if not self._work.affords(EDGE_COST):
+            return False
+        cone = cone_through(one.level.camera.rays(one.candidate.outline.points()))
+        starts = None if cone is None else poses_of_cone(cone, self._ring.radius_m)
+        fits = edge_fits(self._image, self._camera, self._ring, starts or [])
+        return self._reported(one, fits)
 
     def _clearly_hidden(self, place: Place, fits: list[RingFit]) -> list[RingFit]:
         """Return the fits of the first that is clearly bright, dark and bright; empty: no ring."""
@@ -318,12 +347,12 @@ def _place(level: Level, candidate: Candidate) -> Place:
 
 def _may_be_toned(one: _Doubtful) -> bool:
     """Tell whether a response or edges may explain what a plain fit does not."""
-    return one.share >= _EDGE_SHARE and may_have_edges(one.fits[0])
+    return one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
 
 
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
-    if not is_ring(fit, ring):
+    if not is_ring(fit, ring, camera):
         return False
     # Motion explains much, a target of several rings too.
     is_doubtful = fit.response is None and (is_poor(fit) or bool(np.any(fit.motion_px)))
@@ -336,7 +365,7 @@ def _explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) 
     Empty, if it is none.
     """
     fit = fits[0]
-    is_told = is_ring(fit, ring)
+    is_told = is_ring(fit, ring, camera)
     if (is_told and not is_toned(fit, ring)) or not (is_told or is_dark_in_white(fit)):
         return fits if is_told else []
     behind_response = _behind_response(image, camera, ring, fit)
@@ -361,7 +390,7 @@ def _behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
     if fit.response is not None or not may_be_behind(fit):
         return []
     fits = response_fits(image, camera, ring, fit)
-    is_ours = fits and is_ring(fits[0], ring) and not is_toned(fits[0], ring)
+    is_ours = fits and is_ring(fits[0], ring, camera) and not is_toned(fits[0], ring)
     return fits if is_ours else []
 
 
