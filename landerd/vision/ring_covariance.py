@@ -40,3 +40,21 @@ def clustered_covariance(
     widened = L @ (axes * np.sqrt(np.maximum(grown, 1.0)))
     covariance: F64 = widened @ widened.T
     return covariance
+
+
+def shift_covariance(position: F64, ratio: float, off: float, sigma: float) -> F64:
+    """Return what an unexplained shift of both edges adds to a position's covariance (3, 3), m^2.
+
+    A mild tone curve, denoising or another blur than the model's moves both edges into the black,
+    or out of it. The ratio as the pixels have it is off by that, and so is the range: of the radii
+    R and k R, weighted by their length, one less and one more by d make a least squares scale that
+    is d / R (1 - k^2) / (1 + k^3) off, and a ratio that is d / R (1 + k) off.
+
+    Args:
+        position: of the ring's centre, camera frame, m, (3,).
+        ratio: the ring's true one, k.
+        off: by which the pixels' ratio differs.
+        sigma: of that; so much of it is noise.
+    """
+    share = (1.0 - ratio) / (1.0 + ratio**3)
+    return np.outer(position, position) * (share * share * max(0.0, off * off - sigma * sigma))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.ma  # np.median loads it when first called: 40 ms, in flight
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.pad import Ring
-from landerd.vision.ring_covariance import clustered_covariance
+from landerd.vision.ring_covariance import clustered_covariance, shift_covariance
 from landerd.vision.ring_model import (
     BLUR,
     HEIGHTS,
@@ -346,6 +346,10 @@ def _ring_fit(
     if model.has_response:
         response = parameters[RESPONSE].copy()
         chi2 = float(response @ np.linalg.solve(scale * C[RESPONSE, RESPONSE], response))
+    ratio = model.ring.inner_ratio
+    off = float(C[RATIO] @ equations.b[k]) / radius
+    sigma_off = math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius
+    shifted = shift_covariance(t, ratio, off, sigma_off)
     return RingFit(
         position=t,
         normal=estimate.normal[k],
@@ -357,10 +361,10 @@ def _ring_fit(
         noise=float(equations.noise[k]),
         cost=cost,
         inliers=_inliers(model.pixels, equations.residual[k], min(inside, outside) - black),
-        covariance=e.T @ covariance[:3, :3] @ e,
+        covariance=e.T @ covariance[:3, :3] @ e + shifted,
         sigma_tilt=math.sqrt(max(0.0, float(np.trace(covariance[3:, 3:])) / 2.0)),
-        ratio=model.ring.inner_ratio + float(C[RATIO] @ equations.b[k]) / radius,
-        sigma_ratio=math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius,
+        ratio=ratio + off,
+        sigma_ratio=sigma_off,
         residual=equations.residual[k],
         response=response,
         response_chi2=chi2,

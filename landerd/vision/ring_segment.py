@@ -60,9 +60,9 @@ _SPREAD_FLOOR = 10.0  # grey levels, added to the stroke's spread: below that is
 # leaf shade, gave 1.0, but with a shadow's edge across them 0.56 to 0.94; of the 35 components a
 # photograph of the ground has on average, 8 have half of them and 0.1 nine tenths.
 _MIN_SHARE = 0.5
-# Or else the step over the stroke's spread tells: 800 rings in all kinds of light kept one of the
-# two, but for one behind strong motion; seven tenths of the textures' outlines keep neither.
-_CLEAR_SHARE, _MIN_SCORE = 0.85, 0.8
+# Or else the step over the stroke's spread tells: of 800 rings in all kinds of light all but two,
+# behind strong motion or shadow, kept one of both; of textures' outlines eight tenths keep neither.
+_CLEAR_SHARE, _MIN_SCORE = 0.85, 0.95
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, _SPOKES, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])

@@ -332,6 +332,7 @@ def _is_ring_behind(fit: RingFit, response: F64, ring: Ring) -> bool:
     return (
         fit.contrast > max(_MIN_CONTRAST, _MIN_NOISY_CONTRAST_NOISES * fit.noise)
         and fit.coherent < _MAX_COHERENT
+        and fit.inliers > _MIN_INLIERS
         and not is_clipped(response)
         and _has_ratio(fit, ring)
     )

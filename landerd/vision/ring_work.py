@@ -13,7 +13,7 @@ from landerd.camera_model import F64
 # these a search of any ground takes about three times the AprilTag 3 library's time at most
 # (`bench.vision_negatives`).
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
-_FRAME_COST, _SEARCH_COST = 14, 9  # the second: of it, to tell what is worth more
+_FRAME_COST, _SEARCH_COST = 14, 7  # the second: of it, to tell what is worth more
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
 
 

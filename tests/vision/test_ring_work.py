@@ -40,10 +40,23 @@ def test_an_image_costs_no_more_than_it_may() -> None:
         spent += ROUGH_COST
     assert work.was_cut
     work.begin()
+    told = 0
     while work.affords_search(FULL_COST, HARD_COST):
-        spent -= FULL_COST
-    assert 0 < spent <= ring_work._FRAME_COST
+        told += FULL_COST
+    assert 0 < told < spent <= ring_work._FRAME_COST
     assert work.affords(HARD_COST)
+
+
+def test_what_neither_response_nor_edges_explained_is_not_tried_again() -> None:
+    work = RingWork()
+    work.begin()
+    work.leave_unexplained(place(10.0))
+    work.cut()
+    work.begin()
+    assert work.is_unexplained(place(12.0))
+    assert not work.is_refused(place(12.0))  # shadow and motion may explain it
+    work.begin()
+    assert not work.is_unexplained(place(12.0))
 
 
 def test_what_was_refused_is_forgotten_when_a_search_has_ended() -> None:

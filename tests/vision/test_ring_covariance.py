@@ -1,0 +1,26 @@
+import math
+
+import numpy as np
+
+from landerd.vision.whycon import find_rings
+from tests.vision import scenes
+
+CAMERA = scenes.THESIS_CAMERA
+RING = scenes.THESIS_PAD.rings[0]
+CHI2_95 = 7.815  # three degrees of freedom
+
+
+def test_a_range_that_a_mild_tone_curve_has_moved_is_stated_to_be_as_wrong() -> None:
+    inside = 0
+    for k in range(20):
+        rng = np.random.default_rng([5, k])
+        tilt = math.radians(rng.uniform(10.0, 40.0))
+        view = scenes.look(CAMERA, (3.0, 6.0, 10.0)[k % 3], tilt, pixel=(330.0, 250.0))
+        optics = scenes.Optics(white=170.0, black=80.0, noise=0.0)
+        light = scenes.render(view, CAMERA, optics, rng) / 255.0
+        level = 255.0 * light ** (1.0 / 1.6) + rng.normal(0.0, 2.0, light.shape)
+        image = np.clip(np.rint(level), 0, 255).astype(np.uint8)
+        best = find_rings(image, RING, CAMERA)[0].solutions[0]
+        error = np.array(best.position) - view.position
+        inside += bool(error @ np.linalg.solve(np.array(best.covariance), error) < CHI2_95)
+    assert inside >= 17
