@@ -79,6 +79,7 @@ class LandingContext:
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
         self._pad_turn_rate = 0.0  # rad/s
+        self._heave = (0.0, 0.0)  # as last known, and its standard deviation, m/s
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._just_over_pad = False
         self._began = math.inf  # this landing, without having come to commit since, s
@@ -130,6 +131,13 @@ class LandingContext:
     def ride(self, dt: float) -> None:
         """Let the pad drive on unseen for dt, s, turning as it did when it was seen last."""
         self.pad_velocity = rotate(rot_z(self._pad_turn_rate * dt), self.pad_velocity)
+
+    def heave(self, now: float) -> tuple[float, float]:
+        """Return the pad's vertical velocity as far as it is known, and its sigma, m/s."""
+        pad = self.estimator.pad(now)
+        if pad is not None:
+            self._heave = (pad.velocity[2], pad.sigma_velocity[2])
+        return self._heave
 
     @property
     def over_fast_pad(self) -> bool:
