@@ -11,7 +11,7 @@ from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, MAX_ROLL_PITCH_RATE, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -63,9 +63,7 @@ class Committed:
         heave = relative.pad_velocity[2]
         age = step.now - context.estimator.sighting_t
         clearance = _clearance(context, relative, vehicle, pad)
-        # What may be down is believed to be by less.
-        unsure = 2.0 * relative.sigma_heave if clearance <= 0.0 else 0.0
-        self._watch(heave, unsure)
+        self._watch(heave, _unsure(relative, vehicle, clearance))
         event = self._touchdown.step(step.now, age, clearance, context.landed)
         if event is Event.CONTACT:
             context.foothold.touch(relative, pad.heading)
@@ -239,6 +237,14 @@ def _clearance(
     """Return the least that the lowest foot may be over the pad, m: leaning, as low as may be."""
     at_worst = context.foothold.clearance(relative, vehicle.tilt)
     return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
+
+
+def _unsure(relative: RelativeState, vehicle: VehicleState, clearance: float) -> float:
+    """Return by how much more (m/s) it may sink and touch all the same: `Touchdown.watch`."""
+    if clearance > 0.0:
+        return 0.0
+    pivots = vehicle.roll_pitch_rate > MAX_ROLL_PITCH_RATE
+    return math.inf if pivots else 2.0 * relative.sigma_heave
 
 
 def _stand_level(
