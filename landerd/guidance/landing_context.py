@@ -79,7 +79,7 @@ class LandingContext:
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
         self._pad_turn_rate = 0.0  # rad/s
-        self._heave = (0.0, 0.0)  # as last known, and its standard deviation, m/s
+        self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._just_over_pad = False
         self._began = math.inf  # this landing, without having come to commit since, s
@@ -127,17 +127,22 @@ class LandingContext:
         self._just_over_pad = relative.height < JUST_OVER_PAD_M
         self.pad_velocity = relative.pad_velocity
         self._pad_turn_rate = relative.pad_turn_rate
+        surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
+        self._fastest_heave = max(self._fastest_heave, surely) if self.low else 0.0
 
     def ride(self, dt: float) -> None:
         """Let the pad drive on unseen for dt, s, turning as it did when it was seen last."""
         self.pad_velocity = rotate(rot_z(self._pad_turn_rate * dt), self.pad_velocity)
 
     def heave(self, now: float) -> tuple[float, float]:
-        """Return the pad's vertical velocity as far as it is known, and its sigma, m/s."""
+        """Return the pad's vertical velocity as far as it is known, and its sigma, m/s.
+
+        A deck that is not seen any more may heave as fast as it did, up or down.
+        """
         pad = self.estimator.pad(now)
-        if pad is not None:
-            self._heave = (pad.velocity[2], pad.sigma_velocity[2])
-        return self._heave
+        if pad is None or now - self.estimator.sighting_t > self.options.lost.after_s:
+            return 0.0, self._fastest_heave
+        return pad.velocity[2], pad.sigma_velocity[2]
 
     @property
     def over_fast_pad(self) -> bool:

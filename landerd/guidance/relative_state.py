@@ -74,7 +74,7 @@ class RelativeState:
 
     @property
     def sure_heave(self) -> float:
-        """Vertical velocity of the pad that may be counted on, m/s: it sinks no slower than that."""
+        """Vertical velocity of the pad that may be counted on, m/s: it sinks no slower."""
         return self.pad_velocity[2] - 2.0 * self.sigma_heave
 
     @property

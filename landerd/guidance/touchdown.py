@@ -14,9 +14,9 @@ from landerd.messages import Landed
 # A sink rate below this part of the order is contact. Measured: in the air it is above this from
 # 0.4 s after the order on, on the ground it is below, and the vehicle rebounds 0.2 s later.
 CONTACT_SINK_SHARE = 0.4
-# Where a foot may be down by its height, more of it is contact: by what the pad's heave is not known
-# to; and while the airframe turns as an edge that touches turns it, about which its middle goes on
-# sinking. But no more than this part: in the air it sinks faster.
+# Where a foot may be down by its height, more of it is contact: by what is not known of the pad's
+# heave; and while the airframe turns as an edge that touches turns it, about which its middle goes
+# on sinking. But no more than this part: in the air it sinks faster.
 MAX_CONTACT_SINK_SHARE = 0.7
 CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
 # After commit before contact is looked for, s: measured, a vehicle that hovered sinks at 0.6 of the
@@ -50,8 +50,7 @@ MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
 SETTLES_M = 0.01
 PAD_SPEED_ERROR_SHARE = 0.05  # of a fast pad's speed may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet, but one may be
-# No deck that can be landed on sinks faster, m/s. What has no thrust and sinks no faster is on one:
-# in the air it would fall.
+# No deck that can be landed on sinks faster, m/s. What sinks faster without thrust falls.
 FASTEST_HEAVE_MPS = 0.6
 
 DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
@@ -204,8 +203,7 @@ class Touchdown:
         """
         sinks, sigma = heave
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
-        may_sink = FASTEST_HEAVE_MPS if self._level else sinks + 2.0 * sigma
-        carried = clamp(may_sink, 0.0, FASTEST_HEAVE_MPS)
+        carried = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
         self.watch(now, sink_rate - carried, self._descent_mps)
         self._still_down += max(0.0, sinks) * (now - self._level_t)
         self._level_t = now

@@ -15,6 +15,7 @@ from tests.hw.sim.judge.bounds import BOUNDS
 from tests.hw.sim.judge.court import (
     ATTITUDE,
     CLIMB,
+    DT,
     HEARTBEAT,
     LOITER,
     LOW,

@@ -144,5 +144,5 @@ def test_after_a_level_attitude_it_leans_no_faster_than_an_airframe_turns() -> N
         now = tilt_deg(w)
         tilt, fastest = now, max(fastest, abs(now - tilt) / STEP_S)
     assert before > 10.0
-    assert fastest < 250.0
+    assert fastest < 600.0  # deg/s; a multicopter turns so fast
     assert tilt > 0.7 * before
