@@ -147,7 +147,7 @@ class OnPad:
     def order(self, step: ControlStep) -> Event | None:
         """Order disarming when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
-        context.ride(step.dt)
+        context.ride(step)
         if self._touchdown.disarm_due(now, context.landed):
             orders.disarm()
         if self._touchdown.unconfirmed(now, context.landed):

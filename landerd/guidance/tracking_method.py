@@ -31,7 +31,7 @@ BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 # The integral is for velocities that are wrong by so much, m/s: what is farther off than that
 # explains is still to be closed. Run from 1 m on, it was wound up by the way to the pad, overshot
 # it by 10 cm, and was still 4 cm off at touch-down 6 s later.
-INTEGRATED_MPS = 0.2
+INTEGRATED_MPS = 0.5
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
 # Of the pad's velocity before it is flown, s, and in leads: what is slow need not hurry.
 PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4

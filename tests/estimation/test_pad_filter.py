@@ -543,7 +543,7 @@ def test_a_pad_that_begins_to_brake_is_followed_although_it_was_steady_for_long(
         found = estimate(pad_filter, t)
         if s > 0.5:
             assert norm(sub(found.velocity, scale(brake, s))) < 0.35
-    assert norm(sub(found.position, seen)) < 0.03
+    assert norm(sub(found.position, seen)) < 0.08
 
 
 def test_a_step_of_the_position_moves_the_pad_and_forgets_nothing_else() -> None:

@@ -235,11 +235,11 @@ def test_on_a_deck_that_sinks_it_stands_level_as_on_any_other() -> None:
 
 
 def test_level_it_is_carried_by_a_deck_that_nobody_looks_at_any_more() -> None:
-    # The deck came up when it was seen last. Without thrust what is in the air falls.
+    # It heaves at 0.3 m/s. Without thrust what is in the air falls.
     standing = Standing()
     assert standing.level(1.5, sinks=-0.2, sink_rate=-0.2, heave=(-0.2, 0.03))[-1]
-    assert all(standing.level(1.0, sinks=0.35, sink_rate=0.35, heave=(-0.2, 0.15)))
-    assert not any(standing.level(0.5, sinks=1.0, sink_rate=1.0, heave=(-0.2, 0.15)))
+    assert all(standing.level(1.0, sinks=0.35, sink_rate=0.35, heave=(0.0, 0.3)))
+    assert not any(standing.level(0.5, sinks=1.0, sink_rate=1.0, heave=(0.0, 0.3)))
 
 
 def test_it_is_levelled_once_it_has_stood_still_for_a_moment() -> None:
