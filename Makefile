@@ -4,31 +4,36 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
+# Many short processes, two at a time: compiled files are kept, and each computes in one thread.
+unexport PYTHONDONTWRITEBYTECODE
+export OPENBLAS_NUM_THREADS = 1
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+
 .PHONY: sim test test-devices check reference docs bench bench-vision mutants fuzz golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
 
 test: $(SETUP)
-	$(BIN)/python -m pytest -n 2
+	$(PYTEST)
 
 check: $(SETUP)  ## lint, format, types, imports, tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m pytest -n 2
+	$(PYTEST)
 
 bench: $(SETUP)  ## print the figures quoted in docs
 	for file in $(filter-out bench/vision_%,$(wildcard bench/*.py)); do \
-		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
+		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 
 bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 library (takes long)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
 	@echo "$$(date -u +'%Y-%m-%d'), landerd $$(git log -1 --format=%h)"
 	for file in bench/vision_*.py; do \
-		echo "== $$file"; OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python $$file || exit 1; \
+		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 
 test-devices:  ## drivers and service against a real kernel and systemd, in a virtual machine
@@ -38,7 +43,7 @@ mutants: $(SETUP)  ## break each safety rule in turn and show the test that catc
 	$(BIN)/python tests/mutants.py
 
 fuzz: $(SETUP)  ## damaged bytes, files and command lines for hours, other ones each time; FUZZ=times longer
-	LANDERD_FUZZ=$(or $(FUZZ),200) $(BIN)/python -m pytest -n 2 tests/fuzz \
+	LANDERD_FUZZ=$(or $(FUZZ),200) $(PYTEST) tests/fuzz \
 		tests/hw/gimbals/test_fuzz.py tests/hw/autopilots/test_mavlink.py \
 		tests/hw/autopilots/test_mavlink_codec.py
 

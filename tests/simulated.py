@@ -8,9 +8,10 @@ from landerd.drivers import read_configuration
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
 
-SEEN = "sim.sight=pictures"  # drawn and searched; else sight is modelled, which takes a third
+SEEN = "sim.sight=pictures"  # drawn and searched
+MODELLED = "sim.sight=modelled"  # takes a third of the time
 ABOVE = (  # close over the pad, so that a landing takes seconds
-    "sim.sight=modelled",
+    MODELLED,
     "sim.start.position_m=[-0.8, 0.4]",  # the ground station sends nobody who is so near
     "sim.start.altitude_m=3.0",
     "sim.start.spread_m=0.0",

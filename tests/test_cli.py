@@ -1,4 +1,7 @@
-"""The command line as a script sees it: exit codes, stdout and stderr of a real process."""
+"""The command line as a script sees it: exit codes, stdout and stderr.
+
+Of a real process where it is the process that matters; else of `main`, which is all that it runs.
+"""
 
 import os
 import re
@@ -11,26 +14,37 @@ from pathlib import Path
 import pytest
 
 from landerd import __version__
+from landerd.cli import main
 from landerd.config.files import config_dir
 
 
-def landerd(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def landerd(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "landerd", *arguments],
         capture_output=True,
         text=True,
-        cwd=cwd,
         timeout=120,
         check=False,
     )
 
 
-def wrong_input(*arguments: str, cwd: Path | None = None) -> list[str]:
+Printed = pytest.CaptureFixture[str]
+
+
+def exit_code(*arguments: str) -> int:
+    """Return what a process with these arguments would exit with."""
+    try:
+        return main(arguments)
+    except SystemExit as e:  # of argparse
+        return int(e.code or 0)
+
+
+def wrong_input(printed: Printed, *arguments: str) -> list[str]:
     """Return the lines of stderr of a command that must refuse its input."""
-    done = landerd(*arguments, cwd=cwd)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    return done.stderr.splitlines()
+    assert exit_code(*arguments) == 2
+    told = printed.readouterr()
+    assert told.out == ""
+    return told.err.splitlines()
 
 
 def test_version() -> None:
@@ -38,13 +52,12 @@ def test_version() -> None:
     assert (done.returncode, done.stdout) == (0, f"landerd {__version__}\n")
 
 
-def test_help_lists_every_command_and_each_has_an_example() -> None:
+def test_help_lists_every_command_and_each_has_an_example(capsys: Printed) -> None:
     listed = re.findall(r"^    ([\w-]+)", landerd("--help").stdout, re.MULTILINE)
     assert {"sim", "detect", "campaign", "run"} <= set(listed)
     for command in listed:
-        done = landerd(command, "--help")
-        assert done.returncode == 0
-        assert f"example:\n  landerd {command} " in done.stdout
+        assert exit_code(command, "--help") == 0
+        assert f"example:\n  landerd {command} " in capsys.readouterr().out
 
 
 def test_help_does_not_wait_for_numpy() -> None:
@@ -95,21 +108,36 @@ def test_help_does_not_wait_for_numpy() -> None:
     ],
 )
 def test_wrong_input_is_one_line_and_exit_code_2(
-    arguments: list[str], says: str, tmp_path: Path
+    arguments: list[str],
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Printed,
 ) -> None:
-    (line,) = wrong_input(*arguments, cwd=tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (line,) = wrong_input(capsys, *arguments)
     assert says in line
 
 
-def test_faults_of_a_gimbal_that_does_not_fly_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["sim hoover", "sim --seed -1"])  # landerd's own, argparse's
+def test_a_process_with_wrong_input_exits_with_2_after_one_line(command: str) -> None:
+    done = landerd(*command.split())
+    assert (done.returncode, done.stdout) == (2, "")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_faults_of_a_gimbal_that_does_not_fly_are_refused(capsys: Printed) -> None:
     faults = "sim.faults=[{fault: gimbal-lost, at: {time_s: 1}}]"
-    lines = wrong_input("sim", "--set", "gimbal.driver=siyi", "--set", faults, cwd=tmp_path)
+    lines = wrong_input(capsys, "sim", "--set", "gimbal.driver=siyi", "--set", faults)
     assert lines[-1] == "sim.faults: gimbal-lost needs gimbal.driver sim, found siyi"
 
 
-def test_a_wrong_configuration_gives_a_line_a_fault(tmp_path: Path) -> None:
+def test_a_wrong_configuration_gives_a_line_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").write_text("rc:\n  gate_channel: eleven\n  gate: 1\n")
-    assert wrong_input("sim", "-c", "mine.yaml", cwd=tmp_path) == [
+    assert wrong_input(capsys, "sim", "-c", "mine.yaml") == [
         "mine.yaml:2: rc.gate_channel: found 'eleven', expected a whole number "
         "at least 5 and at most 18",
         "mine.yaml:3: rc.gate: unknown key; nearest known key: rc.gate_channel",
@@ -159,14 +187,18 @@ def test_closed_streams_are_no_fault() -> None:
     assert in_shell("landerd replay none.mcap 2>&- >&-").returncode == 2
 
 
-def test_an_interrupted_command_says_that_it_stopped() -> None:
+def test_an_interrupted_command_says_that_it_stopped(tmp_path: Path) -> None:
+    log = tmp_path / "a.mcap"  # once it is there, it flies
     process = subprocess.Popen(
-        [sys.executable, "-m", "landerd", "sim", "--realtime"],
+        [sys.executable, "-m", "landerd", "sim", "--realtime", "--log", str(log)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
-    time.sleep(3.0)
+    while not log.exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (130, "", "stopped\n")
@@ -183,15 +215,18 @@ def test_an_interrupted_command_says_that_it_stopped() -> None:
         ("report", str(GOLDEN), "-o", "/proc/a.html"),
     ],
 )
-def test_what_cannot_be_written_is_said_before_the_work(arguments: tuple[str, ...]) -> None:
-    (line,) = wrong_input(*arguments)
+def test_what_cannot_be_written_is_said_before_the_work(
+    arguments: tuple[str, ...], capsys: Printed
+) -> None:
+    (line,) = wrong_input(capsys, *arguments)
     assert "/proc/a." in line
     assert "cannot be written: No such file or directory" in line
 
 
 def test_a_configuration_that_is_not_here_is_looked_for_among_landerds_own(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
-    told, *faults = wrong_input("sim", "-c", "thesis-gains.yaml", "--set", "a=1", cwd=tmp_path)
+    monkeypatch.chdir(tmp_path)
+    told, *faults = wrong_input(capsys, "sim", "-c", "thesis-gains.yaml", "--set", "a=1")
     assert told.startswith("thesis-gains.yaml: not here, landerd's own is taken: ")
     assert [fault for fault in faults if "unknown key" not in fault] == []

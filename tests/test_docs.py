@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from landerd.cli import _parser
+from landerd.cli import _parser, main
+from tests.simulated import ABOVE, SEEN
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -94,6 +95,17 @@ SHOWN = {name: commands(page) for name, page in zip(NAMES, PAGES, strict=True)}
 RUN = {name: [c for c in shown if not is_only_read(c)] for name, shown in SHOWN.items()}
 
 
+def lighter(arguments: list[str]) -> list[str]:
+    """Let flights begin just over the pad, one that is recorded with pictures; and draw few."""
+    match arguments:
+        case ["sim", *_]:
+            settings = (*ABOVE, SEEN) if "--log" in arguments else ABOVE
+            return [*arguments, *(word for setting in settings for word in ("--set", setting))]
+        case ["dry-run", *_]:
+            return [*arguments, "--fps", "3"]
+    return arguments
+
+
 THEIR_OWN = {"config", "docs", "programs", "flight.mcap", "my-pad.yaml"}
 
 
@@ -104,30 +116,39 @@ def somewhere(tmp_path: Path) -> Path:
         (tmp_path / folder).symlink_to(ROOT / folder)
     shutil.copy(ROOT / "tests" / "golden" / "landing.mcap", tmp_path / "flight.mcap")
     shutil.copy(ROOT / "config" / "pads" / "nested.yaml", tmp_path / "my-pad.yaml")
-    programs = tmp_path / "programs"
-    programs.mkdir()
-    landerd = programs / "landerd"
-    landerd.write_text(f'#!/bin/sh\nexec {sys.executable} -m landerd "$@"\n')
+    landerd = tmp_path / "programs" / "landerd"
+    landerd.parent.mkdir()
+    landerd.write_text("""#!/bin/sh\nprintf '%s\\037' "$@" >>"$0".typed; echo >>"$0".typed\n""")
     landerd.chmod(0o755)
     return tmp_path
 
 
+def as_typed(command: str, somewhere: Path) -> list[list[str]]:
+    """Let a shell read a line; return the arguments of each landerd that it would start."""
+    programs = somewhere / "programs"
+    path = f"{programs}:{os.environ['PATH']}"
+    env = {**os.environ, "PATH": path}
+    subprocess.run(["bash", "-c", command], cwd=somewhere, env=env, check=True)
+    typed = programs / "landerd.typed"
+    lines = typed.read_text("utf-8").splitlines()
+    typed.unlink()
+    return [line.split("\037")[:-1] for line in lines]
+
+
 @pytest.mark.parametrize("name", [name for name, shown in RUN.items() if shown])
-def test_the_commands_of_a_page_run_as_printed(name: str, somewhere: Path) -> None:
-    path = f"{somewhere / 'programs'}:{os.environ['PATH']}"
-    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+def test_the_commands_of_a_page_run_as_printed(
+    name: str,
+    somewhere: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(somewhere)
     for command in RUN[name]:
-        done = subprocess.run(
-            ["bash", "-c", command],
-            cwd=somewhere,
-            env={**os.environ, "PATH": path, "PYTHONPATH": paths},
-            capture_output=True,
-            text=True,
-            timeout=600,
-            check=False,
-        )
-        assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
-        assert "Traceback" not in done.stderr
+        for arguments in as_typed(command, somewhere):
+            code = main(lighter(arguments))
+            told = capsys.readouterr()
+            assert code == 0, f"{command}\n{told.out[-2000:]}{told.err[-2000:]}"
+            assert "Traceback" not in told.err
     if (ROOT / ".git").exists():  # what a user has made stays out of the next commit
         made = {p.name for p in somewhere.iterdir()} - THEIR_OWN
         ignored = subprocess.run(

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from landerd.messages import Phase
 from landerd.simulation.flight import Simulation
-from tests.simulated import fly
+from tests.simulated import MODELLED, fly
 
 BAD_S, BACK_S = 3.2, 2.0
 
@@ -60,7 +60,7 @@ def test_it_flies_again_within_two_seconds_of_good_data(
         mend(simulation)
         seen["mended"] = asyncio.get_running_loop().time()
 
-    overrides = ["sim.start.position_m=[-14, 3]", "sim.start.altitude_m=8"]
+    overrides = [MODELLED, "sim.start.position_m=[-14, 3]", "sim.start.altitude_m=8"]
     simulation = fly(script, longest_s=8.2, overrides=overrides)
     back = seen["mended"] + BACK_S
     after = [m for t, m in flown if back < t < back + 0.5]

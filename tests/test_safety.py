@@ -7,6 +7,7 @@ tests make the situations in which a rule matters, and say what a pilot would no
 
 import asyncio
 import math
+from functools import cache
 from typing import Any
 
 import pytest
@@ -16,7 +17,7 @@ from hw.sim.gimbals.sim import GimbalFault, SimGimbal
 from hw.sim.picture.camera import CameraFaults
 from landerd.messages import Phase
 from landerd.simulation.flight import Simulation
-from tests.simulated import ABOVE, SEEN, fly
+from tests.simulated import ABOVE, MODELLED, SEEN, fly
 
 
 class Wire:
@@ -64,8 +65,13 @@ def texts(simulation: Simulation) -> str:
     return "\n".join(t.text for t in simulation.ground_station.texts if t.component == 191)
 
 
+@cache
+def undisturbed(guid_timeout_s: float) -> Simulation:
+    return fly(overrides=[*ABOVE, f"sim.autopilot.guid_timeout_s={guid_timeout_s}"])
+
+
 def test_an_undisturbed_landing_breaks_no_rule_and_is_told() -> None:
-    simulation = fly()
+    simulation = undisturbed(1.0)
     assert simulation.score.landed
     assert simulation.rules.broken == {}
     assert simulation.rules.disarm_orders >= 1
@@ -91,6 +97,7 @@ def test_1a_set_points_end_when_the_pilot_leaves_guided() -> None:
     assert simulation.rules.broken == {}
 
 
+@cache
 def without_heartbeats() -> tuple[Simulation, Wire, float]:
     """Return a flight whose heartbeats end, what was sent, and when that was."""
     seen: dict[str, Any] = {}
@@ -100,8 +107,10 @@ def without_heartbeats() -> tuple[Simulation, Wire, float]:
         await flying(simulation)
         simulation.autopilot.mute.add(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
         seen["t"] = now()
+        await asyncio.sleep(7.0)
+        simulation.over = True
 
-    simulation = fly(script, longest_s=15.0, overrides=[*ABOVE, "sim.start.altitude_m=10"])
+    simulation = fly(script, overrides=[*ABOVE, "sim.start.altitude_m=10"])
     return simulation, seen["wire"], seen["t"]
 
 
@@ -196,6 +205,7 @@ def test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back() -> Non
     assert simulation.rules.broken == {}
 
 
+@cache
 def latching(event: str) -> tuple[Simulation, Wire, dict[str, float]]:
     """Return a flight with an event that latches, what was sent, and times of the script."""
     seen: dict[str, Any] = {}
@@ -223,8 +233,10 @@ def latching(event: str) -> tuple[Simulation, Wire, dict[str, float]]:
         simulation.autopilot.pilot.set(11, 1100)
         await asyncio.sleep(1.0)
         simulation.autopilot.pilot.set(11, 1900)
+        await asyncio.sleep(3.0)
+        simulation.over = True
 
-    simulation = fly(script, longest_s=25.0, overrides=[*ABOVE, "sim.start.altitude_m=8"])
+    simulation = fly(script, overrides=[*ABOVE, "sim.start.altitude_m=8"])
     return simulation, seen["wire"], seen
 
 
@@ -331,7 +343,7 @@ def test_2_after_commit_it_sinks_blind_for_a_second_at_most() -> None:
 
 @pytest.mark.parametrize("timeout_s", [1.0, 3.0])
 def test_2_landerd_may_die_at_any_height(timeout_s: float) -> None:
-    simulation = fly(overrides=[*ABOVE, f"sim.autopilot.guid_timeout_s={timeout_s}"])
+    simulation = undisturbed(timeout_s)
     assert simulation.score.landed
     assert simulation.rules.broken == {}
 
@@ -394,7 +406,7 @@ def test_2_asked_to_hold_it_sinks_no_further_and_lands_at_the_go(height_m: float
 
 @pytest.mark.parametrize("method", [[], [PID, "guidance.limits.speed_mps=3.0"]])
 def test_3_set_points_keep_the_limits_from_far_away(method: list[str]) -> None:
-    overrides = ["sim.start.position_m=[-16, 5]", "sim.start.altitude_m=8", *method]
+    overrides = [MODELLED, "sim.start.position_m=[-16, 5]", "sim.start.altitude_m=8", *method]
     simulation = fly(longest_s=60.0, overrides=overrides)
     assert simulation.score.landed
     assert simulation.rules.broken == {}
@@ -467,7 +479,7 @@ def test_5_stale_telemetry_is_not_flown_on(message: int, reason: str) -> None:
         await asyncio.sleep(4.0)
         simulation.autopilot.mute.clear()
 
-    overrides = ["sim.start.position_m=[-14, 3]", "sim.start.altitude_m=8"]
+    overrides = [MODELLED, "sim.start.position_m=[-14, 3]", "sim.start.altitude_m=8"]
     simulation = fly(script, longest_s=60.0, overrides=overrides)
     late = [m for t, m in seen["wire"].after(seen["t"] + 2.9) if t < seen["t"] + 3.9]
     assert late
@@ -521,16 +533,16 @@ def test_5_what_is_long_under_way_is_old() -> None:
 
 
 @pytest.mark.parametrize(
-    "faults",
+    ("faults", "sight"),
     [
-        CameraFaults(wrong_size=True),
-        CameraFaults(wrong_type=True),
-        CameraFaults(time_ahead_s=5.0),
-        CameraFaults(disconnected=True),
-        CameraFaults(frozen=True),
+        (CameraFaults(wrong_size=True), SEEN),
+        (CameraFaults(wrong_type=True), SEEN),
+        (CameraFaults(time_ahead_s=5.0), MODELLED),
+        (CameraFaults(disconnected=True), MODELLED),
+        (CameraFaults(frozen=True), MODELLED),
     ],
 )
-def test_bad_pictures_stop_the_landing_and_not_the_daemon(faults: CameraFaults) -> None:
+def test_bad_pictures_stop_the_landing_and_not_the_daemon(faults: CameraFaults, sight: str) -> None:
     async def script(simulation: Simulation) -> None:
         await flying(simulation)
         good = simulation.camera.faults
@@ -538,7 +550,7 @@ def test_bad_pictures_stop_the_landing_and_not_the_daemon(faults: CameraFaults) 
         await asyncio.sleep(3.0)
         simulation.camera.faults = good
 
-    simulation = fly(script, longest_s=40.0, overrides=[*ABOVE, SEEN])
+    simulation = fly(script, longest_s=40.0, overrides=[*ABOVE, sight])
     assert simulation.daemon.lander.aborts >= 1
     assert simulation.score.landed
     assert simulation.rules.broken == {}

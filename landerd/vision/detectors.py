@@ -23,7 +23,7 @@ from landerd.vision.square_beside import SquareBeside
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
-from landerd.vision.whycon import find_rings, track_ring
+from landerd.vision.whycon import Refusal, find_rings, track_ring
 from landerd.vision.window import Window
 
 
@@ -46,6 +46,7 @@ class Detectors(Protocol):
         expected_diameter_px: float | None = None,
         thorough: bool = True,
         work: RingWork | None = None,
+        refuses: Refusal | None = None,
     ) -> list[MarkerSighting]:
         """See `whycon.find_rings`."""
         ...
@@ -131,6 +132,7 @@ class PixelDetectors:
         expected_diameter_px: float | None = None,
         thorough: bool = True,
         work: RingWork | None = None,
+        refuses: Refusal | None = None,
     ) -> list[MarkerSighting]:
         """See `whycon.find_rings`."""
         return find_rings(
@@ -143,6 +145,7 @@ class PixelDetectors:
             thorough=thorough,
             work=work,
             response=self._response,
+            refuses=refuses,
         )
 
     def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:

@@ -3,8 +3,9 @@
 A look-alike whose ratio is off by a tenth cannot be told from a small ring behind a tone curve, nor
 a ring of the right ratio that is somebody else's. But where the pad has a square, there is white
 round it, which is seen long before the square can be read. No heading need be known: a ring is
-refused if there is none under which most of that white is there. On ground nearly as bright as
-white this says nothing.
+refused if there is none under which most of that white is there. In patchy light, or where the
+ring's own margin is too narrow to be seen as white, what is there must at least stand out from the
+ground behind it. On ground nearly as bright as white this says nothing.
 """
 
 import math
@@ -22,8 +23,9 @@ from landerd.vision.square_pose import square_points
 
 U8 = NDArray[np.uint8]
 
-# Of the ring, the shorter one: smaller ones and what is beside them run together.
-_MIN_RADIUS_PX = 6.0
+# Of the ring, the shorter one: the white of smaller ones runs together with what is beside it, and
+# of the smallest nothing can be said.
+_CLEAR_RADIUS_PX, _MIN_RADIUS_PX = 6.0, 3.5
 _HEADINGS = 48  # white as wide as this leaves is half a square's side
 _BESIDE = (1.15, 1.3, 1.45)  # times a marker's size: the white round it
 _ROUND_RING = 1.15  # times its radius: nearer is its own white
@@ -31,9 +33,17 @@ _WHITE_SHARE = 0.6  # of the way from the ring's black to its white
 _LEAST_WHITE = 0.7  # share of the points; a leg or dirt may hide some
 _LEAST_SEEN = 0.9  # share of the points that must be in the picture, or nothing is said
 _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
+_BEYOND, _BRIGHTEST = (1.25, 1.4), 95.0  # where white may be, too; percentile
 # White round the ring that is darker than this, of the way from black, lies in patchy light, which
-# may hide the plate too.
+# may hide the plate too. There the plate is brighter than the ground behind it by this, of the
+# ring's contrast, or by this factor and so many grey levels: in a shadow, too.
 _EVEN_SHARE, _EVEN_PERCENTILE = 0.6, 10.0
+_STANDS_OUT, _STANDS_OUT_TIMES, _LEAST_STEP = 0.3, 1.5, 8.0
+_HIDDEN_SHARE = 0.3  # of the plate's white, by leaves or dirt, or because it is another's corner
+_MOST_HEADINGS = 0.75  # of those under which the plate could lie
+_BRIGHT_SHARE = 0.7  # of the way from black: of ground that is as bright as white
+_BEHIND = (0.3, 0.45, 0.6)  # times the ring's radius, the plate's edge
+_FAR_BESIDE = 1.7  # times the ring's radius: beyond the corners of another ring's own plate
 
 _TURNS = [rotation_2d(2.0 * math.pi * k / _HEADINGS).T for k in range(_HEADINGS)]
 
@@ -45,6 +55,7 @@ class PlateCheck:
         """Prepare the points that must be white for each ring that has another marker beside it."""
         self._camera = camera
         self._white = {ring: _white_beside(layout, ring) for ring in layout.rings}
+        self._ground = {ring: _ground_behind(layout, ring) for ring in layout.rings}
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
         """Tell whether a ring cannot be the pad's, as what it should have beside it is not white.
@@ -65,27 +76,44 @@ class PlateCheck:
         """Tell whether there is no heading under which a ring's pose has the plate beside it."""
         slant = float(normal @ t) / float(np.linalg.norm(t))
         px_per_m = math.sqrt(self._camera.fx * self._camera.fy) * slant / max(t[2], MIN_DEPTH_M)
-        if px_per_m * ring.radius_m < _MIN_RADIUS_PX:
+        radius_px = px_per_m * ring.radius_m
+        if radius_px < _MIN_RADIUS_PX:
             return False
         axes = rotation_from(normal, any_across(normal))[:, :2]
         own = self._own_levels(image, ring, t, axes)
         if own is None:
             return False
-        black, white = own
-        around = self._turned(image, self._white[ring], t, axes)
-        may_be = _share(around > black + _WHITE_SHARE * (white - black), around) >= _LEAST_WHITE
+        black, white, brightest, is_even = own
+        beside = self._turned(image, self._white[ring], t, axes)
+        behind = _mean(self._turned(image, self._ground[ring], t, axes))
+        far = np.hypot(*self._white[ring].T) > _FAR_BESIDE * ring.radius_m
+        plate = _lower(beside[:, far])
+        may_be = _stands_out(plate, behind, brightest - black)
+        if (may_be & ~np.isnan(plate - behind)).mean() > _MOST_HEADINGS:  # the middle of a target
+            may_be[:] = False
+        may_be |= behind > black + _BRIGHT_SHARE * (brightest - black)
+        if is_even and radius_px > _CLEAR_RADIUS_PX:
+            is_white = beside > black + _WHITE_SHARE * (white - black)
+            may_be &= _share(is_white, beside) >= _LEAST_WHITE
         return not bool(may_be.any())
 
-    def _own_levels(self, image: U8, ring: Ring, t: F64, axes: F64) -> tuple[float, float] | None:
-        """Return a ring's black and white; None: not all of it is seen, or in patchy light."""
-        rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
+    def _own_levels(
+        self, image: U8, ring: Ring, t: F64, axes: F64
+    ) -> tuple[float, float, float, bool] | None:
+        """Return a ring's black, white and brightest white, and whether that is even all around.
+
+        None: not all of it is seen.
+        """
+        scales = (0.5 * (1.0 + ring.inner_ratio), _OWN_WHITE, *_BEYOND)
+        rims = np.concatenate([circle(scale) for scale in scales])
         levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
         if np.isnan(levels).any():
             return None
-        stroke, around = levels.reshape(2, -1)
+        stroke, around, *beyond = levels.reshape(len(scales), -1)
         black, white = float(np.median(stroke)), float(np.median(around))
-        dimmest = float(np.percentile(around, _EVEN_PERCENTILE))
-        return None if dimmest < black + _EVEN_SHARE * (white - black) else (black, white)
+        is_even = np.percentile(around, _EVEN_PERCENTILE) >= black + _EVEN_SHARE * (white - black)
+        brightest = float(np.percentile(np.concatenate([around, *beyond]), _BRIGHTEST))
+        return black, white, brightest, bool(is_even)
 
     def _turned(self, image: U8, points: F64, t: F64, axes: F64) -> F64:
         """Return grey levels (headings, n) at points (n, 2) about a ring's centre."""
@@ -98,6 +126,56 @@ def _share(good: NDArray[np.bool_], levels: F64) -> F64:
     seen = ~np.isnan(levels)
     shares: F64 = np.where(seen.mean(axis=1) < _LEAST_SEEN, 1.0, good.mean(axis=1))
     return shares
+
+
+def _mean(levels: F64) -> F64:
+    """Return the mean levels (headings,) of points (headings, n); NaN: too few are seen."""
+    seen = ~np.isnan(levels)
+    means = np.where(seen, levels, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+    return np.where(seen.mean(axis=1) < _LEAST_SEEN, np.nan, means)
+
+
+def _lower(levels: F64) -> F64:
+    """Return the level (headings,) that most of points (headings, n) reach; NaN: few are seen."""
+    seen = ~np.isnan(levels)
+    ordered = np.sort(levels, axis=1)  # NaN last
+    lower = ordered[:, int(_HIDDEN_SHARE * levels.shape[1])]
+    return np.where(seen.mean(axis=1) < _LEAST_SEEN, np.nan, lower)
+
+
+def _stands_out(plate: F64, ground: F64, contrast: float) -> NDArray[np.bool_]:
+    """Tell where (headings,) a plate stands out from the ground; where either is not seen, too."""
+    step = plate - ground
+    by_factor = (plate > _STANDS_OUT_TIMES * ground) & (step > _LEAST_STEP)
+    return (step > _STANDS_OUT * contrast) | by_factor | np.isnan(step)
+
+
+def _ground_behind(layout: PadLayout, ring: Ring) -> F64:
+    """Return points (n, 2) about a ring's centre, pad axes, behind the plate's other markers."""
+    plate, points = layout.plate, []
+    for share in _BEHIND:
+        m = share * ring.radius_m
+        north, east = np.meshgrid(
+            np.linspace(-plate.south_m - m, plate.north_m + m, 17),
+            np.linspace(-plate.west_m - m, plate.east_m + m, 17),
+        )
+        grid = np.stack([north.ravel(), east.ravel()], axis=1)
+        is_edge = (np.abs(north - north.mean()) > north.max() - north.mean() - 1e-9) | (
+            np.abs(east - east.mean()) > east.max() - east.mean() - 1e-9
+        )
+        points.append(grid[is_edge.ravel()])
+    p = np.concatenate(points)
+    others = [
+        np.array(m.position_m)
+        for m in layout.markers
+        if isinstance(m, Square | WhyCode) and m.position_m != ring.position_m
+    ]
+    if not others:
+        return np.empty((0, 2))
+    own = np.hypot(*(p - np.array(ring.position_m)).T)
+    near = np.min([np.hypot(*(p - o).T) for o in others], axis=0) < own
+    ground: F64 = p[near] - np.array(ring.position_m)
+    return ground
 
 
 def _white_beside(layout: PadLayout, ring: Ring) -> F64:

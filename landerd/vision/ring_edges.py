@@ -34,6 +34,9 @@ _FINE_PX = 4.0
 _COARSE_ROUNDS, _FINE_ROUNDS = 1, 2
 _DESCENTS = 2  # steps to the edges of one round
 _SETTLED_PX = 0.1  # a round that moves the edges by less is the last
+# Share of the rays that must be near the edges after the first round, and how near, of the radius:
+# rings in all kinds of light gave 0.65 and more, half of the textures less than 0.6.
+_COARSE_SUPPORT, _COARSE_NEAR = 0.6, 0.09
 _END = 5  # samples at either end of a band that tell black and white
 _LEAST_STEP = 6.0  # grey levels between black and white beside an edge
 # Over the white beside it: behind gamma a faded print's is two thirds, more where white is clipped.
@@ -46,6 +49,7 @@ _SIGMA_PER_MAD = 1.4826
 _ROBUST_SIGMAS = 3.0
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
 _SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
+_CLIPPED_SHIFT_BLURS = 1.3  # white that is 2.5 to 5 times over full scale moves an edge so far
 _NEAREST_M = 1e-3
 _MIN_RADIUS_PX = 3.0
 _MIN_RAYS = 20  # of both edges together
@@ -114,12 +118,20 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit
             return None
         pose, shift, noise, equations = fitted
         radius_px = _radius_px(camera, ring, pose)
+        if is_coarse and not _has_support(edges, equations, radius_px):
+            return None
         if not _MIN_RADIUS_PX < radius_px < 4.0 * max(image.shape):
             return None
         is_last = i == _COARSE_ROUNDS + _FINE_ROUNDS - 1
         if is_last or (not is_coarse and _moved_px(before, pose, radius_px, ring) < _SETTLED_PX):
             return _judged(image, camera, ring, pose, shift, noise, edges, equations)
     return None
+
+
+def _has_support(edges: _Edges, equations: "_Equations", radius_px: float) -> bool:
+    """Tell whether a ring may come of a first round: most texture goes no further."""
+    near = edges.seen & (np.abs(equations.residual) < max(_NEAR_PX, _COARSE_NEAR * radius_px))
+    return bool(np.count_nonzero(near) > _COARSE_SUPPORT * np.count_nonzero(edges.in_image))
 
 
 def edge_cost(fit: EdgeFit, noise_px: float) -> float:
@@ -278,7 +290,7 @@ def _normal_equations(
         0.5
         * area[0] ** 2
         / (radii * scale**3)
-        * min(edges.blur_px, 0.1 * ring.radius_m / float(scale.min())) ** 2
+        * min(_true_blur_px(edges, shift), 0.1 * ring.radius_m / float(scale.min())) ** 2
     )
     residual = (g.rho[0] - radii) / scale + bend + inwards * shift
     J = np.empty((6, 2 * n))
@@ -301,6 +313,11 @@ def _normal_equations(
     return _Equations(residual, weight, H, spread, axes[0]), b, noise
 
 
+def _true_blur_px(edges: _Edges, shift_px: float) -> float:
+    """Return the blur before white was clipped: what is left of it looks sharp, but lies aside."""
+    return max(edges.blur_px, shift_px / _CLIPPED_SHIFT_BLURS)
+
+
 def _judged(
     image: U8,
     camera: CameraModel,
@@ -318,7 +335,7 @@ def _judged(
     near = edges.seen & (off < reach)
     there = np.maximum(edges.in_image.reshape(2, _RAYS).sum(axis=1), 1)
     support = near.reshape(2, _RAYS).sum(axis=1) / there
-    dark, bright, ridge = _areas(image, camera, ring, pose, edges)
+    dark, bright, ridge = _areas(image, camera, ring, pose, edges, max(shift, 0.0) / radius_px)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
     inverse = np.asarray(np.linalg.inv(equations.H), dtype=np.float64)
     covariance = inverse * max(equations.scale, 0.3) * few
@@ -366,20 +383,24 @@ def _dependence(equations: _Equations, radius_px: float) -> float:
     return max((1.0 + c) / (1.0 - c), _RAYS * _INDEPENDENT_PX / (2.0 * math.pi * radius_px))
 
 
+_LEAST_STROKE = 0.1  # over the radius
 _STROKE_RADII = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # from inner to outer edge
 _HOLE_RADII = (0.1, 0.35, 0.55, 0.7)  # of the inner edge
 _MARGIN_RADII = (1.08, 1.13)
 
 
 def _areas(
-    image: U8, camera: CameraModel, ring: Ring, pose: Pose, edges: _Edges
+    image: U8, camera: CameraModel, ring: Ring, pose: Pose, edges: _Edges, spread: float
 ) -> tuple[float, float, float]:
     """Return the shares of the stroke that is dark and of the white that is bright, and the ridge.
 
     The last: what rises within the stroke, between its edges, as in targets of several rings.
+    `spread` is what the white has taken of the stroke on either side, over the radius.
     """
     R, k = ring.radius_m, ring.inner_ratio
-    shares = [k * s for s in _HOLE_RADII] + [k + (1.0 - k) * s for s in _STROKE_RADII]
+    left = max(_LEAST_STROKE, 1.0 - k - 2.0 * spread)
+    inner_edge = 0.5 * (1.0 + k - left)
+    shares = [k * s for s in _HOLE_RADII] + [inner_edge + left * s for s in _STROKE_RADII]
     shares += _MARGIN_RADII
     sampled = _sampled(image, camera, ring, pose, R * np.array([shares]))
     if sampled is None:

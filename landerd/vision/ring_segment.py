@@ -43,6 +43,9 @@ _MAX_EXTENT = 0.9  # longer axis over the image's: what fills a level is no ring
 # Area over root of the second moments' determinant, over a ring's; true ones gave at most 1.09, but
 # 2 % gave less than 0.7 with the lower threshold: larger than the local mean, or below 15 px.
 _MIN_COMPACTNESS, _MAX_COMPACTNESS = 0.7, 1.3
+# Clipped white spreads into the black from both sides and leaves a thinner stroke about the same
+# middle line: of such rings this is the least, a ratio of 0.85, and the grey level of the white.
+_MIN_BLOOMED_COMPACTNESS, _CLIPPED = 0.16, 240.0
 
 # Grey levels are compared along spokes, at three scales of the outline: inside the hole (in its own
 # radii), in the middle of the stroke, and around, three quarters across the thesis's margin.
@@ -57,6 +60,9 @@ _SPREAD_FLOOR = 10.0  # grey levels, added to the stroke's spread: below that is
 # leaf shade, gave 1.0, but with a shadow's edge across them 0.56 to 0.94; of the 35 components a
 # photograph of the ground has on average, 8 have half of them and 0.1 nine tenths.
 _MIN_SHARE = 0.5
+# Or else the step over the stroke's spread tells: 800 rings in all kinds of light kept one of the
+# two, but for one behind strong motion; seven tenths of the textures' outlines keep neither.
+_CLEAR_SHARE, _MIN_SCORE = 0.85, 0.8
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, _SPOKES, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
@@ -82,6 +88,9 @@ class Candidate:
     outline: Ellipse
     share: float  # of its spokes that are bright, dark and bright
     score: float  # by how much hole and surroundings are brighter than the stroke, over its spread
+    is_bloomed: bool = (
+        False  # the white is clipped and has spread; the outline is that of the print
+    )
 
 
 @dataclass(frozen=True)
@@ -147,14 +156,24 @@ def ring_candidates(
         largest_px: diameter of the largest ring wanted.
     """
     largest_px = min(largest_px, _MAX_EXTENT * max(image.shape))
-    c = _ring_like(_components(segment(image), largest_px), inner_ratio, largest_px)
+    c = _ring_like(image, _components(segment(image), largest_px), inner_ratio, largest_px)
     if not len(c.area):
         return []
-    centre, axes = np.stack([c.x, c.y], axis=1), _axes(c, inner_ratio)
-    share, score = _spokes(image, centre, axes, inner_ratio)
-    good = np.flatnonzero(share >= _MIN_SHARE)
+    ratio = _ratios(c, inner_ratio)
+    is_bloomed = ratio != inner_ratio
+    centre, axes = np.stack([c.x, c.y], axis=1), _axes(c, ratio)
+    share, score, white = _spokes(image, centre, axes, ratio)
+    axes *= ((1.0 + ratio) / (1.0 + inner_ratio))[:, None, None]
+    is_shown = (share >= _CLEAR_SHARE) | (score >= _MIN_SCORE)
+    is_shown &= ~is_bloomed | (white > _CLIPPED)
+    good = np.flatnonzero((share >= _MIN_SHARE) & is_shown)
     best = good[np.lexsort((-score[good], -share[good]))][:_MAX_OUTLINES]
-    return [Candidate(Ellipse(centre[i], axes[i]), float(share[i]), float(score[i])) for i in best]
+    return [
+        Candidate(
+            Ellipse(centre[i], axes[i]), float(share[i]), float(score[i]), bool(is_bloomed[i])
+        )
+        for i in best
+    ]
 
 
 def _components(dark: U8, largest_px: float) -> _Components:
@@ -162,40 +181,52 @@ def _components(dark: U8, largest_px: float) -> _Components:
     # OpenCV's own statistics would take longer than labelling, and lack the second moments.
     count, labelled = cv2.connectedComponents(dark, connectivity=4, ltype=cv2.CV_32S)
     labels = np.asarray(labelled, dtype=np.int32)
-    at = np.flatnonzero(dark != 0)
-    of = labels.reshape(-1).take(at)
-    area = np.bincount(of, minlength=count)
+    row, first, length = _runs(dark)
+    of = labels[row, first]
+    area = np.bincount(of, length, count)
     is_sized = (area >= _MIN_AREA_PX) & (area <= 0.25 * math.pi * largest_px**2)
     used = is_sized[of]
     label = np.flatnonzero(is_sized)
-    of, at = (np.cumsum(is_sized) - 1)[of[used]], at[used].astype(np.int32)
+    of = (np.cumsum(is_sized) - 1)[of[used]]
+    y, px = row[used].astype(np.float64), length[used].astype(np.float64)
+    x = first[used] + 0.5 * (px - 1.0)
     n, area_px = len(label), area[label].astype(np.float64)
-    row = at // dark.shape[1]
-    x, y = (at - row * dark.shape[1]).astype(np.float64), row.astype(np.float64)
-    cx, cy = np.bincount(of, x, n) / area_px, np.bincount(of, y, n) / area_px
+    cx, cy = np.bincount(of, px * x, n) / area_px, np.bincount(of, px * y, n) / area_px
     x -= cx[of]
     y -= cy[of]
-    xx, yy, xy = (np.bincount(of, product, n) / area_px for product in (x * x, y * y, x * y))
+    within = (px * px - 1.0) / 12.0  # a run's own second moment
+    products = (x * x + within, y * y, x * y)
+    xx, yy, xy = (np.bincount(of, px * product, n) / area_px for product in products)
     return _Components(labels, label, area_px, cx, cy, xx, yy, xy)
 
 
-def _ring_like(c: _Components, k: float, largest_px: float) -> _Components:
+def _runs(dark: U8) -> tuple[Indices, Indices, Indices]:
+    """Return row, first column and length of the runs of what is dark: a quarter of the pixels."""
+    h, w = dark.shape
+    bounded = np.zeros((h, w + 2), dtype=np.uint8)
+    bounded[:, 1:-1] = dark
+    flat = bounded.reshape(-1)
+    ends = np.flatnonzero(flat[1:] != flat[:-1])  # first columns and, one by one, those beyond
+    row = ends[::2] // (w + 2)
+    return row, ends[::2] - row * (w + 2), ends[1::2] - ends[::2]
+
+
+def _ring_like(image: U8, c: _Components, k: float, largest_px: float) -> _Components:
     """Return the components with a ring's shape, largest first.
 
     The second moments of a ring with semi-axes A are A A^T (1 + k^2) / 4, its area is
     pi det A (1 - k^2): area over root of the moments' determinant tells a ring of any obliqueness
     from discs and bars.
     """
-    root = np.sqrt(np.maximum(c.xx * c.yy - c.xy * c.xy, 1e-12))
-    ideal = 4.0 * math.pi * (1.0 - k * k) / (1.0 + k * k)
-    compactness = c.area / (root * ideal)
+    compactness = _compactness(c, k)
     middle, off = 0.5 * (c.xx + c.yy), np.hypot(0.5 * (c.xx - c.yy), c.xy)
     scale = 16.0 / (1.0 + k * k)
     longer = np.sqrt(scale * (middle + off))
     shorter = np.sqrt(scale * np.maximum(middle - off, 0.0))
     rows, columns = np.rint(c.y).astype(np.intp), np.rint(c.x).astype(np.intp)
+    is_bloomed = (compactness > _MIN_BLOOMED_COMPACTNESS) & (image[rows, columns] > _CLIPPED)
     good = (
-        (compactness > _MIN_COMPACTNESS)
+        ((compactness > _MIN_COMPACTNESS) | is_bloomed)
         & (compactness < _MAX_COMPACTNESS)
         & (shorter >= _MIN_WIDTH_PX)
         & (shorter * _MAX_ASPECT >= longer)
@@ -207,9 +238,28 @@ def _ring_like(c: _Components, k: float, largest_px: float) -> _Components:
     return c.at(largest_first[:_MAX_COMPONENTS])
 
 
-def _axes(c: _Components, k: float) -> F64:
+def _root(c: _Components) -> F64:
+    """Return the roots of the determinants of the second moments."""
+    root: F64 = np.sqrt(np.maximum(c.xx * c.yy - c.xy * c.xy, 1e-12))
+    return root
+
+
+def _compactness(c: _Components, k: float) -> F64:
+    """Return the areas over the roots of the moments' determinants, over those of a ring."""
+    compactness: F64 = c.area / (_root(c) * 4.0 * math.pi * (1.0 - k * k) / (1.0 + k * k))
+    return compactness
+
+
+def _ratios(c: _Components, k: float) -> F64:
+    """Return the ratios of inner to outer diameter: the print's, or what clipped white leaves."""
+    q = np.minimum(c.area / (_root(c) * 4.0 * math.pi), 1.0)
+    ratio: F64 = np.where(_compactness(c, k) > _MIN_COMPACTNESS, k, np.sqrt((1.0 - q) / (1.0 + q)))
+    return ratio
+
+
+def _axes(c: _Components, k: F64) -> F64:
     """Return the symmetric matrices A (n, 2, 2) of `_ring_like`: roots of the scaled moments."""
-    root = np.sqrt(c.xx * c.yy - c.xy * c.xy)
+    root = _root(c)
     # Of a positive definite 2x2 matrix M: (M + sqrt(det M) 1) / sqrt(tr M + 2 sqrt(det M)).
     divisor = np.sqrt((c.xx + c.yy + 2.0 * root) * (1.0 + k * k)) / 2.0
     rows = [[c.xx + root, c.xy], [c.xy, c.yy + root]]
@@ -217,30 +267,34 @@ def _axes(c: _Components, k: float) -> F64:
     return axes
 
 
-def _spokes(image: U8, centre: F64, axes: F64, k: float) -> tuple[F64, F64]:
-    """Return share and score, as `Candidate` has them, of rings with such outlines, (n,)."""
-    scales = np.array([_HOLE_SCALE * k, (1.0 + k) / 2.0, _AROUND_SCALE])
-    at = centre[:, None, :, None] + scales[:, None, None] * (axes @ _CIRCLE)[:, None]
+def _spokes(image: U8, centre: F64, axes: F64, k: F64) -> tuple[F64, F64, F64]:
+    """Return share and score, as `Candidate` has them, of rings with such outlines, and white.
+
+    Arrays (n,); white is the lesser grey level of hole and surroundings.
+    """
+    scales = np.stack([_HOLE_SCALE * k, (1.0 + k) / 2.0, np.full_like(k, _AROUND_SCALE)], axis=1)
+    at = centre[:, None, :, None] + scales[:, :, None, None] * (axes @ _CIRCLE)[:, None]
     columns, rows = np.rint(at).astype(np.intp).transpose(2, 0, 1, 3)
     h, w = image.shape
     inside = ((columns >= 0) & (columns < w) & (rows >= 0) & (rows < h)).all(axis=1)
     levels = image[np.clip(rows, 0, h - 1), np.clip(columns, 0, w - 1)].astype(np.float64)
     levels[~np.broadcast_to(inside[:, None], levels.shape)] = np.nan
     enough = inside.sum(axis=1) >= _MIN_SPOKES
-    share, score = np.zeros(len(centre)), np.zeros(len(centre))
+    share, score, white = (np.zeros(len(centre)) for _ in range(3))
     if enough.any():
-        share[enough], score[enough] = _judged(levels[enough], inside[enough])
-    return share, score
+        share[enough], score[enough], white[enough] = _judged(levels[enough], inside[enough])
+    return share, score, white
 
 
-def _judged(levels: F64, inside: Mask) -> tuple[F64, F64]:
-    """Return share and score of grey levels (n, 3, spokes), NaN outside of the image."""
+def _judged(levels: F64, inside: Mask) -> tuple[F64, F64, F64]:
+    """Return share, score and white of grey levels (n, 3, spokes), NaN outside of the image."""
     hole, stroke, around = levels.transpose(1, 0, 2)
     count = inside.sum(axis=1)
     ordered = np.sort(levels, axis=2)  # NaN last
     one = np.arange(len(levels))
     middle = ordered[one, :, count // 2]
-    step = np.minimum(middle[:, 0], middle[:, 2]) - middle[:, 1]
+    white = np.minimum(middle[:, 0], middle[:, 2])
+    step = white - middle[:, 1]
     low, high = (
         ordered[one, 1, (q * count).astype(np.intp)] for q in (_BRIGHT_QUANTILE, _DARK_QUANTILE)
     )
@@ -248,4 +302,4 @@ def _judged(levels: F64, inside: Mask) -> tuple[F64, F64]:
     is_shown = own_step > np.maximum(_MIN_STEP, _STEP_SHARE * step)[:, None]
     share: F64 = is_shown.sum(axis=1) / count
     score: F64 = step / (_SPREAD_FLOOR + high - low)
-    return share, score
+    return share, score, white

@@ -20,7 +20,7 @@ from landerd.vision.ring_pixels import pixels_near
 from landerd.vision.ring_pose import F64, Pose, cone_through, mirrored, poses_of_cone
 from landerd.vision.ring_residuals import coherent_residual
 from landerd.vision.ring_response import LINEAR_RESPONSE, is_clipped
-from landerd.vision.ring_segment import Ellipse
+from landerd.vision.ring_segment import Candidate
 
 U8 = NDArray[np.uint8]
 
@@ -55,7 +55,12 @@ _PATH_DIRECTIONS = 4
 
 MAX_TILT_COS = math.cos(math.radians(25.0))  # pads that lean more are not landed on
 _SHADOW_ROUNDS = 2  # the better the pose, the better the shadow's edge
+# What a rough fit must show to be worth a full one. Of 800 rings in all kinds of light three left
+# more over than the first share of the contrast, seen with nearly all spokes across a shadow's
+# edge, and none more than the second; of the outlines in textures two thirds do.
 _MIN_ROUGH_CONTRAST = 10.0  # grey levels
+_MAX_ROUGH_NOISE, _MAX_CLEAR_ROUGH_NOISE, _CLEAR_SHARE = 0.28, 0.4, 0.8
+_MAX_ROUGH_RATIO = 0.25  # by which the ratio is off, and its sigma
 
 # What a fit must show to be a ring. 350 true rings of `bench.vision_ring`, of 1.5 to 25 m at 0 to
 # 60 degrees, gave a contrast of at least 101 grey levels, 99 % of them at least 38 noises and 0.975
@@ -67,10 +72,14 @@ _MIN_CONTRAST = 12.0  # grey levels
 _MIN_CONTRAST_NOISES, _MIN_MOVING_CONTRAST_NOISES = 9.0, 20.0
 _MIN_INLIERS = 0.93
 _MIN_NOISY_CONTRAST_NOISES = 3.0  # of loud noise and nothing else
+_LEAST_EVEN = 0.5  # of the hole's contrast over that of the surroundings, in it
+# Of a lens out of focus, 3.5 px of the thesis's; or near the pad, of the radius. Not of motion.
+_MAX_BLUR_RAD, _MAX_BLUR_SHARE = 0.0065, 0.1
 _MAX_COHERENT = 0.05  # of the contrast: gamma leaves 0.01, an S-curve 0.02, leaf shade 0.1
 # Of the contrast, left over by plain fits to what responses did explain (300 pictures of the field
 # world, 97 %: 0.09 and 0.10) and whose edges were a ring's (0.21); textures leave 0.16 and 0.19.
 _MAX_PLAIN_COHERENT, _MAX_PLAIN_NOISE, _MAX_HIDDEN_NOISE = 0.13, 0.15, 0.25
+_MAX_CLEAR_NOISE = 0.45  # where nearly all spokes are bright, dark and bright
 _ALIKE_PIXELS = 4.0  # whose residuals have that in common
 _RATIO_TOLERANCE, _RATIO_SIGMAS = 0.03, 2.0  # of the ratio, and of its sigma besides
 _MAX_RATIO_SIGMA = 0.06  # of the ratio
@@ -83,9 +92,9 @@ _PLAIN_COHERENT = 0.02  # of the contrast: below, all that is left over is noise
 _MIN_POOR_CONTRAST, _MIN_POOR_CONTRAST_NOISES = 10.0, 2.5
 
 
-def rough_fit(level: Level, outline: Ellipse, ring: Ring) -> RingFit | None:
-    """Return the better pose of an outline in a reduced image; None if it is no ring."""
-    cone = cone_through(level.camera.rays(outline.points()))
+def rough_fit(level: Level, candidate: Candidate, ring: Ring) -> RingFit | None:
+    """Return the better pose of a candidate in a reduced image; None if it is no ring."""
+    cone = cone_through(level.camera.rays(candidate.outline.points()))
     poses = None if cone is None else poses_of_cone(cone, ring.radius_m)
     if poses is None:
         return None
@@ -99,7 +108,18 @@ def rough_fit(level: Level, outline: Ellipse, ring: Ring) -> RingFit | None:
         supersample=False,
     )
     fits = [] if pixels is None else fit_ring(pixels, poses, ring, _BLUR_PX, _ROUGH.steps)
-    return fits[0] if fits and fits[0].contrast > _MIN_ROUGH_CONTRAST else None
+    return fits[0] if fits and _may_be_ring(fits[0], candidate.share, ring) else None
+
+
+def _may_be_ring(rough: RingFit, share: float, ring: Ring) -> bool:
+    """Tell whether a rough fit to a candidate with such a share of spokes is worth a full one."""
+    most_noise = _MAX_CLEAR_ROUGH_NOISE if share >= _CLEAR_SHARE else _MAX_ROUGH_NOISE
+    return (
+        rough.contrast > _MIN_ROUGH_CONTRAST
+        and rough.noise < most_noise * rough.contrast
+        and abs(rough.ratio - ring.inner_ratio) < _MAX_ROUGH_RATIO
+        and rough.sigma_ratio < _MAX_ROUGH_RATIO
+    )
 
 
 def full_fits(
@@ -267,21 +287,41 @@ def may_be_behind(plain: RingFit) -> bool:
     return plain.coherent < _MAX_PLAIN_COHERENT and plain.noise < _MAX_PLAIN_NOISE * plain.contrast
 
 
-def may_have_edges(plain: RingFit) -> bool:
-    """Tell whether a plain fit that fails is near enough for its edges to be looked at."""
-    return plain.noise < _MAX_HIDDEN_NOISE * plain.contrast
+def may_have_edges(plain: RingFit, share: float) -> bool:
+    """Tell whether a plain fit that fails is near enough for its edges to be looked at.
+
+    `share` is that of the spokes that are bright, dark and bright: where nearly all are, clipped
+    white or a spot of glare may have spoilt the fit.
+    """
+    limit = _MAX_HIDDEN_NOISE if share < _CLEAR_SHARE else _MAX_CLEAR_NOISE
+    return plain.noise < limit * plain.contrast
 
 
-def is_ring(fit: RingFit, ring: Ring) -> bool:
+def is_ring(fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether a fit describes a ring of this ratio well."""
+    if _is_blurred_away(fit, ring, camera):
+        return False
     if fit.response is not None:
         return _is_ring_behind(fit, fit.response, ring)
     moved = bool(np.any(fit.motion_px))
     noises = _MIN_MOVING_CONTRAST_NOISES if moved else _MIN_CONTRAST_NOISES
     is_clear = fit.contrast > noises * fit.noise and fit.inliers > _MIN_INLIERS
-    is_noisy = fit.contrast > _MIN_NOISY_CONTRAST_NOISES * fit.noise
-    is_explained = is_clear or (is_noisy and fit.coherent < _PLAIN_COHERENT)
+    is_explained = is_clear or (_is_noisy(fit) and fit.coherent < _PLAIN_COHERENT)
     return is_explained and fit.contrast > _MIN_CONTRAST and _has_ratio(fit, ring)
+
+
+def _is_noisy(fit: RingFit) -> bool:
+    """Tell whether a fit is of evenly white and black, in loud noise."""
+    inside, outside = fit.inside - fit.black, fit.outside - fit.black
+    is_even = min(inside, outside) > _LEAST_EVEN * max(inside, outside)
+    return is_even and fit.contrast > _MIN_NOISY_CONTRAST_NOISES * fit.noise
+
+
+def _is_blurred_away(fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
+    """Tell whether the blur is so wide that anything would look like a ring."""
+    focal = math.sqrt(camera.fx * camera.fy)
+    radius = ring.radius_m / float(fit.position[2])
+    return fit.blur_px / focal > max(_MAX_BLUR_RAD, _MAX_BLUR_SHARE * radius)
 
 
 def _is_ring_behind(fit: RingFit, response: F64, ring: Ring) -> bool:

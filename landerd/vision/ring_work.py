@@ -12,8 +12,8 @@ from landerd.camera_model import F64
 # In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take. With
 # these a search of any ground takes about three times the AprilTag 3 library's time at most
 # (`bench.vision_negatives`).
-ROUGH_COST, FULL_COST, HARD_COST = 1, 2, 6
-_FRAME_COST = 9
+ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
+_FRAME_COST, _SEARCH_COST = 14, 9  # the second: of it, to tell what is worth more
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
 
 
@@ -42,9 +42,10 @@ class RingWork:
     """
 
     def __init__(self) -> None:
-        self._left = _FRAME_COST
+        self._left, self._search_left = _FRAME_COST, _SEARCH_COST
         self._refused: list[Place] = []
         self._before = 0  # of them, in the images before
+        self._unexplained: list[Place] = []
         self.was_cut = False
         self.is_continued = False  # the image before was not searched to the end
 
@@ -52,17 +53,26 @@ class RingWork:
         """Begin the search of another image."""
         self.is_continued = self.was_cut
         if not self.is_continued:
-            self._refused = []
+            self._refused, self._unexplained = [], []
         self._before = len(self._refused)
-        self._left, self.was_cut = _FRAME_COST, False
+        self._left, self._search_left = _FRAME_COST, _SEARCH_COST
+        self.was_cut = False
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""
         return cost <= self._left
 
-    def affords(self, cost: int, reserve: int = 0) -> bool:
-        """Spend a cost if a reserve is left then; else the search is cut."""
-        if not self.has(cost + reserve):
+    def affords_search(self, cost: int, reserve: int) -> bool:
+        """Spend a cost on telling what a candidate is, if a reserve is left then; else cut."""
+        if cost > self._search_left or not self.has(cost + reserve):
+            self.cut()
+            return False
+        self._search_left -= cost
+        return self.affords(cost)
+
+    def affords(self, cost: int) -> bool:
+        """Spend a cost if it is left; else the search is cut."""
+        if not self.has(cost):
             self.cut()
             return False
         self._left -= cost
@@ -75,6 +85,14 @@ class RingWork:
     def refuse(self, place: Place) -> None:
         """Remember that no ring is at a place."""
         self._refused.append(place)
+
+    def leave_unexplained(self, place: Place) -> None:
+        """Remember that neither a response nor edges explain what is at a place."""
+        self._unexplained.append(place)
+
+    def is_unexplained(self, place: Place) -> bool:
+        """Tell whether they were tried there, in this image or since searches are cut."""
+        return any(place.is_same(u) for u in self._unexplained)
 
     def is_done(self, place: Place) -> bool:
         """Tell whether an image before showed no ring at a place, in the same reduction."""

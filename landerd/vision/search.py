@@ -1,6 +1,7 @@
 """Searches images for a pad's rings and squares, as `search_policy` decides."""
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_pose import square_points
+from landerd.vision.whycon import Refusal
 from landerd.vision.window import Window
 
 _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer
@@ -57,6 +59,7 @@ class Search:
         self._min_ring_px = min_ring_px
         self._detectors = detectors
         self._state = policy.SearchState()
+        self._refuses_bare = False
         self._ring_work = {ring: RingWork() for ring in layout.rings}
 
     @property
@@ -65,7 +68,13 @@ class Search:
         return self._state.was_cut
 
     def find(
-        self, image: Image, expected: Expected | None, down: Vec3 | None, *, holds_heading: bool
+        self,
+        image: Image,
+        expected: Expected | None,
+        down: Vec3 | None,
+        *,
+        holds_heading: bool,
+        refuses_bare: bool = False,
     ) -> tuple[list[FoundRing], list[FoundSquare]]:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
 
@@ -75,7 +84,10 @@ class Search:
             down: unit vector of gravity, camera frame.
             holds_heading: whether the estimate knows the heading well enough for some frames
                 without a square.
+            refuses_bare: whether rings are another's that lack the white round the pad's other
+                markers; the search goes on behind them.
         """
+        self._refuses_bare = refuses_bare
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
         ring_only = False
@@ -127,15 +139,30 @@ class Search:
             return []
         size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
         return self._detectors.find_rings(
-            image, ring, window=window, down=down, expected_diameter_px=size
+            image,
+            ring,
+            window=window,
+            down=down,
+            expected_diameter_px=size,
+            refuses=self._refusal(image, ring),
         )
+
+    def _refusal(self, image: Image, ring: Ring) -> Refusal | None:
+        return partial(self._detectors.lacks_plate, image, ring) if self._refuses_bare else None
 
     def _rings_anywhere(self, image: Image, down: Vec3 | None, how: RingSearch) -> list[FoundRing]:
         thorough = how is RingSearch.THOROUGH
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
             work = self._ring_work[ring]
-            found = self._detectors.find_rings(image, ring, down=down, thorough=thorough, work=work)
+            found = self._detectors.find_rings(
+                image,
+                ring,
+                down=down,
+                thorough=thorough,
+                work=work,
+                refuses=self._refusal(image, ring),
+            )
             rings += [(ring, s) for s in self._large_enough(found)]
         return rings
 

@@ -85,7 +85,11 @@ class Vision:
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._focal)
         rings, squares = self._search.find(
-            image, expected, prior.down, holds_heading=prior.pad is not None
+            image,
+            expected,
+            prior.down,
+            holds_heading=prior.pad is not None,
+            refuses_bare=_is_heading_open(prior),
         )
         candidates = [self._ring(frame.t, ring, sighting) for ring, sighting in rings]
         normal = self._last_normal(frame.t)

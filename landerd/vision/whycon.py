@@ -1,6 +1,7 @@
 """WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -20,7 +21,7 @@ from landerd.vision.ring_explained import (
     is_toned,
 )
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_pose import F64
+from landerd.vision.ring_pose import F64, cone_through, poses_of_cone
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import (
     Candidate,
@@ -43,10 +44,19 @@ from landerd.vision.ring_stages import (
     rough_fit,
     tracked_fits,
 )
-from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Place, RingWork
+from landerd.vision.ring_work import (
+    EDGE_COST,
+    FULL_COST,
+    HARD_COST,
+    RESPONSE_COST,
+    ROUGH_COST,
+    Place,
+    RingWork,
+)
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
+Refusal = Callable[[MarkerSighting], bool]
 
 # How a search looks for what is dark: at first the way that sees most rings, in all levels; in a
 # thorough one the others too, where they are cheap (rings from 48 px on the finest level's side).
@@ -59,9 +69,7 @@ _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows 
 # Share from which shadow and motion are tried at once, not in the next image: four of ten of the
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
 _HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
-# Whose edges are looked at: so many doubtful fits in an image, the best of candidates with this
-# share.
-_EDGE_TRIES, _EDGE_SHARE = 3, 0.5
+_EDGE_SHARE = 0.5  # from which edges are looked at
 
 
 def find_rings(
@@ -75,6 +83,7 @@ def find_rings(
     thorough: bool = True,
     work: RingWork | None = None,
     response: CameraResponse | None = None,
+    refuses: Refusal | None = None,
 ) -> list[MarkerSighting]:
     """Return the rings seen in an image, or in a window of it, nearest first.
 
@@ -89,10 +98,11 @@ def find_rings(
         thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
         work: what remembers where the search of the image before was cut short; None: nothing does.
         response: what remembers the camera's; None: nothing does.
+        refuses: tells that a ring is another's; the search then goes on.
     """
     work = work or RingWork()
     work.begin()
-    search = _RingSearch(image, ring, camera, down, work, response or CameraResponse())
+    search = _RingSearch(image, ring, camera, down, work, response or CameraResponse(), refuses)
     parts = list(levels(image, camera, window, expected_diameter_px))
     for segment in _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]:
         for level in parts:
@@ -121,6 +131,7 @@ class _Doubtful:
     place: Place
     share: float  # of the candidate's spokes
     fits: list[RingFit]
+    is_linear: bool = False  # no response explains it
 
 
 class _RingSearch:
@@ -134,9 +145,10 @@ class _RingSearch:
         down: Vec3 | None,
         work: RingWork,
         response: CameraResponse,
+        refuses: Refusal | None,
     ) -> None:
         self._image, self._ring, self._camera, self._down = image, ring, camera, down
-        self._work, self._response = work, response
+        self._work, self._response, self._refuses = work, response, refuses
         self._later: list[_Try] = []
         self._doubtful: list[_Doubtful] = []
         self._level_found: Level | None = None
@@ -155,7 +167,7 @@ class _RingSearch:
             is_clear = candidate.share >= _CLEAR_SHARE and (
                 level.reduction <= 1.0 or one.place.size_px >= _CLEAR_PX * level.reduction
             )
-            if is_clear and not self._work.is_refused(one.place):
+            if is_clear and not self._is_known(one.place):
                 self._try(one)
             else:
                 self._later.append(one)
@@ -184,33 +196,45 @@ class _RingSearch:
         if unclear is not None and not self.found:
             self._report(unclear.fits)
         for one in self._doubtful:
-            if one.share < _CONTINUED_HARD_SHARE:
+            is_over = self._work.is_unexplained(one.place) or not _may_be_toned(one)
+            if is_over and one.share < _CONTINUED_HARD_SHARE:
                 self._work.refuse(one.place)
 
     def _find_toned(self) -> Explained | None:
         """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
-        tried: list[_Doubtful] = []
         unclear = None
-        for one in sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast):
-            is_new = not any(t.place.is_same(one.place) for t in tried)
-            is_likely = one.share >= _EDGE_SHARE and may_have_edges(one.fits[0])
-            if not is_likely or not is_new or len(tried) == _EDGE_TRIES:
+        best_first = sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
+        for one in filter(_may_be_toned, best_first):
+            if self._work.is_unexplained(one.place):
                 continue
-            tried.append(one)
-            behind_response = _behind_response(self._image, self._camera, self._ring, one.fits[0])
-            if behind_response:
-                self._report(behind_response)
+            fits = [] if one.is_linear else self._behind_response(one.fits[0])
+            if not fits:
+                if not self._work.affords(EDGE_COST):
+                    break
+                by_edges = explained(self._image, self._camera, self._ring, one.fits)
+                self._work.leave_unexplained(one.place)
+                unclear = unclear or by_edges
+                fits = by_edges.fits if by_edges is not None and by_edges.is_toned else []
+            if fits and self._report(fits):
                 return None
-            by_edges = explained(self._image, self._camera, self._ring, one.fits)
-            if by_edges is not None and by_edges.is_toned:
-                self._report(by_edges.fits)
-                return None
-            unclear = unclear or by_edges
         return unclear
 
-    def _report(self, fits: list[RingFit]) -> None:
+    def _behind_response(self, fit: RingFit) -> list[RingFit]:
+        """Return the fits behind a response, where that is worth its cost; empty: none."""
+        is_worth = fit.response is None and may_be_behind(fit)
+        if not is_worth or not self._work.affords(RESPONSE_COST):
+            return []
+        return _behind_response(self._image, self._camera, self._ring, fit)
+
+    def _report(self, fits: list[RingFit], level: Level | None = None) -> bool:
+        """Take a ring, seen in a level, for found unless it is another's; tell whether it was."""
+        sighting = ring_sighting(fits, self._ring, self._camera, self._down)
+        if self._refuses is not None and self._refuses(sighting):
+            return False
         _remember(self._response, fits[0])
-        self.found.append(ring_sighting(fits, self._ring, self._camera, self._down))
+        self.found.append(sighting)
+        self._level_found = level or self._level_found
+        return True
 
     def _find_shaded_or_moving(self) -> None:
         """Fit the best doubtful one with shadow and motion, now or in the next image."""
@@ -221,8 +245,7 @@ class _RingSearch:
             return
         best = min(hard, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
         fits = hard_fits(self._image, self._camera, self._ring, best.fits)
-        if _is_ours(self._image, self._camera, self._ring, fits[0]):
-            self._report(fits)
+        if _is_ours(self._image, self._camera, self._ring, fits[0]) and self._report(fits):
             return
         self._work.refuse(best.place)
         if not all(d.place.is_same(best.place) for d in self._doubtful):
@@ -242,42 +265,75 @@ class _RingSearch:
         is_wanted = self._level_found is None or self._level_found is one.level
         return self._try(one) if is_wanted else True
 
+    def _reserve(self) -> int:
+        """Return what is kept to explain the best of what was doubtful, if that is still left."""
+        toned = [
+            d for d in self._doubtful if _may_be_toned(d) and not self._work.is_unexplained(d.place)
+        ]
+        cost = EDGE_COST * bool(toned) + HARD_COST * bool(self._hard_now())
+        cost += RESPONSE_COST * any(not d.is_linear for d in toned)
+        return cost if self._work.has(cost) else 0
+
     def _try(self, one: _Try) -> bool:
         """Fit a candidate; False: there is no work left for it."""
-        reserve = HARD_COST if self._hard_now() and self._work.has(HARD_COST) else 0
-        if not self._work.affords(ROUGH_COST, reserve):
+        if one.candidate.is_bloomed:
+            return self._try_edges(one)
+        reserve = self._reserve()
+        if not self._work.affords_search(ROUGH_COST, reserve):
             return False
-        rough = rough_fit(one.level, one.candidate.outline, self._ring)
+        rough = rough_fit(one.level, one.candidate, self._ring)
+        is_clear = one.candidate.share >= _CLEAR_SHARE
+        if rough is None and is_clear:
+            return self._try_edges(one)
         if rough is None or any(_covers(s, self._camera, rough.position) for s in self.found):
             self._work.refuse(one.place)
             return True
-        if not self._work.affords(FULL_COST, reserve):
+        if not self._work.affords_search(FULL_COST, reserve):
             return False
         reduction = self._camera.fx / one.level.camera.fx
         response = self._response.response
         fits = full_fits(self._image, self._camera, self._ring, rough, reduction, response)
         if fits and _is_ours(self._image, self._camera, self._ring, fits[0]):
-            self._report(_explained(self._image, self._camera, self._ring, fits))
-            self._level_found = one.level
-        elif fits and is_dark_in_white(fits[0]):
-            hidden = self._clearly_hidden(one.candidate, fits)
+            fits = _explained(self._image, self._camera, self._ring, fits)
+            return self._reported(one, fits)
+        if fits and is_dark_in_white(fits[0]):
+            is_first = is_clear and not self._has_tried_hidden
+            hidden = self._clearly_hidden(one.place, fits) if is_first else []
             if hidden:
-                self._report(hidden)
-                self._level_found = one.level
-                return True
-            self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits))
+                return self._reported(one, hidden)
+            is_linear = is_first and not self._response.pictures_by_edges
+            self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits, is_linear))
+        elif is_clear:
+            return self._try_edges(one)
         else:
             self._work.refuse(one.place)
         return True
 
-    def _clearly_hidden(self, candidate: Candidate, fits: list[RingFit]) -> list[RingFit]:
+    def _reported(self, one: _Try, fits: list[RingFit]) -> bool:
+        """Report what is the ring of a candidate, if it is one; always True."""
+        if not fits or not self._report(fits, one.level):
+            self._work.refuse(one.place)
+        return True
+
+    def _try_edges(self, one: _Try) -> bool:
+        """Fit nothing but the edges of a candidate; False: there is no work left for it."""
+        if not self._work.affords(EDGE_COST):
+            return False
+        cone = cone_through(one.level.camera.rays(one.candidate.outline.points()))
+        starts = None if cone is None else poses_of_cone(cone, self._ring.radius_m)
+        fits = edge_fits(self._image, self._camera, self._ring, starts or [])
+        return self._reported(one, fits)
+
+    def _clearly_hidden(self, place: Place, fits: list[RingFit]) -> list[RingFit]:
         """Return the fits of the first that is clearly bright, dark and bright; empty: no ring."""
-        if candidate.share < _CLEAR_SHARE or self._has_tried_hidden:
-            return []
         self._has_tried_hidden = True
         if not self._response.pictures_by_edges:
-            return _behind_response(self._image, self._camera, self._ring, fits[0])
+            return self._behind_response(fits[0])
+        if not self._work.affords(EDGE_COST):
+            return []
         by_edges = explained(self._image, self._camera, self._ring, fits)
+        if by_edges is None:
+            self._work.leave_unexplained(place)
         return [] if by_edges is None else by_edges.fits
 
 
@@ -289,9 +345,14 @@ def _place(level: Level, candidate: Candidate) -> Place:
     return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size, k)
 
 
+def _may_be_toned(one: _Doubtful) -> bool:
+    """Tell whether a response or edges may explain what a plain fit does not."""
+    return one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
+
+
 def _is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
-    if not is_ring(fit, ring):
+    if not is_ring(fit, ring, camera):
         return False
     # Motion explains much, a target of several rings too.
     is_doubtful = fit.response is None and (is_poor(fit) or bool(np.any(fit.motion_px)))
@@ -304,7 +365,7 @@ def _explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) 
     Empty, if it is none.
     """
     fit = fits[0]
-    is_told = is_ring(fit, ring)
+    is_told = is_ring(fit, ring, camera)
     if (is_told and not is_toned(fit, ring)) or not (is_told or is_dark_in_white(fit)):
         return fits if is_told else []
     behind_response = _behind_response(image, camera, ring, fit)
@@ -329,7 +390,7 @@ def _behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
     if fit.response is not None or not may_be_behind(fit):
         return []
     fits = response_fits(image, camera, ring, fit)
-    is_ours = fits and is_ring(fits[0], ring) and not is_toned(fits[0], ring)
+    is_ours = fits and is_ring(fits[0], ring, camera) and not is_toned(fits[0], ring)
     return fits if is_ours else []
 
 

@@ -59,9 +59,16 @@ def a_cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with a_cluster(tmp_path_factory.mktemp("cluster")) as (found, _):
+def running(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    with a_cluster(tmp_path_factory.mktemp("cluster")) as found:
         yield found
+
+
+@pytest.fixture
+def address(running: tuple[str, list[subprocess.Popen[bytes]]]) -> str:
+    return running[0]
 
 
 def test_every_task_is_run_once_and_misfortune_is_one_failed_run(address: str) -> None:
@@ -92,16 +99,19 @@ def test_nobody_there_is_one_clear_line(
     assert err.count("\n") == 1
 
 
-def test_rows_are_those_of_a_local_campaign_although_a_worker_was_killed(tmp_path: Path) -> None:
+def test_rows_are_those_of_a_local_campaign_although_a_worker_was_killed(
+    running: tuple[str, list[subprocess.Popen[bytes]]],
+) -> None:
+    """The last of them: there is one worker less for others."""
     row = Row(scenario="hover", settings=("sim.sight=modelled",))
-    landing = SimulatedLanding(Campaign(rows=(row,), longest_s=4.0), None, ())
+    landing = SimulatedLanding(Campaign(rows=(row,), longest_s=2.0), None, ())
     tasks = [(row.name, seed) for seed in range(1, 5)]
     flown: list[Run] = []
-    with a_cluster(tmp_path) as (address, workers):
-        for run in run_on_cluster(address, landing, tasks):
-            flown.append(run)
-            if len(flown) == 1:
-                workers[0].send_signal(signal.SIGKILL)
+    address, workers = running
+    for run in run_on_cluster(address, landing, tasks):
+        flown.append(run)
+        if len(flown) == 1:
+            workers[0].send_signal(signal.SIGKILL)
     there = sorted(flown, key=lambda run: run.seed)
     here = sorted(run_all(landing, tasks, jobs=1), key=lambda run: run.seed)
     assert [without_clock(run) for run in there] == [without_clock(run) for run in here]

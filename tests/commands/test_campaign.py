@@ -16,6 +16,7 @@ from landerd.commands import flying
 from landerd.config.files import config_dir
 from landerd.devices import sim_options
 from tests.campaigns.landings import landing
+from tests.simulated import ABOVE
 
 
 @pytest.fixture
@@ -174,7 +175,7 @@ def test_wrong_input_is_one_line_and_nothing_is_flown(
 
 
 def test_it_flies_the_simulator() -> None:
-    low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
+    low = [word for setting in ABOVE for word in ("--set", setting)]
     done = subprocess.run(
         [sys.executable, "-m", "landerd", "campaign", "hover", "--runs", "2", "--json", *low],
         capture_output=True,
@@ -196,12 +197,16 @@ rows:
 """
 
 
-def test_a_killed_campaign_that_goes_on_is_the_one_that_was_never_stopped(tmp_path: Path) -> None:
+def test_a_killed_campaign_that_goes_on_is_the_one_that_was_never_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(os, "environ", dict(os.environ))
     mine = tmp_path / "mine.yaml"
     mine.write_text(SHORT)
     kept = {name: tmp_path / f"{name}.jsonl" for name in ("killed", "whole")}
-    command = [sys.executable, "-m", "landerd", "campaign", str(mine), "--jobs", "1", "--json"]
-    started = subprocess.Popen([*command, "--keep", kept["killed"]], stdout=subprocess.DEVNULL)
+    command = ["campaign", str(mine), "--jobs", "1", "--json", "--keep"]
+    program = [sys.executable, "-m", "landerd"]
+    started = subprocess.Popen([*program, *command, kept["killed"]], stdout=subprocess.DEVNULL)
     until = time.monotonic() + 300.0
     while not kept["killed"].exists() or not _runs(kept["killed"]):
         assert time.monotonic() < until
@@ -211,10 +216,8 @@ def test_a_killed_campaign_that_goes_on_is_the_one_that_was_never_stopped(tmp_pa
     assert len(_runs(kept["killed"])) < 3
     rows = {}
     for name, path in kept.items():
-        done = subprocess.run(
-            [*command, "--keep", path], capture_output=True, text=True, timeout=300, check=False
-        )
-        rows[name] = as_json(done.stdout)["rows"]
+        main([*command, str(path)])
+        rows[name] = as_json(capsys.readouterr().out)["rows"]
     assert rows["killed"] == rows["whole"]
     assert rows["whole"][0]["runs"] == 3
     assert sorted(_runs(kept["killed"])) == sorted(_runs(kept["whole"]))

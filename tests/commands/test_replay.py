@@ -22,7 +22,8 @@ def test_a_simulated_flight_with_lossless_images_replays_in_core_and_vision(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = tmp_path / "flight.mcap"
-    options = (*ABOVE, SEEN, "log.images=lossless", "log.every_nth=1", "log.keep_free_mb=0")
+    kept = ("log.images=lossless", "log.every_nth=1", "log.keep_free_mb=0")
+    options = (*ABOVE, SEEN, "sim.camera.fps=12", *kept)
     keys = [
         part for option in (*options, "guidance.lost.give_up_s=2") for part in ("--set", option)
     ]

@@ -1,8 +1,14 @@
-"""`landerd sim` as a process; its wrong input is in tests/test_cli.py."""
+"""`landerd sim`, once as a process; its wrong input is in tests/test_cli.py."""
 
 import json
+from functools import partial
 from pathlib import Path
 
+import pytest
+
+from landerd.cli import main
+from landerd.simulation import flight
+from tests.simulated import ABOVE
 from tests.test_cli import landerd
 
 
@@ -17,19 +23,25 @@ def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
     assert result["refused_percent"] < 5.0
 
 
-def test_a_flight_that_does_not_land_is_exit_code_1() -> None:
+def test_a_flight_that_does_not_land_is_exit_code_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert flight.LONGEST_S == 150.0
+    monkeypatch.setattr(flight, "simulate", partial(flight.simulate, longest_s=15.0))
     nothing_to_see = ["--set", "sim.start.position_m=[-500, 0]", "--set", "sim.camera.fps=0.1"]
-    done = landerd("sim", *nothing_to_see)
-    assert done.returncode == 1
-    assert done.stdout.startswith("Did not land: not landed in 150 s: NOT_LANDING, ")
+    assert main(["sim", *nothing_to_see]) == 1
+    out = capsys.readouterr().out
+    assert out.startswith("Did not land: not landed in 15 s: NOT_LANDING, ")
 
 
-def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(tmp_path: Path) -> None:
+def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     picture = tmp_path / "full.png"
     picture.symlink_to("/dev/full")
-    low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
-    done = landerd("sim", "hover", "--seed", "3", "--picture", str(picture), *low)
-    assert done.returncode == 2
-    assert done.stdout.startswith("Landed (scenario hover, seed 3)")
-    assert "picture" not in done.stdout
-    assert done.stderr == f"{picture}: cannot be written: No space left on device\n"
+    near = [word for setting in ABOVE for word in ("--set", setting)]
+    assert main(["sim", "hover", "--seed", "3", "--picture", str(picture), *near]) == 2
+    told = capsys.readouterr()
+    assert told.out.startswith("Landed (scenario hover, seed 3)")
+    assert "picture" not in told.out
+    assert told.err == f"{picture}: cannot be written: No space left on device\n"

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -39,11 +40,26 @@ class StuckDisk:
     """os.fsync of a disk that answers when the test lets it."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.stuck = False
+        self._stuck = False
+        self._asked = threading.Event()
         monkeypatch.setattr("landerd.flightlog.disk.os.fsync", self._fsync)
 
+    def stick(self) -> None:
+        """Answer no more, once somebody waits for an answer; the file has been begun by then."""
+        self._awaited()
+        self._stuck = True
+        self._awaited()
+
+    def answer(self) -> None:
+        self._stuck = False
+
+    def _awaited(self) -> None:
+        self._asked.clear()
+        assert self._asked.wait(20.0)
+
     def _fsync(self, fd: int) -> None:
-        while self.stuck:
+        self._asked.set()
+        while self._stuck:
             time.sleep(0.01)
 
 
@@ -53,11 +69,9 @@ def test_a_stuck_disk_does_not_stop_the_flight_and_costs_images_first(
     stuck = StuckDisk(monkeypatch)
     options = LogSection(images="jpeg", every_nth=1, keep_free_mb=0.0)
     flight = RecordedFlight(recorder(tmp_path / "a.mcap", options, background=True), NOISE)
-    time.sleep(0.8)  # the thread has begun the file
-    stuck.stuck = True
-    time.sleep(0.8)  # it waits for the disk now
+    stuck.stick()
     flight.run(2.0)  # 80 frames, 400 messages: returns although nobody writes
-    stuck.stuck = False
+    stuck.answer()
     flight.recorder.close()
     log = read_log(tmp_path / "a.mcap")
     assert [step.message for step in log.steps] == flight.inputs
@@ -74,12 +88,10 @@ def test_a_disk_stuck_for_minutes_costs_messages_and_the_log_says_so(
     stuck = StuckDisk(monkeypatch)
     flight = RecordedFlight(recorder(tmp_path / "a.mcap", background=True))
     flight.run(0.5)
-    time.sleep(0.8)
-    stuck.stuck = True
-    time.sleep(0.8)
+    stuck.stick()
     for _ in range(MOST_MESSAGES + 5):
         flight.recorder.on_step(flight.t, Tick(flight.t), [])
-    stuck.stuck = False
+    stuck.answer()
     time.sleep(0.1)
     while flight.recorder._queue:
         time.sleep(0.05)

@@ -3,14 +3,14 @@
 import pytest
 
 from landerd.simulation.flight import Simulation
-from tests.simulated import fly
+from tests.simulated import MODELLED, fly
 
 START = (
     "sim.start.position_m=[-2.5, 1.0]",
     "sim.start.altitude_m=4.0",
     "sim.start.spread_m=0.5",
     "aim.idle_pitch_deg=-60.0",
-    "sim.sight=modelled",
+    MODELLED,
     "sim.pilot=obeys",
 )
 

@@ -6,14 +6,12 @@ import gc
 import pytest
 
 from landerd.simulation.flight import Simulation
-from tests.simulated import ABOVE, fly
-
-MODELLED = "sim.sight=modelled"
+from tests.simulated import ABOVE, Script, fly
 
 
-def flown(fault: str, *more: str, longest_s: float = 40.0) -> Simulation:
-    settings = [*ABOVE, MODELLED, "sim.pilot=obeys", f"sim.faults=[{fault}]", *more]
-    return fly(overrides=settings, longest_s=longest_s)
+def flown(fault: str, *more: str, script: Script | None = None) -> Simulation:
+    settings = [*ABOVE, "sim.pilot=obeys", f"sim.faults=[{fault}]", *more]
+    return fly(script, overrides=settings, longest_s=40.0)
 
 
 def broken(simulation: Simulation) -> set[str]:
@@ -32,7 +30,13 @@ def broken(simulation: Simulation) -> set[str]:
     ],
 )
 def test_it_begins_when_it_is_to(at: str, phase: str | None, high: float | None) -> None:
-    simulation = flown(f"{{fault: gust, at: {at}, for_s: 0.5, severity: 0}}")
+
+    async def until_it_ended(simulation: Simulation) -> None:
+        while simulation.faults.happened[0].ended is None:
+            await asyncio.sleep(0.02)
+        simulation.over = True
+
+    simulation = flown(f"{{fault: gust, at: {at}, for_s: 0.5, severity: 0}}", script=until_it_ended)
     (note,) = simulation.faults.happened
     assert note.began is not None
     assert note.ended == pytest.approx(note.began + 0.5)
@@ -132,7 +136,7 @@ def test_tasks_and_memory_stay_flat_while_it_hovers_without_a_pad() -> None:
         " {fault: gimbal-lost, at: {time_s: 17}, for_s: 3}]"
     )
     patient = ("guidance.lost.give_up_s=600", "guidance.lost.total_s=600")
-    fly(script, overrides=[*ABOVE, MODELLED, faults, *patient], longest_s=44.0)
+    fly(script, overrides=[*ABOVE, faults, *patient], longest_s=44.0)
     (tasks, _), (then, objects), (last, most) = seen
     assert tasks >= then >= last
     # What the recording keeps for the drawing: ten samples a second.

@@ -15,7 +15,6 @@ from landerd.simulation.flight import Simulation
 from landerd.simulation.sight.world_view import WorldView
 from tests.simulated import ABOVE, Script, configured
 
-MODELLED = "sim.sight=modelled"
 OPTIONS = sim_options(configured(()))  # of the true print and lens, without errors
 CHI2_95 = 7.815  # three degrees of freedom
 
@@ -40,7 +39,7 @@ def watched(
     *overrides: str, longest_s: float = 30.0, script: Script | None = None, seed: int = 1
 ) -> tuple[Simulation, Watcher]:
     """Fly with modelled sight; return the flight and what was seen."""
-    loaded = configured((*ABOVE, MODELLED, *overrides))
+    loaded = configured((*ABOVE, *overrides))
     simulation, watcher = Simulation(loaded, seed), Watcher()
     simulation.daemon._observers += (watcher,)
     run_virtual(simulation.run(longest_s=longest_s, script=script))

@@ -25,10 +25,12 @@ from landerd.drivers import read_configuration
 from landerd.messages import Phase
 from landerd.pad import Plate
 from landerd.ports import ByteLink
-from landerd.runtime.clock import run_realtime, run_slaved
+from landerd.runtime.clock import run_slaved
 from landerd.simulation.flight import Simulation
 from landerd.simulation.sitl import SitlFlight
 from tests.hw.sim.worlds import ekf_in
+from tests.quick_clock import run_quickly
+from tests.simulated import MODELLED
 
 LATITUDE, LONGITUDE, ALTITUDE_M = -353632621, 1491652374, 584.0
 UNIT_M = 0.011131884502145034
@@ -94,7 +96,7 @@ def url() -> Iterator[str]:
         await asyncio.gather(running, return_exceptions=True)
         await link.close()
 
-    thread = threading.Thread(target=lambda: run_realtime(serve()))
+    thread = threading.Thread(target=lambda: run_quickly(serve()))
     thread.start()
     listening.wait()
     yield f"tcp:127.0.0.1:{port}"
@@ -106,6 +108,7 @@ def test_it_takes_off_comes_to_the_start_and_begins_to_land(url: str) -> None:
     loaded = read_configuration(
         config_dir() / "default.yaml",
         overrides=[
+            MODELLED,
             "sim.start.position_m=[-4.0, 0.0]",
             "sim.start.spread_m=0.0",
             "sim.start.heading_spread_deg=0.0",

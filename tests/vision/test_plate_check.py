@@ -41,7 +41,7 @@ def is_seen(painted: PadLayout, at: View, optics: Optics) -> bool:
     return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
 
 
-@pytest.mark.parametrize("distance", [3.0, 8.0])
+@pytest.mark.parametrize("distance", [3.0, 8.0, 20.0, 36.0])
 @pytest.mark.parametrize("heading", [0.3, 2.5])
 def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     distance: float, heading: float
@@ -51,8 +51,29 @@ def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     assert is_seen(UNREADABLE, view(distance, heading), grass)
 
 
-def test_a_far_ring_is_taken_before_the_white_beside_it_can_be_seen() -> None:
-    assert is_seen(BARE, view(36.0, 0.3), Optics(background="grass"))
+@pytest.mark.parametrize("margin_m", [0.52, 0.56])
+@pytest.mark.parametrize("distance", [6.0, 12.0, 20.0])
+def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
+    distance: float, margin_m: float
+) -> None:
+    plate = Plate(north_m=margin_m, south_m=margin_m, east_m=margin_m, west_m=margin_m)
+    narrow = BARE.model_copy(update={"plate": plate})
+    blurred = Optics(background="grass", blur_px=1.2)
+    assert not is_seen(narrow, view(distance, 0.3), blurred)
+    assert is_seen(UNREADABLE, view(distance, 0.3), blurred)
+
+
+def test_the_pad_is_seen_behind_a_nearer_ring_that_is_another_s() -> None:
+    rng, grass = np.random.default_rng(2), Optics(background="grass")
+    far = look(IDEAL_CAMERA, 9.0, 0.4, pixel=(150.0, 230.0), tilt_towards=1.0, heading=0.3)
+    near = look(IDEAL_CAMERA, 6.0, 0.4, pixel=(480.0, 230.0), tilt_towards=1.0, heading=0.3)
+    image = render(far, IDEAL_CAMERA, grass, rng, UNREADABLE)
+    image[:, 320:] = render(near, IDEAL_CAMERA, grass, rng, BARE)[:, 320:]
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    sights = [vision.process(Frame(i / 30.0, i, image)) for i in range(4)]
+    seen = [s.pad[0] for s in sights if s.pad]
+    assert seen
+    assert all(math.dist(p.position, far.position) < 0.3 for p in seen)
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])

@@ -109,6 +109,37 @@ def test_a_ring_whose_white_is_blown_out_is_seen(distance: float, over: float) -
     assert check(picture(over * light(view)), view, 0.005) == "edges"
 
 
+@pytest.mark.parametrize("over", [4.0, 6.0])
+@pytest.mark.parametrize("distance", [3.0, 7.0, 12.0])
+def test_white_that_has_spread_over_most_of_the_stroke_leaves_the_range_right(
+    distance: float, over: float
+) -> None:
+    """As a camera makes it that exposes for asphalt round the pad, out of focus."""
+    view = seen(distance, 25.0)
+    assert check(picture(over * light(view, blur_px=1.6)), view, 0.03) == "edges"
+
+
+def half_shaded(distance: float, tilt_deg: float) -> tuple[U8, scenes.View]:
+    view = seen(distance, tilt_deg)
+    sun = np.where(np.arange(CAMERA.width) < 299.0, 0.4, 0.8)
+    level = sun * light(view, blur_px=0.8)
+    return picture(level * level * (3.0 - 2.0 * level)), view
+
+
+def test_a_small_oblique_ring_in_half_a_shadow_is_seen() -> None:
+    image, view = half_shaded(14.0, 50.0)
+    assert check(image, view, 0.02) == "edges"
+
+
+@pytest.mark.parametrize("distance", [14.0, 17.0])
+def test_a_ring_too_oblique_to_be_found_is_tracked(distance: float) -> None:
+    image, view = half_shaded(distance, 65.0)
+    near = np.array(view.position) * 1.002
+    found = track_ring(image, RING, CAMERA, near, view.normal)
+    assert found is not None
+    assert math.dist(found.solutions[0].position, view.position) < 0.03 * distance
+
+
 def test_noise_of_a_dark_evening_is_no_reason_to_lose_a_ring() -> None:
     view = seen(6.0, 20.0)
     assert check(picture(0.75 * light(view), noise=15.0), view, 0.005) == "grey"

@@ -40,7 +40,7 @@ def test_an_image_costs_no_more_than_it_may() -> None:
         spent += ROUGH_COST
     assert work.was_cut
     work.begin()
-    while work.affords(FULL_COST, reserve=HARD_COST):
+    while work.affords_search(FULL_COST, HARD_COST):
         spent -= FULL_COST
     assert 0 < spent <= ring_work._FRAME_COST
     assert work.affords(HARD_COST)

@@ -34,6 +34,7 @@ from landerd.vision.square_fit import AMBIGUITY_CHI2
 from landerd.vision.square_pose import corner_information, planar_poses, square_points
 from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode, mirrored_pose
+from landerd.vision.whycon import Refusal
 from landerd.vision.window import Window
 
 _FAR_PAD = 0.001  # share of a picture
@@ -124,6 +125,7 @@ class ModelledDetectors:
         expected_diameter_px: float | None = None,
         thorough: bool = True,
         work: RingWork | None = None,
+        refuses: Refusal | None = None,
     ) -> list[MarkerSighting]:
         """Return the ring if it lies in the window."""
         sight = self._sight(image, ring)

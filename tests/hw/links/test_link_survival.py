@@ -35,6 +35,7 @@ from landerd.runtime.daemon import Daemon, Devices
 from landerd.runtime.observer import Observer
 from tests.hw.flight import PlainAirframe, plain_autopilot
 from tests.hw.idle import Idle
+from tests.quick_clock import run_quickly
 
 NEEDED = (Heartbeat, Attitude, LocalPosition, RcChannels)
 
@@ -126,7 +127,7 @@ def test_a_peer_that_dies_and_comes_back_is_heard_again(
     restarted: bool,
 ) -> None:
     url, peer = link(tmp_path)
-    asyncio.run(asyncio.wait_for(scene(url, peer, restarted=restarted), 30.0))
+    run_quickly(asyncio.wait_for(scene(url, peer, restarted=restarted), 60.0))
 
 
 async def scene(url: str, peer: Callable[[], ByteLink], *, restarted: bool) -> None:
@@ -213,7 +214,7 @@ async def heard_through_relay(corrupt: float, lost: float) -> list[AutopilotMess
             got.append(await driver.receive())
 
     with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(receive(), 20.0)
+        await asyncio.wait_for(receive(), 60.0)
     living.cancel()
     await asyncio.gather(living, return_exceptions=True)
     await peer.close()
@@ -228,7 +229,7 @@ def test_a_real_link_with_damaged_bytes_and_lost_packets_keeps_its_times_and_val
     corrupt: float, lost: float
 ) -> None:
     """Through UDP and a relay that damages 5 % of the bytes or loses 30 % of the datagrams."""
-    got = asyncio.run(heard_through_relay(corrupt, lost))
+    got = run_quickly(heard_through_relay(corrupt, lost), rate=10.0)
     positions = [m for m in got if isinstance(m, LocalPosition)]
     assert len(positions) >= 10
     assert {m.position for m in positions} == {(0.0, 0.0, -10.0)}
