@@ -19,8 +19,9 @@ CONTACT_SINK_SHARE = 0.4
 # on sinking. But no more than this part: in the air it sinks faster.
 MAX_CONTACT_SINK_SHARE = 0.7
 CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
-# After commit before contact is looked for, s: measured, a vehicle that hovered sinks at 0.6 of the
-# order by then. Without it contact was called 0.25 s after commit, 11 cm up.
+# After commit before contact is looked for, s, and so long an order must have stood: measured, a
+# vehicle that hovered sinks at 0.6 of the order by then. Without it contact was called 0.25 s after
+# commit, 11 cm up; and 9 cm up of a slow vehicle that was to sink quicker for its lean.
 ANSWER_S = 0.4
 # From the last sighting until contact is noticed, s; the rule allows 1.0.
 MAX_BLIND_S = 0.95
@@ -83,6 +84,7 @@ class Touchdown:
     def begin(self, now: float) -> None:
         """Start at commit, at time now."""
         self._watch_from = now + ANSWER_S
+        self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
         self._slow_since = self._still_since = math.inf
         self._still_down = 0.0  # local z of the feet then, and as the pad has sunk since, m
         self._level_t = now  # when that was looked at last
@@ -141,8 +143,11 @@ class Touchdown:
             ordered: the same of the last set-point, m/s.
             unsure: it may sink by so much more and touch, m/s; 0 where no foot can be down.
         """
-        share = CONTACT_SINK_SHARE * ordered + unsure
-        slow = t >= self._watch_from and sink_rate < min(share, MAX_CONTACT_SINK_SHARE * ordered)
+        self._ordered = [(at, o) for at, o in self._ordered if at > t - ANSWER_S]
+        self._ordered.append((t, ordered))
+        answered = min(o for _, o in self._ordered)
+        share = min(CONTACT_SINK_SHARE * answered + unsure, MAX_CONTACT_SINK_SHARE * answered)
+        slow = t >= self._watch_from and sink_rate < share
         self._slow_since = min(self._slow_since, t) if slow else math.inf
 
     @property

@@ -55,6 +55,14 @@ def test_sinking_as_ordered_is_no_contact() -> None:
     assert Descent().go_on(3.0) is None
 
 
+def test_a_vehicle_that_is_slow_to_answer_a_quicker_order_has_not_touched() -> None:
+    descent = Descent()
+    assert descent.go_on(1.0, sink_rate=0.1, ordered=0.1) is None
+    for i in range(16):  # 1 m/s^2 of the order, answered 0.4 s late
+        assert descent.go_on(DT, sink_rate=0.1, ordered=0.1 + i * DT) is None
+    assert descent.go_on(2.0, sink_rate=0.4, ordered=0.5) is None
+
+
 def test_on_a_deck_whose_heave_is_badly_known_less_is_contact() -> None:
     # It stands; the deck is believed to come up by 0.1 m/s more than it does.
     touchdown = make_touchdown()
