@@ -237,7 +237,7 @@ MUTANTS = [
     Mutant(
         "4: no descent ordered after contact",
         PAD,
-        "orders.fly((north, east, self._touchdown.descent(0.0)), 0.0, may_descend=True)",
+        "orders.fly((north, east, down), 0.0, may_descend=True)",
         "orders.fly((north, east, 0.0), 0.0, may_descend=True)",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
     ),

@@ -358,6 +358,29 @@ def test_2_a_pad_that_stops_after_commit_is_waved_off() -> None:
     assert simulation.rules.broken == {}
 
 
+@pytest.mark.parametrize("seed", [2, 5])
+def test_4_on_a_deck_that_heaves_and_moves_it_stands_until_it_is_disarmed(seed: int) -> None:
+    # What the deck carried down was taken for flying: its thrust came back, and it was tipped over.
+    deck = ("sim.pad.speed_mps=3.0", "sim.pad.heave_m=0.3", "sim.pad.heave_hz=0.2")
+    simulation = fly(longest_s=40.0, overrides=[*ABOVE, *deck], seed=seed)
+    assert "landed and disarmed" in texts(simulation)
+    assert simulation.monitor.worst.tilt_deg < 15.0
+    assert simulation.rules.broken == {}
+
+
+def test_4_it_goes_with_a_pad_that_brakes_under_it() -> None:
+    async def script(simulation: Simulation) -> None:
+        while not all(simulation.world.vehicle.feet):
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.4)
+        pad = simulation.world._motion
+        pad._brake, pad._brake_t = 1.0, simulation.world.t
+
+    simulation = fly(script, longest_s=30.0, overrides=[*ABOVE, "sim.pad.speed_mps=2.0"])
+    assert "landed and disarmed" in texts(simulation)
+    assert simulation.rules.broken == {}
+
+
 def test_2_no_descent_outside_the_region() -> None:
     overrides = [*ABOVE, "sim.start.position_m=[-3.0, 2.0]", "sim.wind.speed_mps=4"]
     simulation = fly(longest_s=45.0, overrides=overrides)

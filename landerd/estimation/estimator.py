@@ -6,6 +6,7 @@ from typing import Literal
 
 from landerd.config.models import Config
 from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.doubt import Doubt
 from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import ObservationModel, PadObservation
 from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
@@ -96,14 +97,9 @@ class Estimator:
     # ---- estimates -----------------------------------------------------------------------------
 
     @property
-    def doubted_s(self) -> float:
-        """For how long, s, no sighting was where the pad was expected, accepted or not."""
-        return self._filter.doubted_s
-
-    @property
-    def doubted_m(self) -> float:
-        """How far from there, m, the newest sighting was; 0: no farther than noise explains."""
-        return self._filter.doubted_m
+    def doubt(self) -> Doubt:
+        """Whether the newest sightings, accepted or not, were where the pad was expected."""
+        return self._filter.doubt
 
     @property
     def nis(self) -> float:

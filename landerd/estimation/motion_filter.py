@@ -112,11 +112,10 @@ class MotionFilter:
         self.Pvv = diagonal(*(sigma * sigma for sigma in sigma_velocity))
         self._Ppb, self._Ppg = matscale(by_b, -1.0), matscale(by_g, -1.0)
 
-    @property
-    def sigma_velocity(self) -> Vec3:
-        """Standard deviation of the velocity along the axes, m/s."""
-        P = self.Pvv
-        return (math.sqrt(P[0][0]), math.sqrt(P[1][1]), math.sqrt(P[2][2]))
+    def sigma_velocity(self, dt: float) -> Vec3:
+        """Return the velocity's standard deviation along the axes dt after the last step, m/s."""
+        P, (x, y, z) = self.Pvv, scale(self.q, dt)
+        return (math.sqrt(P[0][0] + x), math.sqrt(P[1][1] + y), math.sqrt(P[2][2] + z))
 
     @property
     def is_sound(self) -> bool:
@@ -128,9 +127,14 @@ class MotionFilter:
         """The local frame jumped: what was at x is now at x + by."""
         self.position = add(self.position, by)
 
-    def loosen(self, covariance: Mat3) -> None:
-        """Know the position less well by this, m^2: something stepped, nobody knows what."""
-        self.Ppp = matadd(self.Ppp, covariance)
+    def loosen(self, position: Vec3, velocity: Vec3) -> None:
+        """Know position (m) and velocity (m/s) less well: they may have changed by this together.
+
+        Where the velocity has not, something stepped, and nobody knows what.
+        """
+        self.Ppp = matadd(self.Ppp, outer(position, position))
+        self.Ppv = matadd(self.Ppv, outer(position, velocity))
+        self.Pvv = matadd(self.Pvv, outer(velocity, velocity))
 
     def at(self, dt: float) -> tuple[Vec3, Vec3, Mat3]:
         """Return position, velocity and the position's covariance dt after the last step."""

@@ -13,8 +13,9 @@ import math
 from dataclasses import dataclass, replace
 
 from landerd.config.models import EstimationSection
+from landerd.estimation.doubt import Doubt
 from landerd.estimation.heading_filter import HeadingFilter
-from landerd.estimation.motion_filter import Innovation, Jacobian, MotionFilter
+from landerd.estimation.motion_filter import ZERO, Innovation, Jacobian, MotionFilter
 from landerd.estimation.observation import Clocks, PadObservation
 from landerd.geometry import (
     Mat3,
@@ -118,8 +119,7 @@ class PadFilter:
         rejected: sightings refused so far.
         nis: normalised innovation squared of the last update, refused or not: chi-square of 3
             degrees of freedom, 3 on average; NaN where there was nothing to compare with.
-        doubted_s: for how long, s, every sighting was farther off than noise explains.
-        doubted_m: how far off, m, the newest of these was; 0: it was none of them.
+        doubt: whether the newest sightings were farther off than noise explains.
     """
 
     def __init__(self, options: EstimationSection) -> None:
@@ -142,8 +142,7 @@ class PadFilter:
         self._accepted_t = -math.inf
         self._rejections = 0  # in a row, lying together
         self._refused_t = self._stepped_t = -math.inf
-        self._likely_t = math.inf
-        self.doubted_s = self.doubted_m = 0.0
+        self.doubt = Doubt()
         self._refused_step: Vec3 = (0.0, 0.0, 0.0)  # innovation of the last one refused, m
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._tilt_variance = SIGMA_INITIAL_TILT**2
@@ -221,16 +220,33 @@ class PadFilter:
         self.nis = innovation.nis
         self._adapt(best, innovation)
         is_likely = self.nis <= self._nis_limit  # NaN is not
-        self._likely_t = t if is_likely else min(self._likely_t, t)
-        self.doubted_s = t - self._likely_t
-        self.doubted_m = 0.0 if is_likely else norm(innovation.vector)
-        if not is_likely:
-            # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
-            innovation = innovation.with_noise(best.hiccup)
-        if not innovation.nis <= self._nis_limit:
-            return self._reject(best, innovation)
-        self._accept(best, innovation)
+        # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
+        tolerant = innovation if is_likely else innovation.with_noise(best.hiccup)
+        is_near = tolerant.nis <= self._nis_limit
+        self.doubt.look(t, innovation, likely=is_likely, near=is_near)
+        if not is_likely and self._follow(best, innovation):
+            tolerant, is_near = self._innovation(best), True
+        if not is_near:
+            return self._reject(best, tolerant)
+        self._accept(best, tolerant)
         return self._accepted >= SIGHTINGS_TO_CONFIRM
+
+    def _follow(self, seen: PadObservation, innovation: Innovation) -> bool:
+        """Tell whether the pad moves otherwise than it did, and know its motion the less."""
+        swing = (SIGMA_SWING * seen.range_m) ** 2
+        noise = matadd(innovation.S, diagonal(swing, swing, swing))
+        change = self.doubt.trend(seen.t, noise, self._nis_limit)
+        if change is None:
+            return False
+        self._motion.loosen(innovation.vector, change)
+        per_s = 1.0 / self.doubt.lasts_s
+        north, east, down = (abs(v) * per_s for v in change)
+        q_level, _, q_down = self._motion.q
+        q_level = max(q_level, min(math.hypot(north, east), MAX_ACCELERATION_MPS2) ** 2)
+        q_down = max(q_down, min(down, MAX_ACCELERATION_MPS2) ** 2)
+        self._motion.q = (q_level, q_level, q_down)
+        self.doubt.end(seen.t)
+        return True
 
     def estimate(self, now: float) -> PadEstimate | None:
         """Return the state predicted to now, or None while no pad is confirmed."""
@@ -244,7 +260,7 @@ class PadFilter:
             position=position,
             velocity=velocity,
             covariance=covariance,
-            sigma_velocity=self._motion.sigma_velocity,
+            sigma_velocity=self._motion.sigma_velocity(max(0.0, now - self._motion.t)),
             heading=heading if known else None,
             sigma_heading=sigma_heading,
             turn_rate=self._heading.turn_rate if known else 0.0,
@@ -253,8 +269,7 @@ class PadFilter:
 
     def _start(self, seen: PadObservation) -> None:
         """Begin anew from one observation; the biases are kept."""
-        self._likely_t = seen.t
-        self.doubted_s = self.doubted_m = 0.0
+        self.doubt.end(seen.t)
         self._accepted = 1
         self._accepted_t = seen.t
         self._rejections = 0
@@ -328,7 +343,7 @@ class PadFilter:
             self._start(seen)
             return False
         self._stepped_t = seen.t
-        self._motion.loosen(outer(step, step))
+        self._motion.loosen(step, ZERO)
         self._accept(seen, innovation.with_noise(outer(step, step)))
         return True
 

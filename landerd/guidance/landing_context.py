@@ -8,7 +8,7 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, horizontal, rot_z, rotate
+from landerd.geometry import Vec3, horizontal, rot_z, rotate, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
 from landerd.guidance.orders import Orders
@@ -79,6 +79,7 @@ class LandingContext:
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
         self._pad_turn_rate = 0.0  # rad/s
+        self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._just_over_pad = False
         self._began = math.inf  # this landing, without having come to commit since, s
@@ -126,10 +127,36 @@ class LandingContext:
         self._just_over_pad = relative.height < JUST_OVER_PAD_M
         self.pad_velocity = relative.pad_velocity
         self._pad_turn_rate = relative.pad_turn_rate
+        surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
+        self._fastest_heave = max(self._fastest_heave, surely) if self.low else 0.0
 
-    def ride(self, dt: float) -> None:
-        """Let the pad drive on unseen for dt, s, turning as it did when it was seen last."""
-        self.pad_velocity = rotate(rot_z(self._pad_turn_rate * dt), self.pad_velocity)
+    def ride(self, step: ControlStep) -> None:
+        """Go with the pad, which drives on and turns as it did when it was seen last.
+
+        The touch turns the airframe faster than the lens's direction is known, so what is seen of
+        the pad from now on is only believed where the vehicle on it has come to move so too: as
+        on a pad that brakes.
+        """
+        self.pad_velocity = rotate(rot_z(self._pad_turn_rate * step.dt), self.pad_velocity)
+        sight = self.sight(step)
+        if sight is None:
+            return
+        relative = sight.relative
+        vehicle = sub(relative.pad_velocity, relative.error_rate)
+        if horizontal(relative.error_rate) < horizontal(sub(vehicle, self.pad_velocity)):
+            self.pad_velocity = relative.pad_velocity
+            pad = self.estimator.pad(step.now)
+            self.foothold.touch(relative, pad.heading if pad is not None else None)
+
+    def heave(self, now: float) -> tuple[float, float]:
+        """Return the pad's vertical velocity as far as it is known, and its sigma, m/s.
+
+        A deck that is not seen any more may heave as fast as it did, up or down.
+        """
+        pad = self.estimator.pad(now)
+        if pad is None or now - self.estimator.sighting_t > self.options.lost.after_s:
+            return 0.0, self._fastest_heave
+        return pad.velocity[2], pad.sigma_velocity[2]
 
     @property
     def over_fast_pad(self) -> bool:

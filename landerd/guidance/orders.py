@@ -73,10 +73,16 @@ class Orders:
         self._setpoint_t = self._now
         self.commands.append(self._limiter.stop())
 
-    def stand_level(self, heading: float) -> None:
-        """Order a level attitude without thrust; heading: to keep, local, rad."""
+    def stand_level(self, heading: float, pad_velocity: Vec3) -> None:
+        """Order a level attitude without thrust.
+
+        Args:
+            heading: to keep, local, rad.
+            pad_velocity: of what it stands on, local NED, m/s; set-points go on from there.
+        """
         self._setpoint_t = self._now
-        self._limiter.stop()
+        north, east, _ = pad_velocity
+        self._limiter.reset((north, east, 0.0))
         self.commands.append(PressDown(heading))
 
     def disarm(self) -> None:

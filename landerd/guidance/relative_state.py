@@ -74,9 +74,8 @@ class RelativeState:
 
     @property
     def sure_heave(self) -> float:
-        """Vertical velocity of the pad that may be counted on, m/s: of sinking, what is sure."""
-        heave = self.pad_velocity[2]
-        return heave if heave < 0.0 else max(0.0, heave - 2.0 * self.sigma_heave)
+        """Vertical velocity of the pad that may be counted on, m/s: it sinks no slower."""
+        return self.pad_velocity[2] - 2.0 * self.sigma_heave
 
     @property
     def distance(self) -> float:

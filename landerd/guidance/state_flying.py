@@ -81,7 +81,9 @@ class Tracking:
             o.limits.vertical_acceleration_mps2,
         )
         north, east, down = velocity
-        velocity = (north, east, min(down, relative.sure_heave + safe))
+        # For want of knowing the deck it waits, and does not climb.
+        fastest = max(relative.sure_heave + safe, min(0.0, relative.pad_velocity[2]))
+        velocity = (north, east, min(down, fastest))
         if not phases.may_descend(relative):
             self._outside_t = step.now
         is_inside = step.now - self._outside_t >= SETTLED_S

@@ -11,7 +11,7 @@ from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, MAX_ROLL_PITCH_RATE, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -63,7 +63,7 @@ class Committed:
         heave = relative.pad_velocity[2]
         age = step.now - context.estimator.sighting_t
         clearance = _clearance(context, relative, vehicle, pad)
-        self._watch(heave)
+        self._watch(heave, _unsure(relative, vehicle, clearance))
         event = self._touchdown.step(step.now, age, clearance, context.landed)
         if event is Event.CONTACT:
             context.foothold.touch(relative, pad.heading)
@@ -82,14 +82,14 @@ class Committed:
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
 
-    def _watch(self, heave: float) -> None:
+    def _watch(self, heave: float, unsure: float) -> None:
         """Show the touch-down each velocity measured since the last control step.
 
         After a step that came late, feet that have been down meanwhile are known from them.
         """
         ordered = self._context.orders.velocity[2] - heave
         for t, velocity in self._context.estimator.velocities(self._watched_t):
-            self._touchdown.watch(t, velocity[2] - heave, ordered)
+            self._touchdown.watch(t, velocity[2] - heave, ordered, unsure)
             self._watched_t = t
 
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
@@ -102,7 +102,8 @@ class Committed:
         """
         options, estimator = self._context.options, self._context.estimator
         too_far_m = options.descent.commit_slip_mps * MISSES_S
-        is_elsewhere = estimator.doubted_s >= MISSES_S and estimator.doubted_m > too_far_m
+        doubt = estimator.doubt
+        is_elsewhere = doubt.lasts_s >= MISSES_S and doubt.off_m > too_far_m
         if is_elsewhere and not self._touchdown.may_touch:
             return True
         sink_rate = options.touchdown_descent_mps
@@ -146,7 +147,7 @@ class OnPad:
     def order(self, step: ControlStep) -> Event | None:
         """Order disarming when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
-        context.ride(step.dt)
+        context.ride(step)
         if self._touchdown.disarm_due(now, context.landed):
             orders.disarm()
         if self._touchdown.unconfirmed(now, context.landed):
@@ -154,7 +155,9 @@ class OnPad:
             orders.say(Severity.CRITICAL, pilot_texts.UNCONFIRMED)
         if not _stand_level(context, self._touchdown, step):
             north, east, _ = context.pad_velocity
-            orders.fly((north, east, self._touchdown.descent(0.0)), 0.0, may_descend=True)
+            # It presses down on a deck that sinks, and as hard on one that comes up.
+            down = self._touchdown.descent(0.0) + max(0.0, context.heave(now)[0])
+            orders.fly((north, east, down), 0.0, may_descend=True)
         return None
 
 
@@ -236,6 +239,14 @@ def _clearance(
     return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
 
 
+def _unsure(relative: RelativeState, vehicle: VehicleState, clearance: float) -> float:
+    """Return by how much more (m/s) it may sink and touch all the same: `Touchdown.watch`."""
+    if clearance > 0.0:
+        return 0.0
+    pivots = vehicle.roll_pitch_rate > MAX_ROLL_PITCH_RATE
+    return math.inf if pivots else 2.0 * relative.sigma_heave
+
+
 def _stand_level(
     context: LandingContext, touchdown: Touchdown, step: ControlStep, *, released: bool = False
 ) -> bool:
@@ -255,7 +266,7 @@ def _stand_level(
         context.foothold.slide(vehicle.feet, context.pad_velocity, step.dt)
     if not (level or (released and touchdown.stands)):
         return False
-    context.orders.stand_level(vehicle.yaw)
+    context.orders.stand_level(vehicle.yaw, context.pad_velocity)
     return True
 
 
@@ -271,5 +282,12 @@ def _level_due(
         slip = math.hypot(v_north - north, v_east - east)
         roll_pitch_rate = vehicle.roll_pitch_rate
     return touchdown.level_due(
-        step.now, down, sink_rate, slip, roll_pitch_rate, math.hypot(north, east), context.landed
+        step.now,
+        down,
+        sink_rate,
+        slip,
+        roll_pitch_rate,
+        math.hypot(north, east),
+        context.heave(step.now),
+        context.landed,
     )

@@ -6,6 +6,7 @@ What was tried in wind is the campaign `guidance` with its rows wind-8 and wind-
 
 import math
 
+from landerd.geometry import clamp
 from landerd.guidance.states import Event
 from landerd.messages import Landed
 
@@ -13,9 +14,14 @@ from landerd.messages import Landed
 # A sink rate below this part of the order is contact. Measured: in the air it is above this from
 # 0.4 s after the order on, on the ground it is below, and the vehicle rebounds 0.2 s later.
 CONTACT_SINK_SHARE = 0.4
+# Where a foot may be down by its height, more of it is contact: by what is not known of the pad's
+# heave; and while the airframe turns as an edge that touches turns it, about which its middle goes
+# on sinking. But no more than this part: in the air it sinks faster.
+MAX_CONTACT_SINK_SHARE = 0.7
 CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
-# After commit before contact is looked for, s: measured, a vehicle that hovered sinks at 0.6 of the
-# order by then. Without it contact was called 0.25 s after commit, 11 cm up.
+# After commit before contact is looked for, s, and so long an order must have stood: measured, a
+# vehicle that hovered sinks at 0.6 of the order by then. Without it contact was called 0.25 s after
+# commit, 11 cm up; and 9 cm up of a slow vehicle that was to sink quicker for its lean.
 ANSWER_S = 0.4
 # From the last sighting until contact is noticed, s; the rule allows 1.0.
 MAX_BLIND_S = 0.95
@@ -44,7 +50,9 @@ MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
 # over STILL_S it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
 SETTLES_M = 0.01
 PAD_SPEED_ERROR_SHARE = 0.05  # of a fast pad's speed may be an error
-MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet
+MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet, but one may be
+# No deck that can be landed on sinks faster, m/s. What sinks faster without thrust falls.
+FASTEST_HEAVE_MPS = 0.6
 
 DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
 
@@ -76,8 +84,10 @@ class Touchdown:
     def begin(self, now: float) -> None:
         """Start at commit, at time now."""
         self._watch_from = now + ANSWER_S
+        self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
         self._slow_since = self._still_since = math.inf
-        self._still_down = 0.0  # local z of the feet then, m
+        self._still_down = 0.0  # local z of the feet then, and as the pad has sunk since, m
+        self._level_t = now  # when that was looked at last
         self._contact_t: float | None = None
         self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
@@ -124,15 +134,20 @@ class Touchdown:
         lost = begins_late or sighting_age > MAX_BLIND_S
         return Event.SIGHT_LOST if lost else None
 
-    def watch(self, t: float, sink_rate: float, ordered: float) -> None:
+    def watch(self, t: float, sink_rate: float, ordered: float, unsure: float = 0.0) -> None:
         """Take a measurement; called from commit on for each, and before `step`.
 
         Args:
             t: of the measurement, s.
             sink_rate: downward against the pad's heave, m/s.
             ordered: the same of the last set-point, m/s.
+            unsure: it may sink by so much more and touch, m/s; 0 where no foot can be down.
         """
-        slow = t >= self._watch_from and sink_rate < CONTACT_SINK_SHARE * ordered
+        self._ordered = [(at, o) for at, o in self._ordered if at > t - ANSWER_S]
+        self._ordered.append((t, ordered))
+        answered = min(o for _, o in self._ordered)
+        share = min(CONTACT_SINK_SHARE * answered + unsure, MAX_CONTACT_SINK_SHARE * answered)
+        slow = t >= self._watch_from and sink_rate < share
         self._slow_since = min(self._slow_since, t) if slow else math.inf
 
     @property
@@ -170,6 +185,7 @@ class Touchdown:
         slip: float,
         roll_pitch_rate: float,
         pad_speed: float,
+        heave: tuple[float, float],
         landed: Landed,
     ) -> bool:
         """Tell whether to stand level without thrust rather than to go with the pad.
@@ -187,9 +203,15 @@ class Touchdown:
             slip: measured speed across the pad, m/s; infinity when not known.
             roll_pitch_rate: measured, rad/s; infinity when not known.
             pad_speed: horizontal, against which slip is measured, m/s.
+            heave: of the pad downward as far as is known, and its standard deviation, m/s.
             landed: what the autopilot's land detector says.
         """
-        self.watch(now, sink_rate, self._descent_mps)
+        sinks, sigma = heave
+        # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
+        carried = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
+        self.watch(now, sink_rate - carried, self._descent_mps)
+        self._still_down += max(0.0, sinks) * (now - self._level_t)
+        self._level_t = now
         max_slip = MAX_SLIP_MPS + PAD_SPEED_ERROR_SHARE * pad_speed
         still = slip < max_slip and roll_pitch_rate < MAX_ROLL_PITCH_RATE
         if not still:

@@ -34,7 +34,25 @@ def test_a_position_that_wanders_is_no_motion() -> None:
         places.append(newest[1][0] - 0.1 * i)
     steps = [abs(b - a) for a, b in pairwise(places)]
     assert max(steps) < 0.005
-    assert abs(places[-1] - told) < 0.2  # it goes along all the same
+    for i in range(500, 4000):
+        made.add(LocalPosition(1.0 + 0.02 * i, (0.1 * i + told, 0.0, 0.0), (5.0, 0.0, 0.0)))
+    newest = made.position.newest
+    assert newest is not None
+    assert newest[1][0] - 0.1 * 3999 == pytest.approx(told, abs=0.02)  # it goes along in the end
+
+
+def test_over_a_gap_it_goes_on_from_where_it_was() -> None:
+    # What the velocity has carried it off by is no jump of the pad.
+    made = PoseHistory(AT_ORIGIN)
+    for i in range(1000):
+        made.add(LocalPosition(1.0 + 0.02 * i, (0.0, 0.0, 0.0), (0.1, 0.0, 0.0)))
+    last = made.position.newest
+    assert last is not None
+    assert last[1][0] > 1.0
+    made.add(LocalPosition(last[0] + 0.5, (0.03, 0.0, 0.0), (0.1, 0.0, 0.0)))
+    newest = made.position.newest
+    assert newest is not None
+    assert newest[1][0] - last[1][0] == pytest.approx(0.03)
 
 
 def test_after_a_gap_the_position_is_taken_as_it_is() -> None:

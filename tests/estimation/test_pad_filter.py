@@ -527,6 +527,25 @@ def test_a_short_step_of_the_telemetry_does_not_blind() -> None:
     assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.05
 
 
+@pytest.mark.parametrize("brake", [(2.0, 0.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_a_pad_that_begins_to_brake_is_followed_although_it_was_steady_for_long(
+    brake: Vec3,
+) -> None:
+    # Its sightings were taken for steps of the telemetry, and its velocity for what it had been.
+    noise = random.Random(6)
+    pad_filter, refused = quiet(count=300), 0
+    for t in times(30, 300 / RATE):
+        s = t - 300 / RATE
+        error = (noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005))
+        seen = add(add(PAD, scale(brake, 0.5 * s * s)), error)
+        refused += not pad_filter.update([sighting(t, seen, covariance=CLOSE, range_m=5.0)])
+        found = estimate(pad_filter, t)
+        if s > 0.5:
+            assert norm(sub(found.velocity, scale(brake, s))) < 0.4
+    assert refused <= 1
+    assert norm(sub(found.position, seen)) < 0.08
+
+
 def test_a_step_of_the_position_moves_the_pad_and_forgets_nothing_else() -> None:
     pad_filter = quiet()
     moved = add(PAD, (0.0, 0.3, 0.0))

@@ -82,9 +82,18 @@ def test_after_a_pause_set_points_begin_at_the_vehicles_velocity(
 def test_to_stand_level_ends_the_velocity_that_was_flown() -> None:
     orders = begun()
     orders.go_on_from((3.0, 0.0, 0.5))
-    orders.stand_level(0.7)
+    orders.stand_level(0.7, (0.0, 0.0, 0.0))
     assert orders.commands == [PressDown(0.7)]
     assert orders.velocity == (0.0, 0.0, 0.0)
+
+
+def test_what_stood_level_on_a_pad_that_moves_goes_on_with_it() -> None:
+    # From rest it would be two seconds late, and tip over.
+    orders = begun()
+    orders.stand_level(0.7, (5.0, 1.0, 0.2))
+    orders.fly((5.0, 1.0, 0.3), 0.0, may_descend=True)
+    assert orders.velocity[:2] == (5.0, 1.0)
+    assert 0.0 < orders.velocity[2] < 0.1
 
 
 def test_what_waits_for_the_switch_is_told_again_as_a_line_may_be_lost() -> None:

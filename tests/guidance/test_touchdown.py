@@ -55,6 +55,29 @@ def test_sinking_as_ordered_is_no_contact() -> None:
     assert Descent().go_on(3.0) is None
 
 
+def test_a_vehicle_that_is_slow_to_answer_a_quicker_order_has_not_touched() -> None:
+    descent = Descent()
+    assert descent.go_on(1.0, sink_rate=0.1, ordered=0.1) is None
+    for i in range(16):  # 1 m/s^2 of the order, answered 0.4 s late
+        assert descent.go_on(DT, sink_rate=0.1, ordered=0.1 + i * DT) is None
+    assert descent.go_on(2.0, sink_rate=0.4, ordered=0.5) is None
+
+
+def test_on_a_deck_whose_heave_is_badly_known_less_is_contact() -> None:
+    # It stands; the deck is believed to come up by 0.1 m/s more than it does.
+    touchdown = make_touchdown()
+    touchdown.begin(0.0)
+    for i in range(50):
+        touchdown.watch(i * DT, 0.1, 0.3 + 0.1, unsure=0.1)
+    assert touchdown.step(50 * DT, 0.05, 0.0, Landed.IN_AIR) is Event.CONTACT
+    # In the air nothing makes contact of what sinks as ordered.
+    descent = Descent()
+    for _ in range(80):
+        descent.t += DT
+        descent.touchdown.watch(descent.t, 0.28, 0.3, unsure=0.5)
+        assert descent.touchdown.step(descent.t, 0.05, 0.0, Landed.IN_AIR) is None
+
+
 def test_much_slower_than_ordered_for_a_fifth_of_a_second_is_contact() -> None:
     descent = Descent()
     descent.go_on(0.6)
@@ -163,6 +186,7 @@ class Standing:
         slip: float = 0.0,
         roll_pitch_rate: float = 0.0,
         pad_speed: float = 0.0,
+        heave: tuple[float, float] = (0.0, 0.0),
         landed: Landed = Landed.IN_AIR,
     ) -> list[bool]:
         """Return for each step of this time whether it is to stand level."""
@@ -172,7 +196,7 @@ class Standing:
             self.down += sinks * DT
             due.append(
                 self.touchdown.level_due(
-                    self.t, self.down, sink_rate, slip, roll_pitch_rate, pad_speed, landed
+                    self.t, self.down, sink_rate, slip, roll_pitch_rate, pad_speed, heave, landed
                 )
             )
         return due
@@ -211,6 +235,21 @@ def test_how_badly_a_fast_pads_speed_is_known_does_not_count_as_slip() -> None:
     assert not any(Standing().level(1.5, slip=0.45, pad_speed=5.0))
 
 
+def test_on_a_deck_that_sinks_it_stands_level_as_on_any_other() -> None:
+    standing = Standing()
+    assert standing.level(1.5, sinks=0.3, sink_rate=0.3, heave=(0.3, 0.03))[-1]
+    # Over a still one it flies.
+    assert not any(Standing().level(4.0, sinks=0.3, sink_rate=0.3, heave=(0.0, 0.03)))
+
+
+def test_level_it_is_carried_by_a_deck_that_nobody_looks_at_any_more() -> None:
+    # It heaves at 0.3 m/s. Without thrust what is in the air falls.
+    standing = Standing()
+    assert standing.level(1.5, sinks=-0.2, sink_rate=-0.2, heave=(-0.2, 0.03))[-1]
+    assert all(standing.level(1.0, sinks=0.35, sink_rate=0.35, heave=(0.0, 0.3)))
+    assert not any(standing.level(0.5, sinks=1.0, sink_rate=1.0, heave=(0.0, 0.3)))
+
+
 def test_it_is_levelled_once_it_has_stood_still_for_a_moment() -> None:
     standing = Standing()
     standing.level(1.2, slip=0.5)
@@ -222,7 +261,7 @@ def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time(
     touchdown = make_touchdown()
     touchdown.begin(0.0)
     due = [
-        touchdown.level_due(5.0 + i * DT, 0.0, 0.0, 0.0, 0.0, 0.0, Landed.IN_AIR)
+        touchdown.level_due(5.0 + i * DT, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
         for i in range(200)
     ]
     assert not any(due)

@@ -124,8 +124,9 @@ class Evidence:
             self.latched = True
         if self.armed and self.guided and not (armed and guided):
             self.authority_lost_t = t
-        if self.armed and not armed:
-            # The next flight is judged afresh.
+        if armed and not self.armed:
+            # The next flight is judged afresh; an order on its way when the motors stopped is not
+            # of it.
             self.touched, self.levelled, self.on_ground_t = False, False, None
         self.armed, self.guided, self._beat_t = armed, guided, t
 

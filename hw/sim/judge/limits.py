@@ -17,7 +17,7 @@ class SetpointLimits:
     """Judges set-points one after another.
 
     Attributes:
-        last_t: when the last order came, s; None: none yet.
+        last_t: when the last set-point came, s; None: none yet, or levelled since.
     """
 
     def __init__(self, bounds: RuleBounds, broken: Callable[[float, str], None]) -> None:
@@ -41,10 +41,13 @@ class SetpointLimits:
             self._check_change(t, t - self.last_t, velocity, waves_off=waves_off)
         self.last_t, self._velocity = t, velocity
 
-    def levelled(self, t: float) -> None:
-        """Take note of an order to stand level, in place of a set-point."""
-        self.last_t, self._velocity = t, (0.0, 0.0, 0.0)
-        self._acceleration, self._stopped = None, (True, True)
+    def levelled(self) -> None:
+        """Take note of an order to stand level, in place of a set-point.
+
+        The autopilot takes velocities up afresh after it, from the one that it has: the next
+        set-point is a first one. On a pad that moves it must go with that at once (rule 4).
+        """
+        self.last_t = None
 
     def _check_size(self, t: float, velocity: Vec3, yaw_rate: float) -> None:
         b = self._b

@@ -158,7 +158,7 @@ class Rules:
             if is_broken(evidence, order, self._b):
                 self._break(order.t, text)
         if order.level:
-            self._limits.levelled(order.t)
+            self._limits.levelled()
         else:
             waves_off = evidence.waves_off(order)
             self._limits.check(order.t, order.velocity, order.yaw_rate, waves_off=waves_off)

@@ -34,6 +34,7 @@ REFERENCE_KG = 3.0  # of the measured model
 
 _LEVEL = (0.0, 0.0)
 _NO_FEET = (False, False, False, False)
+_LEANS_AGAIN = 1e-3  # of what it leans less after a level attitude: below this it is over
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +133,7 @@ class Vehicle:
         self._yaw_rate_order = 0.0
         self._level = self._landing = False
         self._tilt_limited = False  # the tilt is at ANGLE_MAX
+        self._levelled = 0.0  # by how much less it leans than it would, after a level attitude
         self._integral = 0.0  # vertical: takes the thrust away on the ground, m/s^2
         self._airborne = True  # has been well clear of any surface since the last touchdown
         # Roll and pitch are the ordered tilt plus the error that feet and free fall make.
@@ -283,10 +285,20 @@ class Vehicle:
         if self._tilt_limited:
             push_n *= self._acceleration_max / push
             push_e *= self._acceleration_max / push
-        self._tilt = self._tilt_for(push_n, push_e)
-        return push_n, push_e
+        tilt = self._tilt_for(push_n, push_e)
+        if self._levelled == 0.0:
+            self._tilt = tilt
+            return push_n, push_e
+        # It leans again as quickly as it has levelled out, and no faster.
+        leans = 1.0 - self._levelled
+        self._levelled *= 1.0 - STEP_S / self._LEVELLING_S
+        if self._levelled < _LEANS_AGAIN:
+            self._levelled = 0.0
+        self._tilt = (leans * tilt[0], leans * tilt[1])
+        return self._push_of_attitude()
 
     def _level_out(self, vn: float, ve: float) -> None:
+        self._levelled = 1.0
         self._horizontal.settle(vn, ve)
         self._wind_n, self._wind_e = WindResponse(0.0), WindResponse(0.0)
         roll, pitch = self._tilt

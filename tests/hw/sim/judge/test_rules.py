@@ -15,6 +15,7 @@ from tests.hw.sim.judge.bounds import BOUNDS
 from tests.hw.sim.judge.court import (
     ATTITUDE,
     CLIMB,
+    DT,
     HEARTBEAT,
     LOITER,
     LOW,
@@ -548,6 +549,16 @@ def test_4_it_stands_level_only_when_it_does_not_slide(slip_mps: float, broken: 
     court.level(0.1)
     rule = "4: level and without thrust while it slides"
     assert court.broken == ([rule] if broken else [])
+
+
+def test_an_order_on_its_way_when_the_motors_stop_is_no_touch_down() -> None:
+    # The last picture with a marker in it is old by then.
+    court = Court()
+    court.sees = False
+    lands(court)
+    court.armed = False
+    court.level(DT)
+    assert court.broken == []
 
 
 def lands(c: Court, *, says: bool = True, disarms_after_s: float = 0.2, feet: int = 4) -> None:

@@ -128,3 +128,21 @@ def test_falls_without_motors() -> None:
     w.advance(2.0)
     assert height + w.vehicle.position[2] == pytest.approx(0.5 * 9.80665, rel=0.02)
     assert w.battery.power_w == 0.0
+
+
+def test_after_a_level_attitude_it_leans_no_faster_than_an_airframe_turns() -> None:
+    # To hold 8 m/s of wind it leans by 20 degrees; at once, feet on a pad would throw it up.
+    w = world(wind={"speed_mps": 8.0})
+    w.advance(1.0)
+    before = tilt_deg(w)
+    w.vehicle.order((0.0, 0.0, 0.3), 0.0, level=True)
+    w.advance(1.5)
+    w.vehicle.order((0.0, 0.0, 0.3), 0.0)
+    tilt, fastest = tilt_deg(w), 0.0
+    while w.t < 3.0:
+        w.advance(w.t + STEP_S)
+        now = tilt_deg(w)
+        tilt, fastest = now, max(fastest, abs(now - tilt) / STEP_S)
+    assert before > 10.0
+    assert fastest < 600.0  # deg/s; a multicopter turns so fast
+    assert tilt > 0.7 * before

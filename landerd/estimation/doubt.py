@@ -1,0 +1,74 @@
+"""Sightings in a row that are farther off than noise explains, and what their trend says.
+
+A step of the telemetry's time or position shows a pad that is elsewhere at once and stays there. A
+pad that brakes, or whose deck begins to heave, moves on from where it should be (a change of the
+process noise, found in the innovations: Bar-Shalom, Li and Kirubarajan 2001, 11.2).
+"""
+
+import math
+
+from landerd.estimation.motion_filter import ZERO, Innovation
+from landerd.geometry import Mat3, Vec3, dot, inverse, norm, rotate, scale, sub
+
+TREND_SIGHTINGS = 3  # in a row at least tell a trend: two may be outliers
+
+
+class Doubt:
+    """Looks at every innovation; doubt begins with an unlikely one and ends with a likely one.
+
+    Attributes:
+        lasts_s: for how long every sighting was farther off than noise explains, s.
+        off_m: how far off the newest of these was, m; 0: it was none of them.
+    """
+
+    def __init__(self) -> None:
+        self.end(math.inf)
+
+    def end(self, t: float) -> None:
+        """Begin without doubt at time t, s; infinity: no sighting was likely yet."""
+        self.lasts_s = self.off_m = 0.0
+        self._likely_t = t
+        self._count = 0
+        self._is_near = False
+        self._first_t = t
+        self._first = self._last = self._newest = ZERO  # innovations, m
+
+    def look(self, t: float, innovation: Innovation, *, likely: bool, near: bool) -> None:
+        """Take the innovation of a sighting.
+
+        Args:
+            t: of the exposure, s.
+            innovation: of the position.
+            likely: noise explains it.
+            near: noise, or a short step of the telemetry.
+        """
+        if likely:
+            self.end(t)
+            return
+        if self._count == 0:
+            self._first_t, self._first, self._is_near = t, innovation.vector, near
+        self._likely_t = min(self._likely_t, t)
+        self._count += 1
+        self._last, self._newest = self._newest, innovation.vector
+        self.lasts_s, self.off_m = t - self._likely_t, norm(innovation.vector)
+
+    def trend(self, t: float, noise: Mat3, limit: float) -> Vec3 | None:
+        """Return how fast what is seen moves on from where it should be, m/s; None: it does not.
+
+        Called after `look`. It began near, else it is another pad; and goes on by more than noise
+        explains, else it is a step.
+
+        Args:
+            t: of the newest sighting, s.
+            noise: covariance of a sighting against what was expected, m^2.
+            limit: on the normalised square of what is no noise.
+        """
+        if self._count < TREND_SIGHTINGS or not self._is_near:
+            return None
+        moved = sub(self._newest, self._first)
+        goes_on = dot(sub(self._newest, self._last), moved) > 0.0
+        if not goes_on or dot(moved, self._first) <= 0.0:
+            return None
+        # Both ends are as noisy.
+        is_noise = dot(moved, rotate(inverse(noise), moved)) <= 2.0 * limit
+        return None if is_noise else scale(moved, 1.0 / (t - self._first_t))
