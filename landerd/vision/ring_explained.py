@@ -46,6 +46,8 @@ _MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (2.0, 1.0)
 # toe of an S-shaped one: where white is far below full scale, grey follows light's square.
 _PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06
 _MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
+# Of small ones a shift as large as that of another ratio's edges says nothing: of the radius.
+_SMALL_PX, _MIN_SMALL_SHIFT = 6.5, -0.015
 _CLIPPED = 240.0  # grey level of the white
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 _SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
@@ -172,6 +174,8 @@ def _is_clipped(e: EdgeFit) -> bool:
 
 def _min_shift_px(e: EdgeFit) -> float:
     """Return how far the toe of a tone curve may have moved the edges into the white: below 0."""
+    if e.radius_px * e.cos_tilt < _SMALL_PX:
+        return _MIN_SMALL_SHIFT * e.radius_px
     blurs = _MIN_CLIPPED_SHIFT_BLURS if _is_clipped(e) else _MIN_SHIFT_BLURS
     return _MIN_SHIFT_PX - blurs * e.blur_px
 

@@ -46,13 +46,13 @@ def test_a_gentle_flight_does_not_tell_more_than_was_flown() -> None:
 
 
 def test_a_real_log_has_a_stretch_under_orders_of_its_own() -> None:
-    (stretch,) = stretches(read_log(GOLDEN / "gate-closed.mcap"))
+    (stretch,) = stretches(read_log(GOLDEN / "moving-pad.mcap"))
     assert stretch.orders_t[-1] - stretch.orders_t[0] > 4.0
     assert len(stretch.flown) > 100
 
 
 def test_a_flight_that_goes_nowhere_is_told_to_tell_nothing() -> None:
-    hovers = read_log(GOLDEN / "gate-closed.mcap")
+    hovers = read_log(GOLDEN / "moving-pad.mcap")
     for step in hovers.steps:
         if isinstance(step.message, LocalPosition):
             step.message = replace(step.message, velocity=(0.0, 0.0, 0.0))
