@@ -131,7 +131,7 @@ def test_a_flight_tells_the_vehicle_and_the_file_can_be_flown_with(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("cmaes")
-    golden = Path(__file__).parents[1] / "golden" / "gate-closed.mcap"
+    golden = Path(__file__).parents[1] / "golden" / "moving-pad.mcap"
     out = tmp_path / "vehicle.yaml"
     assert main(["tune", "--from", str(golden), "-o", str(out)]) == 0
     assert "m/s left unexplained" in capsys.readouterr().out
