@@ -17,13 +17,14 @@ from landerd.vision.plate_check import PlateCheck
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
+from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import MIN_SIDE_PX, FoundSquare, Image, SquareFinder, printed_cells
 from landerd.vision.square_beside import SquareBeside
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
-from landerd.vision.whycon import Refusal, find_rings, track_ring
+from landerd.vision.whycon import find_rings, track_ring
 from landerd.vision.window import Window
 
 

@@ -13,11 +13,11 @@ from landerd.vision import search_policy as policy
 from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
 from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_2d, rotation_from
+from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_pose import square_points
-from landerd.vision.whycon import Refusal
 from landerd.vision.window import Window
 
 _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer

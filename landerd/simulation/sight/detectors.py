@@ -26,6 +26,7 @@ from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rota
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_fit import RingFit, frontal_inflation
 from landerd.vision.ring_pose import tangents
+from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import MAX_TILT_COS, TRACKED_BAND_PX
 from landerd.vision.ring_work import RingWork
@@ -34,7 +35,6 @@ from landerd.vision.square_fit import AMBIGUITY_CHI2
 from landerd.vision.square_pose import corner_information, planar_poses, square_points
 from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode, mirrored_pose
-from landerd.vision.whycon import Refusal
 from landerd.vision.window import Window
 
 _FAR_PAD = 0.001  # share of a picture

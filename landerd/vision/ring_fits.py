@@ -1,0 +1,65 @@
+"""Which fits are of a ring in an image: to its grey levels, behind a response, or to its edges."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.pad import Ring
+from landerd.vision.ring_explained import explained, has_rings_within, is_toned
+from landerd.vision.ring_fit import RingFit
+from landerd.vision.ring_response import CameraResponse
+from landerd.vision.ring_stages import (
+    is_dark_in_white,
+    is_poor,
+    is_ring,
+    may_be_behind,
+    response_fits,
+)
+
+U8 = NDArray[np.uint8]
+
+
+def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
+    if not is_ring(fit, ring, camera):
+        return False
+    # Motion explains much, a target of several rings too.
+    is_doubtful = fit.response is None and (is_poor(fit) or bool(np.any(fit.motion_px)))
+    return not (is_doubtful and has_rings_within(image, camera, ring, fit))
+
+
+def explained_fits(
+    image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]
+) -> list[RingFit]:
+    """Return the fits of what may be a ring, others where a curve or foreign things hide it.
+
+    Empty, if it is none.
+    """
+    fit = fits[0]
+    is_told = is_ring(fit, ring, camera)
+    if (is_told and not is_toned(fit, ring)) or not (is_told or is_dark_in_white(fit)):
+        return fits if is_told else []
+    behind_response = fits_behind_response(image, camera, ring, fit)
+    if behind_response:
+        return behind_response
+    by_edges = explained(image, camera, ring, fits)
+    if by_edges is not None:
+        return by_edges.fits
+    return fits if is_told else []
+
+
+def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
+    """Return the fits behind a response that explain what a plain fit does not; empty: none."""
+    if fit.response is not None or not may_be_behind(fit):
+        return []
+    fits = response_fits(image, camera, ring, fit)
+    is_ours = fits and is_ring(fits[0], ring, camera) and not is_toned(fits[0], ring)
+    return fits if is_ours else []
+
+
+def remember(response: CameraResponse, fit: RingFit) -> None:
+    """Remember the curve of a fit that could show one."""
+    if fit.stage == "edges":
+        response.learn_edges()
+    elif not np.any(fit.motion_px):
+        response.learn(fit.response, fit.response_chi2)

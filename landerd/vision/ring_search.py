@@ -1,0 +1,294 @@
+"""The search of one image for a pad's ring: what is clear first, what is hidden last."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.geometry import Vec3
+from landerd.messages import MarkerSighting
+from landerd.pad import Ring
+from landerd.vision.pyramid import Level
+from landerd.vision.ring_explained import Explained, edge_fits, explained
+from landerd.vision.ring_fit import RingFit
+from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
+from landerd.vision.ring_pose import F64, cone_through, poses_of_cone
+from landerd.vision.ring_response import CameraResponse
+from landerd.vision.ring_segment import Candidate, Segmentation, ring_candidates
+from landerd.vision.ring_sighting import ring_sighting
+from landerd.vision.ring_stages import (
+    full_fits,
+    hard_fits,
+    is_dark_in_white,
+    is_poor,
+    may_be_behind,
+    may_have_edges,
+    rough_fit,
+)
+from landerd.vision.ring_work import (
+    EDGE_COST,
+    FULL_COST,
+    HARD_COST,
+    RESPONSE_COST,
+    ROUGH_COST,
+    Place,
+    RingWork,
+)
+
+U8 = NDArray[np.uint8]
+Refusal = Callable[[MarkerSighting], bool]
+
+# Share of the spokes from which an outline is fitted before all levels are searched: plain rings
+# gave 1.0, and 0.1 of the outlines in a photograph of the ground.
+_CLEAR_SHARE = 0.9
+_CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows it better
+# Share from which shadow and motion are tried at once, not in the next image: four of ten of the
+# doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
+_HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
+_EDGE_SHARE = 0.5  # from which edges are looked at
+
+
+@dataclass(frozen=True)
+class _Try:
+    """A candidate that is worth a fit."""
+
+    level: Level
+    candidate: Candidate
+    place: Place
+
+
+@dataclass(frozen=True)
+class _Doubtful:
+    """Fits that may be those of a ring behind a response, in shadow or motion."""
+
+    place: Place
+    share: float  # of the candidate's spokes
+    fits: list[RingFit]
+    is_linear: bool = False  # no response explains it
+
+
+class RingSearch:
+    """The search of one image: what was found, what is left to try and what was doubtful."""
+
+    def __init__(
+        self,
+        image: U8,
+        ring: Ring,
+        camera: CameraModel,
+        down: Vec3 | None,
+        work: RingWork,
+        response: CameraResponse,
+        refuses: Refusal | None,
+    ) -> None:
+        self._image, self._ring, self._camera, self._down = image, ring, camera, down
+        self._work, self._response, self._refuses = work, response, refuses
+        self._later: list[_Try] = []
+        self._doubtful: list[_Doubtful] = []
+        self._level_found: Level | None = None
+        self._has_tried_hidden = False
+        self.found: list[MarkerSighting] = []
+
+    def nearest_first(self) -> list[MarkerSighting]:
+        """Return what was found."""
+        return sorted(self.found, key=lambda s: s.solutions[0].position[2])
+
+    def find_clear(self, level: Level, segment: Segmentation) -> bool:
+        """Fit what is clearly bright, dark and bright in a level; the rest is left for later."""
+        ratio = self._ring.inner_ratio
+        for candidate in ring_candidates(level.image, ratio, segment, level.largest_px):
+            one = _Try(level, candidate, _place(level, candidate))
+            is_clear = candidate.share >= _CLEAR_SHARE and (
+                level.reduction <= 1.0 or one.place.size_px >= _CLEAR_PX * level.reduction
+            )
+            if is_clear and not self._is_known(one.place):
+                self._try(one)
+            else:
+                self._later.append(one)
+        return bool(self.found)
+
+    def find_doubtful(self) -> None:
+        """Fit what was left, the likeliest first, until a level shows a ring or work is over."""
+        later = sorted(self._later, key=lambda t: (-t.candidate.share, -t.candidate.score))
+        again = []
+        for one in later:
+            if self._work.is_done(one.place):
+                continue
+            if self._is_known(one.place):
+                again.append(one)
+            elif not self._try_of_level(one):
+                return
+        for one in again:
+            if not self._try_of_level(one):
+                return
+
+    def find_hard(self) -> None:
+        """Fit the best doubtful with a response and to edges, then with shadow and motion."""
+        unclear = self._find_toned()
+        if not self.found:
+            self._find_shaded_or_moving()
+        if unclear is not None and not self.found:
+            self._report(unclear.fits)
+        for one in self._doubtful:
+            is_over = self._work.is_unexplained(one.place) or not _may_be_toned(one)
+            if is_over and one.share < _CONTINUED_HARD_SHARE:
+                self._work.refuse(one.place)
+
+    def _find_toned(self) -> Explained | None:
+        """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
+        unclear = None
+        best_first = sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
+        for one in filter(_may_be_toned, best_first):
+            if self._work.is_unexplained(one.place):
+                continue
+            fits = [] if one.is_linear else self._behind_response(one.fits[0])
+            if not fits:
+                if not self._work.affords(EDGE_COST):
+                    break
+                by_edges = explained(self._image, self._camera, self._ring, one.fits)
+                self._work.leave_unexplained(one.place)
+                unclear = unclear or by_edges
+                fits = by_edges.fits if by_edges is not None and by_edges.is_toned else []
+            if fits and self._report(fits):
+                return None
+        return unclear
+
+    def _behind_response(self, fit: RingFit) -> list[RingFit]:
+        """Return the fits behind a response, where that is worth its cost; empty: none."""
+        is_worth = fit.response is None and may_be_behind(fit)
+        if not is_worth or not self._work.affords(RESPONSE_COST):
+            return []
+        return fits_behind_response(self._image, self._camera, self._ring, fit)
+
+    def _report(self, fits: list[RingFit], level: Level | None = None) -> bool:
+        """Take a ring, seen in a level, for found unless it is another's; tell whether it was."""
+        sighting = ring_sighting(fits, self._ring, self._camera, self._down)
+        if self._refuses is not None and self._refuses(sighting):
+            return False
+        remember(self._response, fits[0])
+        self.found.append(sighting)
+        self._level_found = level or self._level_found
+        return True
+
+    def _find_shaded_or_moving(self) -> None:
+        """Fit the best doubtful one with shadow and motion, now or in the next image."""
+        hard = self._hard_now()
+        if not hard or not self._work.affords(HARD_COST):
+            if any(d.share >= _CONTINUED_HARD_SHARE for d in self._doubtful):
+                self._work.cut()
+            return
+        best = min(hard, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
+        fits = hard_fits(self._image, self._camera, self._ring, best.fits)
+        if is_ours(self._image, self._camera, self._ring, fits[0]) and self._report(fits):
+            return
+        self._work.refuse(best.place)
+        if not all(d.place.is_same(best.place) for d in self._doubtful):
+            self._work.cut()
+
+    def _hard_now(self) -> list[_Doubtful]:
+        """Return the doubtful ones that may be tried with shadow and motion in this image."""
+        least = _CONTINUED_HARD_SHARE if self._work.is_continued else _HARD_SHARE
+        return [d for d in self._doubtful if d.share >= least and is_poor(d.fits[0])]
+
+    def _is_known(self, place: Place) -> bool:
+        """Tell whether a place was tried and showed no ring by a plain fit."""
+        return self._work.is_refused(place) or any(d.place.is_same(place) for d in self._doubtful)
+
+    def _try_of_level(self, one: _Try) -> bool:
+        """Fit a candidate if none was found in another level; False: there is no work left."""
+        is_wanted = self._level_found is None or self._level_found is one.level
+        return self._try(one) if is_wanted else True
+
+    def _reserve(self) -> int:
+        """Return what is kept to explain the best of what was doubtful, if that is still left."""
+        toned = [
+            d for d in self._doubtful if _may_be_toned(d) and not self._work.is_unexplained(d.place)
+        ]
+        cost = EDGE_COST * bool(toned) + HARD_COST * bool(self._hard_now())
+        cost += RESPONSE_COST * any(not d.is_linear for d in toned)
+        return cost if self._work.has(cost) else 0
+
+    def _try(self, one: _Try) -> bool:
+        """Fit a candidate; False: there is no work left for it."""
+        if one.candidate.is_bloomed:
+            return self._try_edges(one)
+        reserve = self._reserve()
+        if not self._work.affords_search(ROUGH_COST, reserve):
+            return False
+        rough = rough_fit(one.level, one.candidate, self._ring)
+        is_clear = one.candidate.share >= _CLEAR_SHARE
+        if rough is None and is_clear:
+            return self._try_edges(one)
+        if rough is None or any(_covers(s, self._camera, rough.position) for s in self.found):
+            self._work.refuse(one.place)
+            return True
+        if not self._work.affords_search(FULL_COST, reserve):
+            return False
+        reduction = self._camera.fx / one.level.camera.fx
+        response = self._response.response
+        fits = full_fits(self._image, self._camera, self._ring, rough, reduction, response)
+        if fits and is_ours(self._image, self._camera, self._ring, fits[0]):
+            fits = explained_fits(self._image, self._camera, self._ring, fits)
+            return self._reported(one, fits)
+        if fits and is_dark_in_white(fits[0]):
+            is_first = is_clear and not self._has_tried_hidden
+            hidden = self._clearly_hidden(one.place, fits) if is_first else []
+            if hidden:
+                return self._reported(one, hidden)
+            is_linear = is_first and not self._response.pictures_by_edges
+            self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits, is_linear))
+        elif is_clear:
+            return self._try_edges(one)
+        else:
+            self._work.refuse(one.place)
+        return True
+
+    def _reported(self, one: _Try, fits: list[RingFit]) -> bool:
+        """Report what is the ring of a candidate, if it is one; always True."""
+        if not fits or not self._report(fits, one.level):
+            self._work.refuse(one.place)
+        return True
+
+    def _try_edges(self, one: _Try) -> bool:
+        """Fit nothing but the edges of a candidate; False: there is no work left for it."""
+        if not self._work.affords(EDGE_COST):
+            return False
+        cone = cone_through(one.level.camera.rays(one.candidate.outline.points()))
+        starts = None if cone is None else poses_of_cone(cone, self._ring.radius_m)
+        fits = edge_fits(self._image, self._camera, self._ring, starts or [])
+        return self._reported(one, fits)
+
+    def _clearly_hidden(self, place: Place, fits: list[RingFit]) -> list[RingFit]:
+        """Return the fits of the first that is clearly bright, dark and bright; empty: no ring."""
+        self._has_tried_hidden = True
+        if not self._response.pictures_by_edges:
+            return self._behind_response(fits[0])
+        if not self._work.affords(EDGE_COST):
+            return []
+        by_edges = explained(self._image, self._camera, self._ring, fits)
+        if by_edges is None:
+            self._work.leave_unexplained(place)
+        return [] if by_edges is None else by_edges.fits
+
+
+def _place(level: Level, candidate: Candidate) -> Place:
+    """Return where in the whole image a candidate of a level is."""
+    outline = candidate.outline
+    k = level.reduction
+    size = 2.0 * k * math.sqrt(abs(float(np.linalg.det(outline.axes))))
+    return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size, k)
+
+
+def _may_be_toned(one: _Doubtful) -> bool:
+    """Tell whether a response or edges may explain what a plain fit does not."""
+    return one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
+
+
+def _covers(sighting: MarkerSighting, camera: CameraModel, position: F64) -> bool:
+    """Tell whether a centre lies inside a ring already found."""
+    polygon = np.array(sighting.outline_px, dtype=np.float32)
+    x, y = camera.pixels(position[None])[0]
+    return cv2.pointPolygonTest(polygon, (float(x), float(y)), False) >= 0
