@@ -130,6 +130,11 @@ class LandingContext:
         surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
         self._fastest_heave = max(self._fastest_heave, surely) if self.low else 0.0
 
+    @property
+    def heaves(self) -> bool:
+        """Whether the pad was surely seen to heave, low over it."""
+        return self._fastest_heave > 0.0
+
     def ride(self, step: ControlStep) -> None:
         """Go with the pad, which drives on and turns as it did when it was seen last.
 

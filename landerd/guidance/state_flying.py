@@ -63,9 +63,9 @@ class Tracking:
         event = self._event(step, sight)
         if event is not None:
             return event
-        relative, phases = sight.relative, self._phases
-        o = self._context.options
-        hold_m = o.hold.height_m if self._context.hold_asked else 0.0
+        relative, phases, context = sight.relative, self._phases, self._context
+        o = context.options
+        hold_m = o.hold.height_m if context.hold_asked else 0.0
         floor_m = max(phases.floor_m, hold_m)
         velocity, yaw_rate = self._method.step(phases.phase, relative, floor_m, step.dt)
         if phases.goes_around:
@@ -77,18 +77,20 @@ class Tracking:
         safe = safe_sink_rate(
             relative.height,
             -relative.error_rate[2],
-            self._context.guided_timeout_s,
+            context.guided_timeout_s,
             o.limits.vertical_acceleration_mps2,
         )
         north, east, down = velocity
-        # For want of knowing the deck it waits, and does not climb.
-        fastest = max(relative.sure_heave + safe, min(0.0, relative.pad_velocity[2]))
-        velocity = (north, east, min(down, fastest))
+        # For want of knowing a deck that heaves it waits, and does not climb. A pad that was never
+        # seen to heave stands: what is not known of its velocity is sight's.
+        comes_up = min(0.0, relative.pad_velocity[2])
+        least = comes_up if context.heaves else comes_up + safe
+        velocity = (north, east, min(down, max(relative.sure_heave + safe, least)))
         if not phases.may_descend(relative):
             self._outside_t = step.now
         is_inside = step.now - self._outside_t >= SETTLED_S
         may_descend = is_inside and relative.height > floor_m
-        self._context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
+        context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
 
     def _event(self, step: ControlStep, sight: Sight) -> Event | None:
