@@ -5,7 +5,7 @@ a ring of the right ratio that is somebody else's. But where the pad has a squar
 round it, which is seen long before the square can be read. No heading need be known: a ring is
 refused if there is none under which most of that white is there. In patchy light, or where the
 ring's own margin is too narrow to be seen as white, what is there must at least stand out from the
-ground behind it. On ground nearly as bright as white this says nothing.
+ground behind it; on ground as bright as white there must at least be a print.
 """
 
 import math
@@ -44,7 +44,10 @@ _STANDS_OUT_EVEN, _STANDS_OUT = 0.5, 0.38
 _STANDS_OUT_TIMES, _LEAST_STEP = 2.0, 5.0
 _HIDDEN_SHARE = 0.3  # of the plate's white, by leaves or dirt, or because it is another's corner
 _MOST_HEADINGS = 0.75  # of those under which the plate could lie
-_BRIGHT_SHARE = 0.85  # of the way from black: of ground that is as bright as white
+_BRIGHT_SHARE = 0.75  # of the way from black: of ground that is as bright as white
+_PRINT_SHARE = (
+    0.3  # of the contrast: by so much less bright a marker's print is; half of it is black
+)
 _BEHIND = (0.3, 0.45, 0.6)  # times the ring's radius, the plate's edge
 _FAR_BESIDE = 1.7  # times the ring's radius: beyond the corners of another ring's own plate
 
@@ -59,6 +62,7 @@ class PlateCheck:
         self._camera = camera
         self._white = {ring: _white_beside(layout, ring) for ring in layout.rings}
         self._ground = {ring: _ground_behind(layout, ring) for ring in layout.rings}
+        self._prints = {ring: _prints_beside(layout, ring) for ring in layout.rings}
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
         """Tell whether a ring cannot be the pad's, as what it should have beside it is not white.
@@ -95,7 +99,10 @@ class PlateCheck:
         may_be = _stands_out(plate, behind, brightest, share)
         if (may_be & ~np.isnan(plate - behind)).mean() > _MOST_HEADINGS:  # the middle of a target
             may_be[:] = False
-        may_be |= behind > black + _BRIGHT_SHARE * (brightest - black)
+        # On ground as bright as the plate it is the other markers' print that stands out.
+        printed = _mean(self._turned(image, self._prints[ring], t, axes))
+        is_printed = ~(plate - printed < _PRINT_SHARE * (white - black))
+        may_be = np.where(behind > black + _BRIGHT_SHARE * (white - black), is_printed, may_be)
         if is_even and radius_px > _CLEAR_RADIUS_PX:
             is_white = beside > black + _WHITE_SHARE * (white - black)
             may_be &= _share(is_white, beside) >= _LEAST_WHITE
@@ -154,6 +161,29 @@ def _stands_out(plate: F64, ground: F64, brightest: float, share: float) -> NDAr
     return (is_brighter & (step > _LEAST_STEP)) | np.isnan(step)
 
 
+def _prints_beside(layout: PadLayout, ring: Ring) -> F64:
+    """Return points (n, 2) about a ring's centre, pad axes, on the prints of the other markers."""
+    shares = np.linspace(-0.4, 0.4, 5)
+    grid = np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2)
+    points = [
+        size * grid @ rotation_2d(math.radians(heading)).T + np.array(position)
+        for position, size, heading in _others(layout, ring)
+    ]
+    prints: F64 = np.concatenate([*points, np.empty((0, 2))]) - np.array(ring.position_m)
+    return prints
+
+
+def _others(layout: PadLayout, ring: Ring) -> list[tuple[tuple[float, float], float, float]]:
+    """Return place (m), size (m) and heading (deg) of what else the pad has beside a ring."""
+    return [
+        (m.position_m, m.size_m, m.heading_deg)
+        if isinstance(m, Square)
+        else (m.position_m, m.radius_m, 0.0)
+        for m in layout.markers
+        if isinstance(m, Square | WhyCode) and m.position_m != ring.position_m
+    ]
+
+
 def _ground_behind(layout: PadLayout, ring: Ring) -> F64:
     """Return points (n, 2) about a ring's centre, pad axes, behind the plate's other markers."""
     plate, points = layout.plate, []
@@ -169,11 +199,7 @@ def _ground_behind(layout: PadLayout, ring: Ring) -> F64:
         )
         points.append(grid[is_edge.ravel()])
     p = np.concatenate(points)
-    others = [
-        np.array(m.position_m)
-        for m in layout.markers
-        if isinstance(m, Square | WhyCode) and m.position_m != ring.position_m
-    ]
+    others = [np.array(position) for position, *_ in _others(layout, ring)]
     if not others:
         return np.empty((0, 2))
     own = np.hypot(*(p - np.array(ring.position_m)).T)

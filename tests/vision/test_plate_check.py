@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,7 +11,16 @@ from landerd.config.models import VisionSection
 from landerd.messages import Frame
 from landerd.pad import PadLayout, Plate, Square
 from landerd.vision import Vision
-from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, Shadow, View, look, render
+from tests.vision.scenes import (
+    IDEAL_CAMERA,
+    THESIS_PAD,
+    Optics,
+    Shadow,
+    View,
+    look,
+    outline,
+    render,
+)
 
 RING = THESIS_PAD.rings[0]
 BARE = PadLayout(
@@ -61,6 +71,47 @@ def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
     blurred = Optics(background="grass", blur_px=1.2)
     assert not is_seen(narrow, view(distance, 0.3), blurred)
     assert is_seen(UNREADABLE, view(distance, 0.3), blurred)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_ring_on_bright_ground_without_any_print_beside_it_is_none(seed: int) -> None:
+    """As a tyre in the grass: the ground round it is all the white there is."""
+    rng = np.random.default_rng(seed)
+    at = view(8.0, 0.3)
+    soft = cv2.GaussianBlur(rng.normal(0.0, 60.0, (480, 640)), (0, 0), 4.0)
+    grass = np.clip(140.0 + soft, 0.0, 255.0)
+    edge = outline(at, IDEAL_CAMERA, RING)
+    middle = edge.mean(axis=0)
+    for share, level in ((1.0, 40.0), (RING.inner_ratio, 140.0)):
+        ring = np.rint(middle + share * (edge - middle)).astype(np.int32)
+        cv2.fillPoly(grass, [ring], level)
+    image = cv2.GaussianBlur(grass, (0, 0), 0.7).astype(np.uint8)
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    assert not any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
+
+
+def test_the_pad_is_seen_on_ground_as_bright_as_its_plate() -> None:
+    image = render(view(8.0, 0.3), IDEAL_CAMERA, Optics(), np.random.default_rng(2), UNREADABLE)
+    bright = np.maximum(image, 190 + (image % 5))
+    mask = np.zeros_like(image)
+    plate = THESIS_PAD.plate
+    corners = np.array(
+        [
+            (n, e, 0.0)
+            for n, e in (
+                (plate.north_m, -plate.west_m),
+                (plate.north_m, plate.east_m),
+                (-plate.south_m, plate.east_m),
+                (-plate.south_m, -plate.west_m),
+            )
+        ]
+    )
+    at = view(8.0, 0.3)
+    px = IDEAL_CAMERA.pixels(np.array(at.position) + corners @ at.R_camera_pad.T)
+    cv2.fillPoly(mask, [np.rint(px).astype(np.int32)], 1)
+    shown = np.where(mask == 1, image, bright)
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    assert any(vision.process(Frame(i / 30.0, i, shown)).pad for i in range(4))
 
 
 def test_the_pad_is_seen_behind_a_nearer_ring_that_is_another_s() -> None:
