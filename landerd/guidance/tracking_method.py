@@ -16,6 +16,7 @@ from landerd.config.models import Config, LimitsSection
 from landerd.geometry import Vec3, add, clamp, rot_z, rotate, sub
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.swing import Swing
 from landerd.messages import Phase
 
 # ---- horizontal --------------------------------------------------------------------------------
@@ -27,6 +28,9 @@ MAX_KP_PER_ACCELERATION = 1.0
 # vehicles of 2 m/s^3 overshot a pad by 1 to 2 m from 6 m away, with 2 m by 0.2.
 LINEAR_ERROR_M = 2.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
+# What the gain is lowered to where the vehicle swings for all that, at a time and in all. That is
+# the vehicle's, so it is kept from landing to landing.
+CALMER, LEAST_CALMED = 0.75, 0.35
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 # The integral is for velocities that are wrong by so much, m/s: what is farther off than that
 # explains is still to be closed. Run from 1 m on, it was wound up by the way to the pad, overshot
@@ -59,6 +63,7 @@ class TrackingMethod:
     """Velocity and yaw rate that bring the vehicle onto the pad."""
 
     def __init__(self, config: Config) -> None:
+        self._swing = Swing()
         self.configure(config)
         self.restart()
 
@@ -82,7 +87,7 @@ class TrackingMethod:
             MAX_KP_PER_ACCELERATION * vehicle.acceleration_mps2,
         )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
-        self._integral_range_m = INTEGRATED_MPS * (1.0 / self._kp + self._lead_s)
+        self._calmed = 1.0
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits
@@ -90,6 +95,7 @@ class TrackingMethod:
 
     def restart(self) -> None:
         """Begin a landing."""
+        self._swing.restart()
         self._integral = (0.0, 0.0)
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
         self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
@@ -107,6 +113,7 @@ class TrackingMethod:
         """
         gains = self._gains
         relative = self._smoothed(relative, dt)
+        self._calm(relative, dt)
         north, east = _error_ahead(relative, self._lead_s)
         distance = math.hypot(north, east)
         closing = min(_braking_speed(distance, self._kp, self._brake), gains.approach_mps)
@@ -119,6 +126,14 @@ class TrackingMethod:
             relative.heave + self._sink_rate(relative, floor_m),
         )
         return self._compensated(velocity, relative), self._yaw_rate(relative)
+
+    def _calm(self, relative: RelativeState, dt: float) -> None:
+        """Lower the gains of a vehicle that swings over the pad: it is slower than it was said."""
+        if self._swing.step(relative.error, relative.error_rate, self._kp, dt):
+            step = max(CALMER, LEAST_CALMED / self._calmed)
+            self._calmed *= step
+            self._kp *= step
+            self._ki *= step * step
 
     def _compensated(self, velocity: Vec3, relative: RelativeState) -> Vec3:
         """Return the order that a vehicle slower than it need be answers as one that is not.
@@ -169,7 +184,7 @@ class TrackingMethod:
     def _integrate(self, relative: RelativeState, dt: float) -> None:
         """Let the integral run on an error that stays: not on what closes as it is to."""
         distance = relative.distance
-        if not 0.0 < distance <= self._integral_range_m:
+        if not 0.0 < distance <= INTEGRATED_MPS * (1.0 / self._kp + self._lead_s):
             return
         (e_north, e_east, _), (v_north, v_east, _) = relative.error, relative.error_rate
         closing = -(e_north * v_north + e_east * v_east) / distance
