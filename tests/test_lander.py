@@ -577,7 +577,7 @@ def test_leaning_against_wind_it_comes_down_quicker_once_it_is_committed() -> No
         flight.pitch = pitch
         fastest[pitch] = max(order.velocity[2] for order in flight.run(0.4))
     level, leaning = fastest.values()
-    assert level <= 0.3001
+    assert level <= 0.302  # and what is believed of the heave of a pad that stands
     assert 0.45 < leaning <= 0.64  # on top of what the pad is believed to sink
 
 
