@@ -173,7 +173,7 @@ class PixelDetectors:
         for square in self._prints:
             pose = self._beside[ring, square].find(image, self._camera, sighting.solutions)
             if pose is not None:
-                corners = pose.t + square_points(square.size_m) @ pose.R[:, :2].T
+                corners = pose.points(square_points(square.size_m))
                 found.append(FoundSquare(square, self._camera.pixels(corners), beside=pose))
         return found
 

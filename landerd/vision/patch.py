@@ -57,7 +57,7 @@ def marker_patch(
         is_used: tells which points (north, east; (n,) each, m) of the plane are of interest.
     """
     corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * reach
-    outline = pose.t + corners @ pose.R[:, :2].T
+    outline = pose.points(corners)
     if outline[:, 2].min() < MIN_DEPTH_M:
         return None
     px = camera.pixels(outline)

@@ -45,9 +45,7 @@ _STANDS_OUT_TIMES, _LEAST_STEP = 2.0, 5.0
 _HIDDEN_SHARE = 0.3  # of the plate's white, by leaves or dirt, or because it is another's corner
 _MOST_HEADINGS = 0.75  # of those under which the plate could lie
 _BRIGHT_SHARE = 0.75  # of the way from black: of ground that is as bright as white
-_PRINT_SHARE = (
-    0.3  # of the contrast: by so much less bright a marker's print is; half of it is black
-)
+_PRINT_SHARE = 0.3  # of the contrast: a marker's print, half of it black, is so much less bright
 _BEHIND = (0.3, 0.45, 0.6)  # times the ring's radius, the plate's edge
 _FAR_BESIDE = 1.7  # times the ring's radius: beyond the corners of another ring's own plate
 
@@ -61,6 +59,10 @@ class PlateCheck:
         """Prepare the points that must be white for each ring that has another marker beside it."""
         self._camera = camera
         self._white = {ring: _white_beside(layout, ring) for ring in layout.rings}
+        self._is_far = {
+            ring: np.hypot(*white.T) > _FAR_BESIDE * ring.radius_m
+            for ring, white in self._white.items()
+        }
         self._ground = {ring: _ground_behind(layout, ring) for ring in layout.rings}
         self._prints = {ring: _prints_beside(layout, ring) for ring in layout.rings}
 
@@ -93,16 +95,16 @@ class PlateCheck:
         black, white, brightest, is_even = own
         beside = self._turned(image, self._white[ring], t, axes)
         behind = _mean(self._turned(image, self._ground[ring], t, axes))
-        far = np.hypot(*self._white[ring].T) > _FAR_BESIDE * ring.radius_m
-        plate = _lower(beside[:, far])
+        plate = _lower(beside[:, self._is_far[ring]])
         share = _STANDS_OUT_EVEN if is_even else _STANDS_OUT
         may_be = _stands_out(plate, behind, brightest, share)
         if (may_be & ~np.isnan(plate - behind)).mean() > _MOST_HEADINGS:  # the middle of a target
             may_be[:] = False
-        # On ground as bright as the plate it is the other markers' print that stands out.
-        printed = _mean(self._turned(image, self._prints[ring], t, axes))
-        is_printed = ~(plate - printed < _PRINT_SHARE * (white - black))
-        may_be = np.where(behind > black + _BRIGHT_SHARE * (white - black), is_printed, may_be)
+        is_bright = behind > black + _BRIGHT_SHARE * (white - black)
+        if is_bright.any():  # there it is the other markers' print that stands out
+            printed = _mean(self._turned(image, self._prints[ring], t, axes))
+            is_printed = ~(plate - printed < _PRINT_SHARE * (white - black))
+            may_be = np.where(is_bright, is_printed, may_be)
         if is_even and radius_px > _CLEAR_RADIUS_PX:
             is_white = beside > black + _WHITE_SHARE * (white - black)
             may_be &= _share(is_white, beside) >= _LEAST_WHITE
@@ -134,24 +136,27 @@ class PlateCheck:
 
 def _share(good: NDArray[np.bool_], levels: F64) -> F64:
     """Return the shares (headings,) of points that are good; 1: too few are seen."""
-    seen = ~np.isnan(levels)
-    shares: F64 = np.where(seen.mean(axis=1) < _LEAST_SEEN, 1.0, good.mean(axis=1))
+    shares: F64 = np.where(_is_seen(levels), good.mean(axis=1), 1.0)
     return shares
+
+
+def _is_seen(levels: F64) -> NDArray[np.bool_]:
+    """Tell for which headings enough of the points (headings, n) are in the picture."""
+    return np.asarray((~np.isnan(levels)).mean(axis=1) >= _LEAST_SEEN)
 
 
 def _mean(levels: F64) -> F64:
     """Return the mean levels (headings,) of points (headings, n); NaN: too few are seen."""
     seen = ~np.isnan(levels)
     means = np.where(seen, levels, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-    return np.where(seen.mean(axis=1) < _LEAST_SEEN, np.nan, means)
+    return np.where(_is_seen(levels), means, np.nan)
 
 
 def _lower(levels: F64) -> F64:
     """Return the level (headings,) that most of points (headings, n) reach; NaN: few are seen."""
-    seen = ~np.isnan(levels)
     ordered = np.sort(levels, axis=1)  # NaN last
     lower = ordered[:, int(_HIDDEN_SHARE * levels.shape[1])]
-    return np.where(seen.mean(axis=1) < _LEAST_SEEN, np.nan, lower)
+    return np.where(_is_seen(levels), lower, np.nan)
 
 
 def _stands_out(plate: F64, ground: F64, brightest: float, share: float) -> NDArray[np.bool_]:
@@ -166,22 +171,30 @@ def _prints_beside(layout: PadLayout, ring: Ring) -> F64:
     shares = np.linspace(-0.4, 0.4, 5)
     grid = np.stack(np.meshgrid(shares, shares), axis=-1).reshape(-1, 2)
     points = [
-        size * grid @ rotation_2d(math.radians(heading)).T + np.array(position)
-        for position, size, heading in _others(layout, ring)
+        _across(other) * grid @ rotation_2d(_heading(other)).T + np.array(other.position_m)
+        for other in _others(layout, ring)
     ]
     prints: F64 = np.concatenate([*points, np.empty((0, 2))]) - np.array(ring.position_m)
     return prints
 
 
-def _others(layout: PadLayout, ring: Ring) -> list[tuple[tuple[float, float], float, float]]:
-    """Return place (m), size (m) and heading (deg) of what else the pad has beside a ring."""
+def _others(layout: PadLayout, ring: Ring) -> list[Square | WhyCode]:
+    """Return what else the pad has beside a ring."""
     return [
-        (m.position_m, m.size_m, m.heading_deg)
-        if isinstance(m, Square)
-        else (m.position_m, m.radius_m, 0.0)
+        m
         for m in layout.markers
         if isinstance(m, Square | WhyCode) and m.position_m != ring.position_m
     ]
+
+
+def _across(marker: Square | WhyCode) -> float:
+    """Return the side of a square, m, or of one that lies within a code's circle."""
+    return marker.size_m if isinstance(marker, Square) else marker.radius_m
+
+
+def _heading(marker: Square | WhyCode) -> float:
+    """Return the heading of a square on the pad, rad; a code's does not matter."""
+    return math.radians(marker.heading_deg) if isinstance(marker, Square) else 0.0
 
 
 def _ground_behind(layout: PadLayout, ring: Ring) -> F64:
@@ -199,7 +212,7 @@ def _ground_behind(layout: PadLayout, ring: Ring) -> F64:
         )
         points.append(grid[is_edge.ravel()])
     p = np.concatenate(points)
-    others = [np.array(position) for position, *_ in _others(layout, ring)]
+    others = [np.array(other.position_m) for other in _others(layout, ring)]
     if not others:
         return np.empty((0, 2))
     own = np.hypot(*(p - np.array(ring.position_m)).T)
@@ -210,10 +223,12 @@ def _ground_behind(layout: PadLayout, ring: Ring) -> F64:
 
 def _white_beside(layout: PadLayout, ring: Ring) -> F64:
     """Return points (n, 2) about a ring's centre, pad axes, that are white; none: it is alone."""
-    plate, points = layout.plate, []
-    for other in layout.markers:
-        if isinstance(other, Square | WhyCode) and other.position_m != ring.position_m:
-            points += [s * _outline(other) + np.array(other.position_m) for s in _BESIDE]
+    plate = layout.plate
+    points = [
+        s * _outline(other) + np.array(other.position_m)
+        for other in _others(layout, ring)
+        for s in _BESIDE
+    ]
     if not points:
         return np.empty((0, 2))
     p = np.concatenate(points)

@@ -42,6 +42,17 @@ class Pose:
         """Unit vector into the plane, (3,)."""
         return self.R[:, 2]
 
+    def points(self, flat: F64) -> F64:
+        """Return points (n, 2) of the plane, its own axes, m, as points (n, 3) of the camera's."""
+        points: F64 = self.t + flat @ self.R[:, :2].T
+        return points
+
+    def rays(self, flat: F64) -> F64:
+        """Return the rays (n, 2), on z = 1, of points (n, 2) of the plane."""
+        p = self.points(flat)
+        rays: F64 = p[:, :2] / p[:, 2:]
+        return rays
+
     def moved(self, step: NDArray[np.floating]) -> "Pose":
         """Return the pose after a step (dt, w) with the same information and cost."""
         return Pose(

@@ -173,9 +173,7 @@ class MarkerPrint:
 
     def corner_rays(self, pose: Pose) -> F64:
         """Return the rays (4, 2) of the corners under a pose, on z = 1."""
-        p = pose.t + self._corners @ pose.R[:, :2].T
-        rays: F64 = p[:, :2] / p[:, 2:]
-        return rays
+        return pose.rays(self._corners)
 
     def _is_used(self, north: F64, east: F64) -> NDArray[np.bool_]:
         """Tell which points (n,) of the plane are compared with the image."""

@@ -50,11 +50,11 @@ def explained_fits(
 
 def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
     """Return the fits behind a response that explain what a plain fit does not; empty: none."""
-    if fit.response is not None or not may_be_behind(fit):
+    if not may_be_behind(fit):
         return []
     fits = response_fits(image, camera, ring, fit)
-    is_ours = fits and is_ring(fits[0], ring, camera) and not is_toned(fits[0], ring)
-    return fits if is_ours else []
+    explains = fits and is_ring(fits[0], ring, camera) and not is_toned(fits[0], ring)
+    return fits if explains else []
 
 
 def remember(response: CameraResponse, fit: RingFit) -> None:

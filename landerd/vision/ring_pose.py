@@ -66,6 +66,12 @@ def mirrored(position: F64, normal: F64, radius: float) -> Pose | None:
     return min(poses, key=lambda pose: float(pose[1] @ normal))
 
 
+def poses_through(rays: F64, radius: float) -> tuple[Pose, Pose] | None:
+    """Return the poses of a circle whose outline has these rays (n, 2), n >= 6; None: none."""
+    cone = cone_through(rays)
+    return None if cone is None else poses_of_cone(cone, radius)
+
+
 def cone_through(rays: F64) -> F64 | None:
     """Return the cone (3, 3) fitted to rays (n, 2) on z = 1, n >= 6; None if degenerate."""
     centre = rays.mean(axis=0)

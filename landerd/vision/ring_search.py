@@ -16,7 +16,7 @@ from landerd.vision.pyramid import Level
 from landerd.vision.ring_explained import Explained, edge_fits, explained
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
-from landerd.vision.ring_pose import F64, cone_through, poses_of_cone
+from landerd.vision.ring_pose import F64, poses_through
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import Candidate, Segmentation, ring_candidates
 from landerd.vision.ring_sighting import ring_sighting
@@ -158,8 +158,7 @@ class RingSearch:
 
     def _behind_response(self, fit: RingFit) -> list[RingFit]:
         """Return the fits behind a response, where that is worth its cost; empty: none."""
-        is_worth = fit.response is None and may_be_behind(fit)
-        if not is_worth or not self._work.affords(RESPONSE_COST):
+        if not may_be_behind(fit) or not self._work.affords(RESPONSE_COST):
             return []
         return fits_behind_response(self._image, self._camera, self._ring, fit)
 
@@ -256,8 +255,8 @@ class RingSearch:
         """Fit nothing but the edges of a candidate; False: there is no work left for it."""
         if not self._work.affords(EDGE_COST):
             return False
-        cone = cone_through(one.level.camera.rays(one.candidate.outline.points()))
-        starts = None if cone is None else poses_of_cone(cone, self._ring.radius_m)
+        rays = one.level.camera.rays(one.candidate.outline.points())
+        starts = poses_through(rays, self._ring.radius_m)
         fits = edge_fits(self._image, self._camera, self._ring, starts or [])
         return self._reported(one, fits)
 

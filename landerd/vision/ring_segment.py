@@ -88,9 +88,8 @@ class Candidate:
     outline: Ellipse
     share: float  # of its spokes that are bright, dark and bright
     score: float  # by how much hole and surroundings are brighter than the stroke, over its spread
-    is_bloomed: bool = (
-        False  # the white is clipped and has spread; the outline is that of the print
-    )
+    # The white is clipped and has spread; the outline is that of the print.
+    is_bloomed: bool = False
 
 
 @dataclass(frozen=True)

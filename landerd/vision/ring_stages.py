@@ -17,7 +17,7 @@ from landerd.vision.pyramid import Level
 from landerd.vision.ring_fit import RingFit, fit_ring
 from landerd.vision.ring_light import evenly_lit
 from landerd.vision.ring_pixels import pixels_near
-from landerd.vision.ring_pose import F64, Pose, cone_through, mirrored, poses_of_cone
+from landerd.vision.ring_pose import F64, Pose, mirrored, poses_through
 from landerd.vision.ring_residuals import coherent_residual
 from landerd.vision.ring_response import LINEAR_RESPONSE, is_clipped
 from landerd.vision.ring_segment import Candidate
@@ -94,8 +94,7 @@ _MIN_POOR_CONTRAST, _MIN_POOR_CONTRAST_NOISES = 10.0, 2.5
 
 def rough_fit(level: Level, candidate: Candidate, ring: Ring) -> RingFit | None:
     """Return the better pose of a candidate in a reduced image; None if it is no ring."""
-    cone = cone_through(level.camera.rays(candidate.outline.points()))
-    poses = None if cone is None else poses_of_cone(cone, ring.radius_m)
+    poses = poses_through(level.camera.rays(candidate.outline.points()), ring.radius_m)
     if poses is None:
         return None
     pixels = pixels_near(
@@ -284,7 +283,8 @@ def is_poor(fit: RingFit) -> bool:
 
 def may_be_behind(plain: RingFit) -> bool:
     """Tell whether a camera's response may explain what a plain fit leaves over."""
-    return plain.coherent < _MAX_PLAIN_COHERENT and plain.noise < _MAX_PLAIN_NOISE * plain.contrast
+    is_near = plain.noise < _MAX_PLAIN_NOISE * plain.contrast
+    return plain.response is None and is_near and plain.coherent < _MAX_PLAIN_COHERENT
 
 
 def may_have_edges(plain: RingFit, share: float) -> bool:

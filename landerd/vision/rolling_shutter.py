@@ -101,13 +101,13 @@ class RollingShutter:
     def _change(self, pose: Pose, outline: F64, moved: F64, *, is_round: bool) -> F64:
         """Return what motions (2, k) do to a pose's (dt, w) by least squares, (6, k + 3)."""
         J = ray_derivative(outline, pose)
-        rays = _rays(outline, pose)
+        rays = pose.rays(outline)
         below = (rays[:, 1] - pose.t[1] / pose.t[2]) * self._per_ray
         shift = below[:, None, None] * moved  # (n, 2, k)
         if is_round:
             # Of a circle only what is across its outline is seen.
             onwards = outline + _ALONG * outline[:, ::-1] * (-1.0, 1.0)
-            along = _rays(onwards, pose) - rays
+            along = pose.rays(onwards) - rays
             across = np.column_stack([-along[:, 1], along[:, 0]])
             across /= np.linalg.norm(across, axis=1)[:, None]
             J = (across[:, :, None] * J.reshape(-1, 2, 6)).sum(axis=1)
@@ -123,10 +123,3 @@ class RollingShutter:
         rest = np.zeros((6, 3))
         rest[:3] = _REST * float(np.linalg.norm(change[:3])) * np.eye(3)
         return np.hstack([change, rest])
-
-
-def _rays(points: F64, pose: Pose) -> F64:
-    """Return the rays (n, 2) on z = 1 of points (n, 2) of a marker's plane."""
-    p = pose.t + points @ pose.R[:, :2].T
-    rays: F64 = p[:, :2] / p[:, 2:]
-    return rays

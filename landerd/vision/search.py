@@ -214,7 +214,7 @@ class Search:
         fit = self._detectors.track_square(image, square, start)
         if fit is None:
             return None
-        at = fit.pose.t + square_points(square.size_m) @ fit.pose.R[:, :2].T
+        at = fit.pose.points(square_points(square.size_m))
         return FoundSquare(square, self._camera.pixels(at), fit)
 
     def _squares_elsewhere(

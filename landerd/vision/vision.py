@@ -178,7 +178,7 @@ class Vision:
         solutions = tuple(s for p in level if (s := solution(p)) and self._is_certain(s))
         if not solutions:
             return None
-        points = level[0].t + outline @ level[0].R[:, :2].T
+        points = level[0].points(outline)
         polygon = tuple((float(x), float(y)) for x, y in self._camera.pixels(points))
         sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon, stage)
         number = self._layout.markers.index(marker)

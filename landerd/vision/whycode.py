@@ -28,7 +28,7 @@ from landerd.vision.pose import (
 )
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit
 from landerd.vision.pyramid import SMALL_PX, levels
-from landerd.vision.ring_pose import cone_through, mirrored, poses_of_cone
+from landerd.vision.ring_pose import mirrored, poses_through
 from landerd.vision.ring_segment import dark_by_mean, ring_candidates
 from landerd.vision.whycode_print import WhyCodePrint
 
@@ -148,8 +148,7 @@ class WhyCodeFinder:
 
     def _recognised(self, image: Image, outline: F64) -> tuple[WhyCode, Pose] | None:
         """Return the code that an outline carries, and its pose; None if it carries none."""
-        cone = cone_through(self._camera.rays(outline))
-        poses = None if cone is None else poses_of_cone(cone, 1.0)
+        poses = poses_through(self._camera.rays(outline), 1.0)
         best: tuple[float, WhyCode, Pose] | None = None
         for bits in {c.bits for c in self._prints}:
             # Under the wrong one of the two poses another number may be read, less clearly.

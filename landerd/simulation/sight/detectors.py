@@ -171,7 +171,7 @@ class ModelledDetectors:
                 or not _holds(window, sight.px)
             ):
                 continue
-            corners = sight.pose.t + square_points(square.size_m) @ sight.pose.R[:, :2].T
+            corners = sight.pose.points(square_points(square.size_m))
             found.append(FoundSquare(square, self._camera.pixels(corners)))
         return found
 
@@ -191,8 +191,8 @@ class ModelledDetectors:
         if normal is not None and best.normal @ np.array(normal) > SAME_SOLUTION_COS:
             return [_with_cost(best, 0.0)]
         poses = [best]
-        corners = best.t + square_points(found.square.size_m) @ best.R[:, :2].T
-        for start, _ in planar_poses(corners[:, :2] / corners[:, 2:], found.square.size_m):
+        rays = best.rays(square_points(found.square.size_m))
+        for start, _ in planar_poses(rays, found.square.size_m):
             if float(start.normal @ best.normal) < EQUAL_NORMALS_COS:
                 other = self._fitted(found.square, sight, start)
                 if other is not None and other.normal @ best.normal < EQUAL_NORMALS_COS:
