@@ -35,24 +35,31 @@ class Releasing:
     def __init__(self, context: LandingContext) -> None:
         self._context = context
         self._until = -math.inf
+        self._blind_t = -math.inf  # since when it may fly again and sees nothing, s
 
     def enter(self, step: ControlStep) -> None:
         """Begin the time of the stop orders."""
         self._until = step.now + self._context.options.release_s
+        self._blind_t = step.now
 
     def order(self, step: ControlStep) -> Event | None:
         """Order zero velocity until the time is over, or it may fly and sees the pad.
 
-        While it may fly again but sees nothing, the time does not run: nobody else flies then.
+        While it may fly again but sees nothing, the time does not run: nobody else flies then. But
+        not for ever: stop orders would hold against a ground station that flies it to the pad.
         """
-        why = step.why
-        if step.granted:
-            if self._context.sight(step) is not None:
+        context, why = self._context, step.why
+        if not step.granted:
+            self._blind_t = step.now
+        else:
+            if context.sight(step) is not None:
                 return Event.PAD_IN_SIGHT
-            self.enter(step)
-            why = self._context.why_blind(step.now)
+            if step.now - self._blind_t > context.options.lost.give_up_s:
+                return Event.PAD_NOT_FOUND
+            self._until = step.now + context.options.release_s
+            why = context.why_blind(step.now)
         if step.now < self._until:
-            self._context.orders.stop()
-            self._context.orders.enter(Phase.NOT_LANDING, why)
+            context.orders.stop()
+            context.orders.enter(Phase.NOT_LANDING, why)
             return None
         return Event.RELEASE_OVER

@@ -81,6 +81,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         # RC was only stale, and it sees the pad. Else it goes on stopping for as long as it may
         # fly: a moment of fresh RC is no reason to fall silent.
         Event.PAD_IN_SIGHT: State.TRACKING,
+        # Nor for longer than a search lasts.
+        Event.PAD_NOT_FOUND: State.RELEASING,
     },
     State.TRACKING: {
         **_FLYING,

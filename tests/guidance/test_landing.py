@@ -59,6 +59,26 @@ def test_granted_again_while_it_stops_it_goes_on_at_once_if_it_sees_the_pad() ->
     assert to(flight, State.TRACKING, at_most_s=0.2) == [State.RELEASING, State.TRACKING]
 
 
+def test_granted_again_while_it_stops_without_the_pad_it_hands_back_after_a_while() -> None:
+    config = Config.model_validate({"guidance": {"lost": {"give_up_s": 3.0}}})
+    flight = Flight(config=config).engaged()
+    flight.visible = False
+    to(flight, State.SEARCHING)
+    flight.pulse_us = LOW
+    to(flight, State.RELEASING)
+    flight.pulse_us = HIGH
+    assert all(setpoint == STOP for setpoint in flight.run(2.8))
+    assert flight.lander.state is State.RELEASING
+    to(flight, State.SILENT, at_most_s=2.0)  # a ground station may fly it to the pad then
+    assert "landerd: pad not found: pilot, take over" in flight.texts
+    flight.visible = True
+    assert flight.run(1.0) == []
+    flight.pulse_us = LOW
+    flight.run(0.2)
+    flight.pulse_us = HIGH
+    to(flight, State.TRACKING, at_most_s=1.0)
+
+
 def test_out_of_sight_it_searches_and_tracks_again() -> None:
     flight = Flight().engaged()
     flight.visible = False
