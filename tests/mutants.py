@@ -103,7 +103,7 @@ MUTANTS = [
     Mutant(
         "2: sinks on to a pad that has stopped",
         PAD,
-        "if clearance > 0.0 and self._misses(step.now, relative, pad.heading):",
+        "if in_air and self._misses(step.now, relative, pad.heading):",
         "if False:",
         "test_2_a_pad_that_stops_after_commit_is_waved_off",
     ),

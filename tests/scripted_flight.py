@@ -81,7 +81,7 @@ class Flight:
         self.distort: Callable[[PoseSolution], PoseSolution] = lambda true: true
         self.silent: set[type] = set()  # kinds of messages that do not come
         self.detects_landing = True
-        self.pitch = 0.0  # what the autopilot says; pictures are taken level
+        self.pitch = self.pitch_rate = 0.0  # what the autopilot says; pictures are taken level
         self.skids = 0.0  # m/s across the pad once it touches
         self.pulse_us = LOW
         self.armed, self.mode = True, "GUIDED"
@@ -235,7 +235,7 @@ class Flight:
         t = self.t
         messages: list[Input] = [
             LocalPosition(t, self.position, self.velocity),
-            Attitude(t, 0.0, self.pitch, self.yaw, (0.0, 0.0, self.yaw_rate)),
+            Attitude(t, 0.0, self.pitch, self.yaw, (0.0, self.pitch_rate, self.yaw_rate)),
             GimbalState(t, self.gimbal.yaw, self.gimbal.pitch, 0.0, Reference.BODY),
         ]
         if self._ticks % 2 == 0:

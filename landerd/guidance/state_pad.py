@@ -22,6 +22,9 @@ MIN_DESCENT_MPS = 0.05
 RESTS_MPS = 0.1
 RESTS_S = 0.35
 THRUST_BACK_S = 0.6
+# A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear and
+# camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to slide.
+BUILD_ERROR_M = 0.04
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -73,7 +76,8 @@ class Committed:
         # told of where the pad is then.
         if context.hold_asked and not self._touchdown.may_touch:
             return Event.HOLD_ASKED
-        if clearance > 0.0 and self._misses(step.now, relative, pad.heading):
+        in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)
+        if in_air and self._misses(step.now, relative, pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
         if age > context.options.lost.after_s:
@@ -241,7 +245,7 @@ def _clearance(
 
 def _unsure(relative: RelativeState, vehicle: VehicleState, clearance: float) -> float:
     """Return by how much more (m/s) it may sink and touch all the same: `Touchdown.watch`."""
-    if clearance > 0.0:
+    if clearance > BUILD_ERROR_M:
         return 0.0
     pivots = vehicle.roll_pitch_rate > MAX_ROLL_PITCH_RATE
     return math.inf if pivots else 2.0 * relative.sigma_heave
