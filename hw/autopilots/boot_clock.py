@@ -52,7 +52,9 @@ class BootClock:
             return boot_s
         expected = self._boot[0] + now - self._boot[1]
         same_boot = boot_s + _WRAP_S * round((expected - boot_s) / _WRAP_S)
-        return same_boot if abs(same_boot - expected) < _WRAP_TOLERANCE_S else boot_s
+        # No boot began before zero: a clock just before its end has gone ahead, and not back.
+        is_same = same_boot >= 0.0 and abs(same_boot - expected) < _WRAP_TOLERANCE_S
+        return same_boot if is_same else boot_s
 
     def heard(self, boot_s: float, now: float) -> None:
         """Note a boot time: `unwrapped` goes by the newest."""

@@ -122,7 +122,8 @@ def _clock(ahead_s: Callable[[Bench, float], float]) -> Effect:
 
 
 def _until_wrap(bench: Bench, severity: float) -> float:
-    return _WRAP_S - _WRAPS_AFTER_S - bench.autopilot.boot_s
+    # A clock that has wrapped already would go back, as after a restart.
+    return max(0.0, _WRAP_S - _WRAPS_AFTER_S - bench.autopilot.boot_s)
 
 
 FAULTS: Mapping[str, Effect] = {

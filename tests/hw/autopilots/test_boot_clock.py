@@ -94,6 +94,15 @@ def test_a_stamp_of_32_bits_goes_on_when_it_begins_anew() -> None:
     assert clock.unwrapped(wrap - 50, 50.05) == pytest.approx(1e-3 * (wrap - 50))
 
 
+def test_a_clock_that_goes_ahead_to_its_end_and_begins_anew_never_goes_back() -> None:
+    clock, wrap = BootClock(), 2**32
+    clock.heard(20.0, 50.0)
+    ahead_s = clock.unwrapped(wrap - 200, 50.1)
+    assert ahead_s == pytest.approx(1e-3 * (wrap - 200))
+    clock.heard(ahead_s, 50.1)
+    assert clock.unwrapped(100, 50.4) == pytest.approx(1e-3 * (wrap + 100))
+
+
 def test_an_autopilot_that_restarts_begins_at_zero() -> None:
     clock = BootClock()
     clock.heard(500.0, 50.0)
