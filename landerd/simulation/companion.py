@@ -9,6 +9,8 @@ from hw.sim.options import CompanionOptions
 from landerd.runtime.clock import STALLS, VirtualLoop
 
 VISION_LATENCY_S = 0.025  # searching a frame on a Raspberry Pi 4, modelled
+# It runs for so long between two stalls, or they would be one longer than the options say, s.
+RUNS_S = 0.1
 
 
 class Companion:
@@ -33,7 +35,8 @@ class Companion:
         """Stand still now and then, for ever: a garbage collection, an SD card, other work."""
         options = self._options
         while options.stall_s > 0.0:
-            await asyncio.sleep(self._rng.expovariate(1.0 / options.stall_every_s))
+            runs_s = RUNS_S + self._rng.expovariate(1.0 / options.stall_every_s)
+            await asyncio.sleep(options.stall_s + runs_s)
             stand_still(options.stall_s)
 
 
