@@ -36,6 +36,8 @@ _SILENT = (
 _UNDER_ITS_FEET = ("6: said to have landed",)
 # Until it is seen that the pad rises, the vehicle sinks onto it as fast as it did.
 _COMES_UP = ("2: sinking faster than the autopilot",)
+# What the wind does to the airframe at once, whatever is ordered.
+_BLOWN = ("accelerates more than the limits",)
 
 FAULTS: Mapping[str, FaultKind] = {
     # -- pictures, on their way and as they are ----------------------------------------------------
@@ -146,7 +148,7 @@ FAULTS: Mapping[str, FaultKind] = {
     "sigint": FaultKind("computer", "Ctrl-C", ends=False, lands=False),
     "killed": FaultKind("computer", "kill -9; systemd starts it again", False, _SILENT),
     # -- air ---------------------------------------------------------------------------------------
-    "gust": FaultKind("air", "3 to 12 m/s more wind from anywhere"),
+    "gust": FaultKind("air", "3 to 12 m/s more wind from anywhere", True, _BLOWN),
     "ground-effect": FaultKind("air", "the ground adds 10 to 50 % to the thrust"),
 }
 

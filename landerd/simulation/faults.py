@@ -88,7 +88,8 @@ class Faults:
         """Tell whether no landerd could have kept a rule, first broken at t, for a fault."""
         for note in self.happened:
             kind = FAULTS[note.fault]
-            if note.began is None or t < note.began:
+            # The world is reckoned on in steps: what begins in one may show at its beginning.
+            if note.began is None or t < note.began - LOOKS_S:
                 continue
             after_s = EXCUSED_S if kind.ends else LASTING_S
             if note.ended is not None and t > note.ended + after_s:

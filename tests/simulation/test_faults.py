@@ -94,6 +94,16 @@ def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
     assert not simulation.faults.excuses("2: a downward set-point", note.began + 1.0)
 
 
+def test_what_a_gust_does_to_the_airframe_at_once_is_not_landerds() -> None:
+    simulation = flown("{fault: gust, at: {time_s: 1.0}, for_s: 1, severity: 1}")
+    assert broken(simulation) == set()
+    assert simulation.score.landed
+    (note,) = simulation.faults.happened
+    assert note.began is not None
+    # The world's step in which it begins, began a little before it.
+    assert simulation.faults.excuses("accelerates more than the limits", note.began - 0.01)
+
+
 @pytest.mark.parametrize(
     "fault", ["rc-missing, at: {height_m: 0.25}, for_s: 2", "sigterm, at: {height_m: 0.1}"]
 )
