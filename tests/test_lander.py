@@ -389,6 +389,19 @@ def test_without_a_position_it_does_not_climb() -> None:
     assert not said(flight, "climbing")
 
 
+@pytest.mark.parametrize("kind", [Attitude, LocalPosition])
+def test_low_over_the_pad_without_a_position_it_climbs_out_of_reach_and_hovers(kind: type) -> None:
+    flight = Flight().engaged()
+    while flight.height > 0.5:
+        flight.tick()
+    flight.silent = {kind}
+    flown = flight.run(4.0)
+    assert said(flight, "stale, climbing")
+    assert 1.2 < flight.height < 2.0
+    assert abs(flown[-1].velocity[2]) < 1e-6
+    assert flight.lander.reason.endswith("stale, holding")
+
+
 # ---- bad sightings -----------------------------------------------------------------------------
 
 

@@ -20,6 +20,9 @@ WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
 # it; and no higher over it the pilot is told that it is there, m.
 HOLD_KP = 1.5
 HOLD_TOLERANCE_M = 0.3
+# Low over the pad without a position it climbs for so long, s: at guidance.lost.climb_mps out of the
+# reach of a deck that heaves. It struck one that hovered 0.3 m over it.
+BLIND_CLIMB_S = 2.0
 # Inside the descent region for so long before it sinks, s: at its edge one picture's error is
 # enough to be taken for inside.
 SETTLED_S = 0.15
@@ -183,12 +186,13 @@ class Searching:
         self._context = context
         self._plan = plan
         self._lost_down = 0.0  # local z where the pad went out of sight, m
+        self._began = -math.inf
 
     def enter(self, step: ControlStep) -> None:
         """Count the abort, and begin the plan where the vehicle is."""
         context = self._context
         vehicle = context.estimator.fresh_vehicle(step.now)
-        self._lost_down = vehicle.feet[2] if vehicle else 0.0
+        self._began, self._lost_down = step.now, vehicle.feet[2] if vehicle else 0.0
         self._plan.begin(step.now, self._lost_down, low=context.low)
         context.break_off()
 
@@ -205,8 +209,10 @@ class Searching:
             return Event.TOOK_TOO_LONG
         if planned is None:
             return Event.PAD_NOT_FOUND
-        # Climbing needs a position to know when to stop.
-        velocity, what = planned if vehicle is not None else (HOVER, pilot_texts.HOLDING)
+        # Climbing needs a position to know when to stop, or a time.
+        climbs_blind = context.low and step.now - self._began < BLIND_CLIMB_S
+        may_climb = vehicle is not None or climbs_blind
+        velocity, what = planned if may_climb else (HOVER, pilot_texts.HOLDING)
         why = pilot_texts.BLIND.format(why=context.why_blind(step.now), what=what)
         context.orders.enter(Phase.NOT_LANDING, why)
         context.orders.fly(velocity, 0.0, may_descend=False)
