@@ -7,7 +7,6 @@ from typing import Any
 from landerd.campaigns.failures import HARD_MPS, is_feasible
 from landerd.campaigns.pool import Run
 
-TIPS_DEG = 30.0
 SHORT_S = 3.0  # whose faults are over after so long is to land all the same
 COLUMNS = ("APPROACH", "CLOSE_APPROACH", "YAW_CORRECTION", "DESCENT", "LANDED", "NOT_LANDING")
 

@@ -21,6 +21,9 @@ ALIGNMENT_MARGIN_M = 0.1  # of the floor over the alignment height, for the heig
 GO_AROUND_RADII = 1.5
 MAX_EXPONENT = 20.0  # of the descent region: a height of kilometres, as after a jump, overflows
 GO_AROUND_HEIGHT_SHARE = 0.5
+# What leaves the descent region must stop sinking before it is out, s: the age of sight and the time
+# to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
+LEAVES_S = 0.2
 
 
 def descent_radius(options: DescentSection, height: float) -> float:
@@ -63,10 +66,12 @@ class Phases:
         self.goes_around = False
 
     def may_descend(self, relative: RelativeState) -> bool:
-        """Tell whether the vehicle is inside the descent region, its own uncertainty counted."""
+        """Tell whether it is inside the descent region and stays there, uncertainty counted."""
         at_least = relative.height - 2.0 * relative.sigma_height
         radius = descent_radius(self._options, at_least)
-        return relative.distance + 2.0 * relative.sigma_m < radius
+        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+        soon = math.hypot(north + LEAVES_S * v_north, east + LEAVES_S * v_east)
+        return max(relative.distance, soon) + 2.0 * relative.sigma_m < radius
 
     @property
     def floor_m(self) -> float:

@@ -43,6 +43,13 @@ def test_descent_is_never_allowed_outside_the_region(
         assert not allowed
 
 
+def test_what_is_carried_out_of_the_region_stops_sinking_before_it_is_out() -> None:
+    inside = 0.8 * descent_radius(OPTIONS, 1.0)
+    assert phases().may_descend(situation(inside, 1.0))
+    assert not phases().may_descend(situation(inside, 1.0, rate=(0.4, 0.0, 0.0)))
+    assert phases().may_descend(situation(inside, 1.0, rate=(-0.4, 0.0, 0.0)))
+
+
 def test_a_landing_goes_through_table_2_1_in_order() -> None:
     p = phases()
     seen = [

@@ -19,6 +19,7 @@ OFF_PAD_MPS = 0.5  # against the ground; ArduCopter's own landing touches with a
 TIPS_DEG = 30.0
 OLD_ORDER_S, MOVES_MPS = 0.2, 0.3
 LOW_M, ERROR_M, SINKS_MPS = 1.0, 1.0, 0.15
+TIPS_ON_DEG = 5.0  # a vehicle that leans against wind as it touches tips from there on
 TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over
 BOUNCE_S = 0.1  # feet up for longer: the next touch is another contact
 # What wind, gusts and the lag of the inner loops may add to what is ordered.
@@ -79,6 +80,7 @@ class SafetyMonitor:
         self._lean = math.radians(lean + _LEAN_DEG)
         self._order: Order | None = None
         self._touched_t = -math.inf
+        self._leant_deg = 0.0  # in the air, last
         self._promise: tuple[float, Promise] | None = None  # until when, what
         world.on_step.append(self._on_step)
 
@@ -132,8 +134,10 @@ class SafetyMonitor:
         tilt = math.hypot(vehicle.roll, vehicle.pitch)
         if self.touches:
             self._watch_tilt(world.t, tilt)
-        elif flies and self._order is not None:
-            self._watch_air(world, tilt)
+        else:
+            self._leant_deg = math.degrees(tilt)
+            if flies and self._order is not None:
+                self._watch_air(world, tilt)
         if flies and self._order is not None:
             self._watch_order(world, self._order)
         if self._promise is not None and world.t >= self._promise[0]:
@@ -158,7 +162,7 @@ class SafetyMonitor:
     def _watch_tilt(self, t: float, tilt: float) -> None:
         tilt_deg = math.degrees(tilt)
         self.worst.tilt_deg = max(self.worst.tilt_deg, tilt_deg)
-        if tilt_deg > TIPS_DEG:
+        if tilt_deg > max(TIPS_DEG, self._leant_deg + TIPS_ON_DEG):
             self._find(t, f"tipped over {TIPS_DEG:g} degrees")
 
     def _watch_air(self, world: World, tilt: float) -> None:

@@ -76,6 +76,16 @@ def test_one_that_tips_over() -> None:
     assert watched.monitor.worst.tilt_deg > 30.0
 
 
+def test_one_that_leans_against_wind_as_it_touches_does_not_tip() -> None:
+    airframe = {"mass_kg": 1.2, "angle_max_deg": 40.0}
+    watched = Watched(wind={"speed_mps": 9.5, "from_deg": 0.0}, airframe=airframe)
+    while not any(watched.world.vehicle.feet):
+        watched.order((0.0, 0.0, 0.3), 0.025)
+    watched.order((0.0, 0.0, 0.3), 0.05)
+    assert watched.monitor.worst.tilt_deg > 30.0
+    assert watched.found == []
+
+
 def test_faster_than_the_limits() -> None:
     watched = Watched(altitude_m=30.0).order((0.0, 0.0, 2.0 * BOUNDS.descent_mps + 1.5), 5.0)
     assert "climbs or sinks faster than the limits" in watched.found
