@@ -17,6 +17,7 @@ from hw.sim.gimbals.sim import GimbalFault, SimGimbal
 from hw.sim.picture.camera import CameraFaults
 from landerd.messages import Phase
 from landerd.simulation.flight import Simulation
+from landerd.simulation.result import result_of
 from tests.simulated import ABOVE, MODELLED, SEEN, fly
 
 
@@ -420,6 +421,8 @@ def test_2_asked_to_hold_it_sinks_no_further_and_lands_at_the_go(height_m: float
     simulation = fly(script, longest_s=40.0, overrides=[*ABOVE, *SWITCH_OF_THREE, moves])
     assert seen["height"] == pytest.approx(2.0, abs=0.3)
     assert "holding over the marker, switch to land" in texts(simulation)
+    held = result_of(simulation.flown(), "hold", 1)["hold_error_m_p95"]
+    assert 0.0 < held < 0.15
     assert simulation.score.landed
     assert simulation.rules.broken == {}
 

@@ -22,6 +22,7 @@ class Needed(Section):
     landed_percent: Annotated[float, Field(ge=0, le=100)] = 100.0  # no rule broken meanwhile
     time_s_mean: Positive | None = None
     touchdown_error_m_p95: Positive | None = None
+    hold_error_m_p95: Positive | None = None
     touchdown_vertical_mps_p95: Positive | None = None
     yaw_error_deg_p95: Positive | None = None
     pad_velocity_error_mps_p95: Positive | None = None

@@ -44,6 +44,7 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
         "touchdown_vertical_mps_max": max(vertical, default=None),
         "yaw_error_deg_p95": percentile(yaw, 95.0),
         "yaw_error_deg_max": max(yaw, default=None),
+        "hold_error_m_p95": percentile(_values(results, "hold_error_m_p95"), 95.0),
         **_spread("off_centre_px_p95", _values(results, "off_centre_px_p95")),
         "pad_velocity_error_mps_p95": percentile(_values(results, "pad_velocity_error_mps"), 95.0),
         **nis,
@@ -97,7 +98,7 @@ def cells(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
     Args:
         rows: of `make_row`.
     """
-    shown = [column for column in _COLUMNS if column[0] not in _THESIS or _has(rows, column)]
+    shown = [column for column in _COLUMNS if column[0] not in _AT_TIMES or _has(rows, column)]
     return [[head for head, _ in shown], *([text(row) for _, text in shown] for row in rows)]
 
 
@@ -163,7 +164,8 @@ def _published(key: str) -> Callable[[dict[str, Any]], str]:
     return text
 
 
-_THESIS = ("thesis s", "thesis hJ")  # columns that are shown only where there is something in them
+# Columns that are shown only where there is something in them.
+_AT_TIMES = ("thesis s", "thesis hJ", "hold m p95")
 _COLUMNS: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
     ("scenario", lambda row: str(row["label"])),
     ("landed", lambda row: f"{row['landed']}/{row['runs']}"),
@@ -176,6 +178,7 @@ _COLUMNS: list[tuple[str, Callable[[dict[str, Any]], str]]] = [
     ("p95", _number("touchdown_error_m_p95", 3)),
     ("down m/s p95", _number("touchdown_vertical_mps_p95", 2)),
     ("yaw deg p95", _number("yaw_error_deg_p95", 1)),
+    ("hold m p95", _number("hold_error_m_p95", 3)),
     ("off px", _with_interval("off_centre_px_p95", 0)),
     ("vel m/s p95", _number("pad_velocity_error_mps_p95", 2)),
     ("NIS", _with_interval("nis_ratio", 2)),
@@ -208,7 +211,7 @@ def _rule(text: str) -> str:
 
 
 def _values(results: Sequence[dict[str, Any]], key: str) -> list[float]:
-    return [abs(r[key]) for r in results if r[key] is not None]
+    return [abs(value) for r in results if (value := r.get(key)) is not None]
 
 
 def _spread(key: str, values: Sequence[float]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from hw.sim.physics.world import World
 from landerd.analysis.picture import Sample
 from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3, norm, rotate, sub, transpose
+from landerd.guidance.pilot_texts import HOLDING_OVER
 from landerd.lander import Lander
 from landerd.messages import (
     Command,
@@ -43,6 +44,8 @@ class Recording(Observer):
         off_centre_px: the marker looked at, in each picture with one.
         gimbal_errors_px: where the gimbal points against where it was ordered to.
         nis: normalised innovation squared of every sighting that the filter could compare.
+        hold_errors_m: horizontal, between landing point and vehicle, with every sample while the
+            pilot had it held over the marker and was told that it is there.
         pad_velocity_error_mps: KNOWN_AFTER_S after the first sighting; None: not known then.
     """
 
@@ -76,6 +79,7 @@ class Recording(Observer):
         self.off_centre_px: list[float] = []
         self.gimbal_errors_px: list[float] = []
         self.nis: list[float] = []
+        self.hold_errors_m: list[float] = []
         self.pad_velocity_error_mps: float | None = None
         self._world, self._score = world, score
         self._has_pictures = has_pictures
@@ -154,8 +158,10 @@ class Recording(Observer):
         self.headings.append(world.heading_error)
         self.in_camera.append(self._last_seen)
         self._last_seen = None
+        distance = math.hypot(*world.offset)
+        if lander.reason == HOLDING_OVER:
+            self.hold_errors_m.append(distance)
         if self.progress is not None:
-            distance = math.hypot(*world.offset)
             self.progress(
                 f"{flown_s:5.1f} s  {lander.phase.value:14}  {distance:5.1f} m away  "
                 f"{world.height:z5.2f} m up  {lander.reason}"

@@ -64,6 +64,7 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "pad_velocity_error_mps": recording.pad_velocity_error_mps,
         "nis_ratio": _nis_ratio(flown),
         "refused_percent": _refused_percent(flown),
+        "hold_error_m_p95": _percentile(recording.hold_errors_m, 0.95),
         "off_centre_px_p95": _percentile(recording.off_centre_px, 0.95),
         "gimbal_error_px_p95": _percentile(recording.gimbal_errors_px, 0.95),
         "aborts": lander.aborts,

@@ -37,6 +37,15 @@ def test_a_row_counts_and_averages() -> None:
     assert row["failed_seeds"] == [3, 4, 5]
 
 
+def test_how_far_off_it_was_held_is_a_column_of_those_that_were_held() -> None:
+    held = [make_row(Row(scenario="hold"), runs({"hold_error_m_p95": 0.04}))]
+    assert held[0]["hold_error_m_p95"] == pytest.approx(0.04)
+    assert "hold m p95" in as_text(held, 400)
+    others = [make_row(Row(scenario="radial"), runs({}))]
+    assert others[0]["hold_error_m_p95"] is None
+    assert "hold m p95" not in as_text(others, 400)
+
+
 def test_figures_of_nothing_are_unknown() -> None:
     row = make_row(Row(scenario="radial"), [Run("radial", 1, None, "ValueError: no (x.py:1)")])
     assert row["time_s_mean"] is None

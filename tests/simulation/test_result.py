@@ -88,6 +88,13 @@ def test_a_refused_sighting_counts_as_the_gate_at_most() -> None:
     assert result["refused_percent"] == 25.0
 
 
+def test_how_far_off_it_was_held_is_told_where_it_was() -> None:
+    flight = flown()
+    assert result_of(flight, "moving", 1)["hold_error_m_p95"] is None
+    flight.recording.hold_errors_m += [0.01] * 95 + [0.5] * 5
+    assert result_of(flight, "hold", 1)["hold_error_m_p95"] == 0.01
+
+
 def test_each_phase_ends_where_the_next_begins() -> None:
     flight = flown()
     flight.recording.phases += [
