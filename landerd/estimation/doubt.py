@@ -2,13 +2,26 @@
 
 A step of the telemetry's time or position shows a pad that is elsewhere at once and stays there. A
 pad that brakes, or whose deck begins to heave, moves on from where it should be (a change of the
-process noise, found in the innovations: Bar-Shalom, Li and Kirubarajan 2001, 11.2).
+process noise, found in the innovations: Bar-Shalom, Li and Kirubarajan 2001, 11.2): from where it
+would be by what was known when doubt began, for what has been made of the sightings since hides it.
 """
 
 import math
 
-from landerd.estimation.motion_filter import ZERO, Innovation
-from landerd.geometry import Mat3, Vec3, dot, inverse, norm, rotate, scale, sub
+from landerd.estimation.motion_filter import ZERO, Course, Innovation, Jacobian
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    diagonal,
+    dot,
+    inverse,
+    matadd,
+    norm,
+    rotate,
+    scale,
+    sub,
+)
 
 TREND_SIGHTINGS = 3  # in a row at least tell a trend: two may be outliers
 
@@ -31,28 +44,42 @@ class Doubt:
         self._count = 0
         self._is_near = False
         self._first_t = t
-        self._first = self._last = self._newest = ZERO  # innovations, m
+        self._first = self._last = self._newest = ZERO  # from where it should be, m
+        self._course: Course | None = None  # of the pad when doubt began,
+        self._S: Mat3 | None = None  # and the innovation's covariance then, m^2
 
-    def look(self, t: float, innovation: Innovation, *, likely: bool, near: bool) -> None:
+    def look(
+        self,
+        course: Course,
+        B: Jacobian,
+        innovation: Innovation,
+        *,
+        likely: bool,
+        near: bool,
+    ) -> None:
         """Take the innovation of a sighting.
 
         Args:
-            t: of the exposure, s.
+            course: of the pad at its exposure, as expected.
+            B: the sighting's Jacobian by the biases.
             innovation: of the position.
             likely: noise explains it.
             near: noise, or a short step of the telemetry.
         """
+        t = course.t
         if likely:
             self.end(t)
             return
-        if self._count == 0:
+        if self._course is None or self._S is None:
+            self._course, self._S = course, innovation.S
             self._first_t, self._first, self._is_near = t, innovation.vector, near
         self._likely_t = min(self._likely_t, t)
         self._count += 1
-        self._last, self._newest = self._newest, innovation.vector
+        learned = sub(course.shown(t, B), self._course.shown(t, B))
+        self._last, self._newest = self._newest, add(innovation.vector, learned)
         self.lasts_s, self.off_m = t - self._likely_t, norm(innovation.vector)
 
-    def trend(self, t: float, noise: Mat3, limit: float) -> Vec3 | None:
+    def trend(self, t: float, swing_m: float, limit: float) -> Vec3 | None:
         """Return how fast what is seen moves on from where it should be, m/s; None: it does not.
 
         Called after `look`. It began near, else it is another pad; and goes on by more than noise
@@ -60,15 +87,17 @@ class Doubt:
 
         Args:
             t: of the newest sighting, s.
-            noise: covariance of a sighting against what was expected, m^2.
+            swing_m: what a swinging airframe makes of a pad that stands, 1 sigma.
             limit: on the normalised square of what is no noise.
         """
-        if self._count < TREND_SIGHTINGS or not self._is_near:
+        if self._count < TREND_SIGHTINGS or not self._is_near or self._S is None:
             return None
         moved = sub(self._newest, self._first)
         goes_on = dot(sub(self._newest, self._last), moved) > 0.0
         if not goes_on or dot(moved, self._first) <= 0.0:
             return None
-        # Both ends are as noisy.
+        # As noisy as it was: noise is learned from what cannot be explained, too. Both ends are.
+        swing = swing_m * swing_m
+        noise = matadd(self._S, diagonal(swing, swing, swing))
         is_noise = dot(moved, rotate(inverse(noise), moved)) <= 2.0 * limit
         return None if is_noise else scale(moved, 1.0 / (t - self._first_t))

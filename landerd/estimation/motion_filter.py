@@ -55,6 +55,21 @@ class Innovation:
         return Innovation(self.vector, S, inverse(S), self.PHt)
 
 
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Where a point was on its way to, and what showed it wrongly, at one time."""
+
+    t: float
+    position: Vec3
+    velocity: Vec3
+    biases: Biases
+
+    def shown(self, t: float, B: Jacobian) -> Vec3:
+        """Return where it is seen at another time if it goes straight on, m."""
+        by_biases = add(rotate(B[0], self.biases[0]), rotate(B[1], self.biases[1]))
+        return add(add(self.position, scale(self.velocity, t - self.t)), by_biases)
+
+
 class MotionFilter:
     """Measured is position + B biases + noise; the Jacobian B comes with every measurement."""
 
@@ -126,6 +141,11 @@ class MotionFilter:
     def shift(self, by: Vec3) -> None:
         """The local frame jumped: what was at x is now at x + by."""
         self.position = add(self.position, by)
+
+    @property
+    def course(self) -> Course:
+        """Where the point is on its way to."""
+        return Course(self.t, self.position, self.velocity, self.biases)
 
     def loosen(self, position: Vec3, velocity: Vec3) -> None:
         """Know position (m) and velocity (m/s) less well: they may have changed by this together.

@@ -223,7 +223,8 @@ class PadFilter:
         # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
         tolerant = innovation if is_likely else innovation.with_noise(best.hiccup)
         is_near = tolerant.nis <= self._nis_limit
-        self.doubt.look(t, innovation, likely=is_likely, near=is_near)
+        B = best.bias_jacobian
+        self.doubt.look(self._motion.course, B, innovation, likely=is_likely, near=is_near)
         if not is_likely and self._follow(best, innovation):
             tolerant, is_near = self._innovation(best), True
         if not is_near:
@@ -233,9 +234,7 @@ class PadFilter:
 
     def _follow(self, seen: PadObservation, innovation: Innovation) -> bool:
         """Tell whether the pad moves otherwise than it did, and know its motion the less."""
-        swing = (SIGMA_SWING * seen.range_m) ** 2
-        noise = matadd(innovation.S, diagonal(swing, swing, swing))
-        change = self.doubt.trend(seen.t, noise, self._nis_limit)
+        change = self.doubt.trend(seen.t, SIGMA_SWING * seen.range_m, self._nis_limit)
         if change is None:
             return False
         self._motion.loosen(innovation.vector, change)

@@ -21,8 +21,8 @@ ALIGNMENT_MARGIN_M = 0.1  # of the floor over the alignment height, for the heig
 GO_AROUND_RADII = 1.5
 MAX_EXPONENT = 20.0  # of the descent region: a height of kilometres, as after a jump, overflows
 GO_AROUND_HEIGHT_SHARE = 0.5
-# What leaves the descent region must stop sinking before it is out, s: the age of sight and the time
-# to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
+# What leaves the descent region must stop sinking before it is out, s: the age of sight and the
+# time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
 LEAVES_S = 0.2
 
 

@@ -20,8 +20,8 @@ WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
 # it; and no higher over it the pilot is told that it is there, m.
 HOLD_KP = 1.5
 HOLD_TOLERANCE_M = 0.3
-# Low over the pad without a position it climbs for so long, s: at guidance.lost.climb_mps out of the
-# reach of a deck that heaves. It struck one that hovered 0.3 m over it.
+# Low over the pad without a position it climbs for so long, s: at guidance.lost.climb_mps out of
+# the reach of a deck that heaves. It struck one that hovered 0.3 m over it.
 BLIND_CLIMB_S = 2.0
 # Inside the descent region for so long before it sinks, s: at its edge one picture's error is
 # enough to be taken for inside.

@@ -22,8 +22,9 @@ MIN_DESCENT_MPS = 0.05
 RESTS_MPS = 0.1
 RESTS_S = 0.35
 THRUST_BACK_S = 0.6
-# A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear and
-# camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to slide.
+# A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear
+# and camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to
+# slide.
 BUILD_ERROR_M = 0.04
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09

@@ -546,6 +546,23 @@ def test_a_pad_that_begins_to_brake_is_followed_although_it_was_steady_for_long(
     assert norm(sub(found.position, seen)) < 0.08
 
 
+def test_a_pad_that_brakes_gently_before_a_slow_camera_is_followed() -> None:
+    # What was made of each sighting hid that the next one had moved on, and was learned as noise.
+    noise, every = random.Random(6), 3
+    pad_filter = PadFilter(OPTIONS)
+    for i, t in enumerate(times(330)):
+        s = max(0.0, t - 10.0)
+        if i % every:
+            continue
+        error = (noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005))
+        seen = add(add(PAD, (0.5 * s * s, 0.0, 0.0)), error)
+        pad_filter.update([sighting(t, seen, covariance=CLOSE, range_m=5.0)])
+        if s > 0.45:
+            found = estimate(pad_filter, t)
+            assert norm(sub(found.velocity, (s, 0.0, 0.0))) < 0.25
+            assert norm(sub(found.position, seen)) < 0.04
+
+
 def test_a_step_of_the_position_moves_the_pad_and_forgets_nothing_else() -> None:
     pad_filter = quiet()
     moved = add(PAD, (0.0, 0.3, 0.0))
