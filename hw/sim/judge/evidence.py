@@ -77,6 +77,7 @@ class Evidence:
         on_ground_t: when the autopilot first said ON_GROUND since it last flew.
         disarm_t: the last order to disarm.
         blind_since: since when sight or data are too old to fly on.
+        stale_t: when data were last too old to fly on, or frozen.
         missing_since: since when it sinks onto a pad that it will miss.
         landing_since: since when it flies without having come to commit.
         low_since: since when it is below the commit height.
@@ -102,6 +103,7 @@ class Evidence:
         self.on_ground_t: float | None = None
         self.disarm_t = -math.inf
         self.blind_since: float | None = None
+        self.stale_t = -math.inf
         self.missing_since: float | None = None
         self.landing_since: float | None = None
         self.low_since: float | None = None
@@ -311,7 +313,10 @@ class Evidence:
     def _note_sight(self, order: Order) -> None:
         t = order.t
         limit = self.sighting_limit_s(order.truth) + self._b.tick_s
-        blind = t - self.sighting_t > limit or self.stale(t)
+        stale = self.stale(t)
+        if stale:
+            self.stale_t = t
+        blind = t - self.sighting_t > limit or stale
         if order.zero or self.touched:
             return
         if not blind:

@@ -175,8 +175,11 @@ def _too_seldom(e: Evidence, t: float, b: RuleBounds) -> bool:
 
 
 def _pressed(e: Evidence, o: Order) -> bool:
-    """Tell whether landerd has to press the vehicle down and go with the pad."""
-    known = o.t - e.touching_since > CONTACT_LATE_S
+    """Tell whether landerd has to press the vehicle down and go with the pad.
+
+    Of contact on stale data it cannot know.
+    """
+    known = o.t - max(e.touching_since, e.stale_t) > CONTACT_LATE_S
     return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.granted(o.t)
 
 
@@ -199,8 +202,9 @@ def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    touches = o.t - e.touched_t <= BOUNCE_S
-    return o.level and touches and o.t - e.touching_since < LEVEL_AFTER_S
+    # Released it may not go with the pad any more.
+    rides = o.t - e.touched_t <= BOUNCE_S and o.t < e.closed_t(o.t)
+    return o.level and rides and o.t - e.touching_since < LEVEL_AFTER_S
 
 
 def _level_sliding(e: Evidence, o: Order, b: RuleBounds) -> bool:

@@ -496,6 +496,30 @@ def test_4_once_a_foot_was_down_descent_must_be_ordered(
     assert court.broken == ([rule] if broken else [])
 
 
+def test_4_contact_on_stale_data_need_not_be_known() -> None:
+    court = Court()
+    court.truth = LOW
+    court.fly(0.5, SINK)
+    court.frozen = True
+    court.fly(0.3, SINK)
+    court.truth = ON_PAD
+    court.fly(0.8, CLIMB)
+    court.frozen = False
+    court.fly(0.4, CLIMB)
+    assert "4: no descent ordered after contact" not in court.broken
+    court.fly(0.4, CLIMB)
+    assert "4: no descent ordered after contact" in court.broken
+
+
+def test_4_released_it_may_stand_level_sooner() -> None:
+    court = Court()
+    court.truth = ON_PAD
+    court.fly(0.2, SINK)
+    court.pulse = 1100
+    court.level(0.1)
+    assert court.broken == []
+
+
 @pytest.mark.parametrize(("aside_mps", "broken"), [(0.25, False), (0.35, True), (5.0, True)])
 def test_4_it_goes_with_the_pad(aside_mps: float, broken: bool) -> None:
     court = Court()
