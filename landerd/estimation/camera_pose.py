@@ -37,6 +37,7 @@ FRAME_JUMP_M = 0.3
 # off by a constant, the one that is flown is too, and only a pad that is seen from what goes by it
 # is flown to without an error. With 2 s it touched down 4 cm off from low over the pad.
 POSITION_TIME_CONSTANT_S = 20.0
+LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +61,12 @@ class PoseHistory:
         self._gimbal_lag_s = config.gimbal.lag_s
         self._R_gimbal_camera = camera_mount(config.gimbal.camera_rotation_deg)
         fresh = config.freshness
-        self.position = History(angles=[False] * 6, max_gap_s=fresh.position_s)
-        self.attitude = History(angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s)
+        self.position = History(
+            angles=[False] * 6, max_gap_s=fresh.position_s, rates=lambda position: position[3:]
+        )
+        self.attitude = History(
+            angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s, rates=_euler_rates
+        )
         self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
         self._reference = Reference.BODY
         self._measured: Vec3 = (0.0, 0.0, 0.0)  # the newest position as it was told, m
@@ -182,3 +187,14 @@ class PoseHistory:
         origin = (x + dt * u, y + dt * v, z + dt * w)
         pivot = add(origin, rotate(R, self._camera_offset))
         return pivot, gimbal_frames.base(self._reference, (roll, pitch, yaw))
+
+
+def _euler_rates(attitude: tuple[float, ...]) -> tuple[float, ...]:
+    """Return how fast roll, pitch and yaw change with these body rates, rad/s (ZYX).
+
+    On its side an airframe has no such rates: there they are bounded.
+    """
+    roll, pitch, _, p, q, r = attitude
+    across = math.sin(roll) * q + math.cos(roll) * r
+    yaw = across / max(math.cos(pitch), LEAST_COS_PITCH)
+    return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw

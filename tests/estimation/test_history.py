@@ -37,6 +37,50 @@ def test_a_number_that_is_no_angle_does_not_wrap() -> None:
     assert history.at(0.05) == pytest.approx((0.0,))
 
 
+def swing(t: float) -> tuple[float, float]:
+    """An angle that swings by 16 degrees at 1.3 Hz, and its rate."""
+    size, w = math.radians(16.0), 2.0 * math.pi * 1.3
+    return size * math.sin(w * t), size * w * math.cos(w * t)
+
+
+def test_with_rates_a_slow_stream_of_a_quick_swing_is_followed() -> None:
+    history = History(angles=[True, False], rates=lambda values: values[1:])
+    lines = History(angles=[True, False])
+    for i in range(26):
+        history.add(0.04 * i, swing(0.04 * i))
+        lines.add(0.04 * i, swing(0.04 * i))
+    for i in range(90):
+        t = 0.05 + 0.01 * i
+        got, straight, true = history.at(t), lines.at(t), swing(t)[0]
+        assert got is not None
+        assert straight is not None
+        assert abs(got[0] - true) < math.radians(0.005)
+        assert abs(straight[0] - true) < math.radians(0.25)
+    ahead = history.at(1.03)  # 30 ms after the newest
+    assert ahead is not None
+    assert abs(ahead[0] - swing(1.03)[0]) < math.radians(0.5)
+    assert abs(swing(1.0)[0] - swing(1.03)[0]) > math.radians(1.5)
+
+
+def test_with_rates_an_angle_crosses_the_seam_the_short_way() -> None:
+    history = History(angles=[True, False], rates=lambda values: values[1:])
+    history.add(0.0, (math.radians(179.0), math.radians(40.0)))
+    history.add(0.1, (math.radians(-177.0), math.radians(40.0)))
+    half, ahead = history.at(0.05), history.at(0.15)
+    assert half is not None
+    assert ahead is not None
+    assert half[0] == pytest.approx(math.radians(-179.0))
+    assert ahead[0] == pytest.approx(math.radians(-175.0))
+
+
+def test_values_go_on_by_their_rates_for_a_moment_only() -> None:
+    history = History(angles=[False, False], rates=lambda values: values[1:])
+    history.add(1.0, (5.0, 2.0))
+    assert history.at(1.05) == pytest.approx((5.1, 2.0))
+    assert history.at(1.1) == history.at(1.19) == pytest.approx((5.2, 2.0))
+    assert history.at(1.21) is None
+
+
 def test_a_gap_is_not_interpolated_over() -> None:
     history = angle_history(max_gap_s=0.2)
     history.add(1.0, (0.0,))
