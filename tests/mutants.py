@@ -173,7 +173,7 @@ MUTANTS = [
     Mutant(
         "2: descends outside the region",
         PHASES,
-        "return relative.distance + 2.0 * relative.sigma_m < radius",
+        "return max(relative.distance, soon) + 2.0 * relative.sigma_m < radius",
         "return radius > 0.0",
         "test_2_no_descent_outside_the_region",
     ),
@@ -342,7 +342,7 @@ MUTANTS = [
     Mutant(
         "2: sinks on while asked to hold",
         FLYING,
-        "hold_m = o.hold.height_m if self._context.hold_asked else 0.0",
+        "hold_m = o.hold.height_m if context.hold_asked else 0.0",
         "hold_m = 0.0",
         "guidance/test_hold.py::test_asked_in_the_descent_it_climbs_to_where_it_holds",
     ),

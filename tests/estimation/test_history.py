@@ -5,8 +5,8 @@ import pytest
 from landerd.estimation.history import History
 
 
-def angle_history(**options: float) -> History:
-    return History(angles=[True], **options)
+def angle_history(*, max_gap_s: float = 0.2) -> History:
+    return History(angles=[True], max_gap_s=max_gap_s)
 
 
 def test_between_two_measurements_values_are_interpolated() -> None:
