@@ -94,6 +94,12 @@ def test_a_switch_already_low_when_guided_is_lost_is_seen_low_again() -> None:
     assert pilot.switch(LOW).beat().switch(HIGH).may() is Authority.GRANTED
 
 
+def test_a_switch_put_high_before_guided_starts_a_landing_with_guided() -> None:
+    pilot = Pilot().beat(mode="LOITER").switch(LOW).switch(HIGH)
+    assert pilot.may() is Authority.SILENT
+    assert pilot.beat().may() is Authority.GRANTED
+
+
 def test_a_stale_heartbeat_releases_but_does_not_latch() -> None:
     pilot = Pilot().granted()
     pilot.t += 2.9
