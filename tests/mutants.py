@@ -557,6 +557,44 @@ MUTANTS = [
         "if False:",
         "hw/autopilots/test_signing.py::test_unsigned_forged_and_repeated_messages_are_refused_and_counted",
     ),
+    Mutant(
+        "6: stops for ever where it may fly and sees no pad",
+        SILENT,
+        "if step.now - self._blind_t > context.options.lost.give_up_s:",
+        "if False:",
+        "guidance/test_landing.py"
+        "::test_granted_again_while_it_stops_without_the_pad_it_hands_back_after_a_while",
+    ),
+    Mutant(
+        "4: told to climb while it stands on one foot",
+        PAD,
+        "in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)",
+        "in_air = clearance > 0.0",
+        "test_lander.py::test_on_one_foot_it_is_not_told_to_climb_for_the_pad_that_slides_below",
+    ),
+    Mutant(
+        "5: hovers on without a position where a deck may strike it",
+        FLYING,
+        "may_climb = vehicle is not None or climbs_blind",
+        "may_climb = vehicle is not None",
+        "test_lander.py"
+        "::test_low_over_the_pad_without_a_position_it_climbs_out_of_reach_and_hovers",
+    ),
+    Mutant(
+        "2: sinks on while it is carried out of the region",
+        PHASES,
+        "LEAVES_S = 0.2",
+        "LEAVES_S = 0.0",
+        "guidance/test_phases.py"
+        "::test_what_is_carried_out_of_the_region_stops_sinking_before_it_is_out",
+    ),
+    Mutant(
+        "5: an attitude between two reports goes by a straight line",
+        "landerd/estimation/camera_pose.py",
+        "return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw",
+        "return 0.0, 0.0, 0.0",
+        "estimation/test_camera_pose.py::test_between_two_attitudes_it_turns_as_their_rates_say",
+    ),
 ]
 
 

@@ -1,9 +1,11 @@
+import math
 from itertools import pairwise
 from random import Random
 
 import pytest
 
 from landerd.estimation.camera_pose import PoseHistory
+from landerd.geometry import Vec3, matmul, rot_zyx
 from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
 from tests.estimation.histories import AT_ORIGIN, history
 
@@ -20,6 +22,33 @@ def test_when_the_local_frame_jumps_the_past_goes_along() -> None:
     camera = made.camera_pose(1.01)
     assert camera is not None
     assert camera.position == pytest.approx((2.05, -1.0, 0.5))
+
+
+def tumbling(seconds: float, step_s: float = 0.001) -> list[tuple[Vec3, Vec3]]:
+    """Roll, pitch and yaw (rad) of an airframe that swings about all axes, and its body rates."""
+    R, flown = rot_zyx(0.4, -0.3, 0.5), []
+    for i in range(round(seconds / step_s)):
+        t = i * step_s
+        rates = (2.0 * math.sin(9.0 * t), 1.5 * math.cos(8.0 * t), 0.7)
+        roll, pitch = math.atan2(R[2][1], R[2][2]), -math.asin(R[2][0])
+        flown.append(((roll, pitch, math.atan2(R[1][0], R[0][0])), rates))
+        p, q, r = (rate * step_s for rate in rates)
+        R = matmul(R, rot_zyx(r, q, p))
+    return flown
+
+
+def test_between_two_attitudes_it_turns_as_their_rates_say() -> None:
+    made, flown = PoseHistory(AT_ORIGIN), tumbling(0.6)
+    for i in range(0, 600, 40):  # at 25 Hz
+        angles, rates = flown[i]
+        made.add(Attitude(1.0 + 0.001 * i, *angles, rates))
+    for i in range(20, 560, 40):
+        got = made.attitude.at(1.0 + 0.001 * i)
+        assert got is not None
+        assert got[:3] == pytest.approx(flown[i][0], abs=math.radians(0.05))
+    ahead = made.attitude.at(1.580)  # 20 ms after the newest
+    assert ahead is not None
+    assert ahead[:3] == pytest.approx(flown[580][0], abs=math.radians(0.3))
 
 
 def test_a_position_that_wanders_is_no_motion() -> None:
