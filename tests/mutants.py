@@ -173,7 +173,7 @@ MUTANTS = [
     Mutant(
         "2: descends outside the region",
         PHASES,
-        "return max(relative.distance, soon) + 2.0 * relative.sigma_m < radius",
+        "return distance + leaves + 2.0 * relative.sigma_m < radius",
         "return radius > 0.0",
         "test_2_no_descent_outside_the_region",
     ),

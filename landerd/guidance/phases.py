@@ -24,6 +24,7 @@ GO_AROUND_HEIGHT_SHARE = 0.5
 # What leaves the descent region must stop sinking before it is out, s: the age of sight and the
 # time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
 LEAVES_S = 0.2
+MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
 
 
 def descent_radius(options: DescentSection, height: float) -> float:
@@ -66,12 +67,17 @@ class Phases:
         self.goes_around = False
 
     def may_descend(self, relative: RelativeState) -> bool:
-        """Tell whether it is inside the descent region and stays there, uncertainty counted."""
+        """Tell whether it is inside the descent region and does not surely leave it.
+
+        Its own uncertainty counts.
+        """
         at_least = relative.height - 2.0 * relative.sigma_height
         radius = descent_radius(self._options, at_least)
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
-        soon = math.hypot(north + LEAVES_S * v_north, east + LEAVES_S * v_east)
-        return max(relative.distance, soon) + 2.0 * relative.sigma_m < radius
+        distance = relative.distance
+        outward = (north * v_north + east * v_east) / max(distance, MIN_DISTANCE_M)
+        leaves = LEAVES_S * max(0.0, outward - 2.0 * relative.sigma_velocity)
+        return distance + leaves + 2.0 * relative.sigma_m < radius
 
     @property
     def floor_m(self) -> float:
