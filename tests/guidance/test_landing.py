@@ -2,7 +2,7 @@
 
 import pytest
 
-from landerd.config.models import Config
+from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import Vec3
 from landerd.guidance.states import State
 from landerd.messages import LocalPosition, Phase, Setpoint
@@ -105,6 +105,23 @@ def test_a_ring_alone_is_looked_at_for_a_second_before_it_sinks_and_again_when_i
             assert flight.t < seen_t + 3.0
             flight.tick()
         assert waits_s <= flight.t - seen_t < waits_s + 0.4
+
+
+def test_carried_up_again_after_commit_it_sinks_as_slowly_as_the_autopilots_timeout_stops() -> None:
+    quick = GuidanceSection(touchdown_descent_mps=0.6)  # or leaning against wind
+    flight = Flight(config=Config(guidance=quick)).engaged()
+    to(flight, State.COMMITTED)
+    gear_m = flight.config.vehicle.gear_height_m
+    ordered = []
+    for height, steps in ((0.15, 12), (0.28, 24)):
+        for _ in range(steps):
+            flight.position = (*flight.position[:2], flight.pad[2] - gear_m - height)
+            flight.velocity = (0.0, 0.0, 0.0)
+            flight.tick()
+        assert flight.lander.state is State.COMMITTED
+        ordered.append(flight.setpoints[-1][1].velocity[2])
+    assert ordered[0] > 0.5
+    assert 0.3 < ordered[1] < 0.5  # design rule 2
 
 
 def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:
