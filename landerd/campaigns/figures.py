@@ -45,7 +45,7 @@ def figures(campaign: Campaign, runs: Mapping[str, Sequence[Run]]) -> list[Figur
 def _shown(
     campaign: Campaign, runs: Mapping[str, Sequence[Run]]
 ) -> list[tuple[Row, Sequence[Run]]]:
-    """Return all rows, or of many the best and the worst."""
+    """Return all rows; of many those that no grid varies, and the best and the worst."""
     rows = [(campaign.row(name), flown) for name, flown in runs.items()]
     if len(rows) <= MOST_ROWS:
         return rows
@@ -55,8 +55,9 @@ def _shown(
         times = [r.result["time_s"] for r in flown if r.result and r.result.get("time_s")]
         return sum(map(has_failed, flown)) / len(flown), sum(times) / max(1, len(times))
 
-    ordered = sorted(rows, key=order)
-    return [ordered[0], ordered[-1]]
+    varied = {row.name for grid in campaign.grids for row in grid.rows()} or set(runs)
+    ordered = sorted((each for each in rows if each[0].name in varied), key=order)
+    return [*ordered[:1], *ordered[1:][-1:], *(r for r in rows if r[0].name not in varied)]
 
 
 def _drawn(draw: Draw, row: Row, runs: Sequence[Run]) -> str:

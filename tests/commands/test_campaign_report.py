@@ -78,10 +78,10 @@ class Page(HTMLParser):
         ("whycode-orientation", 1),
         ("apriltag-pose", 1),
         ("apriltag-yaw", 1),
-        ("tune-ne", 2),
+        ("tune-ne", 3),
         ("yaw", 4),
         ("linear", 3),
-        ("moving-thesis", 4),
+        ("moving", 4),
     ],
 )
 def test_a_thesis_campaign_is_a_page_with_its_figures(
@@ -119,9 +119,9 @@ def test_rows_stand_beside_the_thesiss(tmp_path: Path) -> None:
 
 def test_the_worst_flights_can_be_flown_again(tmp_path: Path) -> None:
     output = tmp_path / "results.md"
-    file = keep(tmp_path, "radial-thesis", command=("--set", "sim.sight=modelled"))
+    file = keep(tmp_path, "radial", command=("--set", "sim.sight=modelled"))
     with file.open("a") as kept:
-        (campaign,) = load_campaigns("radial-thesis").values()
+        (campaign,) = load_campaigns("radial").values()
         name = campaign.all_rows[0].name
         lost = landing(name, 9, landed=False, outcome="handed_back", touchdown_error_m=None)
         kept.write(json.dumps({"scenario": name, "seed": 9, "result": lost}) + "\n")
