@@ -57,6 +57,7 @@ def _over_time(generations: Sequence[Sequence[Tried]]) -> Figures:
             best.append(min([*best[-1:], *costs], default=math.nan))
         axes.plot(range(1, len(best) + 1), best, color=WINNER, label="best so far")
         axes.set(xlabel="generation", ylabel="cost")
+        axes.xaxis.get_major_locator().set_params(integer=True)
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)
 
