@@ -123,7 +123,10 @@ class History:
         return self._wrapped([*on, *values[len(on) :]])
 
     def _wrapped(self, values: Sequence[float]) -> Values:
+        # A list, not a generator: this runs thousands of times a flight.
         return tuple(
-            wrap(value) if angle else value
-            for value, angle in zip(values, self._angles, strict=True)
+            [
+                wrap(value) if angle else value
+                for value, angle in zip(values, self._angles, strict=True)
+            ]
         )
