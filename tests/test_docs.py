@@ -64,6 +64,13 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     )
 
 
+def test_nothing_is_to_be_installed_from_an_index_under_our_name() -> None:
+    """There is no entry of ours; what somebody else puts there must not come onto a drone."""
+    sources = [p for room in ("landerd", "hw") for p in (ROOT / room).rglob("*.py")]
+    named = re.compile(r"""pip install\s+['"]?landerd(?![-/\w])""")
+    assert [p.name for p in (*PAGES, *sources) if named.search(p.read_text("utf-8"))] == []
+
+
 # ---- commands ----------------------------------------------------------------------------------
 
 # Commands that need what a test has not, and are only read as the command line reads them.

@@ -106,7 +106,7 @@ def _load(args: argparse.Namespace) -> Loaded:
     check_output(args.picture, ".png", "--picture")
     check_output(args.log, ".mcap", "--log")
     if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
-        raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
+        raise InputError("--picture needs matplotlib: pip install matplotlib")
     if args.autopilot is None and args.takeoff is not None:
         raise InputError("--takeoff: only with --autopilot URL; the stand-in flies already")
     if args.autopilot is not None and args.realtime:
@@ -210,7 +210,7 @@ def _summary(result: dict[str, Any]) -> str:
         f"  at {say('touchdown_vertical_mps', 'm/s', 2)} down and "
         f"{say('touchdown_horizontal_mps', 'm/s', 2)} sideways over the pad",
         f"  first sight to touch-down {say('time_to_touchdown_s', 's', 1)}, "
-        f"to disarm {say('time_s', 's', 1)}, {say('energy_hj', 'hJ', 1)}",
+        f"to disarm {say('time_s', 's', 1)}, {_energy(result['energy_hj'])}",
         f"  pad lost from sight {result['aborts']} times; "
         f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
         f"  phases: {', '.join(phases)}".rstrip(),
@@ -219,6 +219,13 @@ def _summary(result: dict[str, Any]) -> str:
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
     ]
     return "\n".join(lines)
+
+
+def _energy(hectojoules: float | None) -> str:
+    """Return it as the thesis counts it, and as batteries are."""
+    if hectojoules is None:
+        return "energy unknown"
+    return f"{hectojoules:.1f} hJ ({hectojoules / 36.0:.2f} Wh)"
 
 
 def _happened(fault: dict[str, Any]) -> str:
