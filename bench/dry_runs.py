@@ -35,10 +35,10 @@ def outcome(log: Path) -> tuple[str, str, list[str]]:
             timeout=LONGEST_S,
         )
     except subprocess.TimeoutExpired:
-        return "not done in time", f"{LONGEST_S:.0f} s"
+        return "not done in time", f"{LONGEST_S:.0f} s", []
     said = done.stderr.strip().splitlines()
     if "Traceback" in done.stderr:
-        return "TRACEBACK", said[-1]
+        return "TRACEBACK", said[-1], []
     if done.returncode == REFUSED and len(said) == 1:
         return "refused", said[0].split(str(log))[-1].lstrip(": "), []
     if done.returncode != 0 or not done.stdout:
