@@ -217,8 +217,19 @@ def _summary(result: dict[str, Any]) -> str:
         *(f"  danger: {finding}" for finding in result["findings"]),
         *(f"  fault: {_happened(fault)}" for fault in result["faults_flown"]),
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
+        *_held_up(result.get("held_up_s")),
     ]
     return "\n".join(lines)
+
+
+def _held_up(longest_s: float | None) -> list[str]:
+    """Say that a flight in real time was this computer's, too; None: it was not in real time."""
+    if not longest_s:
+        return []
+    return [
+        f"  this computer was too busy: it held the flight up for up to {1e3 * longest_s:.0f} ms; "
+        "rules broken and sight lost may come from that alone"
+    ]
 
 
 def _energy(hectojoules: float | None) -> str:

@@ -384,6 +384,7 @@ def simulate(
         result["path"] = path_of(simulation.recording, simulation.score.first_sighting_t)
     result["not_written"] = simulation.not_written(picture, result)
     result["wall_s"] = time.perf_counter() - started
+    result["held_up_s"] = simulation.daemon.monitor.longest_s if realtime else None
     return result
 
 
