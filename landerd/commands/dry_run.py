@@ -42,6 +42,14 @@ from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 from landerd.runtime.observer import Observer
 
 GOOD_RATE_HZ = 20.0
+_OUTCOMES = {  # in words; others are words
+    None: "the recording ends before the landing does",
+    "landed": "landed: on the pad when it was disarmed",
+    "landed_off_pad": "disarmed beside the pad",
+    "handed_back": "it would have handed back to the pilot, for the reason in the last line",
+    "touchdown_unconfirmed": "it would have been on the pad; that the autopilot had noticed it, "
+    "which landerd waits for, is in no recording",
+}
 
 
 @dataclass(frozen=True)
@@ -346,12 +354,17 @@ def _in_words(args: argparse.Namespace, result: dict[str, Any]) -> str:
         lines.append(f"    {change['t']:7.2f} s  {change['name']:14}  {change['reason']}")
     if not result["phases"]:
         lines.append("    none: it would have stayed silent")
-    lines.append(f"  outcome: {result['outcome'] or 'the recording ends before the landing does'}")
+    lines.append(f"  outcome: {outcome_in_words(result['outcome'])}")
     lines.append("  (the vehicle moves as it was recorded; nothing was sent)")
     for name in ("draw", "log"):
         if getattr(args, name) is not None:
             lines.append(f"  {'video' if name == 'draw' else 'flight log'}: {getattr(args, name)}")
     return "\n".join(lines)
+
+
+def outcome_in_words(outcome: str | None) -> str:
+    """Return how it ended; None: it did not."""
+    return _OUTCOMES.get(outcome, str(outcome).replace("_", " "))
 
 
 def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:
