@@ -326,8 +326,8 @@ class Simulation:
                 write_picture(trace_of(self.recording, self.layout, result), picture)
             except OSError as e:
                 lost.append(f"{picture}: cannot be written: {e.strerror}")
-        if self.recorder is not None and self.recorder.failure is not None:
-            lost.append(self.recorder.failure)
+        if self.recorder is not None:
+            lost += self.recorder.failures
         return lost
 
 

@@ -1,5 +1,6 @@
 """`landerd sim`, once as a process; its wrong input is in tests/test_cli.py."""
 
+import errno
 import json
 import re
 import time
@@ -79,3 +80,19 @@ def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(
     assert told.out.startswith("Landed (scenario hover, seed 3)")
     assert "picture" not in told.out
     assert told.err == f"{picture}: cannot be written: No space left on device\n"
+
+
+def test_a_disk_that_is_full_costs_both_logs_and_both_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(fd: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("landerd.flightlog.disk.os.write", write)
+    log = tmp_path / "full.mcap"
+    near = [word for setting in ABOVE for word in ("--set", setting)]
+    assert main(["sim", "hover", "--log", str(log), *near]) == 2
+    told = capsys.readouterr()
+    assert "flight log" not in told.out
+    named = [line.split(": ")[0] for line in told.err.splitlines()]
+    assert named == [str(log), str(log.with_suffix(".tlog"))]
