@@ -6,6 +6,7 @@ frame (x right, y down, z forward).
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,6 +29,8 @@ _INVERSE = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-6)  # roun
 _MAX_INVERSE_PX = 0.05  # a pixel's ray must come back to it within this, over the whole image
 _MOST_BAD = 0.02  # share of the image: far corners, where boards seldom were
 _GRID = (33, 25)  # columns and rows of pixels that are tried
+_WIDEST = 20.0  # tangent of the angle up to which it is looked for where a distortion folds
+_BEYOND_FOLD = 0.25  # pixels to a focal length and a tangent, outwards
 # What programs that save with OpenCV's FileStorage call ROS's keys, in small letters.
 _OPENCV_KEYS = {
     "camera_matrix": ("cameramatrix", "camera_matrix", "k", "intrinsic_matrix"),
@@ -82,9 +85,43 @@ class CameraModel:
         return cast(F64, undistorted).reshape(-1, 2)
 
     def pixels(self, points: F64) -> F64:
-        """Return distorted pixels (n, 2) of points (n, 3) in the camera frame, z > 0."""
-        p = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 1, 3)
+        """Return distorted pixels (n, 2) of points (n, 3) in the camera frame, z > 0.
+
+        Far outside of the picture a distortion turns back: its polynomial would put what lies
+        there into the picture. From there on pixels go outwards all the same.
+        """
+        p = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        if self._fold == math.inf:
+            return self._projected(p)
+        tangent = np.hypot(p[:, 0], p[:, 1]) / p[:, 2]
+        is_beyond = tangent > self._fold
+        if not is_beyond.any():
+            return self._projected(p)
+        beyond = np.where(is_beyond, tangent / self._fold, 1.0)[:, None]
+        focal = np.array([self.fx, self.fy])
+        rays = p[:, :2] / p[:, 2:] / beyond
+        on_fold = self._projected(np.column_stack([rays, np.ones(len(rays))]))
+        pixels: F64 = on_fold + _BEYOND_FOLD * focal * (beyond - 1.0) * rays
+        return pixels
+
+    @cached_property
+    def _fold(self) -> float:
+        """Tangent of the angle from the axis beyond which the distortion turns back, or inf."""
+        if not self.distortion:
+            return math.inf
+        tangent = np.geomspace(1e-2, _WIDEST, 400)
+        fold = math.inf
+        for angle in np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False):
+            ray = np.outer(tangent, (math.cos(angle), math.sin(angle)))
+            out = self._projected(np.column_stack([ray, np.ones(len(ray))])) - (self.cx, self.cy)
+            turns = np.flatnonzero(~(np.diff(np.hypot(*out.T)) > 0.0))
+            fold = min(fold, float(tangent[turns[0]]) if len(turns) else math.inf)
+        return fold
+
+    def _projected(self, points: F64) -> F64:
+        """Return what the distortion's polynomial makes of points (n, 3), pixels (n, 2)."""
         project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
+        p = points.reshape(-1, 1, 3)
         projected, _ = project(p, np.zeros(3), np.zeros(3), self.K, self.D)
         return cast(F64, projected).reshape(-1, 2)
 

@@ -58,6 +58,22 @@ def test_rays_undo_the_lens_over_the_whole_picture() -> None:
     assert np.abs(model.pixels(7.0 * points) - pixels).max() < 0.01
 
 
+@pytest.mark.parametrize(
+    "distortion", [(0.0576, -0.0321, 0.0041, -0.0203, 0.0), (-0.35, 0.1, 0.0, 0.0, 0.0)]
+)
+def test_what_lies_far_aside_of_the_picture_is_not_put_into_it(
+    distortion: tuple[float, ...],
+) -> None:
+    """The polynomials of both turn back 60 degrees aside: 80 degrees would be in the middle."""
+    model = CameraModel(640, 480, 398.2, 390.8, 319.5, 239.5, distortion)
+    for angle in np.linspace(0.0, 2.0 * math.pi, 12):
+        tangent = np.linspace(0.1, 12.0, 300)
+        aside = np.outer(tangent, (math.cos(angle), math.sin(angle)))
+        pixels = model.pixels(np.column_stack([aside, np.ones(len(aside))]))
+        out = np.hypot(*(pixels - (model.cx, model.cy)).T)
+        assert (np.diff(out) > 0.0).all()
+
+
 def test_a_fisheye_images_the_angle_by_its_polynomial() -> None:
     k1, k2, k3, k4 = 0.05, -0.01, 0.003, -0.001
     model = CameraModel(640, 480, 200.0, 210.0, 319.5, 239.5, (k1, k2, k3, k4), fisheye=True)

@@ -3,7 +3,7 @@
 import errno
 import math
 
-from hw.cameras.v4l2_node import VideoNode
+from hw.cameras.v4l2_node import Range, VideoNode
 from landerd.messages import ExposureOrder
 
 # linux/v4l2-controls.h
@@ -29,6 +29,7 @@ def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s
     Raises:
         OSError: as the kernel gives it.
     """
+    _range(node, EXPOSURE)  # a camera without is better left to its own automatic
     if node.range(EXPOSURE_AUTO) is not None:
         _set(node, EXPOSURE_AUTO, MANUAL_EXPOSURE)
     if node.range(AUTOGAIN) is not None:
@@ -48,7 +49,12 @@ def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s
 
 def _set(node: VideoNode, control: int, value: int) -> int:
     """Set a control as near as it goes; return what it is now."""
+    limits = _range(node, control)
+    return node.set_control(control, min(max(value, limits.low), limits.high))
+
+
+def _range(node: VideoNode, control: int) -> Range:
     limits = node.range(control)
     if limits is None:
         raise OSError(errno.EINVAL, "it has no such control")
-    return node.set_control(control, min(max(value, limits.low), limits.high))
+    return limits

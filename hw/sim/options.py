@@ -44,6 +44,7 @@ class StartOptions(Section):
     # that follows its truck; heading_deg then counts from the course.
     follow_from_mps: NotNegative = 5.0
     follow_m: NotNegative = 15.0  # so far behind
+    overtake_mps: NotNegative = 0.0  # the ground station flies it so much faster than that pad
 
 
 class WindOptions(Section):

@@ -25,7 +25,9 @@ ROUGHLY = 2.0  # so near the ground's level is enough for the shorter turns to b
 SHORTER_TURNS = 3  # white then fits, had it been 15 times over full scale
 DIM = 0.2  # share of the level aimed at that is enough where more would need gain
 BAND = 1.15  # a level that is off by less is left
-SETTLED_S = 0.1  # from an order to the pictures exposed by it: two or three of them
+# From an order to the pictures exposed by it: so many of them, and so long at the least, for the
+# order's own way and the camera's clock.
+SETTLED_FRAMES, SETTLED_S = 3, 0.1
 PAD_KEEP_S = 2.0  # after the pad's last picture its light still holds
 
 
@@ -37,8 +39,10 @@ class Metering:
         # Seconds at gain 1.
         self._least = options.shortest_s
         self._most = options.longest_s * options.gain_max
-        self._amount = options.short_s
+        self._amount = self._before = options.short_s
         self._ordered_t = -math.inf
+        self._frame: tuple[float, int] | None = None  # time and number of the last
+        self._period_s = 0.0  # of the camera
         self._pad_t = -math.inf
         self._has_ordered = False
         self._ground: float | None = None  # the amount to go back to from shorter turns
@@ -52,6 +56,7 @@ class Metering:
             sightings: of a frame exposed after all before.
         """
         light = sightings.light
+        self._note_period(sightings)
         if light is None:
             return None
         if not self._has_ordered:
@@ -61,14 +66,22 @@ class Metering:
             self._pad_t = sightings.t
         elif sightings.t - self._pad_t < PAD_KEEP_S:
             return None
-        if sightings.t < self._ordered_t + SETTLED_S:
-            return None
+        settled_s = max(SETTLED_S, SETTLED_FRAMES * self._period_s)
+        if sightings.t < self._ordered_t + settled_s:
+            was_before = light.on_pad and sightings.t < self._ordered_t
+            return self._back(now) if was_before and self._ground is not None else None
         if light.on_pad:
             self._ground = None
             return self._brought(now, light.level, WHITE_LEVEL)
         if self._ground is None:
             return self._on_ground(now, light)
         return self._shorter(now, light)
+
+    def _note_period(self, sightings: Sightings) -> None:
+        """Learn how often pictures are taken; not all of them are searched."""
+        if self._frame is not None and sightings.seq > self._frame[1]:
+            self._period_s = (sightings.t - self._frame[0]) / (sightings.seq - self._frame[1])
+        self._frame = sightings.t, sightings.seq
 
     def _on_ground(self, now: float, light: Light) -> ExposureOrder | None:
         """Return the order after a picture that was exposed for the ground."""
@@ -91,6 +104,11 @@ class Metering:
             self._ground = None
         return self._order(now, shorter)
 
+    def _back(self, now: float) -> ExposureOrder:
+        """Return the order for the exposure before, which showed the pad when the next was due."""
+        self._ground = None
+        return self._order(now, self._before)
+
     def _brought(self, now: float, level: float, wanted: float) -> ExposureOrder | None:
         """Return the order that brings a level to the one wanted; None: it is near enough."""
         amount = self._wanted(level, wanted)
@@ -106,7 +124,7 @@ class Metering:
         return clamp(dim, self._least, self._most)
 
     def _order(self, now: float, amount: float) -> ExposureOrder:
-        self._ordered_t, self._amount = now, amount
+        self._ordered_t, self._before, self._amount = now, self._amount, amount
         o = self._options
         gain = clamp(amount / o.short_s, 1.0, o.gain_max)
         return ExposureOrder(amount / gain, gain)

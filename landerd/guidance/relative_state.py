@@ -12,6 +12,9 @@ from landerd.geometry import Vec3, dot, horizontal, norm, rot_z, rotate, sub, wr
 PAD_REACH_M = 1.0
 # 1 sigma of the pad's heave of which half is fed forward; chosen by trial in the simulator.
 HALF_KNOWN_HEAVE_MPS = 0.15
+# Of the camera's place on the airframe as a tape measure tells it, m. Flying over a pad does not
+# show it: what is off there is off in every sighting alike.
+CAMERA_PLACE_SIGMA_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,9 @@ class RelativeState:
             error=error,
             error_rate=sub(pad.velocity, vehicle.velocity),
             pad_velocity=pad.velocity,
-            sigma_m=math.hypot(math.sqrt(max(c[0][0], c[1][1])), sigma_bearing * norm(error)),
+            sigma_m=math.hypot(
+                math.sqrt(max(c[0][0], c[1][1])), sigma_bearing * norm(error), CAMERA_PLACE_SIGMA_M
+            ),
             heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
             yaw_rate=vehicle.yaw_rate,
             pad_turn_rate=pad.turn_rate,

@@ -23,6 +23,9 @@ HOLD_TOLERANCE_M = 0.3
 # Inside the descent region for so long before it sinks, s: at its edge one picture's error is
 # enough to be taken for inside.
 SETTLED_S = 0.15
+# A pad known by its ring alone is looked at for so long before it sinks, s: a look-alike is seldom
+# seen for as long without a break.
+RING_ALONE_S = 1.0
 
 
 class Tracking:
@@ -40,6 +43,7 @@ class Tracking:
         self._heading_t = 0.0  # when the landing last did not wait for the pad's heading, s
         self._holds = False  # where the pilot asked to, and he was told
         self._outside_t = -math.inf  # when it was last seen outside the descent region, s
+        self._seen_from = 0.0  # in sight without a break since then, s
 
     def enter(self, step: ControlStep) -> None:
         """Begin a landing, from the velocity that the vehicle has."""
@@ -47,7 +51,7 @@ class Tracking:
         vehicle = context.estimator.fresh_vehicle(step.now)
         if vehicle is not None:
             context.orders.go_on_from(vehicle.velocity)
-        self._heading_t = step.now
+        self._heading_t = self._seen_from = step.now
         self._holds = False
         context.begin_landing(step.now)
         context.outcome = None
@@ -89,7 +93,8 @@ class Tracking:
         if not phases.may_descend(relative):
             self._outside_t = step.now
         is_inside = step.now - self._outside_t >= SETTLED_S
-        may_descend = is_inside and relative.height > floor_m
+        is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
+        may_descend = is_inside and is_sure and relative.height > floor_m
         context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
 

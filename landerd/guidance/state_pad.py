@@ -9,6 +9,7 @@ from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, MAX_ROLL_PITCH_RATE, Touchdown
@@ -78,7 +79,10 @@ class Committed:
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
         if age > context.options.lost.after_s:
             yaw_rate = 0.0
-        descent = max(heave + self._touchdown.descent(vehicle.tilt), MIN_DESCENT_MPS)
+        sink_rate = self._touchdown.descent(vehicle.tilt)
+        if relative.height > context.options.descent.commit_height_m:  # it came up once more
+            sink_rate = min(sink_rate, TOUCHES_AT_MPS)
+        descent = max(heave + sink_rate, MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
 

@@ -17,14 +17,18 @@ FAST = 0.9  # of the gain times the error
 
 
 class Swing:
-    """Looks at the error over one window after another."""
+    """Looks at the error over one window after another.
+
+    Attributes:
+        size: rms of the error in the last one, m.
+    """
 
     def __init__(self) -> None:
         self.restart()
 
     def restart(self) -> None:
         """Forget what was seen."""
-        self._before = math.inf  # rms of the error in the window before, m
+        self.size = math.inf
         self._begin()
 
     def _begin(self) -> None:
@@ -48,7 +52,7 @@ class Swing:
         if self._t < WINDOW_S:
             return False
         size, speed = math.sqrt(self._error / self._t), math.sqrt(self._rate / self._t)
-        stays = size > LEAST_M and size > LASTS * self._before
-        self._before = size
+        stays = size > LEAST_M and size > LASTS * self.size
+        self.size = size
         self._begin()
         return stays and speed > FAST * gain * size

@@ -16,7 +16,7 @@ from landerd.config.models import Config, LimitsSection
 from landerd.geometry import Vec3, add, clamp, rot_z, rotate, sub
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
-from landerd.guidance.swing import Swing
+from landerd.guidance.swing import LASTS, Swing
 from landerd.messages import Phase
 
 # ---- horizontal --------------------------------------------------------------------------------
@@ -96,6 +96,8 @@ class TrackingMethod:
     def restart(self) -> None:
         """Begin a landing."""
         self._swing.restart()
+        self._swung_m = 0.0  # before the gains were lowered
+        self._is_gusty = False
         self._integral = (0.0, 0.0)
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
         self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
@@ -128,12 +130,22 @@ class TrackingMethod:
         return self._compensated(velocity, relative), self._yaw_rate(relative)
 
     def _calm(self, relative: RelativeState, dt: float) -> None:
-        """Lower the gains of a vehicle that swings over the pad: it is slower than it was said."""
-        if self._swing.step(relative.error, relative.error_rate, self._kp, dt):
-            step = max(CALMER, LEAST_CALMED / self._calmed)
-            self._calmed *= step
-            self._kp *= step
-            self._ki *= step * step
+        """Lower the gains of a vehicle that swings over the pad: it is slower than it was said.
+
+        Where it swings as much with the least gains, gusts move it: they want the gains it had.
+        """
+        if not self._swing.step(relative.error, relative.error_rate, self._kp, dt):
+            return
+        if self._calmed == 1.0:
+            self._swung_m = self._swing.size
+        step = max(CALMER, LEAST_CALMED / self._calmed)
+        if step == 1.0 and self._swing.size > LASTS * self._swung_m:
+            step, self._is_gusty = 1.0 / self._calmed, True
+        elif self._is_gusty:
+            step = 1.0
+        self._calmed *= step
+        self._kp *= step
+        self._ki *= step * step
 
     def _compensated(self, velocity: Vec3, relative: RelativeState) -> Vec3:
         """Return the order that a vehicle slower than it need be answers as one that is not.

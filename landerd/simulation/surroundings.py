@@ -149,5 +149,7 @@ def beyond_pad(world: World) -> Vec3 | None:
 
 
 def speed_on_the_way(world: World) -> float | None:
-    """Return the pad's speed where the vehicle follows it, m/s; else None: the autopilot's own."""
-    return horizontal(world.pad.velocity) if world.follows else None
+    """Return the speed behind a pad that is followed, m/s; else None: the autopilot's own."""
+    if not world.follows:
+        return None
+    return horizontal(world.pad.velocity) + world.options.start.overtake_mps

@@ -44,9 +44,9 @@ class Meter:
             down: unit vector of gravity, camera frame: tells the ground from the sky.
         """
         if pad is not None:
-            white = _white(image, self._camera, _outline(self._plate, pad))
-            if white is not None:
-                return Light(white, on_pad=True)
+            white = self._plate_levels(image, pad)
+            if white.size >= _LEAST_SAMPLES:
+                return Light(float(np.percentile(white, _WHITE_PERCENTILE)), on_pad=True)
         ground = self._ground(down)
         levels = image[np.ix_(self._rows, self._columns)].ravel()[ground]
         # Every pixel counts: a far pad covers no more than a few samples.
@@ -54,6 +54,37 @@ class Meter:
         size = (len(self._columns), len(self._rows))
         cells = cv2.resize(full, size, interpolation=cv2.INTER_AREA).ravel()[ground]
         return Light(float(np.median(levels)), False, float(cells.mean()) / 255.0)
+
+    def _plate_levels(self, image: NDArray[np.uint8], pad: PoseSolution) -> NDArray[np.uint8]:
+        """Return levels (n,) of what is seen of the plate."""
+        outline = _outline(self._plate, pad)
+        if float(outline[:, 2].min()) > MIN_DEPTH_M:
+            px = self._camera.pixels(outline)
+            last = (self._camera.width - 1, self._camera.height - 1)
+            if (px >= 0.0).all() and (px <= last).all():
+                return _within(image, px)
+        # Far outside of the picture a lens's distortion says nothing: a corner of the plate there
+        # may come to lie anywhere in it. The picture's own lines of sight are known.
+        levels: NDArray[np.uint8] = image[np.ix_(self._rows, self._columns)].ravel()
+        return levels[self._meets_plate(pad)]
+
+    def _meets_plate(self, pad: PoseSolution) -> NDArray[np.bool_]:
+        """Tell which samples (n,) show the plate; without its north: what is surely on it."""
+        normal, position = np.array(pad.normal), np.array(pad.position)
+        across = self._rays @ normal
+        is_ahead = across * float(position @ normal) > 0.0
+        distance = float(position @ normal) / np.where(is_ahead, across, 1.0)
+        offset = distance[:, None] * self._rays - position
+        plate = self._plate
+        if pad.north is None:
+            on_plate = np.linalg.norm(offset, axis=1) < _sure_reach(plate)
+        else:
+            flat = offset @ rotation_from(normal, np.array(pad.north))[:, :2]
+            n, e = flat.T
+            on_plate = (-plate.south_m < n) & (n < plate.north_m)
+            on_plate &= (-plate.west_m < e) & (e < plate.east_m)
+        meets: NDArray[np.bool_] = is_ahead & on_plate
+        return meets
 
     def _ground(self, down: Vec3 | None) -> NDArray[np.bool_]:
         """Tell which samples (n,) show the ground: all, if little of it is in sight."""
@@ -64,12 +95,16 @@ class Meter:
         return below if float(below.mean()) > _LEAST_GROUND else everywhere
 
 
+def _sure_reach(plate: Plate) -> float:
+    """Return the radius about the landing point that is on the plate, however it is turned, m."""
+    return min(plate.north_m, plate.south_m, plate.east_m, plate.west_m)
+
+
 def _outline(plate: Plate, pad: PoseSolution) -> F64:
     """Return points (n, 3) round the plate, without north round what is surely on it."""
     normal = np.array(pad.normal)
     if pad.north is None:
-        reach = min(plate.north_m, plate.south_m, plate.east_m, plate.west_m)
-        R, flat = rotation_from(normal, any_across(normal)), circle(reach)
+        R, flat = rotation_from(normal, any_across(normal)), circle(_sure_reach(plate))
     else:
         n, s, e, w = plate.north_m, -plate.south_m, plate.east_m, -plate.west_m
         R, flat = (
@@ -80,23 +115,13 @@ def _outline(plate: Plate, pad: PoseSolution) -> F64:
     return points
 
 
-def _white(image: NDArray[np.uint8], camera: CameraModel, outline: F64) -> float | None:
-    """Return the level of white within an outline (n, 3); None: too little of it is in sight."""
-    if float(outline[:, 2].min()) < MIN_DEPTH_M:
-        return None
-    px = camera.pixels(outline)
-    if not np.isfinite(px).all():
-        return None
-    low = np.maximum(np.floor(px.min(axis=0)), 0.0).astype(int)
-    high = np.minimum(np.ceil(px.max(axis=0)) + 1, (camera.width, camera.height)).astype(int)
-    if (high - low < 1).any():
-        return None
+def _within(image: NDArray[np.uint8], outline: F64) -> NDArray[np.uint8]:
+    """Return levels (n,), some of very many, within a convex outline (m, 2) in the picture."""
+    low = np.floor(outline.min(axis=0)).astype(int)
+    high = np.ceil(outline.max(axis=0)).astype(int) + 1
     step = max(1, math.ceil(int((high - low).max()) / _SAMPLES))
     part = image[low[1] : high[1] : step, low[0] : high[0] : step]
-    corners = np.clip((px - low) / step, -1e4, 1e4)
     mask = np.zeros(part.shape, np.uint8)
-    cv2.fillConvexPoly(mask, np.rint(corners).astype(np.int32), 1)
-    levels = part[mask > 0]
-    if levels.size < _LEAST_SAMPLES:
-        return None
-    return float(np.percentile(levels, _WHITE_PERCENTILE))
+    cv2.fillConvexPoly(mask, np.rint((outline - low) / step).astype(np.int32), 1)
+    levels: NDArray[np.uint8] = part[mask > 0]
+    return levels

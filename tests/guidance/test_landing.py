@@ -1,10 +1,13 @@
 """The states as they are gone through in flight: each event of the table, and what is ordered."""
 
-from landerd.config.models import Config
+import pytest
+
+from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import Vec3
 from landerd.guidance.states import State
 from landerd.messages import LocalPosition, Phase, Setpoint
-from tests.scripted_flight import DT, HIGH, LOW, Flight
+from landerd.pad import PadLayout
+from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
 STOP = Setpoint((0.0, 0.0, 0.0), 0.0)
 
@@ -65,6 +68,40 @@ def test_out_of_sight_it_searches_and_tracks_again() -> None:
     assert to(flight, State.SEARCHING) == [State.TRACKING, State.SEARCHING]
     flight.visible = True
     assert to(flight, State.TRACKING) == [State.SEARCHING, State.TRACKING]
+
+
+@pytest.mark.parametrize(("layout", "waits_s"), [(PAD, 0.0), (RING_PAD, 0.95)])
+def test_a_ring_alone_is_looked_at_for_a_second_before_it_sinks_and_again_when_it_was_gone(
+    layout: PadLayout, waits_s: float
+) -> None:
+    flight = Flight(layout=layout, position=(0.2, 0.0, -8.0)).engaged()
+    for _ in range(2):
+        flight.visible = False
+        to(flight, State.SEARCHING)
+        flight.visible = True
+        to(flight, State.TRACKING)
+        seen_t = flight.t
+        while not flight.setpoints[-1][1].velocity[2] > 0.0:
+            assert flight.t < seen_t + 3.0
+            flight.tick()
+        assert waits_s <= flight.t - seen_t < waits_s + 0.4
+
+
+def test_carried_up_again_after_commit_it_sinks_as_slowly_as_the_autopilots_timeout_stops() -> None:
+    quick = GuidanceSection(touchdown_descent_mps=0.6)  # or leaning against wind
+    flight = Flight(config=Config(guidance=quick)).engaged()
+    to(flight, State.COMMITTED)
+    gear_m = flight.config.vehicle.gear_height_m
+    ordered = []
+    for height, steps in ((0.15, 12), (0.28, 24)):
+        for _ in range(steps):
+            flight.position = (*flight.position[:2], flight.pad[2] - gear_m - height)
+            flight.velocity = (0.0, 0.0, 0.0)
+            flight.tick()
+        assert flight.lander.state is State.COMMITTED
+        ordered.append(flight.setpoints[-1][1].velocity[2])
+    assert ordered[0] > 0.5
+    assert 0.3 < ordered[1] < 0.5  # design rule 2
 
 
 def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:

@@ -11,14 +11,18 @@ from landerd.guidance.metering import Metering
 from landerd.messages import CLIPPED_LEVEL, ExposureOrder, Light, Sightings
 
 PERIOD_S, LATENCY_S, FRAMES_LATE = 1 / 30, 0.1, 2
+SEEN_LEVELS = 60.0, 250.0  # of white: a pad is found between them
 OPTIONS = MeteringSection(shortest_s=1e-4, short_s=0.004, longest_s=0.015, gain_max=8.0)
 
 
 class Camera:
     """Takes orders two pictures late and tells levels 0.1 s after their exposure."""
 
-    def __init__(self, tone: Callable[[float], float] = lambda light: light) -> None:
+    def __init__(
+        self, tone: Callable[[float], float] = lambda light: light, period_s: float = PERIOD_S
+    ) -> None:
         self.tone = tone
+        self.period_s = period_s
         self.metering = Metering(OPTIONS)
         self.orders: list[tuple[float, ExposureOrder]] = []
         self.levels: list[float] = []
@@ -27,7 +31,7 @@ class Camera:
 
     def amount(self, t: float) -> float:
         """Exposure times gain of the picture of time t; set to 8 ms before the first order."""
-        taken = [o for at, o in self.orders if at + FRAMES_LATE * PERIOD_S <= t]
+        taken = [o for at, o in self.orders if at + FRAMES_LATE * self.period_s <= t]
         return taken[-1].time_s * taken[-1].gain if taken else 0.008
 
     def level(self, t: float, light: float) -> float:
@@ -40,8 +44,8 @@ class Camera:
     ) -> float:
         """Take pictures so long, of something bright too; return the last one's level."""
         level = 0.0
-        for _ in range(round(seconds / PERIOD_S)):
-            t = self.frame * PERIOD_S
+        for _ in range(round(seconds / self.period_s)):
+            t = self.frame * self.period_s
             level = self.level(t, light)
             self.levels.append(level)
             white = 0.0 if bright is None else self.level(t, bright)
@@ -53,6 +57,20 @@ class Camera:
                 self.orders.append((t + LATENCY_S, order))
             self.frame += 1
         return level
+
+    def look(self, seconds: float, ground: float, white: float) -> list[bool]:
+        """Take pictures so long of a pad on the ground; return in which ones it was found."""
+        found = []
+        for _ in range(round(seconds / self.period_s)):
+            is_found = (
+                SEEN_LEVELS[0] < self.level(self.frame * self.period_s, white) < SEEN_LEVELS[1]
+            )
+            if is_found:
+                self.run(self.period_s, white, on_pad=True)
+            else:
+                self.run(self.period_s, ground, on_pad=False, bright=white)
+            found.append(is_found)
+        return found
 
     @property
     def last(self) -> ExposureOrder:
@@ -137,6 +155,20 @@ def test_ground_without_anything_glaring_keeps_its_exposure() -> None:
     count = len(camera.orders)
     camera.run(2.0, 0.3, on_pad=False, bright=0.6)
     assert len(camera.orders) == count
+
+
+@pytest.mark.parametrize("period_s", [1 / 30, 1 / 15, 1 / 10])
+@pytest.mark.parametrize("tone", [lambda light: light, gamma, s_curve])
+def test_a_white_pad_on_dark_ground_that_is_found_is_not_lost_again(
+    tone: Callable[[float], float], period_s: float
+) -> None:
+    """Orders on their way when it is found, and slow cameras, must not make it go."""
+    camera = Camera(tone, period_s)
+    found = camera.look(6.0, 0.3, 6.0)
+    first = found.index(True)
+    assert first * period_s < 3.0
+    late = found[first + round(1.0 / period_s) :]
+    assert sum(late) > 0.95 * len(late)
 
 
 def test_a_pad_out_of_sight_for_a_moment_changes_nothing() -> None:

@@ -53,9 +53,11 @@ def test_the_heading_is_off_by_the_short_way_round() -> None:
 
 def test_the_worse_horizontal_direction_counts_and_so_does_the_lenss_direction() -> None:
     below = pad((1.0, 2.0, 0.0))  # 4.8 m under the feet
-    assert RelativeState.between(vehicle(flying()), below, 0.0).sigma_m == pytest.approx(0.2)
+    tape_m = 0.01  # of the camera's place on the airframe
+    alone = RelativeState.between(vehicle(flying()), below, 0.0).sigma_m
+    assert alone == pytest.approx(math.hypot(0.2, tape_m))
     with_lens = RelativeState.between(vehicle(flying()), below, 0.05).sigma_m
-    assert with_lens == pytest.approx(math.hypot(0.2, 0.05 * 4.8))
+    assert with_lens == pytest.approx(math.hypot(0.2, 0.05 * 4.8, tape_m))
 
 
 def test_a_deck_is_counted_on_to_sink_only_as_far_as_that_is_known() -> None:

@@ -136,3 +136,31 @@ def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> 
             beyond = max(beyond, -error[0])
         assert abs(error[0]) < 0.3, shaping
         assert beyond < 0.3, shaping
+
+
+def swung(method: TrackingMethod, *, seconds: float, by_m: float) -> float:
+    """Swing as far so long, whatever is ordered; return what closes an error of 0.2 m then."""
+    for i in range(round(seconds / DT)):
+        phase = 3.8 * i * DT
+        error = (by_m * math.cos(phase), by_m * math.sin(phase), 3.0)
+        rate = (-3.8 * error[1], 3.8 * error[0], 0.0)
+        method.step(Phase.DESCENT, situation(error=error, rate=rate), 0.0, DT)
+    return method.step(Phase.DESCENT, situation(0.2, 3.0), 0.0, DT)[0][0]
+
+
+def test_a_swing_that_smaller_gains_do_not_calm_is_the_winds_and_wants_the_gains_it_had() -> None:
+    """Gusts moved a vehicle on its least gains by 0.2 m, and it never came down."""
+    fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
+    calmed = swung(TrackingMethod(CONFIG), seconds=11.0, by_m=0.2)
+    assert calmed < 0.6 * fresh
+    method = TrackingMethod(CONFIG)
+    assert swung(method, seconds=16.0, by_m=0.2) > 0.8 * fresh
+    assert swung(method, seconds=16.0, by_m=0.2) > 0.8 * fresh  # nor are they lowered again
+
+
+def test_a_swing_that_smaller_gains_calm_keeps_them() -> None:
+    method = TrackingMethod(CONFIG)
+    fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
+    for by_m in (0.3, 0.25, 0.15, 0.08, 0.04):
+        left = swung(method, seconds=4.0, by_m=by_m)
+    assert left < 0.6 * fresh

@@ -7,11 +7,23 @@ import numpy as np
 import pytest
 
 from landerd.config.models import VisionSection
-from landerd.messages import Frame, Light, Prior
+from landerd.messages import Frame, Light, PoseSolution, Prior
 from landerd.vision import Vision
-from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, Shadow, look, render
+from landerd.vision.metering import Meter
+from landerd.vision.pose import rotation_from
+from tests.vision.scenes import (
+    IDEAL_CAMERA,
+    THESIS_CAMERA,
+    THESIS_PAD,
+    Optics,
+    Shadow,
+    View,
+    look,
+    render,
+)
 
 CAMERA = IDEAL_CAMERA
+NORTH = np.array([0.0, -0.85, 0.53])
 
 
 def shown(distance: float, optics: Optics) -> Light:
@@ -75,3 +87,19 @@ def test_nobody_is_told_who_does_not_ask() -> None:
     vision = Vision(THESIS_PAD, CAMERA, VisionSection())
     image = np.full((480, 640), 90, np.uint8)
     assert vision.process(Frame(0.0, 0, image)).light is None
+
+
+@pytest.mark.parametrize("height", [0.75, 0.65, 0.5])
+def test_white_counts_where_corners_of_the_plate_are_far_outside_of_the_picture(
+    height: float,
+) -> None:
+    """Just over the pad, at its tag: the lens's distortion folds far corners into the picture."""
+    view = View((0.0, 0.5, height), rotation_from(np.array([0.0, 0.53, 0.85]), NORTH))
+    optics = replace(Optics(), white=170.0, black=20.0)
+    image = render(view, THESIS_CAMERA, optics, np.random.default_rng(2), THESIS_PAD)
+    down = tuple(view.normal.tolist())
+    none = ((0.0,) * 3,) * 3
+    pad = PoseSolution(view.position, down, tuple(NORTH.tolist()), none, 0.01, 0.01, 1.0)
+    light = Meter(THESIS_CAMERA, THESIS_PAD.plate).light(image, pad, None)
+    assert light.on_pad
+    assert light.level == pytest.approx(170.0, abs=10.0)

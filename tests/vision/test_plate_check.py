@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from landerd.config.models import VisionSection
-from landerd.messages import Frame
+from landerd.messages import Frame, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Plate, Square
 from landerd.vision import Vision
+from landerd.vision.plate_check import PlateCheck
 from tests.vision.scenes import (
     IDEAL_CAMERA,
     THESIS_PAD,
@@ -138,3 +139,42 @@ def test_a_ring_by_itself_is_what_it_should_be_for_a_pad_of_one_ring() -> None:
     at = view(5.0, 0.3)
     image = render(at, IDEAL_CAMERA, Optics(), np.random.default_rng(2), BARE)
     assert Vision(BARE, IDEAL_CAMERA, VisionSection()).process(Frame(0.0, 0, image)).pad
+
+
+def tag(half_side_m: float) -> PadLayout:
+    """An ArUco tag of somebody else's on its own plate; blurred, its only white cell is a disc."""
+    m = half_side_m
+    return PadLayout(
+        name="foreign",
+        markers=(Square(kind="aruco", dictionary="4X4_50", id=17, size_m=0.5),),
+        plate=Plate(north_m=m, south_m=m, east_m=m, west_m=m),
+    )
+
+
+@pytest.mark.parametrize(("half_side_m", "distance"), [(0.42, 11.0), (0.36, 11.0)])
+def test_nor_is_a_blurred_tag_on_a_plate_of_its_own(half_side_m: float, distance: float) -> None:
+    blurred = Optics(background="grass", blur_px=2.0)
+    assert not is_seen(tag(half_side_m), view(distance, 0.0), blurred)
+
+
+def test_nor_is_one_with_white_alike_on_four_sides() -> None:
+    """As the corners of a small square plate, blurred, stand out beyond a tag's black frame."""
+    ring = THESIS_PAD.rings[0]
+    distance = 15.0
+    radius = IDEAL_CAMERA.fx * ring.radius_m / distance
+    y, x = np.mgrid[:480, :640] - np.array([227.5, 299.9])[:, None, None]
+    away = np.hypot(x, y) / radius
+    is_black = (away < 1.0) & (away > ring.inner_ratio)
+    corners = [math.pi * (0.25 + 0.5 * k) for k in range(4)]
+    white = sum(
+        np.exp(
+            -((x / radius - 1.65 * math.cos(a)) ** 2 + (y / radius - 1.65 * math.sin(a)) ** 2) / 0.3
+        )
+        for a in corners
+    )
+    image = 95.0 + 100.0 * np.clip(white + (away < ring.inner_ratio), 0.0, 1.0) - 15.0 * is_black
+    blurred = cv2.GaussianBlur(image, (0, 0), 1.5).astype(np.uint8)
+    at = look(IDEAL_CAMERA, distance, 0.0, pixel=(299.9, 227.5))
+    solution = PoseSolution(at.position, (0.0, 0.0, 1.0), None, ((0.0,) * 3,) * 3, None, 0.1, 1.0)
+    seen = MarkerSighting("whycon", None, (solution,), ())
+    assert PlateCheck(THESIS_PAD, IDEAL_CAMERA).contradicts(blurred, ring, seen)

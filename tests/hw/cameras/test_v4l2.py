@@ -509,3 +509,20 @@ def test_a_camera_that_takes_no_orders_is_spoken_of_and_goes_on() -> None:
 
     driver = run(source, use)
     assert sum("does not take orders" in remark for remark in driver.remarks) == 1
+
+
+def test_a_camera_whose_exposure_cannot_be_set_keeps_its_own_automatic() -> None:
+    automatic = 3
+    source = FakeCamera(
+        ranges={fake.EXPOSURE_AUTO: Range(0, 3), fake.AUTOGAIN: Range(0, 1)},
+        values={fake.EXPOSURE_AUTO: automatic, fake.AUTOGAIN: 1},
+    )
+
+    async def use(driver: V4l2Camera) -> None:
+        driver.expose(ExposureOrder(0.003, 1.0))
+        await carried_out()
+        assert source.values[fake.EXPOSURE_AUTO] != 1
+        assert source.values[fake.AUTOGAIN] == 1
+
+    driver = run(source, use)
+    assert any("does not take orders" in remark for remark in driver.remarks)
