@@ -54,6 +54,7 @@ include: [{config_dir()}/default.yaml, {config_dir()}/scenarios/hover.yaml]
 autopilot: {{url: "udpin:127.0.0.1:{PORT}"}}
 gimbal: {{driver: mavlink}}
 aim: {{idle_pitch_deg: -30.0}}
+camera: {{exposure: fixed}}
 sim: {{start: {{position_m: [-0.8, 0.4], altitude_m: 10.0, spread_m: 0.0}}}}
 """
 LOW_US, HIGH_US = 1100, 1900

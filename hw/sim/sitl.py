@@ -256,8 +256,7 @@ class SitlWorld(World):
     def state_at(self, t: float) -> Sample:
         """Return the state at time t: the vehicle's is SITL's, the gimbal's the world's own."""
         sample, state = super().state_at(t), self._truth.at(t)
-        return replace(
-            sample,
+        return sample._replace(
             position=add(state.position, self._lift),
             velocity=state.velocity,
             roll=state.roll,

@@ -53,6 +53,22 @@ def mcnemar(only_a: int, only_b: int) -> float:
     return min(1.0, 2.0 * tail / 2.0**n)
 
 
+def paired_difference(only_a: int, only_b: int, pairs: int) -> tuple[float, float]:
+    """Return the 95 % interval of the second share minus the first one's, of the same pairs.
+
+    Wald's after half a pair of each of the four kinds was added (Agresti and Min 2005), which holds
+    for few pairs too, and where none differ.
+
+    Args:
+        only_a: pairs in which the first alone succeeded.
+        only_b: pairs in which the second alone did.
+        pairs: of all kinds.
+    """
+    n, more, differ = pairs + 2.0, only_b - only_a, only_a + only_b + 1.0
+    half = _Z * math.sqrt(differ - more * more / n) / n
+    return max(-1.0, more / n - half), min(1.0, more / n + half)
+
+
 def percentile(values: Sequence[float], percent: float) -> float | None:
     """Return a percentile, interpolated between the two values next to it; None of no values."""
     if not values:

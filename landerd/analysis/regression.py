@@ -33,7 +33,7 @@ def regression(x: Sequence[float], y: Sequence[float], degree: int) -> dict[str,
 def in_words(fit: Mapping[str, Any]) -> str:
     """Return a regression in words."""
     ends = zip(fit["polynomial"], fit["polynomial_95"], strict=True)
-    terms = " ".join(f"{c:+.4f} ±{high - c:.4f}" for c, (_, high) in ends)
+    terms = " ".join(f"{c:+.3g} ±{high - c:.2g}" for c, (_, high) in ends)
     return (
         f"over distance, highest power first: {terms}; sigma {fit['sigma']:.4f} of "
         f"{fit['samples']} samples"

@@ -24,10 +24,16 @@ SETTLED_S = 3.0  # after which nothing is left of what was ordered before lander
 LEAST_S = 4.0  # shorter stretches tell nothing
 FIRST_S = 0.3  # by which its acceleration at the beginning is told
 LEAST_CHANGE_MPS = 1.0  # of the velocity in them: a vehicle that hovers tells nothing, either
+# Slower than ordered by so much, and for so long it gains no more than so much: it flies as fast as
+# its lean and the air allow. No delay and no jerk that it may have explains that.
+SHORT_MPS, HELD_S, GAIN_MPS = 0.5, 2.0, 0.3
 # A fit that is worse by no more than this share is as good: the log cannot tell. Nor can it below
 # the errors of its own velocities.
 SAME_FIT = 1.05
 VELOCITY_ERROR_MPS = 0.01
+
+
+Series = list[tuple[float, tuple[float, float]]]  # s; north and east, m/s
 
 
 class ResponseError(Exception):
@@ -92,9 +98,13 @@ class Fit:
 
 
 def stretches(log: FlightLog) -> list[Stretch]:
-    """Return where a log has landerd's orders without a gap, in the air, with enough change."""
-    orders: list[tuple[float, tuple[float, float]]] = []
-    flown: list[tuple[float, tuple[float, float]]] = []
+    """Return where a log has landerd's orders without a gap, in the air, with enough change.
+
+    Orders that the vehicle has not the power to follow are left out, from when it falls behind
+    until it has caught up: they would be taken for those of a vehicle that accelerates slowly.
+    """
+    orders: Series = []
+    flown: Series = []
     committed_t = math.inf
     for step in log.steps:
         message = step.message
@@ -107,15 +117,38 @@ def stretches(log: FlightLog) -> list[Stretch]:
                 committed_t = min(committed_t, step.now)  # feet may hold it from then on
     orders = [order for order in orders if order[0] < committed_t]
     flown.sort()
+    beyond = _out_of_reach(orders, flown)
+    orders = [order for order in orders if order[0] not in beyond]
     breaks = [i + 1 for i, (a, b) in enumerate(pairwise(orders)) if b[0] - a[0] > GAP_S]
     pieces = [orders[i:j] for i, j in pairwise([0, *breaks, len(orders)])]
     return [s for piece in pieces if (s := _stretch(piece, flown)) is not None]
 
 
-def _stretch(
-    orders: Sequence[tuple[float, tuple[float, float]]],
-    flown: Sequence[tuple[float, tuple[float, float]]],
-) -> Stretch | None:
+def _out_of_reach(orders: Series, flown: Series) -> set[float]:
+    """Return the times of the orders that the vehicle was too weak to follow."""
+    times = [t for t, _ in flown]
+    behind: list[tuple[float, float]] = []  # when, and how fast along the order
+    found: set[float] = set()
+    run: list[float] = []
+    is_held = False
+    for t, (north, east) in [*orders, (math.inf, (0.0, 0.0))]:
+        speed = math.hypot(north, east)
+        i = bisect_right(times, t) - 1
+        vn, ve = flown[i][1] if i >= 0 else (north, east)
+        along = (vn * north + ve * east) / speed if speed > 0.0 else 0.0
+        if speed - along <= SHORT_MPS:
+            found.update(run if is_held else ())
+            behind, run, is_held = [], [], False
+            continue
+        run.append(t)
+        behind.append((t, along))
+        while behind[0][0] < t - HELD_S:
+            is_held = is_held or along - behind[0][1] < GAIN_MPS
+            behind.pop(0)
+    return found
+
+
+def _stretch(orders: Series, flown: Series) -> Stretch | None:
     if not orders or orders[-1][0] - orders[0][0] < LEAST_S:
         return None
     times = [t for t, _ in flown]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any, NamedTuple
 
-from landerd.analysis.intervals import mcnemar, mean_interval, wilson
+from landerd.analysis.intervals import mcnemar, mean_interval, paired_difference, wilson
 from landerd.campaigns.fault_table import failures
 from landerd.campaigns.pool import Run, Task
 from landerd.campaigns.table import has_failed as has_failed_to_land
@@ -93,6 +93,8 @@ def _rates(row: Sequence[Pair]) -> dict[str, Any]:
         "a_95": wilson(a, len(row)),
         "b": b,
         "b_95": wilson(b, len(row)),
+        "change": (b - a) / len(row),
+        "change_95": paired_difference(len(only_a), len(only_b), len(row)),
         "only_a_seeds": only_a,
         "only_b_seeds": only_b,
         "mcnemar_p": p_value,
@@ -148,13 +150,13 @@ def as_text(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _rate_cells(row: Mapping[str, Any]) -> list[str]:
     rates, n = row["succeeded"], row["pairs"]
-    percent = 100.0 * (rates["b"] - rates["a"]) / n
+    low, high = (100.0 * share for share in rates["change_95"])
     return [
         "succeeded",
         _share(rates["a"], n, rates["a_95"]),
         _share(rates["b"], n, rates["b_95"]),
-        f"{percent:+.1f} %",
-        f"p {rates['mcnemar_p']:.2g}",
+        f"{100.0 * rates['change']:+.1f} %",
+        f"{low:+.1f} to {high:+.1f}, p {rates['mcnemar_p']:.2g}",
         rates["verdict"],
     ]
 

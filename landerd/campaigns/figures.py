@@ -38,14 +38,15 @@ def figures(campaign: Campaign, runs: Mapping[str, Sequence[Run]]) -> list[Figur
             if any(run.result is not None and run.result.get(key) for run in flown)
         ]
         if drawings:
-            found.append(Figures(drawings, f"{caption} Thesis: figure {number}."))
+            figure = "figure" if number.replace(".", "").isdigit() else "figures"
+            found.append(Figures(drawings, f"{caption} Thesis: {figure} {number}."))
     return found
 
 
 def _shown(
     campaign: Campaign, runs: Mapping[str, Sequence[Run]]
 ) -> list[tuple[Row, Sequence[Run]]]:
-    """Return all rows, or of many the best and the worst."""
+    """Return all rows; of many those that no grid varies, and the best and the worst."""
     rows = [(campaign.row(name), flown) for name, flown in runs.items()]
     if len(rows) <= MOST_ROWS:
         return rows
@@ -55,8 +56,9 @@ def _shown(
         times = [r.result["time_s"] for r in flown if r.result and r.result.get("time_s")]
         return sum(map(has_failed, flown)) / len(flown), sum(times) / max(1, len(times))
 
-    ordered = sorted(rows, key=order)
-    return [ordered[0], ordered[-1]]
+    varied = {row.name for grid in campaign.grids for row in grid.rows()} or set(runs)
+    ordered = sorted((each for each in rows if each[0].name in varied), key=order)
+    return [*ordered[:1], *ordered[1:][-1:], *(r for r in rows if r[0].name not in varied)]
 
 
 def _drawn(draw: Draw, row: Row, runs: Sequence[Run]) -> str:
@@ -129,6 +131,19 @@ def _trajectories(figure: Any, row: Row, runs: Sequence[Run]) -> None:
     right.set(xlabel="distance, level (m)", ylabel="height (m)")
 
 
+def _estimated(figure: Any, row: Row, runs: Sequence[Run]) -> None:
+    """Draw where the pad was taken to be, as seen from the vehicle: from above, and below it."""
+    left, right = figure.subplots(1, 2)
+    for path in _paths(runs):
+        if "ahead" in path:  # older files do not tell
+            left.plot(path["right"], path["ahead"], color=OURS, **LINE)
+            right.plot(np.hypot(path["ahead"], path["right"]), path["below"], color=OURS, **LINE)
+    left.plot(0.0, 0.0, "k+", markersize=10)
+    left.set(xlabel="right of the vehicle (m)", ylabel="ahead of it (m)")
+    left.set_aspect("equal", adjustable="datalim")
+    right.set(xlabel="distance, level (m)", ylabel="below its feet (m)")
+
+
 # ---- of poses ------------------------------------------------------------------------------------
 
 
@@ -197,6 +212,10 @@ _FIGURES: Mapping[Figure, tuple[Draw, str]] = {
     "descent": (_descent, "Height and speed over time. Each line is a landing."),
     "heading": (_heading, "Off the pad's heading over time. Each line is a turn."),
     "paths": (_trajectories, "Ways to the pad, as seen from it. Each line is a landing."),
+    "estimated": (
+        _estimated,
+        "Where landerd took the pad to be, as seen from the vehicle. Each line is a landing.",
+    ),
     "errors": (_errors, "Where the marker was said to be, and how far off over the distance."),
     "yaw_errors": (_yaw_errors, "How far off the heading was, over the distance."),
     "flips": (_flips, "Each stroke is a picture; red: the axis is the mirrored one."),

@@ -75,7 +75,9 @@ class Kept:
 
 
 def _reason(e: OSError | UnicodeDecodeError) -> str:
-    return e.strerror or "it fails" if isinstance(e, OSError) else "not text"
+    if isinstance(e, OSError):
+        return e.strerror or "it fails"
+    return "not text, expected a file that landerd campaign --keep has written"
 
 
 def read_runs(path: Path) -> dict[Task, Run]:

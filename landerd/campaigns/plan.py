@@ -51,10 +51,19 @@ Goal = Literal["landing", "approach", "turn", "poses"]
 
 
 # Figures of a report. Of flights: camera, the pad in the camera's frame; distance, over time;
-# descent, height and speed over time; heading, over time; paths, from above and from the side. Of
-# poses: errors and yaw_errors, over distance; flips, of the axis.
+# descent, height and speed over time; heading, over time; paths, from above and from the side;
+# estimated, the same as the vehicle took it to be. Of poses: errors and yaw_errors, over distance;
+# flips, of the axis.
 Figure = Literal[
-    "camera", "distance", "descent", "heading", "paths", "errors", "yaw_errors", "flips"
+    "camera",
+    "distance",
+    "descent",
+    "heading",
+    "paths",
+    "estimated",
+    "errors",
+    "yaw_errors",
+    "flips",
 ]
 OF_POSES: tuple[Figure, ...] = ("errors", "yaw_errors", "flips")
 

@@ -126,7 +126,7 @@ def remarks(row: Mapping[str, Any]) -> list[str]:
         fit = row[key]
         if fit is not None:
             published = thesis[key.removesuffix("_fit")]
-            beside = f"; thesis {' '.join(f'{c:+.4f}' for c in published)}" if published else ""
+            beside = f"; thesis {' '.join(f'{c:+g}' for c in published)}" if published else ""
             lines.append(f"{name} {in_words(fit)}{beside}")
     for i, axis in enumerate(AXES):
         found = row["axes"][axis]

@@ -107,7 +107,8 @@ def _worst(campaign: Campaign, runs: Mapping[str, Sequence[Run]], again: Again) 
     lines = []
     for run, row in worst:
         lines += [f"# {_what(run, row)}", again(row, run.seed)]
-    return [Heading("The worst flights, and how to fly them again", 3), Lines(lines)]
+    told = "With `--log flight.mcap` it is recorded; `landerd report flight.mcap` shows it."
+    return [Heading("The worst flights, and how to fly them again", 3), Lines(lines), Text(told)]
 
 
 def _badness(run: Run, row: Row) -> tuple[float, float, float]:

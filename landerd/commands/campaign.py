@@ -121,7 +121,7 @@ def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | No
             for each in least:
                 print(f"{'; '.join(each['failures'])}: {each['again']}")
             minutes = (time.monotonic() - started) / 60.0
-            print(f"{len(waiting)} landings, {minutes:.1f} min from the beginning")
+            print(f"{len(waiting)} runs, {minutes:.1f} min from the beginning")
     if args.json:
         wall_s = time.monotonic() - started
         found = flown[0] if len(flown) == 1 else {"campaign": args.name, "campaigns": flown}

@@ -12,6 +12,7 @@ from landerd.campaigns.journal import Journal, JournalError
 from landerd.campaigns.plan import Campaign
 from landerd.campaigns.pool import Run, Task
 from landerd.campaigns.search import Place, SearchError, Tried, check_cma_es, cma_es, grid
+from landerd.campaigns.search_page import page_of
 from landerd.campaigns.tuning import (
     FRESH_FROM,
     Cost,
@@ -58,6 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="no search: fit how the vehicle answers in these logs, and propose gains for it",
     )
     parser.add_argument("-o", dest="out", type=Path, metavar="FILE.yaml", help="write the gains")
+    parser.add_argument(
+        "--report", type=Path, metavar="FILE.html", help="write a page with a picture of the search"
+    )
     parser.add_argument("--search", choices=("cma-es", "grid"), default="cma-es", help="(cma-es)")
     parser.add_argument(
         "--sets", type=_count, metavar="N", help="sets of values tried; without: as NAME says"
@@ -70,9 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Search and write; return 0, or 1 if the winner does not hold on fresh seeds."""
     check_output(args.out, ".yaml", "-o")
+    check_output(args.report, ".html", "--report")
     if (args.name is None) == (args.flights is None):
         raise InputError("expected NAME, or --from FLIGHT.mcap")
     if args.flights is not None:
+        if args.report is not None:
+            raise InputError("--report: expected a search, --from makes none")
         return tune_from(args)
     args.config = None if args.config is None else config_path(args)
     with refusing(ConfigError, JournalError, SearchError):
@@ -158,19 +165,20 @@ def _search(args: argparse.Namespace, flights: _Flights, start: Values) -> int:
     (start_runs,) = flights.fly([start], seeds)
     start_cost = cost_of(start_runs, tuning.objective)
     tell(f"as it is: {_in_words(start_cost)}")
-    tried: list[Tried] = []
+    generations: list[list[Tried]] = []
     if args.search == "grid":
-        tried += grid(len(place), tuning.steps, seeds, flights.costs)
+        generations.append(list(grid(len(place), tuning.steps, seeds, flights.costs)))
     else:
         for generation in cma_es(place, tuning.sets, seeds, flights.costs):
-            tried += generation
-            best = _best(tried)
-            tell(f"{len(tried)} sets: {_in_words(best.cost)} {tuning.at(best.place)}")
-    best = _best(tried)
+            generations.append(generation)
+            best = _best(generations)
+            count = sum(map(len, generations))
+            tell(f"{count} sets: {_in_words(best.cost)} {tuning.at(best.place)}")
+    best = _best(generations)
     found: dict[str, Any] = {
         "tuning": args.name,
         "search": args.search,
-        "sets": len(tried),
+        "sets": sum(map(len, generations)),
         "start": {"values": dict(start), "cost": start_cost._asdict()},
         "winner": {"values": tuning.at(best.place), "cost": best.cost._asdict()},
         "fresh": None,
@@ -180,14 +188,19 @@ def _search(args: argparse.Namespace, flights: _Flights, start: Values) -> int:
         a, b = flights.fly([start, tuning.at(best.place)], fresh)
         pairs = [Pair(x, y) for x, y in zip(a, b, strict=True)]
         found["fresh"] = check(pairs, tuning.objective)
-    return _tell_and_write(args, tuning, found)
+    return _tell_and_write(args, tuning, generations, found)
 
 
-def _best(tried: Sequence[Tried]) -> Tried:
-    return min((t for t in tried if t.whole), key=lambda t: t.cost)
+def _best(generations: Sequence[Sequence[Tried]]) -> Tried:
+    return min((t for tried in generations for t in tried if t.whole), key=lambda t: t.cost)
 
 
-def _tell_and_write(args: argparse.Namespace, tuning: Tuning, found: dict[str, Any]) -> int:
+def _tell_and_write(
+    args: argparse.Namespace,
+    tuning: Tuning,
+    generations: Sequence[Sequence[Tried]],
+    found: dict[str, Any],
+) -> int:
     fresh = found["fresh"]
     values = found["winner"]["values"]
     lines = [
@@ -213,6 +226,10 @@ def _tell_and_write(args: argparse.Namespace, tuning: Tuning, found: dict[str, A
         print("\n".join([*lines, *(f"  {setting}" for setting in settings_of(values) if fresh)]))
     if fresh is not None and args.out is not None:
         write_text(args.out, overlay(values, lines))
+    if args.report is not None:
+        sets = {"as it was": found["start"]["values"], "found": values}
+        title = f"landerd tune {args.name}"
+        write_text(args.report, page_of(title, lines, tuning, generations, sets))
     return 0 if fresh is not None and fresh["holds"] else 1
 
 

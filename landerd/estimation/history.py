@@ -81,7 +81,11 @@ class History:
         if t1 - t0 > self.max_gap_s:
             return None
         k = (t - t0) / (t1 - t0)
+        before, after = self._values[i - 1], self._values[i]
+        # A list, not a generator: this runs thousands of times a flight.
         return tuple(
-            wrap(a + k * wrap(b - a)) if angle else a + k * (b - a)
-            for a, b, angle in zip(self._values[i - 1], self._values[i], self._angles, strict=True)
+            [
+                wrap(a + k * wrap(b - a)) if angle else a + k * (b - a)
+                for a, b, angle in zip(before, after, self._angles, strict=True)
+            ]
         )

@@ -19,7 +19,16 @@ from landerd.flightlog.contents import Dropped, Head, Searched, State
 from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, part, part_number, rotate
 from landerd.flightlog.writer import LogWriter
 from landerd.lander import Lander
-from landerd.messages import Command, Frame, Heartbeat, Input, Prior, Sightings, Tick
+from landerd.messages import (
+    Command,
+    Frame,
+    Heartbeat,
+    Input,
+    PhaseChange,
+    Prior,
+    Sightings,
+    Tick,
+)
 
 log = logging.getLogger("landerd")
 
@@ -144,7 +153,9 @@ class Recorder:
             self._dropped["messages"] += 1
         else:
             self._put(self._step, (number, now, message, commands, self._takes_detail()))
-        if isinstance(message, Tick) and now - self._state_t >= STATE_S:
+        # A change at once: the log may end with it, and the last state tells the outcome.
+        changed = any(isinstance(command, PhaseChange) for command in commands)
+        if changed or (isinstance(message, Tick) and now - self._state_t >= STATE_S):
             self._state_t = now
             self._watch(now)
         if self._thread is None and now - self._synced_t >= SYNC_S:

@@ -31,6 +31,7 @@ class Orders:
         self._dt = 0.0
         self._setpoint_t = -math.inf  # of the last set-point
         self._said: dict[str, float] = {}  # when each line was told last
+        self._entered_t = -math.inf  # the phase, and out of a landing its reason
 
     def configure(self, limits: LimitsSection) -> None:
         """Take new limits."""
@@ -98,8 +99,10 @@ class Orders:
             self.reason = reason
             if pilot_texts.asks_for_switch(reason):
                 self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
+            elif phase is Phase.NOT_LANDING and self._said_t(reason) < self._entered_t:
+                self.say(Severity.WARNING, reason)  # it had been told just before, of another time
             return
-        self.phase, self.reason = phase, reason
+        self.phase, self.reason, self._entered_t = phase, reason, self._now
         self.commands.append(PhaseChange(phase, reason))
         if phase is Phase.NOT_LANDING:
             self.say(Severity.WARNING, reason)
@@ -108,7 +111,13 @@ class Orders:
 
     def say(self, severity: Severity, text: str, *, every_s: float = pilot_texts.REPEAT_S) -> None:
         """Tell the pilot a line, unless it was told within every_s (s)."""
-        line = f"{pilot_texts.PREFIX}{text}"[: pilot_texts.MAX_CHARACTERS]
-        if self._now - self._said.get(line, -math.inf) >= every_s:
-            self._said[line] = self._now
-            self.commands.append(StatusText(severity, line))
+        if self._now - self._said_t(text) >= every_s:
+            self._said[_line(text)] = self._now
+            self.commands.append(StatusText(severity, _line(text)))
+
+    def _said_t(self, text: str) -> float:
+        return self._said.get(_line(text), -math.inf)
+
+
+def _line(text: str) -> str:
+    return f"{pilot_texts.PREFIX}{text}"[: pilot_texts.MAX_CHARACTERS]

@@ -10,6 +10,10 @@ DIGITS = 3
 
 Column = list[float | None]
 
+_BY_TRUTH = ("t", "north", "east", "up", "pad_north", "pad_east", "heading_error_deg")
+_NAMES = (*_BY_TRUTH, *"xyz", "ahead", "right", "below")
+_UNKNOWN = (None, None, None)
+
 
 def path_of(recording: Recording, first_sighting_t: float | None) -> dict[str, Column]:
     """Return the path from the first sighting on, by truth.
@@ -22,16 +26,22 @@ def path_of(recording: Recording, first_sighting_t: float | None) -> dict[str, C
         Columns of one length: `t` since the first sighting, s; `north`, `east`, `up` of the
         vehicle's feet and `pad_north`, `pad_east` of the landing point, m, in axes of the pad at
         its start; `heading_error_deg`; `x`, `y`, `z` of the landing point in the camera's frame as
-        seen, m, None where it was not.
+        seen, m, None where it was not; `ahead`, `right`, `below` of it from the vehicle's feet by
+        landerd's own estimate, m, None where it had none.
     """
-    names = ("t", "north", "east", "up", "pad_north", "pad_east", "heading_error_deg", *"xyz")
-    columns: dict[str, Column] = {name: [] for name in names}
+    columns: dict[str, Column] = {name: [] for name in _NAMES}
     if first_sighting_t is None:
         return columns
     from_s = first_sighting_t - recording.began
-    rows = zip(recording.samples, recording.headings, recording.in_camera, strict=True)
+    rows = zip(
+        recording.samples,
+        recording.headings,
+        recording.in_camera,
+        recording.estimates,
+        strict=True,
+    )
     last_seen: Vec3 | None = None
-    for i, (sample, heading, seen) in enumerate(rows):
+    for i, (sample, heading, seen, estimate) in enumerate(rows):
         last_seen = seen or last_seen
         if i % EVERY or sample.t < from_s:
             continue
@@ -40,9 +50,10 @@ def path_of(recording: Recording, first_sighting_t: float | None) -> dict[str, C
             *sample.vehicle,
             *sample.pad[:2],
             math.degrees(heading),
-            *(last_seen or (None, None, None)),
+            *(last_seen or _UNKNOWN),
+            *(estimate or _UNKNOWN),
         )
         last_seen = None
-        for name, value in zip(names, row, strict=True):
+        for name, value in zip(_NAMES, row, strict=True):
             columns[name].append(None if value is None else round(value, DIGITS))
     return columns

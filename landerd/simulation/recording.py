@@ -7,7 +7,7 @@ from hw.sim.judge.score import Score
 from hw.sim.physics.world import World
 from landerd.analysis.picture import Sample
 from landerd.camera_model import CameraModel
-from landerd.geometry import Vec3, norm, rotate, sub, transpose
+from landerd.geometry import Vec3, norm, rot_z, rotate, sub, transpose
 from landerd.lander import Lander
 from landerd.messages import (
     Command,
@@ -36,6 +36,8 @@ class Recording(Observer):
         headings: how far off the pad's heading was with every sample, rad.
         in_camera: the landing point in the camera's frame, m, as last seen with every sample;
             None: not since the one before.
+        estimates: the landing point from the feet by landerd's own estimate with every sample,
+            ahead, right and below, m; None: it knew of none.
         phases: the changes of phase or reason, with their loop times.
         views: the first picture with a marker of each phase, with its time from the beginning.
         progress: is told a line with every sample.
@@ -69,6 +71,7 @@ class Recording(Observer):
         self.samples: list[Sample] = []
         self.headings: list[float] = []
         self.in_camera: list[Vec3 | None] = []
+        self.estimates: list[Vec3 | None] = []
         self.phases: list[tuple[float, PhaseChange]] = []
         self.views: dict[Phase, tuple[float, Frame, Sightings]] = {}
         self.progress: Callable[[str], None] | None = None
@@ -154,6 +157,9 @@ class Recording(Observer):
         self.headings.append(world.heading_error)
         self.in_camera.append(self._last_seen)
         self._last_seen = None
+        relative = lander.relative_state(now)
+        turned = rot_z(-world.vehicle.yaw)
+        self.estimates.append(None if relative is None else rotate(turned, relative.error))
         if self.progress is not None:
             distance = math.hypot(*world.offset)
             self.progress(

@@ -1,6 +1,12 @@
 import pytest
 
-from landerd.analysis.intervals import mcnemar, mean_interval, t_quantile, wilson
+from landerd.analysis.intervals import (
+    mcnemar,
+    mean_interval,
+    paired_difference,
+    t_quantile,
+    wilson,
+)
 
 
 def test_the_interval_of_a_share_is_wilsons() -> None:
@@ -29,3 +35,10 @@ def test_mcnemar_asks_only_how_uneven_the_pairs_that_differ_are() -> None:
     assert mcnemar(1, 1) == 1.0
     assert mcnemar(0, 5) == pytest.approx(2 / 32)
     assert mcnemar(0, 6) == pytest.approx(2 / 64)
+
+
+def test_the_difference_of_two_shares_of_the_same_pairs_has_an_interval() -> None:
+    assert paired_difference(2, 12, 100) == pytest.approx((0.0261, 0.1700), abs=1e-4)
+    assert paired_difference(12, 2, 100) == pytest.approx((-0.1700, -0.0261), abs=1e-4)
+    low, high = paired_difference(0, 0, 200)  # none differs: nor are they sure to be the same
+    assert (low, high) == pytest.approx((-0.0097, 0.0097), abs=1e-4)

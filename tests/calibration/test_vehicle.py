@@ -7,7 +7,7 @@ import pytest
 from landerd.calibration.vehicle import Response, ResponseError, Stretch, answer, fit, stretches
 from landerd.campaigns.search import minimised
 from landerd.flightlog.reader import read_log
-from landerd.messages import LocalPosition
+from landerd.messages import LocalPosition, Setpoint
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -58,3 +58,19 @@ def test_a_flight_that_goes_nowhere_is_told_to_tell_nothing() -> None:
             step.message = replace(step.message, velocity=(0.0, 0.0, 0.0))
     with pytest.raises(ResponseError, match="found no 4 s of landerd's orders"):
         fit(stretches(hovers), minimised)
+
+
+def test_what_a_vehicle_has_not_the_power_for_is_not_taken_for_a_slow_answer() -> None:
+    """Ordered 8 m/s it flies 3, and no faster for 3 s: its lean and the air allow no more."""
+    log = read_log(GOLDEN / "moving-pad.mcap")
+    (whole,) = stretches(log)
+    until = whole.orders_t[0] + 3.0
+    for step in log.steps:
+        if step.now < until:
+            step.commands[:] = [
+                replace(c, velocity=(8.0, 0.0, 0.0)) if isinstance(c, Setpoint) else c
+                for c in step.commands
+            ]
+        if isinstance(step.message, LocalPosition) and step.message.t < until:
+            step.message = replace(step.message, velocity=(3.0, 0.0, 0.0))
+    assert all((8.0, 0.0) not in stretch.orders for stretch in stretches(log))

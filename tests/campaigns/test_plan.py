@@ -51,10 +51,20 @@ def test_a_grid_is_a_row_for_every_combination_labelled_by_its_values() -> None:
 
 def test_all_of_the_thesis_is_every_one_of_its_experiments() -> None:
     parts = load_campaigns("all-thesis")
-    assert len(parts["tune-ne"].all_rows) == 81
-    assert len(parts["tune-up"].all_rows) == 16
+    names = "gimbal whycon-pose whycode-orientation apriltag-pose apriltag-yaw tune-ne tune-up yaw"
+    assert list(parts) == [*names.split(), "linear", "radial", "moving", "wind"]
+    for name, sets in (("tune-ne", 81), ("tune-up", 16)):
+        assert sum(len(list(grid.rows())) for grid in parts[name].grids) == sets
     published = [row.thesis.time_s for part in parts.values() for row in part.all_rows]
     assert sum(time is not None for time in published) == 17
+
+
+def test_every_flight_of_the_thesis_is_flown_by_its_controller_and_by_landerds() -> None:
+    for name, campaign in load_campaigns("all-thesis").items():
+        flown = [row for row in campaign.all_rows if row.goal != "poses"]
+        other = ("guidance.method=pid", "aim.method=increment")
+        by_thesis = [any(each in row.settings for each in other) for row in flown]
+        assert not flown or {*by_thesis} == {True, False}, name
 
 
 def test_a_campaign_of_ones_own_is_a_file(tmp_path: Path) -> None:

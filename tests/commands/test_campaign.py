@@ -54,30 +54,30 @@ def test_a_campaign_is_one_json_object_with_a_row_a_scenario(
 def test_an_exception_is_counted_with_its_seed_and_makes_the_campaign_bad(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flown["radial", 2] = Run("radial", 2, None, "ValueError: no (world.py:1)")
-    assert main(["campaign", "radial", "--runs", "3", "--json"]) == 1
+    flown["turning", 2] = Run("turning", 2, None, "ValueError: no (world.py:1)")
+    assert main(["campaign", "turning", "--runs", "3", "--json"]) == 1
     captured = capsys.readouterr()
     (row,) = as_json(captured.out)["rows"]
     assert (row["landed"], row["exceptions"], row["failed_seeds"]) == (2, 1, [2])
-    assert "radial, seed 2: ValueError: no (world.py:1)\n" in captured.err
+    assert "turning, seed 2: ValueError: no (world.py:1)\n" in captured.err
 
 
 def test_a_landing_that_fails_is_told_while_the_others_fly(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lost = landing("radial", 1, landed=False, outcome="handed_back")
-    flown["radial", 1] = Run("radial", 1, lost)
-    assert main(["campaign", "radial", "--runs", "2"]) == 1
+    lost = landing("turning", 1, landed=False, outcome="handed_back")
+    flown["turning", 1] = Run("turning", 1, lost)
+    assert main(["campaign", "turning", "--runs", "2"]) == 1
     captured = capsys.readouterr()
-    assert captured.err.startswith("radial, seed 1: did not land: handed_back\n")
+    assert captured.err.startswith("turning, seed 1: did not land: handed_back\n")
     assert "1/2" in captured.out
-    assert "radial: 50 % landed by the rules, needed 100 %" in captured.out
+    assert "turning: 50 % landed by the rules, needed 100 %" in captured.out
 
 
 def test_a_long_campaign_says_in_a_log_how_far_it_is(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["campaign", "radial", "--runs", "40"]) == 0
+    assert main(["campaign", "turning", "--runs", "40"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 9
     assert lines[0] == "4 of 40, 0 failed, 0 min left"
@@ -86,8 +86,8 @@ def test_a_long_campaign_says_in_a_log_how_far_it_is(
 def test_ctrl_c_shows_what_was_flown(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flown["radial", 3] = KeyboardInterrupt()
-    assert main(["campaign", "radial", "--runs", "5"]) == 130
+    flown["turning", 3] = KeyboardInterrupt()
+    assert main(["campaign", "turning", "--runs", "5"]) == 130
     out = capsys.readouterr().out
     assert "2/2" in out
     assert out.endswith("stopped after 2 of 5 runs\n")
@@ -96,20 +96,20 @@ def test_ctrl_c_shows_what_was_flown(
 def test_a_stopped_campaign_goes_on_with_what_it_kept(
     flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["campaign", "radial", "--runs", "5", "--json", "--keep", str(tmp_path / "runs")]
-    flown["radial", 2] = Run("radial", 2, None, "ValueError: no (world.py:1)")
-    flown["radial", 4] = KeyboardInterrupt()
+    command = ["campaign", "turning", "--runs", "5", "--json", "--keep", str(tmp_path / "runs")]
+    flown["turning", 2] = Run("turning", 2, None, "ValueError: no (world.py:1)")
+    flown["turning", 4] = KeyboardInterrupt()
     assert main(command) == 130
     capsys.readouterr()
     with (tmp_path / "runs").open("a") as file:
-        file.write('{"scenario": "radial", "se')  # killed while it wrote
-    flown["radial", 1] = flown["radial", 2] = AssertionError("flown again")
-    flown["radial", 4] = Run("radial", 4, landing("radial", 4))
+        file.write('{"scenario": "turning", "se')  # killed while it wrote
+    flown["turning", 1] = flown["turning", 2] = AssertionError("flown again")
+    flown["turning", 4] = Run("turning", 4, landing("turning", 4))
     for _ in range(2):
         assert main(command) == 1
         (row,) = as_json(capsys.readouterr().out)["rows"]
         assert (row["runs"], row["landed"], row["failed_seeds"]) == (5, 4, [2])
-        flown["radial", 4] = flown["radial", 5] = AssertionError("flown again")
+        flown["turning", 4] = flown["turning", 5] = AssertionError("flown again")
 
 
 def test_pictures_that_are_only_searched_are_a_table_of_distances(
@@ -129,10 +129,10 @@ def test_runs_of_two_configurations_are_not_mixed(
     flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kept = str(tmp_path / "runs")
-    assert main(["campaign", "radial", "--runs", "1", "--keep", kept]) == 0
+    assert main(["campaign", "turning", "--runs", "1", "--keep", kept]) == 0
     capsys.readouterr()
     other = ["--set", "guidance.method=pid"]
-    assert main(["campaign", "radial", "--runs", "1", "--keep", kept, *other]) == 2
+    assert main(["campaign", "turning", "--runs", "1", "--keep", kept, *other]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == f"{kept}: holds no runs of this campaign with this configuration\n"
@@ -150,7 +150,7 @@ def test_a_file_of_somebody_elses_is_left_alone(
         kept.mkdir()
     else:
         kept.write_text(text, encoding="latin-1")
-    assert main(["campaign", "radial", "--runs", "1", "--keep", str(kept)]) == 2
+    assert main(["campaign", "turning", "--runs", "1", "--keep", str(kept)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{kept}: ")
     assert text is None or kept.read_text(encoding="latin-1") == text

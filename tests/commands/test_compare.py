@@ -38,6 +38,9 @@ def test_the_same_twice_is_no_news(tmp_path: Path, capsys: pytest.CaptureFixture
     (row,) = json.loads(capsys.readouterr().out)["rows"]
     assert row["pairs"] == 3
     assert {f["verdict"] for f in row["figures"].values()} == {"same"}
+    assert row["succeeded"]["change"] == 0.0
+    low, high = row["succeeded"]["change_95"]
+    assert low < 0.0 < high
 
 
 def test_a_file_that_is_no_campaigns_is_refused_in_one_line(
@@ -50,6 +53,10 @@ def test_a_file_that_is_no_campaigns_is_refused_in_one_line(
     assert capsys.readouterr().err == (
         f"{other}: expected a file that landerd campaign --keep has written\n"
     )
+    flight = tmp_path / "flight.mcap"
+    flight.write_bytes(b"\x89MCAP0\r\n")
+    assert main(["compare", a, str(flight)]) == 2
+    assert capsys.readouterr().err.endswith("a file that landerd campaign --keep has written\n")
     assert main(["compare", a, str(tmp_path / "none")]) == 2
     assert "cannot be read" in capsys.readouterr().err
 

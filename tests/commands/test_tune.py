@@ -84,6 +84,19 @@ def test_cma_es_finds_what_lies_between(
     assert found(capsys)["winner"]["values"]["guidance.tracking.kp"] == pytest.approx(3.0, abs=0.3)
 
 
+def test_a_page_shows_the_search(flown: Flights, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    page = tmp_path / "search.html"
+    assert tune(tmp_path, "--search", "grid", "--report", str(page)) == 0
+    text = page.read_text()
+    assert text.count("<svg") == 1 + 2  # over time, and over each parameter
+    (kp,) = (line for line in text.splitlines() if ">guidance.tracking.kp</td>" in line)
+    assert ">0.5 to 4<" in kp
+    assert ">1<" in kp
+    assert ">2.25<" in kp
+    assert "on 5 fresh seeds of each it holds" in text
+
+
 def test_a_winner_that_fails_on_fresh_seeds_is_told_and_does_not_hold(
     flown: Flights,
     tmp_path: Path,
@@ -145,5 +158,7 @@ def test_a_flight_tells_the_vehicle_and_the_file_can_be_flown_with(
 def test_without_a_search_or_a_flight_there_is_nothing_to_do(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    assert main(["tune", "--from", "flight.mcap", "--report", "search.html"]) == 2
+    assert capsys.readouterr().err == "--report: expected a search, --from makes none\n"
     assert main(["tune"]) == 2
     assert capsys.readouterr().err == "expected NAME, or --from FLIGHT.mcap\n"

@@ -16,7 +16,7 @@ from landerd.flightlog.disk import SyncedFile
 from landerd.flightlog.reader import read_images, read_log
 from landerd.flightlog.recorder import MOST_IMAGES, MOST_MESSAGES
 from landerd.flightlog.replay import replay
-from landerd.messages import Tick
+from landerd.messages import PhaseChange, Tick
 from tests.recorded_flight import PLENTY, RecordedFlight, recorder
 
 ROOT = Path(__file__).parents[2]
@@ -34,6 +34,23 @@ def test_lossless_images_come_back_as_they_were(tmp_path: Path) -> None:
     for frame, form in images:
         assert form == "png"
         assert np.array_equal(frame.image, NOISE)
+
+
+def test_the_state_after_every_change_of_phase_is_there_though_the_log_ends_with_it(
+    tmp_path: Path,
+) -> None:
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap"))
+    flight.engaged().run(1.0)
+    flight.recorder.close()
+    log = read_log(tmp_path / "a.mcap")
+    changes = [
+        (round(step.now, 6), command.phase)
+        for step in log.steps
+        for command in step.commands
+        if isinstance(command, PhaseChange)
+    ]
+    assert len(changes) > 1
+    assert set(changes) <= {(round(state.t, 6), state.phase) for state in log.states}
 
 
 class StuckDisk:

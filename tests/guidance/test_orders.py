@@ -108,3 +108,21 @@ def test_what_waits_for_the_switch_is_told_again_as_a_line_may_be_lost() -> None
         orders.enter(Phase.NOT_LANDING, "RC 11 is low")
         told += [tick * DT for c in orders.commands if isinstance(c, StatusText)]
     assert len(told) == 4
+
+
+def test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts() -> None:
+    """A pad lost, found and lost within a second: the pilot read that it was being approached."""
+    orders = begun()
+    now, told = 10.0, []
+    for phase, reason, seconds in (
+        (Phase.NOT_LANDING, "pad not in sight, climbing", 0.2),
+        (Phase.APPROACH, "pad in sight", 0.3),
+        (Phase.NOT_LANDING, "pad not in sight, climbing", 3.0),
+    ):
+        for _ in range(round(seconds / DT)):
+            now += DT
+            orders.begin(now, DT)
+            orders.enter(phase, reason)
+            told += [(now, c.text) for c in orders.commands if isinstance(c, StatusText)]
+    again = [t for t, text in told if text == "landerd: pad not in sight, climbing"]
+    assert again == pytest.approx([10.0 + DT, 11.0 + DT], abs=2 * DT)

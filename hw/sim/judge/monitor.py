@@ -178,12 +178,13 @@ class SafetyMonitor:
             self._find(t, "leans more than the limits")
 
     def _watch_order(self, world: World, order: Order) -> None:
-        t, speed = world.t, norm(world.vehicle.velocity)
-        late_s = self._b.jitter_s + OLD_ORDER_S
-        if t - order.t > late_s and not (order.zero or order.level) and speed > MOVES_MPS:
+        t, vehicle = world.t, world.vehicle
+        # At every step of the world: what costs least comes first.
+        is_old = t - order.t > self._b.jitter_s + OLD_ORDER_S
+        if is_old and not (order.zero or order.level) and norm(vehicle.velocity) > MOVES_MPS:
             self._find(t, f"motion on a set-point older than {OLD_ORDER_S:g} s")
-        low = world.height < LOW_M and not any(world.vehicle.feet)
-        if low and order.sinks and self.sinks and math.hypot(*world.offset) > ERROR_M:
+        low = order.sinks and not any(vehicle.feet) and world.height < LOW_M
+        if low and self.sinks and math.hypot(*world.offset) > ERROR_M:
             self._find(t, f"descends below {LOW_M:g} m, more than {ERROR_M:g} m off")
 
     def _find(self, t: float, finding: str) -> None:

@@ -81,10 +81,13 @@ class PadMotion:
         )
         self.mean_height = options.height_m + options.heave_m + lowest
         self.highest = self.mean_height + options.heave_m + lowest  # of any part of the plate, m
+        self._last: tuple[float, PadState] | None = None  # asked for several times in each step
 
     def at(self, t: float) -> PadState:
         """Return pose and motion t seconds after the start."""
-        state = self._undisturbed(t)
+        if self._last is None or self._last[0] != t:
+            self._last = (t, self._undisturbed(t))
+        state = self._last[1]
         for disturbance in self.disturbances:
             state = disturbance(t, state)
         return state

@@ -175,6 +175,7 @@ def blur(image: NDArray[np.uint8], sigma: float) -> None:
         cv2.GaussianBlur(image, (size, size), sigma, dst=image, borderType=cv2.BORDER_REPLICATE)
 
 
+@functools.lru_cache(maxsize=1)  # of one picture for each marker
 def middle(start: CameraPose, end: CameraPose) -> CameraPose:
     """Return the pose half-way between two that differ little."""
     if start == end:

@@ -1,16 +1,15 @@
 """The autopilot's own estimate of its state: the truth, late, noisy and biased."""
 
 import math
-from dataclasses import dataclass
 from random import Random
+from typing import NamedTuple
 
 from hw.sim.options import EkfOptions
 from hw.sim.physics.world import World
 from landerd.geometry import Vec3, add, wrap
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(NamedTuple):
     """What the EKF says at one time, local NED."""
 
     t: float  # of validity as the autopilot states it, s

@@ -14,7 +14,7 @@ from hw.sim.options import SimOptions
 from hw.sim.picture.levels import Levels, Sensitivity
 from hw.sim.picture.numbered import NumberedPictures, View
 from landerd.camera_model import F64, CameraModel
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, cross
 from landerd.messages import CLIPPED_LEVEL, Light, MarkerSighting, PoseSolution
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.simulation.sight import statistics
@@ -22,7 +22,7 @@ from landerd.simulation.sight.edge_fit import SeenEdges, across, fitted
 from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.simulation.sight.world_view import Seen, WorldView, size_m
 from landerd.vision.expected import Expected
-from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rotation_from
+from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rotation_from, vec3
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_fit import RingFit, frontal_inflation
 from landerd.vision.ring_pose import tangents
@@ -247,7 +247,8 @@ class ModelledDetectors:
         # tangents' handedness is that of both rows.
         to_axes = np.zeros((5, 6))
         to_axes[:3, :3] = e
-        to_axes[3, 3:], to_axes[4, 3:] = np.cross(e[2], e[0]), np.cross(e[2], e[1])
+        first, second, normal = (vec3(axis) for axis in e)
+        to_axes[3, 3:], to_axes[4, 3:] = cross(normal, first), cross(normal, second)
         covariance = to_axes @ C @ to_axes.T
         covariance += frontal_inflation(covariance, e @ pose.t / np.linalg.norm(pose.t))
         of_position = e.T @ covariance[:3, :3] @ e

@@ -48,11 +48,12 @@ def across(edges: Edges, pose: Pose, focal: float) -> Across:
     ray = p[:, :2] * inverse_z[:, None]
     d = way[:, :2] - ray * way[:, 2:]
     size = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2)
-    normal = np.column_stack([-d[:, 1], d[:, 0]]) / size[:, None]
+    normal = np.empty_like(d)
+    normal[:, 0], normal[:, 1] = -d[:, 1] / size, d[:, 0] / size
     g = np.empty_like(p)
     k = focal * inverse_z
     g[:, :2] = normal * k[:, None]
-    g[:, 2] = -(normal * ray).sum(axis=1) * k
+    g[:, 2] = -_dots(normal, ray) * k
     J = np.empty((len(p), 6))
     J[:, :3] = g
     J[:, 3] = arm[:, 1] * g[:, 2] - arm[:, 2] * g[:, 1]
@@ -74,7 +75,7 @@ def fitted(seen: SeenEdges, start: Pose, offset_px: F64, weight: F64) -> Pose | 
     information = np.zeros((6, 6))
     for i in range(_STEPS):
         lie = across(seen.edges, pose, seen.focal)
-        residual = seen.focal * ((seen.rays - lie.ray) * lie.normal).sum(axis=1) + offset_px
+        residual = seen.focal * _dots(seen.rays - lie.ray, lie.normal) + offset_px
         weighted = lie.J.T * weight
         information = weighted @ lie.J
         gradient = weighted @ residual
@@ -92,3 +93,9 @@ def fitted(seen: SeenEdges, start: Pose, offset_px: F64, weight: F64) -> Pose | 
             break
     information[[3, 4, 5], [3, 4, 5]] += _FREE + 1.0 / _TILT_SIGMA**2
     return Pose(pose.R, pose.t, information, max(cost, 0.0))
+
+
+def _dots(a: F64, b: F64) -> F64:
+    """Return the scalar products (n,) of rows (n, 2); numpy's sum over two takes twice as long."""
+    products: F64 = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
+    return products
