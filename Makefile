@@ -25,14 +25,14 @@ check: $(SETUP)  ## lint, format, types, imports, tests
 	$(PYTEST)
 
 bench: $(SETUP)  ## print the figures quoted in docs
-	for file in $(filter-out bench/vision_%,$(wildcard bench/*.py)); do \
+	for file in $(filter-out bench/vision_% bench/dry_runs.py,$(wildcard bench/*.py)); do \
 		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 
 bench-vision: $(SETUP)  ## detectors on made images, beside the AprilTag 3 library (takes long)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[peers]'
 	@echo "$$(date -u +'%Y-%m-%d'), landerd $$(git log -1 --format=%h)"
-	for file in bench/vision_*.py; do \
+	for file in $(filter-out bench/vision_photos.py,$(wildcard bench/vision_*.py)); do \
 		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 

@@ -156,8 +156,12 @@ def load_camera(path: Path) -> CameraModel:
         CalibrationError: unreadable, a key missing or of another shape, unknown distortion model,
             or no lens: its principal point or the inverse of its distortion not in the image.
     """
-    data = read_mapping(path, CalibrationError, "a ROS camera_info mapping")
-    camera = _of_kalibr(path, data) if "cam0" in data else _of_ros(path, _in_ros_words(data))
+    expected = "a calibration: ROS camera_info, OpenCV's FileStorage or Kalibr's camchain"
+    data = read_mapping(path, CalibrationError, expected)
+    ros = _in_ros_words(data)
+    if not data.keys() & {"cam0"} and not ros.keys() & {"image_width", "camera_matrix"}:
+        raise CalibrationError(f"{path}: expected {expected}")
+    camera = _of_kalibr(path, data) if "cam0" in data else _of_ros(path, ros)
     _check_lens(path, camera)
     return camera
 
@@ -297,7 +301,8 @@ def _in_yaml(value: float) -> str:
 def _whole(path: Path, data: dict[str, Any], key: str) -> int:
     value = data.get(key)
     if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
-        raise CalibrationError(f"{path}: {key}: found {value!r}, expected pixels, a whole number")
+        found = "missing" if value is None else f"found {value!r}"
+        raise CalibrationError(f"{path}: {key}: {found}, expected pixels, a whole number")
     return value
 
 

@@ -23,6 +23,9 @@ DICTIONARIES = {
 }
 
 
+_FAULTS = {"missing": "is missing", "extra_forbidden": "unknown key"}  # of pydantic, in our words
+
+
 class PadError(Exception):
     """A pad file cannot be used; the text names file, key and what was expected."""
 
@@ -206,9 +209,15 @@ def load_pad(path: Path) -> PadLayout:
     Raises:
         PadError: unreadable, or a key is missing, unknown or out of range.
     """
-    data = read_mapping(path, PadError, "a mapping with name, markers and plate")
+    expected = "a pad: a mapping with name, markers and plate"
+    data = read_mapping(path, PadError, expected)
+    if not data.keys() & {"name", "markers", "plate"}:
+        raise PadError(f"{path}: expected {expected}")
     try:
         return PadLayout.model_validate(data)
     except ValidationError as e:
-        lines = [f"{'.'.join(str(p) for p in i['loc'])}: {i['msg']}" for i in e.errors()]
+        lines = [
+            f"{'.'.join(str(p) for p in i['loc'])}: {_FAULTS.get(i['type'], i['msg'])}"
+            for i in e.errors()
+        ]
         raise PadError(f"{path}: " + "; ".join(lines)) from None

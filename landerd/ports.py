@@ -31,6 +31,18 @@ class DeviceLost(Exception):
     """The device or link is gone; opening it again may help. The text says what happened."""
 
 
+class NotInstalled(DeviceLost):
+    """What the driver needs is not installed.
+
+    Attributes:
+        mend: the command that installs it.
+    """
+
+    def __init__(self, what: str, mend: str) -> None:
+        super().__init__(f"{what}: {mend}")
+        self.what, self.mend = what, mend
+
+
 class Camera(Protocol):
     """A source of grey frames."""
 

@@ -172,6 +172,9 @@ def test_what_is_no_calibration_file_is_told_in_one_line(tmp_path: Path) -> None
     assert "camera.yaml:2: not YAML" in complaint(camera(tmp_path, "image_width: 640\n:]["))
     assert "camera_info" in complaint(camera(tmp_path, "just text"))
     assert "camera_info" in complaint(camera(tmp_path, ""))
+    assert "camera_info" in complaint(camera(tmp_path, "name: a pad\nmarkers: []\n"))
+    lacking = camera(tmp_path, GOOD.replace("image_width: 640\n", ""))
+    assert "image_width: missing, expected pixels" in complaint(lacking)
     picture = tmp_path / "camera.png"
     picture.write_bytes(b"\x89PNG\xff\xfe")
     assert "not text" in complaint(picture)

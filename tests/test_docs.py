@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from landerd.camera_model import CameraModel
 from landerd.cli import _parser, main
+from tests.calibration.boards import SQUARE_M, chessboard, good_views, shoot
 from tests.simulated import ABOVE, SEEN
 
 ROOT = Path(__file__).parents[1]
@@ -64,14 +66,22 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     )
 
 
+def test_nothing_is_to_be_installed_from_an_index_under_our_name() -> None:
+    """There is no entry of ours; what somebody else puts there must not come onto a drone."""
+    sources = [p for room in ("landerd", "hw") for p in (ROOT / room).rglob("*.py")]
+    named = re.compile(r"""pip install\s+['"]?landerd(?![-/\w])""")
+    assert [p.name for p in (*PAGES, *sources) if named.search(p.read_text("utf-8"))] == []
+
+
 # ---- commands ----------------------------------------------------------------------------------
 
 # Commands that need what a test has not, and are only read as the command line reads them.
 ONLY_READ = (
     (r"-c /etc/landerd/|-c landerd\.yaml|/dev/video0", "devices"),
+    (r"^landerd (un)?install ", "root; tests/devices does it"),
     (r"--realtime", "a flight on the wall's clock"),
     (r"^landerd (campaign|tune|compare) ", "minutes of flights: tests/commands has shorter ones"),
-    (r"calibrate camera photos/", "a folder of one's own pictures"),
+    (r"calibrate camera photos/ --board charuco", "pictures of that board"),
     (r"--video flight\.mp4|00001-2026", "a flight of one's own"),
 )
 
@@ -83,6 +93,7 @@ def commands(page: Path) -> list[str]:
         joined = re.sub(r"(?:\\|(?<=\},))\n\s*", " ", block)  # lines that go on
         for line in joined.splitlines():
             command = re.sub(r"\s+#.*$", "", line).strip()
+            command = re.sub(r"^sudo (python3 (-m )?(\S+\.whl/)?)?", "", command)
             found += [c for c in [command.replace(".venv/bin/", "")] if c.startswith("landerd ")]
     return found
 
@@ -106,16 +117,27 @@ def lighter(arguments: list[str]) -> list[str]:
     return arguments
 
 
-THEIR_OWN = {"config", "docs", "programs", "flight.mcap", "my-pad.yaml"}
+LENS = CameraModel(320, 240, 265.0, 264.0, 161.0, 118.0, (-0.12, 0.05, 0.001, -0.002, 0.0))
+THEIR_OWN = {"config", "docs", "photos", "programs", "flight.mcap", "my-pad.yaml"}
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of pictures of the chessboard that the pages speak of."""
+    folder = tmp_path_factory.mktemp("photos")
+    shoot(folder, LENS, chessboard(9, 6), good_views(LENS, 10 * SQUARE_M, 7 * SQUARE_M))
+    return folder
 
 
 @pytest.fixture
-def somewhere(tmp_path: Path) -> Path:
+def somewhere(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
     """Return a folder like a checkout, in which a user has what the pages speak of."""
     for folder in ("config", "docs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     shutil.copy(ROOT / "tests" / "golden" / "landing.mcap", tmp_path / "flight.mcap")
     shutil.copy(ROOT / "config" / "pads" / "nested.yaml", tmp_path / "my-pad.yaml")
+    if "cameras.md" in request.node.name:  # a second for every picture
+        (tmp_path / "photos").symlink_to(request.getfixturevalue("photos"))
     landerd = tmp_path / "programs" / "landerd"
     landerd.parent.mkdir()
     landerd.write_text("""#!/bin/sh\nprintf '%s\\037' "$@" >>"$0".typed; echo >>"$0".typed\n""")

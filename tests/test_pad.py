@@ -51,12 +51,12 @@ def test_a_pad_has_a_heading_unless_it_is_one_plain_ring(
         ("diameter_m: 1.0", "diameter_m: 0", "outer_diameter_m", "greater than 0"),
         ("diameter_m: 1.0", "diameter_m: .inf", "outer_diameter_m", "finite"),
         ("diameter_m: 1.0", "diameter_m: wide", "outer_diameter_m", "valid number"),
-        ("outer_diameter_m: 1.0", "inner_ratio: 0.5", "outer_diameter_m", "required"),
+        ("outer_diameter_m: 1.0", "inner_ratio: 0.5", "outer_diameter_m", "is missing"),
         ("id: 0", "id: -1", "id", "greater than or equal to 0"),
-        ("size_m: 0.3", "size_m: 0.3, colour: red", "colour", "not permitted"),
+        ("size_m: 0.3", "size_m: 0.3, colour: red", "colour", "unknown key"),
         ("kind: whycon", "kind: circle", "markers.0", "'whycon'"),
-        ("west_m: 1", "wst_m: 1", "plate.wst_m", "not permitted"),
-        (PLATE, "", "plate", "required"),
+        ("west_m: 1", "wst_m: 1", "plate.wst_m", "unknown key"),
+        (PLATE, "", "plate", "is missing"),
         ("markers:\n" + RING + TAG, "markers: []\n", "markers", "at least 1"),
     ],
 )
@@ -133,6 +133,9 @@ def test_what_is_no_pad_file_is_told_in_one_line(tmp_path: Path) -> None:
     assert "No such file" in complaint(tmp_path / "missing.yaml")
     assert "cannot be read" in complaint(tmp_path)  # a folder
     assert "pad.yaml:2: not YAML" in complaint(pad(tmp_path, "name: x\n:]["))
+    assert complaint(pad(tmp_path, "camera: {driver: sim}\nvehicle: {}\n")).endswith(
+        "pad.yaml: expected a pad: a mapping with name, markers and plate"
+    )
     assert "mapping" in complaint(pad(tmp_path, ""))
     picture = tmp_path / "pad.png"
     picture.write_bytes(b"\x89PNG\xff\xfe")

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from hw.cameras.newest import NewestFrame
 from landerd.messages import Frame
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, NotInstalled
 from landerd.section import Section
 
 
@@ -64,9 +64,9 @@ class GstreamerCamera:
             gi.require_version("Gst", "1.0")
             from gi.repository import Gst
         except (ImportError, ValueError):
-            raise DeviceLost(
-                "camera (gstreamer) needs the system's python3-gi and GStreamer: see "
-                "docs/cameras.md"
+            raise NotInstalled(
+                "camera (gstreamer) needs the system's python3-gi and GStreamer",
+                "sudo apt install python3-gi gir1.2-gst-plugins-base-1.0",
             ) from None
         self._gst = Gst
         Gst.init(None)

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from hw.cameras.newest import NewestFrame
 from landerd.messages import ExposureOrder, Frame
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, NotInstalled
 from landerd.section import Section
 
 
@@ -75,8 +75,9 @@ class Picamera2Camera:
         try:
             from picamera2 import Picamera2
         except ImportError:
-            raise DeviceLost(
-                "camera (picamera2) needs the system's python3-picamera2: see docs/cameras.md"
+            raise NotInstalled(
+                "camera (picamera2) needs the system's python3-picamera2",
+                "sudo apt install python3-picamera2",
             ) from None
         o = self._options
         frame_us = round(1e6 / o.fps)

@@ -1,6 +1,6 @@
 """One sheet that shows a landing: trajectory, altitude, distance, phases, what the camera saw.
 
-Needs matplotlib, which is not part of the flight install (`pip install 'landerd[report]'`).
+Needs matplotlib, which is not part of the flight install (`pip install matplotlib`).
 """
 
 from dataclasses import dataclass, field

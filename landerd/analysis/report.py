@@ -1,6 +1,6 @@
 """One HTML file, with all in it, about one flight or several.
 
-Plots need matplotlib, which is not part of the flight install (`pip install 'landerd[report]'`).
+Plots need matplotlib, which is not part of the flight install (`pip install matplotlib`).
 """
 
 import base64
@@ -24,7 +24,7 @@ from landerd.geometry import Vec3
 from landerd.messages import Frame, Sightings
 from landerd.vision.draw import draw
 
-NO_PLOTS = "Without plots: they need matplotlib (pip install 'landerd[report]')."
+NO_PLOTS = "Without plots: they need matplotlib (pip install matplotlib)."
 NEAR_S = 1.0  # a recorded picture this close to a change of phase shows it
 _WIDTH_IN = 10.0  # of all plots
 

@@ -1,7 +1,7 @@
 """Runs on the workers of a Dask cluster, in the pool's place: what is spread is the same list.
 
 Dask places the work and begins it anew elsewhere when a worker dies. Needs `dask.distributed`
-(`pip install 'landerd[cluster]'`), here and on every worker the same landerd.
+(`pip install distributed`), here and on every worker the same landerd.
 """
 
 import hashlib
@@ -58,7 +58,7 @@ def run_on_cluster(address: str, run_one: RunOne, tasks: Iterable[Task]) -> Gene
     try:
         from distributed import Client, as_completed
     except ImportError:
-        raise ClusterError("--scheduler needs dask: pip install 'landerd[cluster]'") from None
+        raise ClusterError("--scheduler needs dask: pip install distributed") from None
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as e:

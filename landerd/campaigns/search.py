@@ -99,7 +99,7 @@ def check_cma_es(dimensions: int, sets: int) -> None:
         SearchError: cmaes is not installed, or the places are fewer than a generation.
     """
     if importlib.util.find_spec("cmaes") is None:
-        raise SearchError("this search needs cmaes: pip install 'landerd[tune]'")
+        raise SearchError("this search needs cmaes: pip install cmaes")
     generation = 4 + int(3.0 * math.log(dimensions))  # Hansen's default, which cmaes takes
     if sets < generation:
         raise SearchError(

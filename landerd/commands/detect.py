@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CalibrationError, CameraModel, load_camera
-from landerd.commands.shared import InputError, refusing, tell
+from landerd.commands.shared import InputError, pad_path, refusing, tell
+from landerd.config.files import own_or
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, cross, dot, scale, sub
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Sightings
@@ -63,7 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="calibration, ROS camera_info YAML",
     )
     parser.add_argument(
-        "--pad", required=True, type=Path, metavar="FILE", help="which markers, how large, where"
+        "--pad",
+        required=True,
+        metavar="FILE",
+        help="which markers, how large, where; or one of landerd's own by name, as nested",
     )
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object an image and line"
@@ -76,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what each picture shows; return 0."""
     with refusing(CalibrationError, PadError):
-        camera, layout = load_camera(args.camera), load_pad(args.pad)
+        camera, layout = load_camera(own_or(args.camera)), load_pad(pad_path(args.pad))
     try:
         _new_vision(layout, camera)
     except ValueError as e:
@@ -203,6 +207,7 @@ def _frames(source: str) -> Iterator[Picture]:
     try:
         if not capture.isOpened():
             what = "no camera that opens" if is_camera else "neither an image nor a video"
+            what = "no video comes from there" if "://" in source else what
             raise SourceError(f"{source}: {what}")
         start = time.perf_counter()
         rate = capture.get(cv2.CAP_PROP_FPS) or 30.0

@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,14 @@ from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 from landerd.runtime.observer import Observer
 
 GOOD_RATE_HZ = 20.0
+_OUTCOMES = {  # in words; others are words
+    None: "the recording ends before the landing does",
+    "landed": "landed: on the pad when it was disarmed",
+    "landed_off_pad": "disarmed beside the pad",
+    "handed_back": "it would have handed back to the pilot, for the reason in the last line",
+    "touchdown_unconfirmed": "it would have been on the pad; that the autopilot had noticed it, "
+    "which landerd waits for, is in no recording",
+}
 
 
 @dataclass(frozen=True)
@@ -123,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(report)
     else:
-        print(_in_words(args, report))
+        print(_in_words(args, report, not_written))
     if not_written:
         raise InputError("\n".join(not_written))
     return 0
@@ -250,7 +258,7 @@ def _fly(
     finally:
         if recorder is not None:
             recorder.close()
-            not_written += [recorder.failure] if recorder.failure is not None else []
+            not_written += recorder.failures
         if video is not None and not video.close():
             not_written.append(f"{args.draw}: cannot be written, or not wholly")
     return dry.result, not_written
@@ -317,7 +325,7 @@ def _side(value: float, positive: str, negative: str) -> str:
     return f"{abs(value):.1f} m {positive if value >= 0.0 else negative}"
 
 
-def _in_words(args: argparse.Namespace, result: dict[str, Any]) -> str:
+def _in_words(args: argparse.Namespace, result: dict[str, Any], not_written: Sequence[str]) -> str:
     armed = "" if result["armed_s"] is None else f", armed for {result['armed_s']:.1f} s"
     lines = [
         f"{args.telemetry}: {result['telemetry_s']:.1f} s{armed}",
@@ -346,12 +354,18 @@ def _in_words(args: argparse.Namespace, result: dict[str, Any]) -> str:
         lines.append(f"    {change['t']:7.2f} s  {change['name']:14}  {change['reason']}")
     if not result["phases"]:
         lines.append("    none: it would have stayed silent")
-    lines.append(f"  outcome: {result['outcome'] or 'the recording ends before the landing does'}")
+    lines.append(f"  outcome: {outcome_in_words(result['outcome'])}")
     lines.append("  (the vehicle moves as it was recorded; nothing was sent)")
     for name in ("draw", "log"):
-        if getattr(args, name) is not None:
-            lines.append(f"  {'video' if name == 'draw' else 'flight log'}: {getattr(args, name)}")
+        path = getattr(args, name)
+        if path is not None and not any(str(path) in line for line in not_written):
+            lines.append(f"  {'video' if name == 'draw' else 'flight log'}: {path}")
     return "\n".join(lines)
+
+
+def outcome_in_words(outcome: str | None) -> str:
+    """Return how it ended; None: it did not."""
+    return _OUTCOMES.get(outcome, str(outcome).replace("_", " "))
 
 
 def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:

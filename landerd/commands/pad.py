@@ -9,23 +9,26 @@ from landerd.commands.shared import (
     InputError,
     add_json,
     check_output,
+    pad_path,
     print_json,
     refusing,
+    tell,
     write_text,
 )
-from landerd.config.files import config_dir, config_files, own_or
+from landerd.config.files import config_dir, config_files
 from landerd.pad import Marker, PadError, PadLayout, load_pad
 from landerd.printing.contours import plate_size_mm, reaching_out
-from landerd.printing.measured import length_m, marker_names, measured, pad_file, size_m
+from landerd.printing.measured import RULER, length_m, marker_names, measured, pad_file, size_m
 from landerd.printing.page import Document
 from landerd.printing.pdf import LARGEST_MM, pdf
 from landerd.printing.proposal import View, propose
-from landerd.printing.sheets import LARGEST_OVERLAP_MM, PAPERS, one_sheet, tiled, tiling
+from landerd.printing.sheets import LARGEST_OVERLAP_MM, PAPERS, RULER_MM, one_sheet, tiled, tiling
 from landerd.printing.svg import outline_svg, svg
 
 _Sheets = dict[str, Any]  # what --json says of the paper
 
 _SHEET = "sheet"
+_SCALED = 0.03  # of the bar's length: no printer errs so far, a dialog that fits to the page does
 _SUFFIXES = (".pdf", ".svg", ".yaml")
 _NONE = ("0", "0mm")
 _DEFAULT_PAD = "thesis"
@@ -200,11 +203,16 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     if args.side is not None:
         return propose(args.side, args.seen_from, view)
     name = args.pad or _DEFAULT_PAD
-    path = config_files("pads").get(name) if not Path(name).exists() else None
-    layout = load_pad(path or own_or(Path(name)))
+    layout = load_pad(pad_path(name))
     for marker in reaching_out(layout):
         raise InputError(f"{name}: the {marker.kind} reaches over the plate's edge; see plate:")
-    return measured(layout, dict(args.measured)) if args.measured else layout
+    if not args.measured:
+        return layout
+    lengths_m = dict(args.measured)
+    layout = measured(layout, lengths_m)
+    if abs(1e3 * lengths_m.get(RULER, RULER_MM / 1e3) / RULER_MM - 1.0) > _SCALED:
+        tell("ruler: 3 % and more off; was it printed at 100 %? It is taken as measured")
+    return layout
 
 
 # ---- files -------------------------------------------------------------------------------------
@@ -295,10 +303,10 @@ def _say(
     layout: PadLayout, files: list[Path], markers: list[dict[str, Any]], sheets: _Sheets
 ) -> None:
     width, height = plate_size_mm(layout)
-    print(f"pad {layout.name}: plate {width / 1e3:g} m wide, {height / 1e3:g} m north to south")
+    print(f"pad {layout.name}: plate {width / 1e3:.5g} m wide, {height / 1e3:.5g} m north to south")
     for m in markers:
         print(
-            f"  {m['name']:12} {1e3 * m['size_m']:6g} mm, seen from {m['seen_from_m']:.2g} m, "
+            f"  {m['name']:12} {1e3 * m['size_m']:6.5g} mm, seen from {m['seen_from_m']:.2g} m, "
             f"whole in the image down to {m['whole_from_m']:.2g} m"
         )
     if "rows" in sheets:

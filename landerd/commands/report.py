@@ -8,6 +8,9 @@ from landerd.commands.campaign_report import write_campaigns
 from landerd.commands.shared import InputError, check_folder, refusing, tell
 from landerd.flightlog.reader import LogError, read_log
 
+_PAGES = (".html", ".md")
+_READ = (".mcap", ".jsonl", ".txt")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
@@ -33,7 +36,12 @@ def run(args: argparse.Namespace) -> int:
     """Write the page; return 0."""
     from landerd.analysis.report import NO_PLOTS
 
+    if args.output.suffix not in _PAGES:
+        raise InputError(f"-o {args.output}: expected a .html, or of campaigns a .md")
     check_folder(args.output)
+    for path in args.files:
+        if path.suffix not in _READ and path.exists():
+            raise InputError(f"{path}: expected a flight log (.mcap), a .jsonl or a .txt")
     logs = [path for path in args.files if path.suffix == ".mcap"]
     if logs and len(logs) < len(args.files):
         raise InputError("expected flight logs (.mcap), or files of campaigns, not both")
@@ -46,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"{args.output}: cannot be written: {e.strerror}") from None
     if args.output.suffix != ".md" and importlib.util.find_spec("matplotlib") is None:
         tell(NO_PLOTS)
-    print(args.output)
+    print(f"wrote {args.output}")
     return 0
 
 

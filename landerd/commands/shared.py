@@ -170,6 +170,24 @@ def check_stand_in_flies(loaded: "Loaded") -> None:
         )
 
 
+def pad_path(name: str) -> Path:
+    """Return a pad's file: the one of this name, or else landerd's own, as nested.
+
+    Raises:
+        InputError: there is neither.
+    """
+    from landerd.config.files import config_files, own_or
+
+    if Path(name).exists():
+        return Path(name)
+    own = config_files("pads")
+    found = own.get(name) or own_or(Path(name))
+    if not found.exists():
+        known = ", ".join(own)
+        raise InputError(f"{name}: no such file, and none of landerd's own pads: {known}")
+    return found
+
+
 # ---- output ------------------------------------------------------------------------------------
 
 

@@ -106,7 +106,7 @@ def _load(args: argparse.Namespace) -> Loaded:
     check_output(args.picture, ".png", "--picture")
     check_output(args.log, ".mcap", "--log")
     if args.picture is not None and importlib.util.find_spec("matplotlib") is None:
-        raise InputError("--picture needs matplotlib: pip install 'landerd[report]'")
+        raise InputError("--picture needs matplotlib: pip install matplotlib")
     if args.autopilot is None and args.takeoff is not None:
         raise InputError("--takeoff: only with --autopilot URL; the stand-in flies already")
     if args.autopilot is not None and args.realtime:
@@ -210,15 +210,33 @@ def _summary(result: dict[str, Any]) -> str:
         f"  at {say('touchdown_vertical_mps', 'm/s', 2)} down and "
         f"{say('touchdown_horizontal_mps', 'm/s', 2)} sideways over the pad",
         f"  first sight to touch-down {say('time_to_touchdown_s', 's', 1)}, "
-        f"to disarm {say('time_s', 's', 1)}, {say('energy_hj', 'hJ', 1)}",
+        f"to disarm {say('time_s', 's', 1)}, {_energy(result['energy_hj'])}",
         f"  pad lost from sight {result['aborts']} times; "
         f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
         f"  phases: {', '.join(phases)}".rstrip(),
         *(f"  danger: {finding}" for finding in result["findings"]),
         *(f"  fault: {_happened(fault)}" for fault in result["faults_flown"]),
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
+        *_held_up(result.get("held_up_s")),
     ]
     return "\n".join(lines)
+
+
+def _held_up(longest_s: float | None) -> list[str]:
+    """Say that a flight in real time was this computer's, too; None: it was not in real time."""
+    if not longest_s:
+        return []
+    return [
+        f"  this computer was too busy: it held the flight up for up to {1e3 * longest_s:.0f} ms; "
+        "rules broken and sight lost may come from that alone"
+    ]
+
+
+def _energy(hectojoules: float | None) -> str:
+    """Return it as the thesis counts it, and as batteries are."""
+    if hectojoules is None:
+        return "energy unknown"
+    return f"{hectojoules:.1f} hJ ({hectojoules / 36.0:.2f} Wh)"
 
 
 def _happened(fault: dict[str, Any]) -> str:

@@ -23,7 +23,7 @@ from landerd.pad import PadLayout
 IN, OUT = "/in/", "/out/"
 STATE, SEARCHED, DROPPED = "/core/state", "/vision/searched", "/log/dropped"
 IMAGE, CALIBRATION, MARKERS = "/camera/image", "/camera/calibration", "/camera/markers"
-TRANSFORMS, EVENTS = "/tf", "/events"
+TRANSFORMS, EVENTS, SCENE = "/tf", "/events", "/scene"
 
 INPUTS: dict[str, type] = {kind.__name__: kind for kind in typing.get_args(Input)}
 COMMANDS: dict[str, type] = {kind.__name__: kind for kind in typing.get_args(Command)}
@@ -83,4 +83,5 @@ FOXGLOVE = {  # topics in Foxglove's schemas
     MARKERS: "foxglove.ImageAnnotations",
     TRANSFORMS: "foxglove.FrameTransform",
     EVENTS: "foxglove.Log",
+    SCENE: "foxglove.SceneUpdate",
 }

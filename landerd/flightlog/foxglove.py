@@ -110,7 +110,7 @@ NED_IN_MAP: Mat3 = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 def image(ns: int, data: bytes, format_: str) -> dict[str, Any]:
     """Return a foxglove.CompressedImage."""
     text = base64.b64encode(data).decode()
-    return {"timestamp": _time(ns), "frame_id": "camera", "data": text, "format": format_}
+    return {"timestamp": timestamp(ns), "frame_id": "camera", "data": text, "format": format_}
 
 
 def image_bytes(message: dict[str, Any]) -> bytes:
@@ -123,7 +123,7 @@ def calibration(ns: int, camera: CameraModel) -> dict[str, Any]:
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     model = "rational_polynomial" if len(camera.distortion) > 5 else "plumb_bob"
     return {
-        "timestamp": _time(ns),
+        "timestamp": timestamp(ns),
         "frame_id": "camera",
         "width": camera.width,
         "height": camera.height,
@@ -139,7 +139,7 @@ def transform(ns: int, parent: str, child: str, origin: Vec3, R: Mat3) -> dict[s
     """Return a foxglove.FrameTransform: origin and axes of child in parent (R_parent_child)."""
     w, x, y, z = _quaternion(R)
     return {
-        "timestamp": _time(ns),
+        "timestamp": timestamp(ns),
         "parent_frame_id": parent,
         "child_frame_id": child,
         "translation": {"x": origin[0], "y": origin[1], "z": origin[2]},
@@ -149,7 +149,7 @@ def transform(ns: int, parent: str, child: str, origin: Vec3, R: Mat3) -> dict[s
 
 def annotations(ns: int, markers: tuple[MarkerSighting, ...]) -> dict[str, Any]:
     """Return a foxglove.ImageAnnotations with each marker's outline and name."""
-    time = _time(ns)
+    time = timestamp(ns)
     points, texts = [], []
     for marker in markers:
         outline = [{"x": x, "y": y} for x, y in marker.outline_px]
@@ -182,7 +182,7 @@ def annotations(ns: int, markers: tuple[MarkerSighting, ...]) -> dict[str, Any]:
 def event(ns: int, level: int, text: str) -> dict[str, Any]:
     """Return a foxglove.Log."""
     return {
-        "timestamp": _time(ns),
+        "timestamp": timestamp(ns),
         "level": level,
         "message": text,
         "name": "landerd",
@@ -191,7 +191,8 @@ def event(ns: int, level: int, text: str) -> dict[str, Any]:
     }
 
 
-def _time(ns: int) -> dict[str, int]:
+def timestamp(ns: int) -> dict[str, int]:
+    """Return a time as Foxglove's schemas have it."""
     return {"sec": ns // 1_000_000_000, "nsec": ns % 1_000_000_000}
 
 

@@ -63,7 +63,7 @@ class Recorder:
     """An observer of the daemon that keeps the flight log; never raises in flight.
 
     Attributes:
-        failure: which file is not there or not whole, and why; known when it was closed.
+        failures: which files are not there or not whole, and why; known when it was closed.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Recorder:
         self._low = 0  # 1: no room for images, 2: none for detail, or the disk takes nothing
         self._dropped: Counter[str] = Counter()
         self._dropped_written = Dropped(0, 0, 0, 0)
-        self.failure: str | None = None
+        self.failures: list[str] = []
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         if background:
@@ -295,12 +295,12 @@ class Recorder:
             if file is not None:
                 file.close()
                 if file.error is not None:
-                    self.failure = f"{file.path}: not wholly written: {file.error}"
+                    self.failures.append(f"{file.path}: not wholly written: {file.error}")
 
     def _give_up(self, e: OSError) -> None:
         """The files of a flight cannot be made: fly without."""
         self._files = None
-        self.failure = f"{e.filename}: cannot be written: {e.strerror}"
+        self.failures.append(f"{e.filename}: cannot be written: {e.strerror}")
         log.error("this flight is not recorded: %s: %s", e.filename, e.strerror)
 
     def _sync(self, now: float) -> None:

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 from pydantic import BaseModel
 
 from landerd import __version__, gimbal_frames
-from landerd.flightlog import codec, contents, foxglove
+from landerd.flightlog import codec, contents, foxglove, foxglove_scene
 from landerd.flightlog.contents import Dropped, Head, Searched, State
 from landerd.flightlog.disk import SyncedFile
 from landerd.geometry import (
@@ -40,6 +40,7 @@ from landerd.messages import (
 )
 
 TRANSFORM_S = 0.05  # as often as an eye can use
+_SCHEMAS = {**foxglove.SCHEMAS, foxglove_scene.SCHEMA["title"]: foxglove_scene.SCHEMA}
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
@@ -110,10 +111,13 @@ class LogWriter:
         self._add(contents.DROPPED, now, dropped)
 
     def calibration(self, now: float) -> None:
-        """Write what every viewer needs once: the calibration, and which way is up."""
+        """Write what viewers need once: calibration, which way is up, pad and vehicle."""
         camera = foxglove.calibration(self._ns(now), self._head.camera)
         self._add(contents.CALIBRATION, now, camera)
         self._transform(now, now, "map", "local", (0.0, 0.0, 0.0), foxglove.NED_IN_MAP)
+        vehicle = self._head.config.vehicle
+        drawn = foxglove_scene.pad_and_vehicle(self._ns(now), self._head.layout, vehicle)
+        self._add(contents.SCENE, now, drawn)
 
     def scene(self, now: float, message: Input) -> None:
         """Write where vehicle, camera and pad are, and the markers' outlines."""
@@ -171,7 +175,7 @@ class LogWriter:
         for topic, own in contents.OWN.items():
             self._channel(topic, codec.schema(own))
         for topic, name in contents.FOXGLOVE.items():
-            self._channel(topic, foxglove.SCHEMAS[name])
+            self._channel(topic, _SCHEMAS[name])
 
     def _channel(self, topic: str, schema: dict[str, Any]) -> None:
         text = json.dumps(schema).encode()

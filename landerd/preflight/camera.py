@@ -7,7 +7,7 @@ import numpy as np
 
 from landerd.camera_model import CameraModel
 from landerd.messages import Frame
-from landerd.ports import Camera, DeviceLost
+from landerd.ports import Camera, DeviceLost, NotInstalled
 from landerd.preflight.finding import Finding, gather
 from landerd.vision import Vision
 
@@ -32,6 +32,9 @@ async def check_camera(
         await camera.open()
         first = await camera.newest()  # the start of a stream is slow and not measured
         got = [(asyncio.get_running_loop().time(), first), *await gather(camera.newest, CAMERA_S)]
+    except NotInstalled as e:
+        what = f"{e.what}: without pictures the pad is never seen"
+        return [Finding("fail", "camera", what, f"{e.mend} (docs/cameras.md)")]
     except DeviceLost as e:
         return [
             Finding(

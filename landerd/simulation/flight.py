@@ -326,8 +326,8 @@ class Simulation:
                 write_picture(trace_of(self.recording, self.layout, result), picture)
             except OSError as e:
                 lost.append(f"{picture}: cannot be written: {e.strerror}")
-        if self.recorder is not None and self.recorder.failure is not None:
-            lost.append(self.recorder.failure)
+        if self.recorder is not None:
+            lost += self.recorder.failures
         return lost
 
 
@@ -384,6 +384,7 @@ def simulate(
         result["path"] = path_of(simulation.recording, simulation.score.first_sighting_t)
     result["not_written"] = simulation.not_written(picture, result)
     result["wall_s"] = time.perf_counter() - started
+    result["held_up_s"] = simulation.daemon.monitor.longest_s if realtime else None
     return result
 
 

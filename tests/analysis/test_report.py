@@ -103,3 +103,15 @@ def test_what_is_no_log_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "no.mcap").touch()
     assert main(["report", str(tmp_path / "no.mcap"), "-o", str(tmp_path / "r.html")]) == 2
     assert capsys.readouterr().err == f"{tmp_path / 'no.mcap'}: empty, expected a flight log\n"
+
+
+def test_what_is_neither_a_log_nor_a_page_is_refused_by_its_name(
+    landing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "pad.jpg"
+    picture.touch()
+    assert main(["report", str(picture), "-o", str(tmp_path / "r.html")]) == 2
+    assert "pad.jpg: expected a flight log (.mcap)" in capsys.readouterr().err
+    assert main(["report", str(landing), "-o", str(tmp_path / "r.pdf")]) == 2
+    assert "r.pdf: expected a .html" in capsys.readouterr().err
+    assert not (tmp_path / "r.pdf").exists()

@@ -1,7 +1,9 @@
 """Pictures of boards by a camera with a known lens, drawn ray by ray."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -90,6 +92,16 @@ def wide_views(distance_m: float, most_deg: float) -> list[Pose]:
         )
         poses.append(pose)
     return poses
+
+
+def shoot(
+    folder: Path, camera: CameraModel, texture: NDArray[np.uint8], poses: Sequence[Pose]
+) -> None:
+    """Fill a folder with pictures of a board."""
+    photographer = Photographer(camera)
+    folder.mkdir(exist_ok=True)
+    for i, pose in enumerate(poses):
+        cv2.imwrite(str(folder / f"{i:02}.png"), photographer.shoot(texture, pose))
 
 
 def rotation(pose: Pose) -> NDArray[np.float64]:

@@ -1,25 +1,23 @@
 """`landerd calibrate camera` on drawn boards seen through a known lens."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel, load_camera
 from landerd.cli import main
 from tests.calibration.boards import (
     MARKER_M,
     SQUARE_M,
-    Photographer,
     Pose,
     charuco,
     chessboard,
     good_views,
+    shoot,
     wide_views,
 )
 
@@ -27,15 +25,6 @@ CAMERA = CameraModel(480, 360, 400.0, 398.0, 246.0, 173.0, (-0.12, 0.05, 0.001, 
 CHESSBOARD = ["--size", "8x6", "--square", str(SQUARE_M)]
 CHARUCO = ["--board", "charuco", "--size", "9x7", "--square", str(SQUARE_M)]
 CHARUCO += ["--marker", str(MARKER_M)]
-
-
-def shoot(
-    folder: Path, camera: CameraModel, texture: NDArray[np.uint8], poses: Sequence[Pose]
-) -> None:
-    photographer = Photographer(camera)
-    folder.mkdir(exist_ok=True)
-    for i, pose in enumerate(poses):
-        cv2.imwrite(str(folder / f"{i:02}.png"), photographer.shoot(texture, pose))
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from landerd.commands.check import check
 from landerd.config.files import config_dir
 from landerd.drivers import read_configuration
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
-from landerd.ports import DeviceLost, Feedback, GimbalTraits
+from landerd.ports import DeviceLost, Feedback, GimbalTraits, NotInstalled
 from landerd.preflight.finding import Finding
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
@@ -48,6 +48,7 @@ class Camera:
     brightness: int = 128
     frozen: bool = False
     lost: bool = False
+    lacks: str = ""
     remarks: tuple[str, ...] = ()
 
     async def open(self) -> None:
@@ -55,6 +56,10 @@ class Camera:
         self._random = np.random.default_rng(0)
         if self.lost:
             raise DeviceLost("camera /dev/video0 is not there")
+        if self.lacks:
+            raise NotInstalled(
+                "camera (gstreamer) needs GStreamer", f"sudo apt install {self.lacks}"
+            )
 
     async def newest(self) -> Frame:
         await asyncio.sleep(1.0 / self.fps)
@@ -248,6 +253,7 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
     ("change", "level", "item", "what", "mend"),
     [
         (set_of("camera.lost", True), "fail", "camera", "/dev/video0 is not there", "plug it in"),
+        (set_of("camera.lacks", "gst"), "fail", "camera", "needs GStreamer", "apt install gst"),
         (set_of("camera.size", (640, 360)), "fail", "calibration", "640x360.*640x480", "calibrate"),
         (set_of("camera.fps", 5.0), "fail", "camera rate", "5.0 pictures", "exposure"),
         (set_of("camera.age_s", 0.4), "warn", "camera time", "0.40 s old", "time_offset_s"),

@@ -121,6 +121,19 @@ def test_a_bad_source_is_one_clear_line(
     assert name in printed.err
 
 
+def test_landerds_own_pad_and_calibration_are_taken_by_name(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = ["--camera", "cameras/thesis.yaml", "--pad"]
+    assert main(["detect", str(folder), *own, "thesis"]) == 0
+    assert "whycon at" in capsys.readouterr().out
+    assert main(["detect", str(folder), *own, "thesys"]) == 2
+    told = capsys.readouterr().err
+    assert "thesys: no such file, and none of landerd's own pads: bundle, nested, thesis" in told
+    assert main(["detect", "http://127.0.0.1:1/none", *own, "thesis"]) == 2
+    assert "no video comes from there" in capsys.readouterr().err
+
+
 def test_an_image_of_another_aspect_is_refused(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

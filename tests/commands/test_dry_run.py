@@ -14,9 +14,11 @@ from hw.replay.vehicle import RecordedVehicle
 from hw.sim.options import SimOptions
 from landerd.camera_model import load_camera
 from landerd.cli import main
+from landerd.commands.dry_run import outcome_in_words
 from landerd.config.files import config_dir
 from landerd.drivers import read_configuration
 from landerd.flightlog.reader import read_log
+from landerd.guidance.states import OUTCOMES
 from landerd.pad import load_pad
 from tests.recordings import ORIGIN, write_bin, write_tlog
 
@@ -95,6 +97,14 @@ def test_without_a_video_a_drawn_pad_is_landed_on(
     capture = cv2.VideoCapture(str(film))
     assert int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) == result["frames"]
     capture.release()
+
+
+def test_how_it_ends_is_told_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight = str(write_bin(tmp_path / "a.bin", skip=("MNT",)))
+    assert main(["dry-run", "--telemetry", flight, "--fps", "1", "--to", "2"]) == 0
+    assert "outcome: the recording ends before the landing does" in capsys.readouterr().out
+    words = [outcome_in_words(o) for o in (*OUTCOMES.values(), "touchdown_unconfirmed")]
+    assert not any("_" in text for text in words)
 
 
 def test_a_pad_in_degrees_and_one_in_metres_are_the_same(

@@ -290,6 +290,18 @@ def test_in_words_it_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFi
     assert f"wrote {tmp_path / 'pad.pdf'}" in out
 
 
+def test_a_ruler_that_no_printer_makes_is_asked_about(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(tmp_path / "mine.yaml")
+    for length, told in (("98.2mm", ""), ("94mm", "was it printed at 100 %?")):
+        assert main(["pad", "nested", "--measured", f"ruler={length}", "-o", file]) == 0
+        said = capsys.readouterr()
+        assert told in said.err
+        assert bool(told) == bool(said.err)
+    assert "plate 1.1656 m wide" in said.out
+
+
 def exit_code(*arguments: str) -> object:
     try:
         return main(arguments)
@@ -298,7 +310,7 @@ def exit_code(*arguments: str) -> object:
 
 
 WRONG = [
-    ("none.yaml -o a.pdf", "none.yaml: cannot be read: No such file"),
+    ("none.yaml -o a.pdf", "none.yaml: no such file, and none of landerd's own pads: bundle, n"),
     ("nested -o no/a.pdf", "expected a .pdf in a folder that exists"),
     ("nested -o a.png", "expected a .pdf, .svg, .yaml"),
     ("nested -o a.yaml", "a pad file only with --measured or --for"),

@@ -1,12 +1,18 @@
 """`landerd sim`, once as a process; its wrong input is in tests/test_cli.py."""
 
+import errno
 import json
+import re
+import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from landerd.cli import main
+from landerd.messages import Command, Input
+from landerd.runtime.observer import Observer
 from landerd.simulation import flight
 from tests.simulated import ABOVE
 from tests.test_cli import landerd
@@ -34,6 +40,35 @@ def test_a_flight_that_does_not_land_is_exit_code_1(
     assert out.startswith("Did not land: not landed in 15 s: NOT_LANDING, ")
 
 
+class Busy(Observer):
+    """A computer that has something else to do for a moment."""
+
+    _is_done = False
+
+    def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+        if not self._is_done:
+            time.sleep(0.15)
+        self._is_done = True
+
+
+def test_a_computer_that_held_a_flight_in_real_time_up_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def short(*args: Any, **kwargs: Any) -> dict[str, Any]:
+        kwargs["watch"] = lambda daemon: daemon.observe(Busy())
+        return simulate(*args, **kwargs, longest_s=1.0)
+
+    simulate = flight.simulate
+    monkeypatch.setattr(flight, "simulate", short)
+    assert main(["sim", "hover", "--realtime", "--set", "sim.sight=modelled"]) == 1
+    out = capsys.readouterr().out
+    (line,) = [line for line in out.splitlines() if "too busy" in line]
+    held_up_ms = int(re.findall(r"for up to (\d+) ms", line)[0])
+    assert held_up_ms > 100
+    assert main(["sim", "hover", "--set", "sim.sight=modelled"]) == 1
+    assert "too busy" not in capsys.readouterr().out
+
+
 def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -45,3 +80,19 @@ def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(
     assert told.out.startswith("Landed (scenario hover, seed 3)")
     assert "picture" not in told.out
     assert told.err == f"{picture}: cannot be written: No space left on device\n"
+
+
+def test_a_disk_that_is_full_costs_both_logs_and_both_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(fd: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("landerd.flightlog.disk.os.write", write)
+    log = tmp_path / "full.mcap"
+    near = [word for setting in ABOVE for word in ("--set", setting)]
+    assert main(["sim", "hover", "--log", str(log), *near]) == 2
+    told = capsys.readouterr()
+    assert "flight log" not in told.out
+    named = [line.split(": ")[0] for line in told.err.splitlines()]
+    assert named == [str(log), str(log.with_suffix(".tlog"))]

@@ -178,7 +178,8 @@ def test_a_folder_that_cannot_be_made_only_costs_the_log(
     flight.run(0.2)
     flight.recorder.close()
     assert "this flight is not recorded" in caplog.text
-    assert flight.recorder.failure == f"{tmp_path}/file/logs: cannot be written: Not a directory"
+    said = f"{tmp_path}/file/logs: cannot be written: Not a directory"
+    assert flight.recorder.failures == [said]
 
 
 def test_a_message_that_cannot_be_written_costs_only_itself(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
+from landerd.messages import ExposureOrder, Frame, GimbalCommand, GimbalState, Reference
 from landerd.ports import Feedback, GimbalTraits
 from landerd.section import Section
 
@@ -21,6 +21,7 @@ class Idle:
     async def open(self) -> None: ...
     async def close(self) -> None: ...
     def command(self, command: GimbalCommand) -> None: ...
+    def expose(self, order: ExposureOrder) -> None: ...
 
     async def newest(self) -> Frame:
         return await asyncio.Future[Frame]()
