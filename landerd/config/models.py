@@ -63,7 +63,7 @@ class CameraSection(Section):
 
     driver: str = "sim"
     # fixed: as the driver's block says; auto: by the camera itself; pad: landerd by what it sees
-    exposure: Literal["fixed", "auto", "pad"] = "fixed"
+    exposure: Literal["fixed", "auto", "pad"] = "pad"
     metering: MeteringSection = MeteringSection()
     calibration: Path = Path("cameras/thesis.yaml")  # ROS camera_info: landerd calibrate camera
     # How much later a picture is stamped than its middle row was exposed; earlier: negative.
