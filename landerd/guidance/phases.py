@@ -167,4 +167,5 @@ class Phases:
             return pilot_texts.NO_HEADING
         if self.goes_around:
             return pilot_texts.OFF_CLIMBING.format(distance=relative.distance)
-        return pilot_texts.UNDER_WAY.format(distance=relative.distance, height=relative.height)
+        height = round(relative.height, 1) + 0.0  # not -0.0
+        return pilot_texts.UNDER_WAY.format(distance=relative.distance, height=height)

@@ -207,3 +207,9 @@ def test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again(rate:
 def test_at_its_height_the_region_is_as_wide_as_asked() -> None:
     assert descent_radius(OPTIONS, region_height(OPTIONS, 1.0)) == pytest.approx(1.0)
     assert region_height(OPTIONS, 0.05) == 0.0
+
+
+def test_on_the_ground_no_height_below_zero_is_told_that_is_none() -> None:
+    _, why = phases().step(situation(0.0, -0.02))
+    assert "-0.0" not in why
+    assert "0.0 m up" in why
