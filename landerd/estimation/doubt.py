@@ -75,7 +75,9 @@ class Doubt:
             self._first_t, self._first, self._is_near = t, innovation.vector, near
         self._likely_t = min(self._likely_t, t)
         self._count += 1
-        learned = sub(course.shown(t, B), self._course.shown(t, B))
+        north, east, _ = sub(course.shown(t, B), self._course.shown(t, B))
+        # A deck that heaves never goes straight on up or down: there only what surprises counts.
+        learned = (north, east, 0.0)
         self._last, self._newest = self._newest, add(innovation.vector, learned)
         self.lasts_s, self.off_m = t - self._likely_t, norm(innovation.vector)
 
