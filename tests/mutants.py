@@ -286,7 +286,7 @@ MUTANTS = [
     Mutant(
         "6: the pilot is told nothing",
         ORDERS,
-        "self.commands.append(StatusText(severity, line))",
+        "self.commands.append(StatusText(severity, _line(text)))",
         "pass",
         "test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back",
     ),
@@ -594,6 +594,30 @@ MUTANTS = [
         "return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw",
         "return 0.0, 0.0, 0.0",
         "estimation/test_camera_pose.py::test_between_two_attitudes_it_turns_as_their_rates_say",
+    ),
+    Mutant(
+        "2: sinks at once over a ring alone",
+        FLYING,
+        "RING_ALONE_S = 1.0",
+        "RING_ALONE_S = 0.0",
+        "guidance/test_landing.py"
+        "::test_a_ring_alone_is_looked_at_for_a_second_before_it_sinks_and_again_when_it_was_gone",
+    ),
+    Mutant(
+        "2: sinks as fast above the commit height after commit",
+        PAD,
+        "sink_rate = min(sink_rate, TOUCHES_AT_MPS)",
+        "pass",
+        "guidance/test_landing.py"
+        "::test_carried_up_again_after_commit_it_sinks_as_slowly_as_the_autopilots_timeout_stops",
+    ),
+    Mutant(
+        "6: an abort that repeats within a second is never told",
+        ORDERS,
+        "elif phase is Phase.NOT_LANDING and self._said_t(reason) < self._entered_t:",
+        "elif False:",
+        "guidance/test_orders.py"
+        "::test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts",
     ),
 ]
 
