@@ -286,7 +286,7 @@ MUTANTS = [
     Mutant(
         "6: the pilot is told nothing",
         ORDERS,
-        "self.commands.append(StatusText(severity, _line(text)))",
+        "self.commands.append(StatusText(severity, line))",
         "pass",
         "test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back",
     ),
@@ -614,7 +614,7 @@ MUTANTS = [
     Mutant(
         "6: an abort that repeats within a second is never told",
         ORDERS,
-        "elif phase is Phase.NOT_LANDING and self._said_t(reason) < self._entered_t:",
+        "elif self._is_untold(phase, reason):",
         "elif False:",
         "guidance/test_orders.py"
         "::test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts",

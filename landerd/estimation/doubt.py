@@ -43,10 +43,9 @@ class Doubt:
         self._likely_t = t
         self._count = 0
         self._is_near = False
-        self._first_t = t
         self._first = self._last = self._newest = ZERO  # from where it should be, m
-        self._course: Course | None = None  # of the pad when doubt began,
-        self._S: Mat3 | None = None  # and the innovation's covariance then, m^2
+        # The pad's course when doubt began, and the innovation's covariance then, m^2.
+        self._began: tuple[Course, Mat3] | None = None
 
     def look(
         self,
@@ -70,12 +69,12 @@ class Doubt:
         if likely:
             self.end(t)
             return
-        if self._course is None or self._S is None:
-            self._course, self._S = course, innovation.S
-            self._first_t, self._first, self._is_near = t, innovation.vector, near
+        if self._began is None:
+            self._began = course, innovation.S
+            self._first, self._is_near = innovation.vector, near
         self._likely_t = min(self._likely_t, t)
         self._count += 1
-        north, east, _ = sub(course.shown(t, B), self._course.shown(t, B))
+        north, east, _ = sub(course.shown(t, B), self._began[0].shown(t, B))
         # A deck that heaves never goes straight on up or down: there only what surprises counts.
         learned = (north, east, 0.0)
         self._last, self._newest = self._newest, add(innovation.vector, learned)
@@ -92,7 +91,7 @@ class Doubt:
             swing_m: what a swinging airframe makes of a pad that stands, 1 sigma.
             limit: on the normalised square of what is no noise.
         """
-        if self._count < TREND_SIGHTINGS or not self._is_near or self._S is None:
+        if self._began is None or self._count < TREND_SIGHTINGS or not self._is_near:
             return None
         moved = sub(self._newest, self._first)
         goes_on = dot(sub(self._newest, self._last), moved) > 0.0
@@ -100,6 +99,7 @@ class Doubt:
             return None
         # As noisy as it was: noise is learned from what cannot be explained, too. Both ends are.
         swing = swing_m * swing_m
-        noise = matadd(self._S, diagonal(swing, swing, swing))
+        course, S = self._began
+        noise = matadd(S, diagonal(swing, swing, swing))
         is_noise = dot(moved, rotate(inverse(noise), moved)) <= 2.0 * limit
-        return None if is_noise else scale(moved, 1.0 / (t - self._first_t))
+        return None if is_noise else scale(moved, 1.0 / (t - course.t))

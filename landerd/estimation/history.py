@@ -50,7 +50,7 @@ class History:
         self._values: list[Values] = []
 
     @property
-    def newest(self) -> tuple[float, tuple[float, ...]] | None:
+    def newest(self) -> tuple[float, Values] | None:
         """Time and values of the newest measurement."""
         return (self._times[-1], self._values[-1]) if self._times else None
 
@@ -99,17 +99,16 @@ class History:
             return None
         k = (t - t0) / (t1 - t0)
         before, after = self._values[i - 1], self._values[i]
-        line = [
-            a + k * (wrap(b - a) if angle else b - a)
+        steps = [
+            wrap(b - a) if angle else b - a
             for a, b, angle in zip(before, after, self._angles, strict=True)
         ]
+        line = [a + k * step for a, step in zip(before, steps, strict=True)]
         if self._rates is not None:
             dt = t1 - t0
             slopes = zip(self._rates(before), self._rates(after), strict=True)
             for j, (u, v) in enumerate(slopes):
-                step = after[j] - before[j]
-                step = wrap(step) if self._angles[j] else step
-                bend = (1.0 - k) * (u * dt - step) - k * (v * dt - step)
+                bend = (1.0 - k) * (u * dt - steps[j]) - k * (v * dt - steps[j])
                 line[j] += k * (1.0 - k) * bend
         return self._wrapped(line)
 

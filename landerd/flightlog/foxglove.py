@@ -95,6 +95,22 @@ SCHEMAS = {
             file=_TEXT,
             line=_INTEGER,
         ),
+        _object(
+            "foxglove.SceneUpdate",
+            deletions=_list({"type": "object"}),
+            entities=_list(
+                _object(
+                    "foxglove.SceneEntity",
+                    timestamp=_TIME,
+                    frame_id=_TEXT,
+                    id=_TEXT,
+                    lifetime=_TIME,
+                    frame_locked={"type": "boolean"},
+                    cubes=_list({"type": "object"}),
+                    cylinders=_list({"type": "object"}),
+                )
+            ),
+        ),
     )
 }
 

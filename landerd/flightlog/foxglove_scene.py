@@ -9,31 +9,7 @@ from typing import Any
 
 from landerd.config.models import VehicleSection
 from landerd.flightlog.foxglove import timestamp
-from landerd.pad import Marker, PadLayout, Square, WhyCode
-
-_ANY = {"type": "array", "items": {"type": "object"}}
-_TIME = {
-    "type": "object",
-    "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
-}
-_ENTITY = {
-    "title": "foxglove.SceneEntity",
-    "type": "object",
-    "properties": {
-        "timestamp": _TIME,
-        "frame_id": {"type": "string"},
-        "id": {"type": "string"},
-        "lifetime": _TIME,
-        "frame_locked": {"type": "boolean"},
-        "cubes": _ANY,
-        "cylinders": _ANY,
-    },
-}
-SCHEMA: dict[str, Any] = {
-    "title": "foxglove.SceneUpdate",
-    "type": "object",
-    "properties": {"deletions": _ANY, "entities": {"type": "array", "items": _ENTITY}},
-}
+from landerd.pad import WHYCODE_CORE, Marker, PadLayout, Ring, Square
 
 _WHITE, _BLACK, _GREY, _RED = (1.0, 1.0, 1.0), (0.05, 0.05, 0.05), (0.4, 0.45, 0.5), (0.8, 0.1, 0.1)
 _PLATE_M, _PRINT_M, _BODY_M, _SKID_M = 0.01, 0.002, 0.08, 0.015  # thicknesses
@@ -65,11 +41,13 @@ def _pad(layout: PadLayout) -> tuple[list[_Shape], list[_Shape]]:
     cubes, cylinders = [_cube(middle, size, _WHITE)], []
     for marker in layout.markers:
         if isinstance(marker, Square):
-            cubes.append(
-                _cube(_on_top(marker, 1), (marker.size_m,) * 2 + (_PRINT_M,), _BLACK, _turn(marker))
+            print_m, turn = (
+                (marker.size_m, marker.size_m, _PRINT_M),
+                math.radians(marker.heading_deg),
             )
+            cubes.append(_cube(_on_top(marker, 1), print_m, _BLACK, turn))
         else:
-            inner = 240 / 700 if isinstance(marker, WhyCode) else marker.inner_ratio
+            inner = marker.inner_ratio if isinstance(marker, Ring) else WHYCODE_CORE
             for layer, share, colour in ((1, 1.0, _BLACK), (2, inner, _WHITE)):
                 cylinders.append(
                     _cylinder(_on_top(marker, layer), share * marker.outer_diameter_m, colour)
@@ -83,18 +61,11 @@ def _on_top(marker: Marker, layer: int) -> _Place:
     return (north, east, -_PRINT_M * (layer - 0.5))
 
 
-def _turn(marker: Square) -> float:
-    return math.radians(marker.heading_deg)
-
-
 def _vehicle(vehicle: VehicleSection) -> list[_Shape]:
     """Return cubes; x forward, y right, z down from the autopilot's position."""
     along, across = vehicle.footprint_m
-    skids = [
-        _cube((0.0, side * across, vehicle.gear_height_m - 0.5 * _SKID_M), size, _GREY)
-        for side in (-0.5, 0.5)
-        for size in ((along, _SKID_M, _SKID_M),)
-    ]
+    down, skid = vehicle.gear_height_m - 0.5 * _SKID_M, (along, _SKID_M, _SKID_M)
+    skids = [_cube((0.0, side * across, down), skid, _GREY) for side in (-0.5, 0.5)]
     nose = _cube((0.5 * along, 0.0, 0.0), (0.2 * along, 0.2 * across, 0.5 * _BODY_M), _RED)
     return [_cube((0.0, 0.0, 0.0), (0.8 * along, 0.6 * across, _BODY_M), _GREY), nose, *skids]
 

@@ -40,7 +40,6 @@ from landerd.messages import (
 )
 
 TRANSFORM_S = 0.05  # as often as an eye can use
-_SCHEMAS = {**foxglove.SCHEMAS, foxglove_scene.SCHEMA["title"]: foxglove_scene.SCHEMA}
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
@@ -175,7 +174,7 @@ class LogWriter:
         for topic, own in contents.OWN.items():
             self._channel(topic, codec.schema(own))
         for topic, name in contents.FOXGLOVE.items():
-            self._channel(topic, _SCHEMAS[name])
+            self._channel(topic, foxglove.SCHEMAS[name])
 
     def _channel(self, topic: str, schema: dict[str, Any]) -> None:
         text = json.dumps(schema).encode()

@@ -30,10 +30,14 @@ class LostPlan:
         self._start_down = down_m
         self._hold_s = 0.0 if low else self._options.hold_s
 
+    def waited_s(self, now: float) -> float:
+        """Return for how long it has been out of sight, s."""
+        return now - self._since
+
     def step(self, now: float, down_m: float) -> tuple[Vec3, str] | None:
         """Return the velocity to fly (local NED) and the step's name; None: hand back."""
         o = self._options
-        waited = now - self._since
+        waited = self.waited_s(now)
         if waited > o.give_up_s:
             return None
         climbed = self._start_down - down_m

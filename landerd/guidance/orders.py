@@ -99,7 +99,7 @@ class Orders:
             self.reason = reason
             if pilot_texts.asks_for_switch(reason):
                 self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
-            elif phase is Phase.NOT_LANDING and self._said_t(reason) < self._entered_t:
+            elif self._is_untold(phase, reason):
                 self.say(Severity.WARNING, reason)  # it had been told just before, of another time
             return
         self.phase, self.reason, self._entered_t = phase, reason, self._now
@@ -109,14 +109,18 @@ class Orders:
         else:
             self.say(Severity.NOTICE, f"{phase.value.replace('_', ' ').lower()}: {reason}")
 
+    def _is_untold(self, phase: Phase, reason: str) -> bool:
+        """Tell whether why nothing is flown was not told since that began."""
+        if phase is not Phase.NOT_LANDING:
+            return False
+        return self._said.get(_line(reason), -math.inf) < self._entered_t
+
     def say(self, severity: Severity, text: str, *, every_s: float = pilot_texts.REPEAT_S) -> None:
         """Tell the pilot a line, unless it was told within every_s (s)."""
-        if self._now - self._said_t(text) >= every_s:
-            self._said[_line(text)] = self._now
-            self.commands.append(StatusText(severity, _line(text)))
-
-    def _said_t(self, text: str) -> float:
-        return self._said.get(_line(text), -math.inf)
+        line = _line(text)
+        if self._now - self._said.get(line, -math.inf) >= every_s:
+            self._said[line] = self._now
+            self.commands.append(StatusText(severity, line))
 
 
 def _line(text: str) -> str:

@@ -191,13 +191,12 @@ class Searching:
         self._context = context
         self._plan = plan
         self._lost_down = 0.0  # local z where the pad went out of sight, m
-        self._began = -math.inf
 
     def enter(self, step: ControlStep) -> None:
         """Count the abort, and begin the plan where the vehicle is."""
         context = self._context
         vehicle = context.estimator.fresh_vehicle(step.now)
-        self._began, self._lost_down = step.now, vehicle.feet[2] if vehicle else 0.0
+        self._lost_down = vehicle.feet[2] if vehicle else 0.0
         self._plan.begin(step.now, self._lost_down, low=context.low)
         context.break_off()
 
@@ -215,7 +214,7 @@ class Searching:
         if planned is None:
             return Event.PAD_NOT_FOUND
         # Climbing needs a position to know when to stop, or a time.
-        climbs_blind = context.low and step.now - self._began < BLIND_CLIMB_S
+        climbs_blind = context.low and self._plan.waited_s(step.now) < BLIND_CLIMB_S
         may_climb = vehicle is not None or climbs_blind
         velocity, what = planned if may_climb else (HOVER, pilot_texts.HOLDING)
         why = pilot_texts.BLIND.format(why=context.why_blind(step.now), what=what)

@@ -87,7 +87,8 @@ class TrackingMethod:
             MAX_KP_PER_ACCELERATION * vehicle.acceleration_mps2,
         )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
-        self._calmed = 1.0
+        self._calmed = 1.0  # of the gain; of the integral's its square
+        self._swung_m = 0.0  # before the gains were lowered
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits
@@ -96,7 +97,6 @@ class TrackingMethod:
     def restart(self) -> None:
         """Begin a landing."""
         self._swing.restart()
-        self._swung_m = 0.0  # before the gains were lowered
         self._is_gusty = False
         self._integral = (0.0, 0.0)
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
@@ -118,7 +118,8 @@ class TrackingMethod:
         self._calm(relative, dt)
         north, east = _error_ahead(relative, self._lead_s)
         distance = math.hypot(north, east)
-        closing = min(_braking_speed(distance, self._kp, self._brake), gains.approach_mps)
+        kp = self._calmed * self._kp
+        closing = min(_braking_speed(distance, kp, self._brake), gains.approach_mps)
         k = closing / distance if distance > 0.0 else 0.0
         self._integrate(relative, dt)
         v = relative.pad_velocity_ahead(self._lead_s)
@@ -134,18 +135,16 @@ class TrackingMethod:
 
         Where it swings as much with the least gains, gusts move it: they want the gains it had.
         """
-        if not self._swing.step(relative.error, relative.error_rate, self._kp, dt):
+        if self._is_gusty:
+            return
+        if not self._swing.step(relative.error, relative.error_rate, self._calmed * self._kp, dt):
             return
         if self._calmed == 1.0:
             self._swung_m = self._swing.size
-        step = max(CALMER, LEAST_CALMED / self._calmed)
-        if step == 1.0 and self._swing.size > LASTS * self._swung_m:
-            step, self._is_gusty = 1.0 / self._calmed, True
-        elif self._is_gusty:
-            step = 1.0
-        self._calmed *= step
-        self._kp *= step
-        self._ki *= step * step
+        if self._calmed > LEAST_CALMED:
+            self._calmed = max(CALMER * self._calmed, LEAST_CALMED)
+        elif self._swing.size > LASTS * self._swung_m:
+            self._calmed, self._is_gusty = 1.0, True
 
     def _compensated(self, velocity: Vec3, relative: RelativeState) -> Vec3:
         """Return the order that a vehicle slower than it need be answers as one that is not.
@@ -197,11 +196,12 @@ class TrackingMethod:
     def _integrate(self, relative: RelativeState, dt: float) -> None:
         """Let the integral run on an error that stays: not on what closes as it is to."""
         distance = relative.distance
-        if not 0.0 < distance <= INTEGRATED_MPS * (1.0 / self._kp + self._lead_s):
+        kp, ki = self._calmed * self._kp, self._calmed * self._calmed * self._ki
+        if not 0.0 < distance <= INTEGRATED_MPS * (1.0 / kp + self._lead_s):
             return
         (e_north, e_east, _), (v_north, v_east, _) = relative.error, relative.error_rate
         closing = -(e_north * v_north + e_east * v_east) / distance
-        step = self._ki * dt * clamp(1.0 - closing / (self._kp * distance), 0.0, 1.0)
+        step = ki * dt * clamp(1.0 - closing / (kp * distance), 0.0, 1.0)
         north, east = self._integral
         north, east = north + step * e_north, east + step * e_east
         size = math.hypot(north, east)

@@ -11,7 +11,8 @@ from landerd.geometry import Vec3
 from landerd.messages import CLIPPED_LEVEL, Light, PoseSolution
 from landerd.pad import Plate
 from landerd.vision.expected import any_across
-from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
+from landerd.vision.patch import on_plate, whole_in_picture
+from landerd.vision.pose import circle, rotation_from
 
 # Of the levels on the plate. White covers more than half of any pad, so this is white even where
 # a third of it lies in shadow, and below a spot of glare.
@@ -57,14 +58,11 @@ class Meter:
 
     def _plate_levels(self, image: NDArray[np.uint8], pad: PoseSolution) -> NDArray[np.uint8]:
         """Return levels (n,) of what is seen of the plate."""
-        outline = _outline(self._plate, pad)
-        if float(outline[:, 2].min()) > MIN_DEPTH_M:
-            px = self._camera.pixels(outline)
-            last = (self._camera.width - 1, self._camera.height - 1)
-            if (px >= 0.0).all() and (px <= last).all():
-                return _within(image, px)
-        # Far outside of the picture a lens's distortion says nothing: a corner of the plate there
-        # may come to lie anywhere in it. The picture's own lines of sight are known.
+        outline = whole_in_picture(self._camera, _outline(self._plate, pad))
+        if outline is not None:
+            return _within(image, outline)
+        # A corner out of the picture may be behind the lens, and the way to it is bent by the
+        # distortion. The picture's own lines of sight are known.
         levels: NDArray[np.uint8] = image[np.ix_(self._rows, self._columns)].ravel()
         return levels[self._meets_plate(pad)]
 
@@ -75,15 +73,12 @@ class Meter:
         is_ahead = across * float(position @ normal) > 0.0
         distance = float(position @ normal) / np.where(is_ahead, across, 1.0)
         offset = distance[:, None] * self._rays - position
-        plate = self._plate
         if pad.north is None:
-            on_plate = np.linalg.norm(offset, axis=1) < _sure_reach(plate)
+            is_on = np.linalg.norm(offset, axis=1) < _sure_reach(self._plate)
         else:
-            flat = offset @ rotation_from(normal, np.array(pad.north))[:, :2]
-            n, e = flat.T
-            on_plate = (-plate.south_m < n) & (n < plate.north_m)
-            on_plate &= (-plate.west_m < e) & (e < plate.east_m)
-        meets: NDArray[np.bool_] = is_ahead & on_plate
+            R = rotation_from(normal, np.array(pad.north))
+            is_on = on_plate(self._plate, offset @ R[:, :2])
+        meets: NDArray[np.bool_] = is_ahead & is_on
         return meets
 
     def _ground(self, down: Vec3 | None) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
+from landerd.pad import Plate
 from landerd.vision.pose import MIN_DEPTH_M, Pose
 
 Image = NDArray[np.uint8]
@@ -98,6 +99,23 @@ def on_plane(rays: F64, pose: Pose) -> tuple[F64, F64]:
     H = np.linalg.inv(np.column_stack([pose.R[:, 0], pose.R[:, 1], pose.t]))
     q = H @ rays
     return q[0] / q[2], q[1] / q[2]
+
+
+def on_plate(plate: Plate, points: F64) -> Mask:
+    """Tell which points (n, 2) of the pad, its own axes, m, lie on its plate."""
+    north, east = points.T
+    is_on = (north < plate.north_m) & (north > -plate.south_m)
+    is_on &= (east < plate.east_m) & (east > -plate.west_m)
+    return np.asarray(is_on)
+
+
+def whole_in_picture(camera: CameraModel, points: F64) -> F64 | None:
+    """Return the pixels (n, 2) of points (n, 3), camera frame; None: not all are in the picture."""
+    if float(points[:, 2].min()) < MIN_DEPTH_M:
+        return None
+    px = camera.pixels(points)
+    is_whole = bool((px >= 0.0).all() and (px <= (camera.width - 1, camera.height - 1)).all())
+    return px if is_whole else None
 
 
 def _lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int], step: int) -> F64:

@@ -18,7 +18,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.expected import any_across
-from landerd.vision.patch import levels_at
+from landerd.vision.patch import levels_at, on_plate
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_2d, rotation_from
 from landerd.vision.square_pose import square_points
 
@@ -198,13 +198,10 @@ def _stands_out_elsewhere(step: F64, again: F64) -> NDArray[np.bool_]:
 
 def _share_on_plate(layout: PadLayout, ring: Ring, white: F64) -> F64:
     """Return the shares (headings,) of white (n, 2) on the plate again, turned about a ring."""
-    plate, shares = layout.plate, []
-    for turn in _TURNS:
-        north, east = (white @ turn + np.array(ring.position_m)).T
-        is_on = (north < plate.north_m) & (north > -plate.south_m)
-        is_on &= (east < plate.east_m) & (east > -plate.west_m)
-        shares.append(float(is_on.mean()) if len(white) else 1.0)
-    return np.array(shares)
+    if not len(white):
+        return np.ones(_HEADINGS)
+    middle = np.array(ring.position_m)
+    return np.array([on_plate(layout.plate, white @ turn + middle).mean() for turn in _TURNS])
 
 
 def _prints_beside(layout: PadLayout, ring: Ring) -> F64:
@@ -264,7 +261,6 @@ def _ground_behind(layout: PadLayout, ring: Ring) -> F64:
 
 def _white_beside(layout: PadLayout, ring: Ring) -> F64:
     """Return points (n, 2) about a ring's centre, pad axes, that are white; none: it is alone."""
-    plate = layout.plate
     points = [
         s * _outline(other) + np.array(other.position_m)
         for other in _others(layout, ring)
@@ -273,8 +269,7 @@ def _white_beside(layout: PadLayout, ring: Ring) -> F64:
     if not points:
         return np.empty((0, 2))
     p = np.concatenate(points)
-    good = (p[:, 0] < plate.north_m) & (p[:, 0] > -plate.south_m)
-    good &= (p[:, 1] < plate.east_m) & (p[:, 1] > -plate.west_m)
+    good = on_plate(layout.plate, p)
     for marker in layout.markers:
         middle = np.array(marker.position_m)
         if isinstance(marker, Square):

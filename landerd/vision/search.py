@@ -12,6 +12,7 @@ from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
 from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
+from landerd.vision.patch import whole_in_picture
 from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_2d, rotation_from
 from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
@@ -120,7 +121,9 @@ class Search:
         rings: list[FoundRing] = []
         for ring in self._layout.rings if which is not ExpectedRings.NONE else ():
             points = expected.points(ring.position_m, circle(ring.radius_m))
-            if points is None or (which is ExpectedRings.WHOLE and not self._is_whole(points)):
+            if points is None:
+                continue
+            if which is ExpectedRings.WHOLE and whole_in_picture(self._camera, points) is None:
                 continue
             found = self._ring_expected(image, ring, points, expected, down)
             rings += [(ring, s) for s in self._large_enough(found)]
@@ -268,14 +271,6 @@ class Search:
         distance = float(np.linalg.norm(position))
         slant = max(_MIN_SLANT, abs(float(position @ normal)) / distance)
         return min(_MAX_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
-
-    def _is_whole(self, points: F64) -> bool:
-        """Tell whether points (n, 3) all lie in the image."""
-        if float(points[:, 2].min()) < MIN_DEPTH_M:
-            return False
-        px = self._camera.pixels(points)
-        size = (self._camera.width - 1, self._camera.height - 1)
-        return bool((px >= 0.0).all() and (px <= size).all())
 
     def _window(self, points: F64, expected: Expected) -> Window | None:
         """Return the window that holds points (n, 3) and the margin; None: out of the image."""
