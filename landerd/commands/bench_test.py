@@ -38,6 +38,7 @@ from landerd.commands.shared import (
     write_text,
 )
 from landerd.config.files import Loaded
+from landerd.config.models import MAX_HEADING_DEG
 from landerd.devices import SetUpError, fitting_camera, make_devices
 from landerd.messages import Frame, Prior, Sightings
 from landerd.pad import PadError, PadLayout, load_pad
@@ -297,7 +298,7 @@ async def _pose_rows(bench: _Bench, mark: Mark, trial: MarkTrial) -> tuple[list[
     """Return how far from a mark the pad is seen.
 
     Directions are held against what the pad filter assumes of the gimbal, headings against what a
-    landing is aligned to.
+    landing leaves to what sight does not see.
     """
     seen = await trial.at_rest(bench.pictures)
     found = pose_errors(mark, seen)
@@ -309,7 +310,13 @@ async def _pose_rows(bench: _Bench, mark: Mark, trial: MarkTrial) -> tuple[list[
         _Figure("missed", 100.0 * (1.0 - found.found), 10.0, 50.0, "%"),
         _Figure("range", 100.0 * abs(found.range_share), 2.0, 4.0, "%"),
         _Figure("angle", math.degrees(found.direction), 2.0 * gimbal_deg, 4.0 * gimbal_deg, "deg"),
-        _Figure("heading", heading, descent.align_deg, descent.realign_deg, "deg"),
+        _Figure(
+            "heading",
+            heading,
+            MAX_HEADING_DEG - descent.realign_deg,
+            MAX_HEADING_DEG - descent.align_deg,
+            "deg",
+        ),
         _Figure("scatter", 100.0 * found.scatter_m / math.hypot(*mark.place), 1.0, 3.0, "%"),
     )
     return [_Row(_name(mark), figures)], seen

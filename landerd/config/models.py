@@ -189,6 +189,9 @@ class TrackingSection(Section):
     yaw_kp: Annotated[float, Field(gt=0, le=5)] = 1.0  # rad/s per rad
 
 
+MAX_HEADING_DEG = 5.0  # by which the heading may be off below the alignment height
+
+
 class DescentSection(Section):
     """Where descent is allowed (thesis eq. 2.3) and when it is committed."""
 
@@ -197,8 +200,10 @@ class DescentSection(Section):
     close_factor: Annotated[float, Field(gt=1, le=10)] = 3.0  # CLOSE_APPROACH in this times delta
     # not below this while the heading is off
     alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
-    align_deg: Positive = 2.0  # the heading counts as aligned within this,
-    realign_deg: Positive = 4.0  # and as off again beyond this
+    align_deg: Positive = 1.2  # the heading counts as aligned within this,
+    # and as off again beyond this; what is left to the most is for gimbal and mounting, which sight
+    # does not show
+    realign_deg: Positive = 2.5
     commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16  # below: carried through
     # committed only if at touch-down these will be kept; else it climbs to the last and tries again
     commit_miss_m: Annotated[float, Field(gt=0, le=1)] = 0.2
@@ -210,7 +215,7 @@ class DescentSection(Section):
 
     @model_validator(mode="after")
     def _hysteresis(self) -> "DescentSection":
-        if not self.align_deg < self.realign_deg <= 5.0:
+        if not self.align_deg < self.realign_deg <= MAX_HEADING_DEG:
             raise ValueError("expected align_deg < realign_deg <= 5")
         return self
 
@@ -270,7 +275,7 @@ class AimSection(Section):
     lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: how late the gimbal answers
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
     idle_yaw_deg: Finite = 0.0  # where the camera looks while no pad is known
-    idle_pitch_deg: Finite = -23.0  # the thesis's 0.4 rad
+    idle_pitch_deg: Finite = -40.0  # the thesis: -23 (0.4 rad)
     search_after_s: NotNegative = 5.0  # without a sighting: sweep down and up
 
 

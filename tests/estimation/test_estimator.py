@@ -160,3 +160,22 @@ def test_a_pad_that_is_refused_is_told_as_refused() -> None:
     far = replace(BELOW, position=(0.0, 4.0, 5.0))
     assert estimator.on_sightings(shown(1.04, far)) == []
     assert estimator.refused_t == 1.04
+
+
+def test_vision_is_told_where_a_pad_seen_once_must_be_now_and_not_to_count_on_it() -> None:
+    estimator = Estimator(Config())
+    for i in range(61):
+        t = 0.02 * i
+        hear(estimator, t, "attitude", "gimbal")
+        flown = 5.0 * max(0.0, t - 1.0)
+        estimator.on_telemetry(LocalPosition(t, (flown, 0.0, -5.0 - flown), (5.0, 0.0, -5.0)))
+        if i == 50:
+            assert estimator.prior(t).maybe is None
+            estimator.on_sightings(shown(t, BELOW))
+    prior = estimator.prior(1.2)
+    assert prior.pad is None
+    assert prior.maybe is not None
+    assert prior.maybe.position == pytest.approx((0.0, 1.0, 6.0), abs=0.05)
+    assert prior.maybe.sigma_m > 0.5  # it may be moving
+    hear(estimator, 1.5)
+    assert estimator.prior(1.5).maybe is None

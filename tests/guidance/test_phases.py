@@ -89,19 +89,19 @@ def test_until_aligned_there_is_a_floor_above_the_alignment_height() -> None:
     assert p.floor_m == 0.0
 
 
-def test_aligned_within_2_degrees_and_off_again_beyond_4() -> None:
+def test_aligned_within_1_2_degrees_and_off_again_beyond_2_5() -> None:
     p = phases()
 
     def phase_at(heading_deg: float) -> Phase:
         return p.step(situation(0.1, 3.0, heading_deg=heading_deg))[0]
 
     assert phase_at(3.0) is Phase.YAW_CORRECTION
-    assert phase_at(-2.1) is Phase.YAW_CORRECTION
-    assert phase_at(-1.9) is Phase.DESCENT
-    assert phase_at(3.9) is Phase.DESCENT
-    assert phase_at(-4.1) is Phase.YAW_CORRECTION
+    assert phase_at(-1.3) is Phase.YAW_CORRECTION
+    assert phase_at(-1.1) is Phase.DESCENT
+    assert phase_at(2.4) is Phase.DESCENT
+    assert phase_at(-2.6) is Phase.YAW_CORRECTION
     assert p.floor_m > OPTIONS.alignment_height_m
-    assert phase_at(3.0) is Phase.YAW_CORRECTION
+    assert phase_at(2.0) is Phase.YAW_CORRECTION
     assert phase_at(1.0) is Phase.DESCENT
 
 

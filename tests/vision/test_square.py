@@ -113,6 +113,23 @@ def test_a_tag_hidden_in_part_is_tracked_by_what_is_left_of_it() -> None:
     assert float(fit.pose.R[:, 0] @ view.R_camera_pad[:, 0]) > math.cos(math.radians(0.5))
 
 
+def test_a_tag_in_spots_of_light_that_brighten_the_white_beside_it_is_tracked() -> None:
+    square = tag()
+    view = look(THESIS_CAMERA, 1.0, math.radians(30), pixel=(250, 260), heading=0.7)
+    image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(5), pad_of(square))
+    corners = corners_px(view, square)
+    columns, rows = np.meshgrid(np.arange(THESIS_CAMERA.width), np.arange(THESIS_CAMERA.height))
+    light = np.ones(image.shape)
+    for corner in corners[[0, 2]]:
+        x, y = corner + 0.15 * (corner - corners.mean(axis=0))
+        light += 1.5 * np.exp(-0.5 * ((columns - x) ** 2 + (rows - y) ** 2) / 45.0**2)
+    lit = np.clip(0.4 * image * light, 0, 255).astype(np.uint8)
+    start = Pose(view.R_camera_pad, np.array(view.position), np.zeros((6, 6)), 0.0)
+    fit = SquarePrint(square, printed_cells(square)).track(lit, THESIS_CAMERA, start)
+    assert fit is not None
+    assert np.linalg.norm(fit.pose.t - np.array(view.position)) < 0.01
+
+
 # 10, 122 and 316 are explained to 0.96 where the cells that differ are taken for outliers.
 @pytest.mark.parametrize(
     ("number", "width_px"),
