@@ -25,7 +25,7 @@ check: $(SETUP)  ## lint, format, types, imports, tests
 	$(PYTEST)
 
 bench: $(SETUP)  ## print the figures quoted in docs
-	for file in $(filter-out bench/vision_% bench/dry_runs.py,$(wildcard bench/*.py)); do \
+	for file in $(filter-out bench/vision_% bench/dry_runs.py bench/peers.py,$(wildcard bench/*.py)); do \
 		echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; \
 	done
 

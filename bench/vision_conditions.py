@@ -7,11 +7,12 @@
 
 The thesis's pad from 2 to 15 m at 0 to 45 degrees, nothing known beforehand. Lines marked * are
 made by the tests' own renderer (area integration, exact pose), the others by the simulator's.
-Found: the centre within a tenth of the range.
+Found: the centre within a tenth of the range. Beside landerd stand OpenCV and, where it is
+installed, the AprilTag 3 library for the tag (its own middle within a tenth of the range), and for
+the ring any --whycon PROGRAM (see bench/peers.py; its middle within a tenth of the range, seen).
 """
 
 import argparse
-import importlib
 import math
 import time
 from collections.abc import Callable
@@ -23,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench import peers
 from hw.sim.camera_options import SimCameraOptions
 from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.picture.pad_print import printed
@@ -345,18 +347,19 @@ def looked(layout: PadLayout, made: list[Shot], options: VisionSection) -> Line:
     return line
 
 
-def tags(made: list[Shot]) -> str:
-    """Return the share of pictures in which OpenCV, and pupil-apriltags if it is there, see it."""
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    opencv = cv2.aruco.ArucoDetector(dictionary)
-    counts = [sum(opencv.detectMarkers(s.image)[1] is not None for s in made)]
-    try:
-        library = importlib.import_module("pupil_apriltags")
-        peer = library.Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
-        counts.append(sum(bool(peer.detect(s.image)) for s in made))
-    except ImportError:
-        pass
-    return "".join(f"{100.0 * c / len(made):7.1f}" for c in counts)
+def beside(made: list[Shot], target: Target, whycon: Path | None) -> str:
+    """Return the shares of pictures in which each peer that is there finds what it looks for."""
+    counts: dict[str, int] = {}
+    for tag in target.pad.squares:
+        for name, squares in peers.of_squares().items():
+            found = [(squares(s.image, tag.dictionary), s.view) for s in made]
+            counts[name] = sum(peers.is_tag(f or [], tag, view, CAMERA) for f, view in found)
+    if whycon is not None:
+        for ring in target.pad.rings:
+            middles = [peers.rings(whycon, s.image, ring.inner_ratio, 1) for s in made]
+            pairs = zip(middles, made, strict=True)
+            counts["WhyCon"] = sum(peers.is_ring(found, s.view, CAMERA) for found, s in pairs)
+    return ", ".join(f"{name} {100.0 * n / len(made):.1f}" for name, n in counts.items())
 
 
 def main() -> None:
@@ -367,6 +370,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="lines whose names hold one of these")
     parser.add_argument("--keep", type=Path, help="folder in which pictures are kept")
     parser.add_argument("--pad", action="store_true", help="the whole pad besides its ring alone")
+    parser.add_argument("--whycon", type=Path, metavar="PROGRAM", help="a detector of rings")
     parser.add_argument("--of", choices=TARGETS, default="thesis", help="what is looked at")
     args = parser.parse_args()
     cv2.setNumThreads(1)
@@ -381,10 +385,8 @@ def main() -> None:
         line = looked(layout, made, options)
         print(f"{name:20} {line.text()}  {line.stages} missed {line.missed}", flush=True)
         if args.pad:
-            print(
-                f"{'  any marker':20} {looked(PAD, made, options).text()}  tag:{tags(made)}",
-                flush=True,
-            )
+            print(f"{'  any marker':20} {looked(PAD, made, options).text()}", flush=True)
+        print(f"{'  others':20} {beside(made, TARGETS[args.of], args.whycon)}", flush=True)
 
 
 if __name__ == "__main__":

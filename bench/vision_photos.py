@@ -15,25 +15,25 @@ MANIFEST is a table with tabs and these columns; a row is one marker that an eye
 
 The lens is not known: its focal length is taken to be --focal times the width. Beside landerd stand
 OpenCV and, where it is installed, the AprilTag 3 library (both at the picture's own size), and for
-rings any PROGRAM that prints "x y" of each ring in the picture it is given (the original WhyCon).
+rings any PROGRAM that prints "x y" of each ring when called with a grey picture (PGM), the ratio of
+the print and the most rings to look for (the original WhyCon).
 """
 
 import argparse
 import csv
-import importlib
-import subprocess
 import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench import peers
 from landerd.camera_model import CameraModel
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, MarkerSighting
@@ -47,7 +47,7 @@ U8 = NDArray[np.uint8]
 _PLATE = Plate(north_m=1.0, south_m=1.0, east_m=1.0, west_m=1.0)
 _SAME_MIDDLE, _SAME_SIZE = 0.35, 1.4  # of what is asked for: share of its size, and a factor
 _MOST_SEARCHES = 40  # of a still
-_FAMILIES = {"APRILTAG_36h11": "tag36h11", "APRILTAG_25h9": "tag25h9", "APRILTAG_16h5": "tag16h5"}
+_MOST_RINGS = 10  # that a program is asked for
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Seen:
     size: float | None
 
 
-Detector = Callable[[U8, Path, list[Asked]], list[Seen] | None]  # None: not what it looks for
+Detector = Callable[[U8, list[Asked]], list[Seen] | None]  # None: not what it looks for
 
 
 @dataclass
@@ -126,7 +126,7 @@ def is_same(seen: Seen, asked: Asked) -> bool:
 def landerd(focal: float) -> Detector:
     """Return landerd's own detector for lenses of a focal length in widths."""
 
-    def detect(image: U8, _path: Path, asked: list[Asked]) -> list[Seen]:
+    def detect(image: U8, asked: list[Asked]) -> list[Seen]:
         h, w = image.shape
         camera = CameraModel(w, h, focal * w, focal * w, 0.5 * (w - 1), 0.5 * (h - 1))
         one = asked[0]
@@ -161,37 +161,12 @@ def _rings(image: U8, ring: Ring, camera: CameraModel) -> list[MarkerSighting]:
     return found
 
 
-def opencv() -> Detector:
-    """Return OpenCV's detector of squares."""
+def of_squares(find: Callable[[U8, str], peers.Squares | None]) -> Detector:
+    """Return a detector of squares; of rings it knows nothing."""
 
-    def detect(image: U8, _path: Path, asked: list[Asked]) -> list[Seen] | None:
-        if is_ring(asked[0]):
-            return None
-        name = f"DICT_{asked[0].kind}"
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-        quads, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(image)
-        numbers = [] if ids is None else ids.ravel().tolist()
-        outlines = [np.asarray(q, dtype=np.float64).reshape(4, 2) for q in quads]
-        return [_seen(int(i), o) for i, o in zip(numbers, outlines, strict=True)]
-
-    return detect
-
-
-def april_tag_3() -> Detector | None:
-    """Return the AprilTag 3 library; None if it is not installed."""
-    try:
-        library = importlib.import_module("pupil_apriltags")
-    except ImportError:
-        return None
-    detectors: dict[str, Any] = {}
-
-    def detect(image: U8, _path: Path, asked: list[Asked]) -> list[Seen] | None:
-        family = _FAMILIES.get(asked[0].kind)
-        if family is None:
-            return None
-        if family not in detectors:
-            detectors[family] = library.Detector(families=family, quad_decimate=1.0)
-        return [_seen(d.tag_id, np.array(d.corners)) for d in detectors[family].detect(image)]
+    def detect(image: U8, asked: list[Asked]) -> list[Seen] | None:
+        squares = None if is_ring(asked[0]) else find(image, asked[0].kind)
+        return None if squares is None else [_seen(i, o) for i, o in squares]
 
     return detect
 
@@ -199,14 +174,11 @@ def april_tag_3() -> Detector | None:
 def original_whycon(program: Path) -> Detector:
     """Return a program that finds rings."""
 
-    def detect(_image: U8, path: Path, asked: list[Asked]) -> list[Seen] | None:
+    def detect(image: U8, asked: list[Asked]) -> list[Seen] | None:
         if not is_ring(asked[0]):
             return None
-        out = subprocess.run(
-            [str(program), str(path)], capture_output=True, text=True, timeout=60, check=False
-        )
-        places = [line.split()[:2] for line in out.stdout.splitlines() if len(line.split()) > 1]
-        return [Seen(None, (float(x), float(y)), None) for x, y in places]
+        found = peers.rings(program, image, float(asked[0].what), _MOST_RINGS)
+        return [Seen(None, at, None) for at in found]
 
     return detect
 
@@ -235,7 +207,7 @@ def counted(
             continue
         for name, detect in detectors.items():
             began = time.process_time()
-            seen = detect(np.asarray(image, dtype=np.uint8), folder / file, asked)
+            seen = detect(np.asarray(image, dtype=np.uint8), asked)
             if seen is None:
                 continue
             count = counts[asked[0].group, name]
@@ -270,10 +242,8 @@ def main() -> None:
     parser.add_argument("--verbose", action="store_true", help="say what was missed")
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    detectors = {"landerd": landerd(args.focal), "OpenCV": opencv()}
-    peer = april_tag_3()
-    if peer is not None:
-        detectors["AprilTag 3"] = peer
+    detectors = {"landerd": landerd(args.focal)}
+    detectors |= {name: of_squares(find) for name, find in peers.of_squares().items()}
     if args.whycon is not None:
         detectors["WhyCon"] = original_whycon(args.whycon)
     counts = counted(args.folder, manifest(args.manifest), detectors, verbose=args.verbose)

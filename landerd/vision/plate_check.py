@@ -54,6 +54,7 @@ _MOST_ELSEWHERE = 0.35
 _ON_PLATE = 0.2  # share of the far white that, turned so, lies on the pad's plate again
 _BRIGHT_SHARE = 0.75  # of the way from black: of ground that is as bright as white
 _PRINT_SHARE = 0.3  # of the contrast: a marker's print, half of it black, is so much less bright
+_CLIPPED = 250.0  # grey level of white over full scale: a small print in it is nearly washed out
 _BEHIND = (0.3, 0.45, 0.6)  # times the ring's radius, the plate's edge
 _FAR_BESIDE = 1.7  # times the ring's radius: beyond the corners of another ring's own plate
 
@@ -118,7 +119,8 @@ class PlateCheck:
         is_bright = behind > black + _BRIGHT_SHARE * (white - black)
         if is_bright.any():  # there it is the other markers' print that stands out
             printed = _mean(self._turned(image, self._prints[ring], t, axes))
-            is_printed = ~(plate - printed < _PRINT_SHARE * (white - black))
+            least = np.where(plate > _CLIPPED, _LEAST_STEP, _PRINT_SHARE * (white - black))
+            is_printed = ~(plate - printed < least)
             may_be = np.where(is_bright, is_printed, may_be)
         if is_even and radius_px > _CLEAR_RADIUS_PX:
             is_white = beside > black + _WHITE_SHARE * (white - black)

@@ -42,8 +42,9 @@ _MIN_CONTRAST = 12.0  # grey levels
 # leaves but the darkest part of each edge, which looks sharp however wide the blur was: a share of
 # the radius.
 _MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (2.0, 1.0)
-# White grows behind any of these curves; it shrinks by what print and fit are off, and behind the
-# toe of an S-shaped one: where white is far below full scale, grey follows light's square.
+# White grows behind any of these curves; it shrinks by what print (ink spreads too) and fit are
+# off, and behind the toe of an S-shaped one: where white is far below full scale, grey follows
+# light's square.
 _PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06
 _MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
 # Of small ones a shift as large as that of another ratio's edges says nothing: of the radius.
@@ -177,7 +178,7 @@ def _min_shift_px(e: EdgeFit) -> float:
     if e.radius_px * e.cos_tilt < _SMALL_PX:
         return _MIN_SMALL_SHIFT * e.radius_px
     blurs = _MIN_CLIPPED_SHIFT_BLURS if _is_clipped(e) else _MIN_SHIFT_BLURS
-    return _MIN_SHIFT_PX - blurs * e.blur_px
+    return min(_MIN_SHIFT_PX, -_PRINT_SHARE * e.radius_px) - blurs * e.blur_px
 
 
 def _max_shift_px(e: EdgeFit) -> float:

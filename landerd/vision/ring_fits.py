@@ -23,8 +23,9 @@ def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
     if not is_ring(fit, ring, camera):
         return False
-    # Motion explains much, a target of several rings too.
-    is_doubtful = fit.response is None and (is_poor(fit) or bool(np.any(fit.motion_px)))
+    # Motion and responses explain much, a target of several rings too.
+    is_plain = fit.response is None and not np.any(fit.motion_px)
+    is_doubtful = not is_plain or is_poor(fit)
     return not (is_doubtful and has_rings_within(image, camera, ring, fit))
 
 
@@ -53,7 +54,7 @@ def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFi
     if not may_be_behind(fit):
         return []
     fits = response_fits(image, camera, ring, fit)
-    explains = fits and is_ring(fits[0], ring, camera) and not is_toned(fits[0], ring)
+    explains = fits and is_ours(image, camera, ring, fits[0]) and not is_toned(fits[0], ring)
     return fits if explains else []
 
 

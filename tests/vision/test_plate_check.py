@@ -115,6 +115,21 @@ def test_the_pad_is_seen_on_ground_as_bright_as_its_plate() -> None:
     assert any(vision.process(Frame(i / 30.0, i, shown)).pad for i in range(4))
 
 
+@pytest.mark.parametrize("distance", [10.0, 14.0])
+def test_where_all_is_blown_out_what_is_left_of_a_print_tells_the_pad(distance: float) -> None:
+    """White and ground are over full scale, as are the white cells of the tag's."""
+
+    def is_seen_blown_out(painted: PadLayout) -> bool:
+        at, soft = view(distance, 0.3), Optics(background="plain")
+        image = render(at, IDEAL_CAMERA, soft, np.random.default_rng(2), painted)
+        blown = np.clip(4.0 * image, 0.0, 255.0).astype(np.uint8)
+        vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+        return any(vision.process(Frame(i / 30.0, i, blown)).pad for i in range(4))
+
+    assert is_seen_blown_out(UNREADABLE)
+    assert not is_seen_blown_out(BARE)
+
+
 def test_the_pad_is_seen_behind_a_nearer_ring_that_is_another_s() -> None:
     rng, grass = np.random.default_rng(2), Optics(background="grass")
     far = look(IDEAL_CAMERA, 9.0, 0.4, pixel=(150.0, 230.0), tilt_towards=1.0, heading=0.3)

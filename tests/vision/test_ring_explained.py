@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from landerd.pad import PadLayout
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.whycon import find_rings, track_ring
 from tests.vision import scenes
@@ -25,11 +26,14 @@ def seen(distance: float, tilt_deg: float) -> scenes.View:
 
 
 def light(
-    view: scenes.View, bar: scenes.Bar | None = None, blur_px: float = 0.6
+    view: scenes.View,
+    bar: scenes.Bar | None = None,
+    blur_px: float = 0.6,
+    layout: PadLayout = scenes.THESIS_PAD,
 ) -> NDArray[np.float64]:
     """Return the light of a view (height, width), white paper 1, all but noiseless."""
     optics = scenes.Optics(white=WHITE, black=0.12 * WHITE, noise=0.0, bar=bar, blur_px=blur_px)
-    image = scenes.render(view, CAMERA, optics, np.random.default_rng(2))
+    image = scenes.render(view, CAMERA, optics, np.random.default_rng(2), layout)
     return image / WHITE
 
 
@@ -100,6 +104,21 @@ def test_a_ring_behind_the_toe_of_an_s_curve_is_seen(distance: float) -> None:
     view = seen(distance, 25.0)
     dim = 0.4 * light(view, blur_px=1.5)
     check(picture(dim * dim * (3.0 - 2.0 * dim)), view, 0.01)
+
+
+@pytest.mark.parametrize("distance", [1.5, 2.5])
+def test_a_print_whose_ink_has_spread_is_seen_behind_strong_sharpening(distance: float) -> None:
+    """The stroke is 0.6 % of the radius broader on either side than the pad file says."""
+    spread = 0.006
+    outer = (1.0 + spread) * RING.outer_diameter_m
+    ratio = (RING.inner_ratio - spread) / (1.0 + spread)
+    spread_ring = RING.model_copy(update={"outer_diameter_m": outer, "inner_ratio": ratio})
+    view = seen(distance, 25.0)
+    level = (0.85 * light(view, layout=scenes.alone(spread_ring))) ** (1.0 / 2.2)
+    image = picture(level + 2.0 * (level - cv2.GaussianBlur(level, (0, 0), 1.5)))
+    found = find_rings(image, RING, CAMERA)
+    assert len(found) == 1
+    assert math.dist(found[0].solutions[0].position, view.position) < 0.01 * distance
 
 
 @pytest.mark.parametrize("over", [1.6, 2.5])
