@@ -294,17 +294,18 @@ class LogSection(Section):
 
 
 class WebSection(Section):
-    """The status page (docs/status-page.md)."""
+    """The status page, and Foxglove (docs/status-page.md)."""
 
     listen: str | None = None  # ADDRESS:PORT; None: there is no page
     token_file: Path | None = None  # with the word that opens it; needed beyond this computer
+    foxglove: str | None = None  # ADDRESS:PORT of this computer only; None: nothing for Foxglove
 
-    @field_validator("listen")
+    @field_validator("listen", "foxglove")
     @classmethod
-    def _address_and_port(cls, listen: str | None) -> str | None:
-        if listen is not None:
-            split_address(listen)
-        return listen
+    def _address_and_port(cls, address: str | None) -> str | None:
+        if address is not None:
+            split_address(address)
+        return address
 
 
 class Config(Section):
