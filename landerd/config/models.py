@@ -294,7 +294,7 @@ class LogSection(Section):
 
 
 class WebSection(Section):
-    """The status page, and Foxglove (docs/status-page.md)."""
+    """Status page and Foxglove (docs/status-page.md)."""
 
     listen: str | None = None  # ADDRESS:PORT; None: there is no page
     token_file: Path | None = None  # with the word that opens it; needed beyond this computer
