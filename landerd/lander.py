@@ -175,7 +175,9 @@ class Lander:
         self._tick_t = now
         if dt <= 0.0:
             return []
-        self._aim.on_tick(now, self._look(now), self._estimator.sighting_t)
+        vehicle = self._estimator.vehicle(now)
+        course = vehicle.course if vehicle is not None else None
+        self._aim.on_tick(now, self._look(now), self._estimator.sighting_t, course)
         return [self._aim.command, *self._landing.step(now, dt)]
 
     def _look(self, now: float) -> Vec3 | None:

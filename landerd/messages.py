@@ -44,6 +44,7 @@ class Prior:
 
     down: Vec3 | None = None  # unit vector of gravity, camera frame
     pad: PadPrior | None = None
+    maybe: PadPrior | None = None  # of one seen lately, but not often enough to be believed in
 
 
 # ---- from vision -------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 from landerd.config.models import Config
-from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.camera_pose import CameraPose, PoseHistory
 from landerd.estimation.doubt import Doubt
 from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import ObservationModel, PadObservation
@@ -150,9 +150,16 @@ class Estimator:
         t_true, back = t - clocks.pictures_s, clocks.gimbal_s
         down = self.poses.down(t_true, gimbal_back_s=back)
         camera = self.poses.camera_pose(t_true, gimbal_back_s=back)
-        pad = self.pad(t_true)
-        if camera is None or pad is None or t - self.sighting_t > PRIOR_KEEP_S:
+        if camera is None:
             return Prior(down=down)
+        pad = self.pad(t_true)
+        if pad is not None and t - self.sighting_t <= PRIOR_KEEP_S:
+            return Prior(down=down, pad=self._expected(camera, pad))
+        maybe = self._filter.unconfirmed(t_true)
+        return Prior(down=down, maybe=self._expected(camera, maybe) if maybe else None)
+
+    def _expected(self, camera: CameraPose, pad: PadEstimate) -> PadPrior:
+        """Return where a camera will show a pad."""
         R_camera_local = transpose(camera.R_local_camera)
         north = None
         if pad.heading is not None:
@@ -162,7 +169,7 @@ class Estimator:
         B = self._observations.bias_jacobian(camera, position, ZERO, ZERO, 0.0)
         shown = rotate(R_camera_local, self._filter.shown(B))
         normal = rotate(R_camera_local, pad.normal)
-        return Prior(down=down, pad=PadPrior(add(position, shown), pad.sigma_m, north, normal))
+        return PadPrior(add(position, shown), pad.sigma_m, north, normal)
 
 
 def _is_plausible(s: PoseSolution) -> bool:

@@ -249,8 +249,17 @@ class PadFilter:
 
     def estimate(self, now: float) -> PadEstimate | None:
         """Return the state predicted to now, or None while no pad is confirmed."""
-        if self._accepted < SIGHTINGS_TO_CONFIRM:
-            return None
+        return self._at(now) if self._accepted >= SIGHTINGS_TO_CONFIRM else None
+
+    def unconfirmed(self, now: float) -> PadEstimate | None:
+        """Return what an estimate would be of a pad that one more sighting may confirm, else None.
+
+        It is taken to stand, until sightings say otherwise.
+        """
+        is_tried = 0 < self._accepted < SIGHTINGS_TO_CONFIRM
+        return self._at(now) if is_tried and now - self._accepted_t <= MAX_CONFIRM_GAP_S else None
+
+    def _at(self, now: float) -> PadEstimate:
         position, velocity, covariance = self._motion.at(max(0.0, now - self._motion.t))
         heading, sigma_heading = self._heading.at(now) if self._heading.known else (0.0, math.inf)
         known = sigma_heading < MAX_SIGMA_HEADING

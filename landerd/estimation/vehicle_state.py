@@ -7,6 +7,8 @@ from landerd.config.models import VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
 from landerd.geometry import Vec3, add, rot_zyx, rotate, scale, wrap
 
+COURSE_MPS = 1.5  # slower it hovers, and what it does is wind and control
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
@@ -18,6 +20,13 @@ class VehicleState:
     yaw_rate: float  # rad/s
     tilt: float  # of the airframe from level, rad
     roll_pitch_rate: float  # magnitude of the body's roll and pitch rates, rad/s
+
+    @property
+    def course(self) -> float | None:
+        """Bearing of its motion, rad to the right of its nose; None while it hovers."""
+        north, east, _ = self.velocity
+        moves = math.hypot(north, east) > COURSE_MPS
+        return wrap(math.atan2(east, north) - self.yaw) if moves else None
 
 
 def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> VehicleState | None:

@@ -34,6 +34,9 @@ VISIBLE_BEYOND_LIMIT = math.radians(20.0)
 
 # ---- search ------------------------------------------------------------------------------------
 SWEEP_PITCH_RATE = math.radians(20.0)  # rad/s
+# A picture is 63 degrees high: in the sweep's lowest one lies what is straight below, and in all of
+# them what is 44 to 71 degrees below the horizon. So nothing is flown over unseen.
+SWEEP_LOW, SWEEP_HIGH = math.radians(-75.0), math.radians(-40.0)
 SWEEP_YAW = math.radians(50.0)  # rad to either side of idle: less than a picture is wide
 
 
@@ -77,7 +80,11 @@ class Aim:
         )
 
     def on_tick(
-        self, now: float, direction: Vec3 | None = None, sighting_t: float = -math.inf
+        self,
+        now: float,
+        direction: Vec3 | None = None,
+        sighting_t: float = -math.inf,
+        course: float | None = None,
     ) -> None:
         """Point at the pad, or search while it is not in sight.
 
@@ -86,6 +93,7 @@ class Aim:
             direction: where the pad will be, unit vector in the frame that the gimbal is measured
                 in; None: not known, or the increments do it.
             sighting_t: of the last sighting that the estimate took, s.
+            course: of the vehicle, rad to the right of its nose; None: it hovers.
         """
         dt = now - self._t if self._t is not None else 0.0
         self._t = now
@@ -95,7 +103,7 @@ class Aim:
         if direction is not None:
             self._point(direction, dt)
         elif now - self._seen_t >= self._search_after_s:
-            self._search(dt)
+            self._search(dt, course)
 
     def _point(self, direction: Vec3, dt: float) -> None:
         """Take the direction, as far as the pad lies off the middle of the picture.
@@ -128,18 +136,21 @@ class Aim:
             return clamp(bearing, low, high)
         return min(possible, key=lambda yaw: abs(yaw - self.command.yaw))
 
-    def _search(self, dt: float) -> None:
-        """Sweep in pitch between idle and straight down, at another yaw each time."""
-        low = max(-math.pi / 2.0, self._pitch_limits[0])
+    def _search(self, dt: float, course: float | None) -> None:
+        """Sweep down and up on the vehicle's course; where it hovers, at another yaw each time."""
+        low = max(SWEEP_LOW, self._pitch_limits[0])
+        high = min(max(SWEEP_HIGH, self._idle_pitch), self._pitch_limits[1])
         pitch = self.command.pitch + self._sweep * SWEEP_PITCH_RATE * dt
-        if pitch <= low or pitch >= self._idle_pitch:
-            self._sweep = 1.0 if pitch <= low else -1.0
+        if (pitch <= low and self._sweep < 0.0) or (pitch >= high and self._sweep > 0.0):
+            self._sweep = -self._sweep
             self._sweeps += 1
-        aside = (0.0, SWEEP_YAW, -SWEEP_YAW)[self._sweeps // 2 % 3]
+        if course is not None and self._yaw_limits[0] <= course <= self._yaw_limits[1]:
+            yaw = course  # pads that are flown to come into sight there
+        else:
+            yaw = self._idle_yaw + (0.0, SWEEP_YAW, -SWEEP_YAW)[self._sweeps // 2 % 3]
         max_step = MAX_YAW_RATE * dt
-        to_go = self._idle_yaw + aside - self.command.yaw
-        yaw = self.command.yaw + clamp(to_go, -max_step, max_step)
-        self.command = self._limited(yaw, pitch)
+        to_go = yaw - self.command.yaw
+        self.command = self._limited(self.command.yaw + clamp(to_go, -max_step, max_step), pitch)
 
     def _preferred(self, sightings: Sightings) -> MarkerSighting | None:
         """Return the marker to look at: a square one if seen lately, else a ring (thesis 2.3.5)."""

@@ -10,6 +10,7 @@
 | north       | as predicted, else as    | as seen                                               |
 |             | seen                     |                                                       |
 
+A pad that was not seen often enough to be believed in (`Prior.maybe`) is predicted like any other.
 Otherwise it is not expected anywhere.
 """
 
@@ -18,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from landerd.camera_model import F64
-from landerd.messages import PoseSolution, Prior
+from landerd.geometry import Vec3
+from landerd.messages import PadPrior, PoseSolution, Prior
 from landerd.vision.pose import rotation_from
 
 _MAX_SIGHTING_AGE_S = 0.5  # a sighting older than this says nothing about the frame
@@ -67,8 +69,9 @@ def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> 
     """
     if last is not None and not 0.0 <= t - last.t <= _MAX_SIGHTING_AGE_S:
         last = None
-    if prior.pad is not None:
-        return _as_predicted(prior, last)
+    predicted = prior.pad or prior.maybe
+    if predicted is not None:
+        return _as_predicted(predicted, prior.down, last)
     if last is None:
         return None
     dt, pad = t - last.t, last.pose
@@ -81,11 +84,9 @@ def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> 
     )
 
 
-def _as_predicted(prior: Prior, last: SeenPad | None) -> Expected:
-    pad = prior.pad
-    assert pad is not None
+def _as_predicted(pad: PadPrior, down: Vec3 | None, last: SeenPad | None) -> Expected:
     position = np.array(pad.position)
-    level = pad.normal or prior.down
+    level = pad.normal or down
     if level is not None:
         normal = np.array(level)
     elif last is not None:

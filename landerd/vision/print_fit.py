@@ -290,8 +290,9 @@ class MarkerPrint:
         light = estimate.light
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
         off = residual / np.maximum(light[1] * shade, 1e-9)
-        is_as_printed = np.abs(off) < _AS_PRINTED
         is_white = patch.grey - residual > (light[0] + 0.5 * light[1]) * shade
+        # White under glare is white yet.
+        is_as_printed = np.where(is_white, -off, off) < _AS_PRINTED
         telling = self._is_telling(*on_plane(patch.rays, estimate.pose))
         parts = [is_as_printed[part] for part in (is_white, ~is_white, telling)]
         shown = min(float(part.mean()) if len(part) else 0.0 for part in parts)

@@ -222,27 +222,48 @@ def test_flying_over_the_pad_it_is_followed_from_ahead_to_behind() -> None:
 # ---- search ------------------------------------------------------------------------------------
 
 
-def search(made: Aim, seconds: float, start: float = 0.0) -> list[GimbalCommand]:
+def search(
+    made: Aim, seconds: float, start: float = 0.0, course: float | None = None
+) -> list[GimbalCommand]:
     commands = []
     for i in range(round(seconds / 0.025)):
-        made.on_tick(start + 0.025 * i)
+        made.on_tick(start + 0.025 * i, course=course)
         commands.append(made.command)
     return commands
 
 
-def test_it_waits_at_idle_and_then_sweeps_from_there_to_straight_down_and_back() -> None:
+def test_it_waits_at_idle_and_then_sweeps_down_and_back() -> None:
     made = Aim(AimSection(idle_pitch_deg=-23.0, search_after_s=5.0), GimbalSection())
     commands = search(made, 40.0)
     assert all(c.pitch == math.radians(-23.0) for c in commands[: round(4.9 / 0.025)])
     pitches = [math.degrees(c.pitch) for c in commands]
-    assert min(pitches) == pytest.approx(-90.0, abs=1.0)
+    assert min(pitches) == pytest.approx(-75.0, abs=1.0)
     after_lowest = pitches[pitches.index(min(pitches)) :]
     assert max(after_lowest) == pytest.approx(-23.0, abs=1.0)
     # First ahead, then to either side.
-    lowest = next(i for i, pitch in enumerate(pitches) if pitch < -89.0)
+    lowest = next(i for i, pitch in enumerate(pitches) if pitch < -74.0)
     assert all(c.yaw == 0.0 for c in commands[:lowest])
     yaws = [math.degrees(c.yaw) for c in commands]
     assert (min(yaws), max(yaws)) == pytest.approx((-50.0, 50.0))
+
+
+@pytest.mark.parametrize("idle_pitch_deg", [-90.0, -40.0, 0.0])
+def test_what_is_flown_over_is_in_the_picture_all_the_time_from_71_to_44_degrees_down(
+    idle_pitch_deg: float,
+) -> None:
+    made = Aim(AimSection(idle_pitch_deg=idle_pitch_deg, search_after_s=0.0), GimbalSection())
+    course = math.radians(20.0)
+    commands = search(made, 40.0, course=course)[200:]
+    pitches = [math.degrees(c.pitch) for c in commands]
+    assert min(pitches) == pytest.approx(-75.0, abs=1.0)
+    assert max(pitches) == pytest.approx(max(-40.0, idle_pitch_deg), abs=1.0)
+    assert all(c.yaw == pytest.approx(course) for c in commands)
+
+
+def test_who_flies_where_the_gimbal_cannot_look_is_searched_for_as_who_hovers() -> None:
+    backwards = search(Aim(AimSection(search_after_s=0.0), GimbalSection()), 20.0, course=math.pi)
+    hovering = search(Aim(AimSection(search_after_s=0.0), GimbalSection()), 20.0)
+    assert backwards == hovering
 
 
 def test_a_sighting_ends_the_search() -> None:
@@ -299,5 +320,5 @@ def test_a_gimbal_that_cannot_look_back_stays_within_its_limits() -> None:
 
 def test_without_a_direction_it_searches_again() -> None:
     made = pointed((1.0, 0.0, 0.5))
-    pitches = [math.degrees(c.pitch) for c in search(made, 10.0, start=3.0)]
-    assert min(pitches) == pytest.approx(-90.0, abs=1.0)
+    pitches = [math.degrees(c.pitch) for c in search(made, 12.0, start=3.0)]
+    assert min(pitches) == pytest.approx(-75.0, abs=1.0)
