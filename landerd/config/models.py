@@ -300,11 +300,11 @@ class WebSection(Section):
     token_file: Path | None = None  # with the word that opens it; needed beyond this computer
     foxglove: str | None = None  # ADDRESS:PORT of this computer only; None: nothing for Foxglove
 
-    @field_validator("listen", "foxglove")
+    @field_validator("listen", "foxglove", mode="before")
     @classmethod
-    def _address_and_port(cls, address: str | None) -> str | None:
+    def _address_and_port(cls, address: object) -> object:
         if address is not None:
-            split_address(address)
+            split_address(str(address))  # a port alone is a number
         return address
 
 
