@@ -354,7 +354,7 @@ def _side(value: float, positive: str, negative: str) -> str:
 def _in_words(args: argparse.Namespace, result: dict[str, Any], not_written: Sequence[str]) -> str:
     armed = "" if result["armed_s"] is None else f", armed for {result['armed_s']:.1f} s"
     lines = [
-        f"{args.telemetry}: {result['telemetry_s']:.1f} s{armed}",
+        f"{args.telemetry}: {result['telemetry_s']:.1f} s of attitude and position{armed}",
         f"  attitude {result['attitude_hz']:.0f} and position {result['position_hz']:.0f} times a "
         f"second ({result['position_source']})",
         *(f"  {remark}" for remark in result["remarks"]),
