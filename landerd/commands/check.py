@@ -36,7 +36,7 @@ from landerd.preflight.configuration import first_flight, pad_findings, placehol
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
-from landerd.preflight.status_page import page_findings
+from landerd.preflight.status_page import foxglove_findings, page_findings
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 
@@ -197,6 +197,7 @@ async def check(
         *computer_findings(config.autopilot.url, system),
         disk(loaded, state),
         *page_findings(config.web),
+        *foxglove_findings(config.web),
     ]
 
 

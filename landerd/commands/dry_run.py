@@ -42,6 +42,9 @@ from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 from landerd.runtime.observer import Observer
 
 GOOD_RATE_HZ = 20.0
+BELIEVED_MPS = 60.0  # no copter flies faster
+SEEN_FROM_M = 20.0  # from farther away pads of a metre are not seen
+IN_THE_AIR_M = 2.0
 _OUTCOMES = {  # in words; others are words
     None: "the recording ends before the landing does",
     "landed": "landed: on the pad when it was disarmed",
@@ -193,9 +196,7 @@ def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]
 
 def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3:
     """Return where the pad is drawn: as asked, or under where the flight ended."""
-    positions = telemetry.position
-    flown = [v for span in telemetry.flown for v in positions.values[positions.within(span)]]
-    flown = flown or positions.values
+    flown = _flown(telemetry)
     north, east, *_ = flown[-1]
     down = max(values[2] for values in flown) + config.vehicle.gear_height_m
     if args.pad_at is not None:
@@ -204,6 +205,13 @@ def _pad(args: argparse.Namespace, telemetry: Telemetry, config: Config) -> Vec3
         north, east, *given = args.pad_local
         down = given[0] if given else down
     return (north, east, down)
+
+
+def _flown(telemetry: Telemetry) -> list[tuple[float, ...]]:
+    """Return position and velocity, local NED, while it flew; all, where they are not known."""
+    track = telemetry.position
+    flown = [v for span in telemetry.flown for v in track.values[track.within(span)]]
+    return flown or track.values
 
 
 def _fitting(camera: CameraModel, video: Path, config: Config) -> CameraModel:
@@ -301,6 +309,7 @@ def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict
 def _remarks(telemetry: Telemetry, flight: _Flight) -> list[str]:
     """Return what one has to know to judge the result, a line each."""
     lines = list(telemetry.remarks)
+    flown = _flown(telemetry)
     if not telemetry.says_armed:
         lines.append("it does not say when it was armed: all of it is taken for the flight")
     elif not telemetry.armed:
@@ -312,12 +321,29 @@ def _remarks(telemetry: Telemetry, flight: _Flight) -> list[str]:
             lines.append(f"{name} is missing for {missing:.1f} s of the {length:.1f} s flown")
     if flight.vehicle.is_pretended:
         lines.append("no gimbal angles in it: a gimbal is pretended that follows landerd's orders")
-    if flight.drawn_pad is not None:
-        north, east, down = flight.drawn_pad
+    fastest = max(math.hypot(*values[3:]) for values in flown)
+    if fastest > BELIEVED_MPS:
         lines.append(
-            f"no video: pictures are drawn, of a pad {_side(north, 'north', 'south')}, "
-            f"{_side(east, 'east', 'west')} and {_side(down, 'below', 'above')} local zero"
+            f"its position is not to be believed: by it the vehicle flew up to {fastest:.0f} m/s"
         )
+    if flight.drawn_pad is not None:
+        lines += _drawn(flight.drawn_pad, flown)
+    return lines
+
+
+def _drawn(pad: Vec3, flown: Sequence[tuple[float, ...]]) -> list[str]:
+    """Return what is to be said of pictures of a pad that was not there."""
+    north, east, down = pad
+    lines = [
+        f"no video: pictures are drawn, of a pad {_side(north, 'north', 'south')}, "
+        f"{_side(east, 'east', 'west')} and {_side(down, 'below', 'above')} local zero"
+    ]
+    nearest = min(math.dist(place[:3], pad) for place in flown)
+    above = down - flown[-1][2]
+    if nearest > SEEN_FROM_M:
+        lines.append(f"it never came nearer to that pad than {nearest:.0f} m")
+    if above > IN_THE_AIR_M:
+        lines.append(f"the recording ends {above:.0f} m above it: it may lie elsewhere")
     return lines
 
 
@@ -328,7 +354,7 @@ def _side(value: float, positive: str, negative: str) -> str:
 def _in_words(args: argparse.Namespace, result: dict[str, Any], not_written: Sequence[str]) -> str:
     armed = "" if result["armed_s"] is None else f", armed for {result['armed_s']:.1f} s"
     lines = [
-        f"{args.telemetry}: {result['telemetry_s']:.1f} s{armed}",
+        f"{args.telemetry}: {result['telemetry_s']:.1f} s of attitude and position{armed}",
         f"  attitude {result['attitude_hz']:.0f} and position {result['position_hz']:.0f} times a "
         f"second ({result['position_source']})",
         *(f"  {remark}" for remark in result["remarks"]),

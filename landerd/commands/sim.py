@@ -31,7 +31,8 @@ from landerd.config.files import Loaded, config_files
 from landerd.pad import PadError
 
 if TYPE_CHECKING:
-    from landerd.web import StatusPage
+    from landerd.runtime.daemon import Daemon
+    from landerd.web import FoxgloveServer, StatusPage
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,8 +72,14 @@ def run(args: argparse.Namespace) -> int:
     loaded = _load(args)
     logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
     shows_progress = sys.stdout.isatty() and not args.json
-    page = _page(args, loaded)
-    result = _fly(args, loaded, _show_progress if shows_progress else None, page)
+    page, foxglove = _viewers(args, loaded)
+
+    def watch(daemon: "Daemon") -> None:
+        for viewer in (page, foxglove):
+            if viewer is not None:
+                viewer.watch(daemon)
+
+    result = _fly(args, loaded, _show_progress if shows_progress else None, watch)
     if shows_progress:
         _show_progress("")
     if args.json:
@@ -90,6 +97,8 @@ def run(args: argparse.Namespace) -> int:
     if result["not_written"]:
         tell("\n".join(result["not_written"]))
         code = 2
+    if foxglove is not None:
+        foxglove.close()
     if page is not None:
         _show_on(page, stays=shows_progress)
     return code
@@ -118,18 +127,21 @@ def _load(args: argparse.Namespace) -> Loaded:
     return loaded
 
 
-def _page(args: argparse.Namespace, loaded: Loaded) -> "StatusPage | None":
-    """Return the status page, where one is asked for and there is time to look at it."""
+def _viewers(
+    args: argparse.Namespace, loaded: Loaded
+) -> "tuple[StatusPage | None, FoxgloveServer | None]":
+    """Return status page and Foxglove's server, where asked for and there is time to look."""
     config = loaded.config
-    if config.web.listen is None:
-        return None
+    asked = [key for key in ("listen", "foxglove") if getattr(config.web, key) is not None]
+    if not asked:
+        return None, None
     if not args.realtime:
-        tell("web.listen: the status page is shown of flights with --realtime only")
-        return None
+        tell(f"web.{asked[0]}: flights are shown with --realtime only")
+        return None, None
     from landerd.camera_model import load_camera
     from landerd.pad import load_pad
     from landerd.preflight.computer import temperature_c
-    from landerd.web import StatusPage
+    from landerd.web import FoxgloveServer, StatusPage
 
     with refusing(CalibrationError, PadError):
         camera, layout = load_camera(config.camera.calibration), load_pad(config.pad.layout)
@@ -137,7 +149,7 @@ def _page(args: argparse.Namespace, loaded: Loaded) -> "StatusPage | None":
     page = StatusPage.of(config, camera, layout, folder, temperature_c)
     if page is not None:
         tell(f"status page: {page.url}")
-    return page
+    return page, FoxgloveServer.of(config, camera, layout)
 
 
 def _show_on(page: "StatusPage", *, stays: bool) -> None:
@@ -154,7 +166,7 @@ def _fly(
     args: argparse.Namespace,
     loaded: Loaded,
     progress: Callable[[str], None] | None,
-    page: "StatusPage | None",
+    watch: "Callable[[Daemon], None]",
 ) -> dict[str, Any]:
     # The simulator is imported when all arguments are known to be good.
     from landerd.simulation.flight import simulate
@@ -170,7 +182,7 @@ def _fly(
                 picture=args.picture,
                 log=args.log,
                 progress=progress,
-                watch=page.watch if page is not None else None,
+                watch=watch,
             )
         return simulate_sitl(
             loaded,

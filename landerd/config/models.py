@@ -299,17 +299,18 @@ class LogSection(Section):
 
 
 class WebSection(Section):
-    """The status page (docs/status-page.md)."""
+    """Status page and Foxglove (docs/status-page.md)."""
 
     listen: str | None = None  # ADDRESS:PORT; None: there is no page
     token_file: Path | None = None  # with the word that opens it; needed beyond this computer
+    foxglove: str | None = None  # ADDRESS:PORT of this computer only; None: nothing for Foxglove
 
-    @field_validator("listen")
+    @field_validator("listen", "foxglove", mode="before")
     @classmethod
-    def _address_and_port(cls, listen: str | None) -> str | None:
-        if listen is not None:
-            split_address(listen)
-        return listen
+    def _address_and_port(cls, address: object) -> object:
+        if address is not None:
+            split_address(str(address))  # a port alone is a number
+        return address
 
 
 class Config(Section):

@@ -17,6 +17,7 @@ from landerd.camera_model import CameraModel
 from landerd.config.models import Config
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.guidance.relative_state import RelativeState
+from landerd.lander import Lander
 from landerd.messages import Command, Input, Phase, Prior
 from landerd.pad import PadLayout
 
@@ -64,6 +65,19 @@ class State:
     aborts: int
     relative: RelativeState | None  # None while pad or vehicle is unknown
     sensors: SensorErrors | None = None  # None: of an older landerd
+
+
+def state_of(lander: Lander, now: float) -> State:
+    """Return how the core sees the landing now (loop time, s)."""
+    return State(
+        now,
+        lander.phase,
+        lander.reason,
+        lander.outcome,
+        lander.aborts,
+        lander.relative_state(now),
+        lander.sensor_errors,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from landerd.config.models import Config, LogSection
-from landerd.flightlog.contents import Dropped, Head, Searched, State
+from landerd.flightlog.contents import Dropped, Head, Searched, State, state_of
 from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, part, part_number, rotate
 from landerd.flightlog.writer import LogWriter
 from landerd.lander import Lander
@@ -175,16 +175,7 @@ class Recorder:
         lander = self._lander
         if lander is None or not self._takes_detail():
             return
-        state = State(
-            now,
-            lander.phase,
-            lander.reason,
-            lander.outcome,
-            lander.aborts,
-            lander.relative_state(now),
-            lander.sensor_errors,
-        )
-        self._put(self._state, (state,))
+        self._put(self._state, (state_of(lander, now),))
 
     def _takes_detail(self) -> bool:
         takes = self._low < 2 and len(self._queue) < MOST_DETAIL

@@ -1,7 +1,6 @@
 """Writes one flight's MCAP file, message by message (mcap.dev/spec)."""
 
 import json
-import math
 import platform
 import sys
 from pathlib import Path
@@ -12,50 +11,21 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from pydantic import BaseModel
 
-from landerd import __version__, gimbal_frames
-from landerd.flightlog import codec, contents, foxglove, foxglove_scene
-from landerd.flightlog.contents import Dropped, Head, Searched, State
+from landerd import __version__
+from landerd.flightlog import codec, contents
+from landerd.flightlog.contents import Head
 from landerd.flightlog.disk import SyncedFile
-from landerd.geometry import (
-    Mat3,
-    Vec3,
-    camera_mount,
-    cross,
-    matmul,
-    rot_zyx,
-    transpose,
-)
-from landerd.messages import (
-    Attitude,
-    Command,
-    Frame,
-    GimbalState,
-    Input,
-    LocalPosition,
-    PhaseChange,
-    PoseSolution,
-    Severity,
-    Sightings,
-    StatusText,
-)
-
-TRANSFORM_S = 0.05  # as often as an eye can use
-_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
+from landerd.flightlog.topics import TopicWriter
 
 
-class LogWriter:
+class LogWriter(TopicWriter):
     """One MCAP file. Nothing is on the disk before `flush` and the file's own `sync`."""
 
     def __init__(self, file: SyncedFile, head: Head) -> None:
         """Write the head: configuration, pad, calibration, versions."""
-        self._head = head
         self._mcap = Writer(file, chunk_size=1 << 30, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
         self._channels: dict[str, int] = {}
-        self._attitude: Attitude | None = None
-        self._drawn: dict[str, float] = {}  # when each frame's transform was last written
         self._mcap.start(profile="", library=f"landerd {__version__}")
-        self._R_gimbal_camera = camera_mount(head.config.gimbal.camera_rotation_deg)
         self._mcap.add_metadata(contents.VERSIONS, versions() | _clock(head))
         for name, data in (
             (contents.CONFIG_JSON, config_json(head.config)),
@@ -63,7 +33,7 @@ class LogWriter:
             (contents.CAMERA_JSON, codec.encode(head.camera)),
         ):
             self._mcap.add_attachment(0, 0, name, "application/json", data)
-        self._register()
+        super().__init__(head)
 
     def flush(self) -> None:
         """Complete what was begun, so that it can be read although nothing may follow."""
@@ -73,116 +43,13 @@ class LogWriter:
         """Write the index."""
         self._mcap.finish()  # type: ignore[no-untyped-call]
 
-    # ---- what a replay needs -------------------------------------------------------------------
-
-    def step(self, number: int, now: float, message: Input, commands: list[Command]) -> None:
-        """Write one step of the core."""
-        ns = self._ns(now)
-        self._write(contents.IN, message, ns, self._ns(message.t), number)
-        for command in commands:
-            self._write(contents.OUT, command, ns, ns, number)
-
-    def _write(self, prefix: str, message: Any, ns: int, measured_ns: int, number: int) -> None:
-        channel = self._channels[prefix + type(message).__name__]
-        data = codec.encode(message)
-        self._mcap.add_message(channel, ns, data, measured_ns, number & 0xFFFFFFFF)
-
-    def searched(self, now: float, searched: Searched) -> None:
-        """Write that vision searched a frame."""
-        self._add(contents.SEARCHED, now, searched, searched.seq)
-
-    def image(self, now: float, frame: Frame, mode: str) -> None:
-        """Write a frame's picture, `jpeg` or `lossless`."""
-        form, options = ("png", _PNG) if mode == "lossless" else ("jpeg", _JPEG)
-        ok, data = cv2.imencode(f".{form}", frame.image, options)
-        if ok:
-            message = foxglove.image(self._ns(frame.t), data.tobytes(), form)
-            self._add(contents.IMAGE, now, message, frame.seq)
-
-    # ---- what people look at -------------------------------------------------------------------
-
-    def state(self, state: State) -> None:
-        """Write how the core sees the landing."""
-        self._add(contents.STATE, state.t, state)
-
-    def dropped(self, now: float, dropped: Dropped) -> None:
-        """Write how much could not be recorded."""
-        self._add(contents.DROPPED, now, dropped)
-
-    def calibration(self, now: float) -> None:
-        """Write what viewers need once: calibration, which way is up, pad and vehicle."""
-        camera = foxglove.calibration(self._ns(now), self._head.camera)
-        self._add(contents.CALIBRATION, now, camera)
-        self._transform(now, now, "map", "local", (0.0, 0.0, 0.0), foxglove.NED_IN_MAP)
-        vehicle = self._head.config.vehicle
-        drawn = foxglove_scene.pad_and_vehicle(self._ns(now), self._head.layout, vehicle)
-        self._add(contents.SCENE, now, drawn)
-
-    def scene(self, now: float, message: Input) -> None:
-        """Write where vehicle, camera and pad are, and the markers' outlines."""
-        if isinstance(message, Attitude):
-            self._attitude = message
-        elif isinstance(message, LocalPosition) and self._attitude is not None:
-            R = _R_local_body(self._attitude)
-            self._transform(now, message.t, "local", "body", message.position, R)
-        elif isinstance(message, GimbalState) and self._attitude is not None:
-            a = self._attitude
-            angles = (message.yaw, message.pitch, message.roll)
-            R_local_gimbal = gimbal_frames.look(message.reference, (a.roll, a.pitch, a.yaw), angles)
-            R_body_gimbal = matmul(transpose(_R_local_body(a)), R_local_gimbal)
-            R = matmul(R_body_gimbal, self._R_gimbal_camera)
-            offset = self._head.config.vehicle.camera_offset_m
-            self._transform(now, message.t, "body", "camera", offset, R)
-        elif isinstance(message, Sightings):
-            marks = foxglove.annotations(self._ns(message.t), message.markers)
-            self._add(contents.MARKERS, now, marks)
-            if message.pad and message.pad[0].north is not None:
-                pad = message.pad[0]
-                self._transform(now, message.t, "camera", "pad", pad.position, _axes(pad))
-
-    def events(self, now: float, commands: list[Command]) -> None:
-        """Write what was told to the pilot, and changes of phase."""
-        for command in commands:
-            if isinstance(command, StatusText):
-                urgent = command.severity <= Severity.WARNING
-                self._event(now, foxglove.WARNING if urgent else foxglove.INFO, command.text)
-            elif isinstance(command, PhaseChange):
-                self._event(now, foxglove.INFO, f"{command.phase.value}: {command.reason}")
-
-    def _event(self, now: float, level: int, text: str) -> None:
-        message = foxglove.event(self._ns(now), level, text)
-        self._add(contents.EVENTS, now, message)
-
-    def _transform(
-        self, now: float, t: float, parent: str, child: str, origin: Vec3, R: Mat3
-    ) -> None:
-        if now - self._drawn.get(child, -math.inf) < TRANSFORM_S:
-            return
-        self._drawn[child] = now
-        message = foxglove.transform(self._ns(t), parent, child, origin, R)
-        self._add(contents.TRANSFORMS, now, message)
-
-    def _add(self, topic: str, now: float, message: Any, number: int = 0) -> None:
-        ns, data = self._ns(now), codec.encode(message)
-        self._mcap.add_message(self._channels[topic], ns, data, ns, number & 0xFFFFFFFF)
-
-    def _register(self) -> None:
-        """Name all topics at the beginning, so that a damaged part takes none with it."""
-        for kind in (*contents.INPUTS.values(), *contents.COMMANDS.values()):
-            prefix = contents.IN if kind.__name__ in contents.INPUTS else contents.OUT
-            self._channel(prefix + kind.__name__, codec.schema(kind))
-        for topic, own in contents.OWN.items():
-            self._channel(topic, codec.schema(own))
-        for topic, name in contents.FOXGLOVE.items():
-            self._channel(topic, foxglove.SCHEMAS[name])
-
-    def _channel(self, topic: str, schema: dict[str, Any]) -> None:
-        text = json.dumps(schema).encode()
-        schema_id = self._mcap.register_schema(schema["title"], "jsonschema", text)
+    def _open(self, topic: str, schema_name: str, schema: bytes) -> None:
+        schema_id = self._mcap.register_schema(schema_name, "jsonschema", schema)
         self._channels[topic] = self._mcap.register_channel(topic, "json", schema_id)
 
-    def _ns(self, t: float) -> int:
-        return max(0, round(1e9 * (t + self._head.wall_offset_s)))
+    def _put(self, topic: str, ns: int, data: bytes, measured_ns: int, number: int) -> None:
+        channel = self._channels[topic]
+        self._mcap.add_message(channel, ns, data, measured_ns, number & 0xFFFFFFFF)
 
 
 def versions() -> dict[str, str]:
@@ -213,13 +80,3 @@ def _named(value: Any) -> Any:
 
 def _clock(head: Head) -> dict[str, str]:
     return {"wall_offset_s": repr(head.wall_offset_s)}
-
-
-def _R_local_body(attitude: Attitude) -> Mat3:  # noqa: N802 - a rotation's name
-    return rot_zyx(attitude.yaw, attitude.pitch, attitude.roll)
-
-
-def _axes(pad: PoseSolution) -> Mat3:
-    """Return R_camera_pad from the pad's north and normal."""
-    assert pad.north is not None
-    return transpose((pad.north, cross(pad.normal, pad.north), pad.normal))

@@ -27,8 +27,12 @@ class Door:
     @property
     def url(self) -> str:
         """What is typed into a browser, without the token."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{self.port}/"
+        return f"http://{self.address}/"
+
+    @property
+    def address(self) -> str:
+        """Host and port, as in an URL."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
     def opens_to(self, token: str) -> bool:
         """Tell whether this is the token; how long it takes tells nothing."""
@@ -60,6 +64,11 @@ class Door:
             s.close()
             raise
         return s
+
+
+def why(e: Exception) -> str:
+    """Return why an address cannot be had, without Python's own words."""
+    return e.strerror if isinstance(e, OSError) and e.strerror else str(e)
 
 
 def is_loopback(host: str) -> bool:

@@ -13,7 +13,7 @@ from landerd.config.models import Config
 from landerd.flightlog.disk import free_bytes
 from landerd.pad import PadLayout
 from landerd.runtime.daemon import Daemon
-from landerd.web.door import Door, DoorError, door_of
+from landerd.web.door import Door, DoorError, door_of, why
 from landerd.web.flights import Flights
 from landerd.web.live import LiveView, View
 from landerd.web.server import Server
@@ -121,8 +121,8 @@ class StatusPage:
             try:
                 self._server = Server(self._door, self._flights, self._view, self._is_busy)
             except (OSError, UnicodeError) as e:
-                if str(e) != told:
-                    told = str(e)
+                if why(e) != told:
+                    told = why(e)
                     log.warning("no status page at %s yet: %s", self._door.url, told)
                 self._ended.wait(AGAIN_S)
                 continue

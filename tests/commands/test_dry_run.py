@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,22 @@ def test_how_it_ends_is_told_in_words(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "outcome: the recording ends before the landing does" in capsys.readouterr().out
     words = [outcome_in_words(o) for o in (*OUTCOMES.values(), "touchdown_unconfirmed")]
     assert not any("_" in text for text in words)
+
+
+def test_what_makes_the_result_doubtful_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = str(write_bin(tmp_path / "a.bin", skip=("MNT",)))
+    short = ("--fps", "1", "--to", "2")
+    sound = dry_run(capsys, "--telemetry", flight, *short)["remarks"]
+    assert not any("nearer" in remark or "above it" in remark for remark in sound)
+    far = dry_run(capsys, "--telemetry", flight, *short, "--pad-local", "0,40,12")["remarks"]
+    assert any(re.search("never came nearer to that pad than 4[0-9] m", r) for r in far)
+    assert any(re.search("ends 1[0-9] m above it", r) for r in far)
+    # An estimator that says 99 m/s along each axis.
+    lost = str(write_bin(tmp_path / "b.bin", skip=("MNT",), estimator=10))
+    said = dry_run(capsys, "--telemetry", lost, *short)["remarks"]
+    assert any("not to be believed: by it the vehicle flew up to 171 m/s" in r for r in said)
 
 
 def test_a_pad_in_degrees_and_one_in_metres_are_the_same(

@@ -30,7 +30,7 @@ def free_port(host: str = "127.0.0.1") -> int:
         return port
 
 
-class _Observed(Flight):
+class ObservedFlight(Flight):
     """Shows observers what the daemon would."""
 
     def __init__(self) -> None:
@@ -55,7 +55,8 @@ class Shown:
         self.page, self.flight, self.daemon, self.door = page, flight, daemon, door
 
     def get(self, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
-        connection = http.client.HTTPConnection(self.door.host, self.door.port, timeout=60)
+        longest_s = 300.0  # a report yields to all else that runs
+        connection = http.client.HTTPConnection(self.door.host, self.door.port, timeout=longest_s)
         try:
             connection.request("GET", path, headers=headers)
             answer = connection.getresponse()
@@ -75,7 +76,7 @@ def shown_page(
     folder: Path | None = None, *, host: str = "127.0.0.1", token: str | None = None
 ) -> Iterator[Shown]:
     """Serve a page until the block ends."""
-    flight = _Observed()
+    flight = ObservedFlight()
     devices = Devices(Idle(), Idle(), Idle())  # type: ignore[arg-type]
     daemon = Daemon(flight.lander.config, PAD, CAMERA, devices)
     daemon.lander = flight.lander

@@ -52,6 +52,8 @@ def test_a_token_that_is_none_is_told_with_its_file(text: str, tmp_path: Path) -
 def test_what_is_no_address(listen: str) -> None:
     with pytest.raises(ValidationError, match="expected ADDRESS:PORT, as 127"):
         WebSection(listen=listen)
+    with pytest.raises(ValidationError, match="expected ADDRESS:PORT, as 127"):
+        WebSection.model_validate({"foxglove": 8765})
 
 
 def test_the_check_says_whether_there_will_be_a_page() -> None:
