@@ -175,9 +175,10 @@ class Lander:
         self._tick_t = now
         if dt <= 0.0:
             return []
-        vehicle = self._estimator.vehicle(now)
+        direction = self._look(now)
+        vehicle = self._estimator.vehicle(now) if direction is None else None  # to search by
         course = vehicle.course if vehicle is not None else None
-        self._aim.on_tick(now, self._look(now), self._estimator.sighting_t, course)
+        self._aim.on_tick(now, direction, self._estimator.sighting_t, course)
         return [self._aim.command, *self._landing.step(now, dt)]
 
     def _look(self, now: float) -> Vec3 | None:

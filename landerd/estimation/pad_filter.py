@@ -252,7 +252,7 @@ class PadFilter:
         return self._at(now) if self._accepted >= SIGHTINGS_TO_CONFIRM else None
 
     def unconfirmed(self, now: float) -> PadEstimate | None:
-        """Return what an estimate would be of a pad that one more sighting may confirm, else None.
+        """Return what an estimate would be of a pad that is seen, but not confirmed yet, else None.
 
         It is taken to stand, until sightings say otherwise.
         """

@@ -41,10 +41,8 @@ def _pad(layout: PadLayout) -> tuple[list[_Shape], list[_Shape]]:
     cubes, cylinders = [_cube(middle, size, _WHITE)], []
     for marker in layout.markers:
         if isinstance(marker, Square):
-            print_m, turn = (
-                (marker.size_m, marker.size_m, _PRINT_M),
-                math.radians(marker.heading_deg),
-            )
+            print_m = (marker.size_m, marker.size_m, _PRINT_M)
+            turn = math.radians(marker.heading_deg)
             cubes.append(_cube(_on_top(marker, 1), print_m, _BLACK, turn))
         else:
             inner = marker.inner_ratio if isinstance(marker, Ring) else WHYCODE_CORE
