@@ -6,7 +6,7 @@ frame (x right, y down, z forward).
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -44,6 +44,47 @@ _OPENCV_KEYS = {
     "image_width": ("image_width", "imagewidth", "width"),
     "image_height": ("image_height", "imageheight", "height"),
 }
+
+
+def _distorted(k: tuple[float, ...], fisheye: bool, x: F64, y: F64) -> tuple[F64, F64]:
+    """Return what a lens with coefficients k makes of rays x and y (n,) on z = 1.
+
+    Formulas of OpenCV's `projectPoints`, which works out all derivatives besides: with it
+    projecting took a fifth of the time of a search.
+    """
+    if not k:
+        return x, y
+    square = x * x + y * y
+    if fisheye:
+        tangent = np.sqrt(square)
+        angle = np.arctan(tangent)
+        s = angle * angle
+        bent = angle * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
+        scale = bent / np.maximum(tangent, 1e-12)
+        return np.where(tangent > 1e-8, x * scale, x), np.where(tangent > 1e-8, y * scale, y)
+    k1, k2, p1, p2, k3, k4, k5, k6 = (*k, *(0.0,) * (8 - len(k)))
+    radial = 1.0 + square * (k1 + square * (k2 + square * k3))
+    if len(k) > 5:
+        radial /= 1.0 + square * (k4 + square * (k5 + square * k6))
+    both = 2.0 * x * y
+    return (
+        x * radial + p1 * both + p2 * (square + 2.0 * x * x),
+        y * radial + p2 * both + p1 * (square + 2.0 * y * y),
+    )
+
+
+@lru_cache
+def _fold(k: tuple[float, ...], fisheye: bool) -> float:
+    """Return the tangent of the angle from the axis beyond which a lens turns back, or inf."""
+    if not k:
+        return math.inf
+    tangent = np.geomspace(1e-2, _WIDEST, 400)
+    fold = math.inf
+    for angle in np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False):
+        x, y = _distorted(k, fisheye, tangent * math.cos(angle), tangent * math.sin(angle))
+        turns = np.flatnonzero(~(np.diff(np.hypot(x, y)) > 0.0))
+        fold = min(fold, float(tangent[turns[0]]) if len(turns) else math.inf)
+    return fold
 
 
 class CalibrationError(Exception):
@@ -90,40 +131,26 @@ class CameraModel:
         Far outside of the picture a distortion turns back: its polynomial would put what lies
         there into the picture. From there on pixels go outwards all the same.
         """
-        p = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
-        if self._fold == math.inf:
-            return self._projected(p)
-        tangent = np.hypot(p[:, 0], p[:, 1]) / p[:, 2]
-        is_beyond = tangent > self._fold
-        if not is_beyond.any():
-            return self._projected(p)
-        beyond = np.where(is_beyond, tangent / self._fold, 1.0)[:, None]
-        focal = np.array([self.fx, self.fy])
-        rays = p[:, :2] / p[:, 2:] / beyond
-        on_fold = self._projected(np.column_stack([rays, np.ones(len(rays))]))
-        pixels: F64 = on_fold + _BEYOND_FOLD * focal * (beyond - 1.0) * rays
+        p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        x, y = p[:, 0] / p[:, 2], p[:, 1] / p[:, 2]
+        fold = _fold(self.distortion, self.fisheye)
+        square = x * x + y * y
+        if not (square > fold * fold).any():
+            return self._imaged(*_distorted(self.distortion, self.fisheye, x, y))
+        beyond = np.maximum(np.sqrt(square) / fold, 1.0)
+        x, y = x / beyond, y / beyond
+        on_fold = self._imaged(*_distorted(self.distortion, self.fisheye, x, y))
+        out = np.column_stack([self.fx * x, self.fy * y]) * (_BEYOND_FOLD * (beyond - 1.0))[:, None]
+        pixels: F64 = on_fold + out
         return pixels
 
-    @cached_property
-    def _fold(self) -> float:
-        """Tangent of the angle from the axis beyond which the distortion turns back, or inf."""
-        if not self.distortion:
-            return math.inf
-        tangent = np.geomspace(1e-2, _WIDEST, 400)
-        fold = math.inf
-        for angle in np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False):
-            ray = np.outer(tangent, (math.cos(angle), math.sin(angle)))
-            out = self._projected(np.column_stack([ray, np.ones(len(ray))])) - (self.cx, self.cy)
-            turns = np.flatnonzero(~(np.diff(np.hypot(*out.T)) > 0.0))
-            fold = min(fold, float(tangent[turns[0]]) if len(turns) else math.inf)
-        return fold
-
-    def _projected(self, points: F64) -> F64:
-        """Return what the distortion's polynomial makes of points (n, 3), pixels (n, 2)."""
-        project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
-        p = points.reshape(-1, 1, 3)
-        projected, _ = project(p, np.zeros(3), np.zeros(3), self.K, self.D)
-        return cast(F64, projected).reshape(-1, 2)
+    def _imaged(self, x: F64, y: F64) -> F64:
+        """Return the pixels (n, 2) of distorted rays (n,) each."""
+        pixels = np.empty((len(x), 2))
+        np.multiply(x, self.fx, out=pixels[:, 0])
+        np.multiply(y, self.fy, out=pixels[:, 1])
+        pixels += (self.cx, self.cy)
+        return pixels
 
     def scaled(self, width: int, height: int) -> "CameraModel":
         """Return the same lens read out at another size of the same aspect.
