@@ -62,10 +62,10 @@ _MIN_SHARE = 0.5
 # Or else the step over the stroke's spread tells: of 800 rings in all kinds of light all but two,
 # behind strong motion or shadow, kept one of both; of textures' outlines eight tenths keep neither.
 _CLEAR_SHARE, _MIN_SCORE = 0.85, 0.95
-# Ink is even: from one spoke to the next the stroke's level changes by little of the step, but where
-# something lies across it: a fifth of the spokes are left out. Of 700 pictures of rings in all kinds
-# of light none gave more than 0.11; of what else keeps all these limits, in photographs of the
-# ground, four fifths give more than 0.15.
+# Ink is even: from one spoke to the next the stroke's level changes by little of the step, but
+# where something lies across it: a fifth of the spokes are left out. Of 700 pictures of rings in
+# all kinds of light none gave more than 0.11; of what else keeps all these limits, in photographs
+# of the ground, four fifths give more than 0.15.
 _SMOOTH_QUANTILE, _MAX_ROUGHNESS = 0.8, 0.15
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, _SPOKES, endpoint=False)
@@ -285,8 +285,9 @@ def _axes(c: _Components, k: F64) -> F64:
 def _spokes(image: U8, centre: F64, axes: F64, k: F64) -> tuple[F64, F64, F64, F64]:
     """Return share, score, white and roughness of rings with such outlines, arrays (n,).
 
-    Share and score are as `Candidate` has them, white is the lesser grey level of hole and surroundings, roughness by how much the
-    stroke's level changes from spoke to spoke, over the step to white.
+    Share and score are as `Candidate` has them, white is the lesser grey level of hole and
+    surroundings, roughness by how much the stroke's level changes from spoke to spoke, over the
+    step to white.
     """
     scales = np.stack([_HOLE_SCALE * k, (1.0 + k) / 2.0, np.full_like(k, _AROUND_SCALE)], axis=1)
     at = centre[:, None, :, None] + scales[:, :, None, None] * (axes @ _CIRCLE)[:, None]
