@@ -16,6 +16,9 @@ from landerd.vision.window import Window
 Image = NDArray[np.uint8]
 
 MIN_SIDE_PX = 5.0
+# Along a side of what a decoder reads: of 120 tags of 7 to 20 px none was seen below. To follow
+# smaller outlines takes as long again where an image is full of them.
+_MIN_CELL_PX = 1.2
 # Sides of the threshold's window: least, most and step, tried in turn until all squares are seen.
 # Where a pad is known to be the first mostly shows them.
 _WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
@@ -88,10 +91,11 @@ class SquareFinder:
         image = _enlarged(image, scale)
         if evened_px is not None:
             image = _evened(image, evened_px)
-        perimeter_rate = 4.0 * smallest_px / max(image.shape)
-        parameters = [_parameters(perimeter_rate, means) for means in means_px]
         found: list[FoundSquare] = []
         for detector, squares, turn in self._detectors:
+            cells = detector.getDictionary().markerSize + 2
+            perimeter_rate = 4.0 * max(smallest_px, _MIN_CELL_PX * cells) / max(image.shape)
+            parameters = [_parameters(perimeter_rate, means) for means in means_px]
             for number, corners in _detected(detector, parameters, image, len(squares)):
                 px = (corners + 0.5) / scale - 0.5 + (x0, y0)
                 found.append(FoundSquare(squares[number], np.roll(px, turn, axis=0)))
