@@ -19,7 +19,14 @@ from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
-from landerd.vision.square import MIN_SIDE_PX, FoundSquare, Image, SquareFinder, printed_cells
+from landerd.vision.square import (
+    MIN_SIDE_PX,
+    FoundSquare,
+    Image,
+    SquareFinder,
+    is_textured,
+    printed_cells,
+)
 from landerd.vision.square_beside import SquareBeside
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
@@ -66,6 +73,10 @@ class Detectors(Protocol):
         evened_px: int | None = None,
     ) -> list[FoundSquare]:
         """See `SquareFinder.find`."""
+        ...
+
+    def is_textured(self, image: Image) -> bool:
+        """See `square.is_textured`."""
         ...
 
     def squares_beside(
@@ -164,6 +175,10 @@ class PixelDetectors:
     ) -> list[FoundSquare]:
         """See `SquareFinder.find`."""
         return self._squares.find(image, window, scale, smallest_px, evened_px=evened_px)
+
+    def is_textured(self, image: Image) -> bool:
+        """See `square.is_textured`."""
+        return is_textured(image)
 
     def squares_beside(
         self, image: Image, ring: Ring, sighting: MarkerSighting

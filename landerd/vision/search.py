@@ -1,7 +1,6 @@
 """Searches images for a pad's rings and squares, as `search_policy` decides."""
 
 import math
-from functools import partial
 
 import numpy as np
 
@@ -60,13 +59,13 @@ class Search:
         self._min_ring_px = min_ring_px
         self._detectors = detectors
         self._state = policy.SearchState()
-        self._refuses_bare = False
+        self._refuses_bare = self._saw_bare = False
         self._ring_work = {ring: RingWork() for ring in layout.rings}
 
     @property
     def was_cut(self) -> bool:
-        """Whether the search of the last image came to the end of its work before its end."""
-        return self._state.was_cut
+        """Whether the search of the last image goes on in the next."""
+        return self._state.was_cut or self._state.squares_wait
 
     def find(
         self,
@@ -88,7 +87,7 @@ class Search:
             refuses_bare: whether rings are another's that lack the white round the pad's other
                 markers; the search goes on behind them.
         """
-        self._refuses_bare = refuses_bare
+        self._refuses_bare, self._saw_bare = refuses_bare, False
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
         ring_only = False
@@ -101,14 +100,26 @@ class Search:
                 which = policy.rings_beside([_telling_side_px(s) for s in squares])
                 rings = self._rings_expected(image, expected, down, which)
         seen = Seen(bool(rings), bool(squares), ring_only)
-        elsewhere = policy.elsewhere(self._state, seen, is_expected=expected is not None)
+        layout = self._layout
+        elsewhere = policy.elsewhere(
+            self._state, seen, is_expected=expected is not None, has_rings=bool(layout.rings)
+        )
         if elsewhere.rings is not RingSearch.NONE:
             rings = self._rings_anywhere(image, down, elsewhere.rings)
         was_cut = not rings and any(w.was_cut for w in self._ring_work.values())
-        self._state = policy.after(self._state, seen, was_cut=was_cut)
-        if elsewhere.squares is not SquareSearch.NONE and self._layout.squares:
-            squares = self._squares_elsewhere(image, rings, elsewhere.squares)
+        squares_wait = elsewhere.squares_wait and not rings and self._may_squares_wait(image)
+        self._state = policy.after(self._state, seen, was_cut=was_cut, squares_wait=squares_wait)
+        where = elsewhere.squares
+        if elsewhere.squares_wait and not squares_wait:
+            where = SquareSearch.ANYWHERE
+        if where is not SquareSearch.NONE and layout.squares:
+            squares = self._squares_elsewhere(image, rings, where)
         return rings, squares
+
+    def _may_squares_wait(self, image: Image) -> bool:
+        """Tell whether squares in a whole image cost much and nothing speaks for a pad in it."""
+        has_squares = bool(self._layout.squares)
+        return has_squares and not self._saw_bare and self._detectors.is_textured(image)
 
     def _rings_expected(
         self, image: Image, expected: Expected, down: Vec3 | None, which: ExpectedRings
@@ -151,7 +162,15 @@ class Search:
         )
 
     def _refusal(self, image: Image, ring: Ring) -> Refusal | None:
-        return partial(self._detectors.lacks_plate, image, ring) if self._refuses_bare else None
+        if not self._refuses_bare:
+            return None
+
+        def is_bare(sighting: MarkerSighting) -> bool:
+            lacks_plate = self._detectors.lacks_plate(image, ring, sighting)
+            self._saw_bare = self._saw_bare or lacks_plate
+            return lacks_plate
+
+        return is_bare
 
     def _rings_anywhere(self, image: Image, down: Vec3 | None, how: RingSearch) -> list[FoundRing]:
         thorough = how is RingSearch.THOROUGH

@@ -22,14 +22,17 @@ searched thoroughly, and every fifth after it.
 | squares                    | not looked for            | not looked for                        |
 | only rings, by step 3      | not looked for            | round them                            |
 | nothing, thorough frame    | all thresholds; shadow    | round the rings found; if none, in    |
-|                            | and motion in the model   | the whole image                       |
+|                            | and motion in the model   | the whole image, now or               |
+| nothing, squares left      | not looked for            | in the next                           |
 | nothing, the search of the | all thresholds; shadow    | round the rings found                 |
 | frame before was cut short | and motion in the model   |                                       |
 | nothing, pad not expected  | the first threshold       | round the rings found                 |
 | nothing, pad expected      | not looked for            | not looked for                        |
 
 What a search of the whole image for rings may cost is counted (`ring_work.py`): one that comes to
-the end of it is cut short, and the next frame goes on with what was not tried.
+the end of it is cut short, and a later frame goes on with what was not tried. To look for squares
+in the whole of an image full of texture costs half as much again: those of a pad that has a ring
+are left for the next frame, unless a ring was refused because nothing was seen beside it.
 
 Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`).
 
@@ -88,6 +91,8 @@ class Elsewhere:
 
     rings: RingSearch = RingSearch.NONE
     squares: SquareSearch = SquareSearch.NONE
+    # Where no rings are found, squares in the whole image are wanted, if need be in the next one.
+    squares_wait: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,6 +102,7 @@ class SearchState:
     ring_only_frames: int = 0  # that may follow
     lost_frames: int = 0  # in a row
     was_cut: bool = False  # the search of the whole image for rings
+    squares_wait: bool = False  # those in the whole image
 
 
 def is_ring_enough(state: SearchState, *, holds_heading: bool) -> bool:
@@ -122,20 +128,24 @@ def rings_beside(square_sides_px: Sequence[float]) -> ExpectedRings:
     return ExpectedRings.WHOLE if square_sides_px else ExpectedRings.ALL
 
 
-def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool) -> Elsewhere:
+def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool, has_rings: bool) -> Elsewhere:
     """Return what is looked for after what was seen where the pad is expected.
 
     Args:
         state: before the frame.
         seen: where the pad is expected.
         is_expected: whether it is expected anywhere.
+        has_rings: whether the pad has any.
     """
     if seen.squares or seen.ring_only:
         return Elsewhere()
     if seen.rings:
         return Elsewhere(squares=SquareSearch.ROUND_RINGS)
     if state.lost_frames % THOROUGH_EVERY == 0:
-        return Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
+        squares = SquareSearch.ROUND_RINGS if has_rings else SquareSearch.ANYWHERE
+        return Elsewhere(RingSearch.THOROUGH, squares, squares_wait=has_rings)
+    if state.squares_wait:
+        return Elsewhere(squares=SquareSearch.ANYWHERE)
     if state.was_cut:
         return Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
     if not is_expected:
@@ -143,16 +153,20 @@ def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool) -> Elsewhere
     return Elsewhere()
 
 
-def after(state: SearchState, seen: Seen, *, was_cut: bool = False) -> SearchState:
+def after(
+    state: SearchState, seen: Seen, *, was_cut: bool = False, squares_wait: bool = False
+) -> SearchState:
     """Return the state for the next frame.
 
     Args:
         state: before this one.
         seen: where the pad is expected.
         was_cut: whether a search of the whole image for rings came to the end of its work first.
+        squares_wait: whether squares in the whole image are left for the next frame.
     """
     ring_only_frames = max(0, state.ring_only_frames - 1)
     if seen.rings and not seen.ring_only:
         ring_only_frames = RING_ONLY_FRAMES
     is_lost = not (seen.rings or seen.squares)
-    return SearchState(ring_only_frames, state.lost_frames + 1 if is_lost else 0, was_cut)
+    lost_frames = state.lost_frames + 1 if is_lost else 0
+    return SearchState(ring_only_frames, lost_frames, was_cut, squares_wait)

@@ -102,25 +102,30 @@ class SquareFinder:
         return found
 
     def _whole_means_px(self, image: Image) -> Sequence[tuple[int, int, int]]:
-        """Return the thresholds for a whole image: of one full of texture one, another each time.
-
-        What is counted is the same on any machine.
-        """
-        side, _, _ = _TEXTURE_MEANS_PX[0]
-        dark = cv2.adaptiveThreshold(
-            image,
-            255,
-            cv2.ADAPTIVE_THRESH_MEAN_C,
-            cv2.THRESH_BINARY_INV,
-            side,
-            _THRESHOLD_OFFSET,
-        )
-        edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
-        if edges <= _MAX_EDGE_SHARE * image.size:
+        """Return the thresholds for a whole image: for one full of texture one, each in turn."""
+        if not is_textured(image):
             return _WHOLE_MEANS_PX
         which = self._whole_searches % len(_TEXTURE_MEANS_PX)
         self._whole_searches += 1
         return _TEXTURE_MEANS_PX[which : which + 1]
+
+
+def is_textured(image: Image) -> bool:
+    """Tell whether an image (height, width) is so full of edges that looking for squares is dear.
+
+    What is counted is the same on any machine.
+    """
+    side, _, _ = _TEXTURE_MEANS_PX[0]
+    dark = cv2.adaptiveThreshold(
+        image,
+        255,
+        cv2.ADAPTIVE_THRESH_MEAN_C,
+        cv2.THRESH_BINARY_INV,
+        side,
+        _THRESHOLD_OFFSET,
+    )
+    edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
+    return edges > _MAX_EDGE_SHARE * image.size
 
 
 def _enlarged(image: Image, scale: float) -> Image:

@@ -20,7 +20,8 @@ RING, SQUARE, NOTHING = Seen(rings=True), Seen(squares=True), Seen()
 TRACKED_RING = Seen(rings=True, ring_only=True)
 BOTH = Seen(rings=True, squares=True)
 
-THOROUGH = Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
+THOROUGH = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS, squares_wait=True)
+SQUARES = Elsewhere(RingSearch.NONE, SquareSearch.ANYWHERE)
 QUICK = Elsewhere(RingSearch.QUICK, SquareSearch.ROUND_RINGS)
 NOWHERE = Elsewhere()
 
@@ -30,8 +31,9 @@ def searches(frames: list[tuple[Seen, bool]]) -> list[Elsewhere]:
     state = SearchState()
     made = []
     for seen, is_expected in frames:
-        made.append(elsewhere(state, seen, is_expected=is_expected))
-        state = after(state, seen)
+        looked = elsewhere(state, seen, is_expected=is_expected, has_rings=True)
+        made.append(looked)
+        state = after(state, seen, squares_wait=looked.squares_wait)
     return made
 
 
@@ -101,28 +103,42 @@ def test_squares_are_looked_for_round_a_ring_that_was_seen_without_any() -> None
 
 
 def test_a_pad_never_seen_is_searched_in_every_frame_and_thoroughly_in_every_fifth() -> None:
-    assert searches([(NOTHING, False)] * 10) == [THOROUGH, QUICK, QUICK, QUICK, QUICK] * 2
+    assert searches([(NOTHING, False)] * 10) == [THOROUGH, SQUARES, QUICK, QUICK, QUICK] * 2
 
 
 def test_a_pad_expected_but_not_seen_is_searched_elsewhere_in_every_fifth_frame_only() -> None:
     frames = [(NOTHING, True)] * 10
-    assert searches(frames) == [THOROUGH, NOWHERE, NOWHERE, NOWHERE, NOWHERE] * 2
+    assert searches(frames) == [THOROUGH, SQUARES, NOWHERE, NOWHERE, NOWHERE] * 2
 
 
 @pytest.mark.parametrize("seen", [RING, SQUARE, BOTH, TRACKED_RING])
 def test_the_first_frame_after_a_loss_is_searched_thoroughly(seen: Seen) -> None:
     lost_again = [(NOTHING, True), (NOTHING, True), (seen, True), (NOTHING, True), (NOTHING, True)]
-    assert searches(lost_again)[-2:] == [THOROUGH, NOWHERE]
+    assert searches(lost_again)[-2:] == [THOROUGH, SQUARES]
 
 
 def test_frames_without_expectation_count_as_lost_like_those_with() -> None:
     frames = [(NOTHING, False), (NOTHING, True), (NOTHING, False)]
-    assert searches(frames) == [THOROUGH, NOWHERE, QUICK]
+    assert searches(frames) == [THOROUGH, SQUARES, QUICK]
 
 
 @pytest.mark.parametrize("is_expected", [True, False])
 def test_a_search_that_was_cut_short_goes_on_in_the_next_frame(is_expected: bool) -> None:
     state = after(after(SearchState(), NOTHING), NOTHING, was_cut=True)
     goes_on = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
-    assert elsewhere(state, NOTHING, is_expected=is_expected) == goes_on
-    assert elsewhere(after(state, NOTHING), NOTHING, is_expected=True) == NOWHERE
+    assert elsewhere(state, NOTHING, is_expected=is_expected, has_rings=True) == goes_on
+    assert elsewhere(after(state, NOTHING), NOTHING, is_expected=True, has_rings=True) == NOWHERE
+
+
+@pytest.mark.parametrize("is_expected", [True, False])
+def test_squares_that_were_left_come_before_a_search_that_was_cut_short(is_expected: bool) -> None:
+    state = after(SearchState(), NOTHING, was_cut=True, squares_wait=True)
+    assert elsewhere(state, NOTHING, is_expected=is_expected, has_rings=True) == SQUARES
+    state = after(state, NOTHING, was_cut=True)
+    goes_on = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
+    assert elsewhere(state, NOTHING, is_expected=is_expected, has_rings=True) == goes_on
+
+
+def test_squares_of_a_pad_without_rings_do_not_wait() -> None:
+    at_once = elsewhere(SearchState(), NOTHING, is_expected=False, has_rings=False)
+    assert at_once == Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)

@@ -210,6 +210,10 @@ class ModelledDetectors:
                 found.append(FoundCode(code, self._code_poses(code, sight, normal)))
         return found
 
+    def is_textured(self, image: Image) -> bool:
+        """Return False: what is modelled costs nothing to look for."""
+        return False
+
     def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """Return False: there are no look-alikes."""
         return False
