@@ -28,6 +28,7 @@ from landerd.vision.ring_stages import (
     may_be_behind,
     may_have_edges,
     rough_fit,
+    tells_ratio,
 )
 from landerd.vision.ring_work import (
     EDGE_COST,
@@ -232,14 +233,15 @@ class RingSearch:
         if fits and is_ours(self._image, self._camera, self._ring, fits[0]):
             fits = explained_fits(self._image, self._camera, self._ring, fits)
             return self._reported(one, fits)
-        if fits and is_dark_in_white(fits[0]):
+        is_dark = bool(fits) and is_dark_in_white(fits[0])
+        if is_dark and tells_ratio(fits[0], self._ring):
             is_first = is_clear and not self._has_tried_hidden
             hidden = self._clearly_hidden(one.place, fits) if is_first else []
             if hidden:
                 return self._reported(one, hidden)
             is_linear = is_first and not self._response.pictures_by_edges
             self._doubtful.append(_Doubtful(one.place, one.candidate.share, fits, is_linear))
-        elif is_clear:
+        elif is_clear and not is_dark:
             return self._try_edges(one)
         else:
             self._work.refuse(one.place)
