@@ -1,5 +1,7 @@
 """WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,8 +24,8 @@ from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
 
-# How a search looks for what is dark: at first the way that sees most rings, in all levels; in a
-# thorough one the others too, where they are cheap (rings from 48 px on the finest level's side).
+# How a search looks for what is dark: at first the way that sees most rings, in a thorough one the
+# others too, where they are cheap (rings from 48 px on the finest level's side).
 _SEGMENTATIONS = (dark_by_range, dark_by_mean(0.86), dark_by_mean(0.55))
 
 
@@ -59,8 +61,10 @@ def find_rings(
     work.begin()
     search = RingSearch(image, ring, camera, down, work, response or CameraResponse(), refuses)
     parts = list(levels(image, camera, window, expected_diameter_px))
-    for segment in _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]:
-        for level in parts:
+    ways = _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]
+    # All ways in the coarsest level take less time than one in the finest.
+    for some in (parts[:1], parts[1:]):
+        for segment, level in product(ways, some):
             is_wanted = segment is _SEGMENTATIONS[0] or level.largest_px > SMALL_PX
             if is_wanted and search.find_clear(level, segment):
                 return search.nearest_first()
