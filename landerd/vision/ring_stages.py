@@ -90,9 +90,10 @@ _PLAIN_NOISE, _PLAIN_NOISE_SHARE = 2.0, 0.025  # grey levels, and of the contras
 _PLAIN_INLIERS = 0.97
 _PLAIN_COHERENT = 0.02  # of the contrast: below, all that is left over is noise
 _MIN_POOR_CONTRAST, _MIN_POOR_CONTRAST_NOISES = 10.0, 2.5
-# Sigma of the ratio over it: 400 rings that were explained in the end gave 0.05 at most, what was
-# tried in vain in photographs of the ground 0.056 to 0.7.
-_MAX_POOR_RATIO_SIGMA = 0.08
+# Sigma of the ratio over it: 400 rings that were explained in the end gave 0.05 at most, but in
+# motion over 0.4 of a far one's diameter 0.12; half of what was tried in vain in photographs of the
+# ground gave more.
+_MAX_POOR_RATIO_SIGMA = 0.13
 
 
 def rough_fit(level: Level, candidate: Candidate, ring: Ring) -> RingFit | None:
