@@ -1,6 +1,7 @@
 import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -239,3 +240,26 @@ def test_every_pixel_of_a_wide_lens_comes_back_from_its_ray() -> None:
     rays = wide.rays(corners)
     back = wide.pixels(np.column_stack([rays, np.ones(len(rays))]))
     assert np.abs(back - corners).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("distortion", "is_fisheye"),
+    [
+        ((), False),
+        ((0.1, -0.05, 0.001, 0.002), False),
+        ((0.0576, -0.0321, 0.0041, -0.0203, 0.01), False),
+        ((0.1, -0.05, 0.001, 0.002, 0.01, 0.2, 0.05, 0.001), False),
+        ((0.01, -0.02, 0.003, 0.001), True),
+    ],
+)
+def test_points_are_imaged_where_opencv_has_them(
+    distortion: tuple[float, ...], is_fisheye: bool
+) -> None:
+    camera = CameraModel(640, 480, 398.0, 390.0, 300.0, 227.0, distortion, is_fisheye)
+    across = np.linspace(-0.7, 0.7, 7)
+    x, y = np.meshgrid(across, across)
+    points = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]) * 3.0
+    project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
+    still = np.zeros(3)
+    expected, _ = project(points.reshape(-1, 1, 3), still, still, camera.K, camera.D)
+    assert np.abs(camera.pixels(points) - np.asarray(expected).reshape(-1, 2)).max() < 1e-9

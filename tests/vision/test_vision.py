@@ -111,3 +111,15 @@ def test_a_tag_with_a_shadow_edge_across_it_tells_the_heading(distance: float) -
     assert any(m.kind == "apriltag" for m in seen.markers)
     assert seen.pad[0].north is not None
     assert np.dot(seen.pad[0].north, view.R_camera_pad[:, 0]) > math.cos(math.radians(2.0))
+
+
+def test_a_still_is_not_searched_to_its_end_while_squares_are_left_for_the_next_picture() -> None:
+    rng = np.random.default_rng(1)
+    grass = rng.integers(60, 160, (240, 320)).astype(np.uint8)
+    plain = np.full((240, 320), 128, np.uint8)
+    for image, is_left in ((grass, True), (plain, False)):
+        vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+        vision.process(Frame(0.0, 0, image))
+        assert vision.was_cut is is_left
+        vision.process(Frame(0.1, 1, image))
+        assert not vision.was_cut
