@@ -113,7 +113,7 @@ def lighter(arguments: list[str]) -> list[str]:
     What would be done to this computer is only said, and on the bench stands a simulated vehicle.
     """
     match arguments:
-        case ["install", *_]:
+        case ["install" | "uninstall", *_]:
             return [*arguments, "--dry-run"]
         case ["calibrate", "camera", "photos/", "--board", "charuco", *_]:
             return [w.replace("photos/", "charuco_photos/") for w in arguments]
