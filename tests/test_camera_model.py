@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from landerd.camera_model import (
+    F64,
     CalibrationError,
     CameraModel,
+    Part,
     camera_info,
     left_out,
     load_camera,
@@ -260,12 +262,16 @@ distortion_coefficients: {rows: 1, cols: 5, data: [0.0981, -4.868, -0.01034, -0.
 """
 
 
-def off_px(model: CameraModel, part: tuple[int, int, int, int]) -> np.ndarray:
+def off_px(model: CameraModel, part: Part) -> F64:
     """Return how far from it the ray of each pixel of a part of the image comes back to it."""
     x0, y0, x1, y1 = part
-    at = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1).reshape(-1, 2) * 1.0
+    grid = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1)
+    at = grid.reshape(-1, 2).astype(np.float64)
     rays = model.rays(at)
-    return np.hypot(*(model.pixels(np.column_stack([rays, np.ones(len(rays))])) - at).T)
+    off: F64 = np.linalg.norm(
+        model.pixels(np.column_stack([rays, np.ones(len(rays))])) - at, axis=1
+    )
+    return off
 
 
 def test_where_opencvs_iteration_does_not_end_the_ray_is_found_all_the_same() -> None:

@@ -6,6 +6,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -144,9 +145,16 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def charuco_photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of pictures of the ChArUco board."""
+    """Return a folder of pictures of the ChArUco board, nearer than its whole fits in."""
     folder = tmp_path_factory.mktemp("charuco")
-    shoot(folder, LENS, charuco(8, 11), good_views(LENS, 8 * SQUARE_M, 11 * SQUARE_M))
+    lens = LENS.scaled(480, 360)  # its markers are small
+    views = good_views(lens, 8 * SQUARE_M, 11 * SQUARE_M)
+    shoot(
+        folder,
+        lens,
+        charuco(8, 11),
+        [replace(p, x=1.3 * p.x, y=1.3 * p.y, z=0.8 * p.z) for p in views],
+    )
     return folder
 
 
