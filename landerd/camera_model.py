@@ -299,9 +299,10 @@ def _check_lens(path: Path, camera: CameraModel) -> None:
     down = np.linspace(0.0, camera.height - 1.0, _GRID[1])
     bad = _without_ray(camera, across, down[:, None])
     if bad > _MOST_BAD:
+        other = "a lens of at most 160 degrees" if camera.fisheye else "the fisheye model"
         raise CalibrationError(
             f"{path}: distortion has no inverse in {bad:.1%} of the image: calibrate "
-            "with the board in its corners too, or with the fisheye model"
+            f"with the board in its corners too, or with {other}"
         )
 
 

@@ -300,3 +300,14 @@ def test_every_pixel_of_a_wide_lens_comes_back_from_its_ray() -> None:
     rays = wide.rays(corners)
     back = wide.pixels(np.column_stack([rays, np.ones(len(rays))]))
     assert np.abs(back - corners).max() < 1e-3
+
+
+def test_a_fisheye_that_sees_behind_itself_is_not_told_to_become_one(tmp_path: Path) -> None:
+    text = GOOD.replace("plumb_bob", "equidistant").replace(
+        "[400, 0, 319.5, 0, 390", "[160, 0, 319.5, 0, 160"
+    )
+    path = camera(
+        tmp_path, text.replace("[0.1, -0.05, 0.001, -0.002, 0.0]", "[0.05, 0.04, -0.02, 0.004]")
+    )
+    with pytest.raises(CalibrationError, match="or with a lens of at most 160 degrees"):
+        load_camera(path)
