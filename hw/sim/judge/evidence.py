@@ -15,6 +15,7 @@ from landerd.geometry import Vec3, horizontal
 
 BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, _STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
+_NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
 _RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
 
 
@@ -110,6 +111,7 @@ class Evidence:
         self._beat_t = self._rc_t = -math.inf
         self._ended_t = math.inf  # handed back, told to stop, or the autopilot has restarted
         self._boot_s = -math.inf
+        self._boot_of: dict[int, float] = {}  # of the newest message of each kind
         self._content: dict[str, object] = {}
         self._measured: dict[str, float] = {}
         self._still_since: float | None = None
@@ -156,6 +158,17 @@ class Evidence:
             self.latched = True
             self._ended_t = min(self._ended_t, t)
         self._boot_s = boot_s
+
+    def held_back_s(self, kind: int, boot_s: float) -> float:
+        """Return how long a message was held back before it left, s: others had passed it by then.
+
+        Args:
+            kind: id of the message; those of one kind come in order.
+            boot_s: its time. Where it is older than a restart takes, the clock was set back.
+        """
+        newest = max((s for k, s in self._boot_of.items() if k != kind), default=-math.inf)
+        self._boot_of[kind] = boot_s
+        return newest - boot_s if 0.0 < newest - boot_s <= _RESTART_S else 0.0
 
     def on_measured(self, what: str, t: float, content: object) -> None:
         """A measurement of time t is delivered; one that is equal to the bit is the old one."""
@@ -304,8 +317,9 @@ class Evidence:
             self._released = None
         elif self._released is None:
             low = truth.height < b.commit_height_m or self.touched
+            near = truth.distance < _NEAR_M
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
-            bound = low and fast and not self.stands(t) and self.flown_t is not None
+            bound = low and near and fast and not self.stands(t) and self.flown_t is not None
             self._released = (closed_t, truth.height, bound)
         if self.climbs_away(order) and not order.zero:
             self._climbed_away_t = t
