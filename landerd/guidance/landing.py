@@ -116,6 +116,7 @@ class Landing:
         if authority is not Authority.GRANTED or hold_asked:
             self._context.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
+        self._context.watch(step)
         event: Event | None = self._event_of(authority)
         while event is not None:
             step = self._follow(event, step)

@@ -6,7 +6,13 @@ from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import horizontal
 from landerd.guidance import pilot_texts
-from landerd.guidance.landing_context import ControlStep, LandingContext
+from landerd.guidance.landing_context import (
+    BUILD_ERROR_M,
+    RESTS_MPS,
+    RESTS_S,
+    ControlStep,
+    LandingContext,
+)
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
@@ -18,15 +24,8 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
-# climbing takes half of it. After THRUST_BACK_S it lifts: levelled at 0.7 s it hopped, and fell.
-RESTS_MPS = 0.1
-RESTS_S = 0.35
+# Told to climb, it lifts after so long, s: levelled at 0.7 s it hopped, and fell.
 THRUST_BACK_S = 0.6
-# A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear
-# and camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to
-# slide.
-BUILD_ERROR_M = 0.04
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -44,6 +43,8 @@ class Committed:
         self._method = method
         self._touchdown = touchdown
         self._pad: PadEstimate | None = None  # as last known
+        # Where a foot may have been down in the last step: the pad relative to it, its heading.
+        self._touching: tuple[RelativeState, float | None] | None = None
         self._misses_since = math.inf
         self._watched_t = -math.inf  # the last velocity that was looked at
 
@@ -52,7 +53,7 @@ class Committed:
         self._touchdown.begin(step.now)
         self._watched_t = step.now
         self._context.landed = Landed.UNDEFINED  # what was said of the air or another landing
-        self._pad = None
+        self._pad = self._touching = None
         self._misses_since = math.inf
         self._context.end_landing()
 
@@ -62,7 +63,7 @@ class Committed:
         vehicle = context.estimator.fresh_vehicle(step.now)
         pad = self._pad_now(step.now)
         if vehicle is None or pad is None:
-            return Event.SIGHT_LOST
+            return self._blind(step.now)
         relative = context.relative(vehicle, pad)
         context.note(relative)
         heave = relative.pad_velocity[2]
@@ -70,6 +71,9 @@ class Committed:
         clearance = _clearance(context, relative, vehicle, pad)
         self._watch(heave, _unsure(relative, vehicle, clearance))
         event = self._touchdown.step(step.now, age, clearance, context.landed)
+        self._touching = None
+        if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
+            self._touching = (relative, pad.heading)
         if event is Event.CONTACT:
             context.foothold.touch(relative, pad.heading)
         if event is not None:
@@ -90,6 +94,18 @@ class Committed:
         descent = max(heave + sink_rate, MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
+
+    def _blind(self, now: float) -> Event:
+        """Return what it means that data are too old all at once.
+
+        Feet that are touching are not lifted again for that: half on the pad is no place to climb
+        from, nor to wait for thrust.
+        """
+        if self._touching is None:
+            return Event.SIGHT_LOST
+        self._touchdown.touch(now)
+        self._context.foothold.touch(*self._touching)
+        return Event.CONTACT
 
     def _watch(self, heave: float, unsure: float) -> None:
         """Show the touch-down each velocity measured since the last control step.

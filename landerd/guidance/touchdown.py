@@ -155,10 +155,14 @@ class Touchdown:
         """Whether contact has been noticed."""
         return self._contact_t is not None
 
-    def settle(self, t: float) -> None:
-        """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
+    def touch(self, t: float) -> None:
+        """Take it that the vehicle has touched at t (s), unless contact was noticed before."""
         if self._contact_t is None:
             self._contact_t = t
+
+    def settle(self, t: float) -> None:
+        """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
+        self.touch(t)
         self._level = self.stands = True
 
     @property

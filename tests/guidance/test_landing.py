@@ -5,7 +5,7 @@ import pytest
 from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import Vec3
 from landerd.guidance.states import State
-from landerd.messages import LocalPosition, Phase, Setpoint
+from landerd.messages import Attitude, LocalPosition, Phase, Setpoint
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -124,6 +124,16 @@ def test_carried_up_again_after_commit_it_sinks_as_slowly_as_the_autopilots_time
     assert 0.3 < ordered[1] < 0.5  # design rule 2
 
 
+def test_it_sinks_no_faster_than_a_gentle_autopilot_can_stop_should_landerd_die() -> None:
+    config = Config.model_validate({"autopilot": {"vertical_acceleration_mps2": 0.4}})
+    flight = Flight(config=config, position=(0.2, 0.0, -6.0)).engaged()
+    while flight.lander.state is not State.COMMITTED:
+        flight.tick()
+        sinks = flight.setpoints[-1][1].velocity[2]
+        left_m = max(0.0, flight.height - sinks * config.autopilot.guided_timeout_s)
+        assert sinks**2 - 2.0 * 0.4 * left_m < 0.5**2  # design rule 2
+
+
 def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
@@ -174,6 +184,37 @@ def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_hol
     assert "climbing" in flight.lander.reason  # out of reach of a deck that heaves,
     flight.run(2.1)
     assert "holding" in flight.lander.reason  # and without a position no further
+
+
+def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_again() -> None:
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.02:
+        flight.tick()
+    before = len(flight.setpoints)
+    flight.silent = {Attitude}  # stale a moment after the touch: too early to call that contact
+    flight.run(0.35)
+    flight.silent = set()
+    assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
+    assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[before:])
+    assert flight.lander.outcome == "landed"
+
+
+def test_a_landing_that_begins_on_the_pad_ends_there() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.armed = False  # a false heartbeat: it is left standing with its motors on
+    to(flight, State.SILENT)
+    flight.armed = True
+    flight.pulse_us = LOW
+    flight.pad_heading += 0.2  # not as it was to be put down
+    flight.run(0.5)
+    flight.pulse_us = HIGH
+    begun = len(flight.setpoints)
+    assert to(flight, State.ON_PAD)[-2:] == [State.COMMITTED, State.ON_PAD]
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+    assert flight.phases[-1] is Phase.LANDED
 
 
 def test_nothing_found_it_hands_back_by_way_of_stops() -> None:
