@@ -213,16 +213,27 @@ class Standing:
 
 
 class Leaving:
-    """Climbs away from a pad that moves, as WAVING_OFF does, because landerd may not fly on.
+    """Climbs away from the pad, because landerd may not fly on or the descent is broken off.
 
     Pressed down on it, thrust takes a second to come back. What stands still before that stays
     there: it would be stopped just as it lifts, and tip over. What is told to climb and rests is on
     the pad, also where contact had not been noticed yet.
     """
 
-    def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
+    def __init__(
+        self, context: LandingContext, touchdown: Touchdown, *, in_sight: bool = False
+    ) -> None:
+        """Make the state.
+
+        Args:
+            context: of the landing.
+            touchdown: of the descent.
+            in_sight: it stands only where it is seen to: it may just be turning, from sinking to
+                climbing, over a pad that slides away.
+        """
         self._context = context
         self._touchdown = touchdown
+        self._in_sight = in_sight
         self._waving_off = WavingOff(context)
         self._began = -math.inf
         self._rests_since = math.inf  # neither sinks nor climbs
@@ -246,7 +257,7 @@ class Leaving:
     def _note_contact(self, now: float, vehicle: VehicleState) -> None:
         context = self._context
         pad = context.estimator.pad(now)
-        if pad is None:
+        if pad is None or (self._in_sight and not context.rests(now)):
             return
         relative = context.relative(vehicle, pad)
         if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:

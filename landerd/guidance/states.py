@@ -115,6 +115,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         # From there on to TRACKING in the same step if it sees the pad. Counts as a descent broken
         # off (guidance.lost.retries).
         Event.CLEAR_OF_PAD: State.SEARCHING,
+        # Its data were stale as it touched.
+        Event.STANDS: State.ON_PAD,
     },
     State.LEAVING: {
         Event.CLEAR_OF_PAD: State.RELEASING,

@@ -200,6 +200,28 @@ def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_aga
     assert flight.lander.outcome == "landed"
 
 
+def test_waved_off_as_it_touches_unnoticed_it_stays_until_its_thrust_is_back() -> None:
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.05:
+        flight.tick()
+    flight.silent = {Attitude, LocalPosition}  # stale before the touch shows
+    to(flight, State.WAVING_OFF, at_most_s=0.35)
+    flight.silent = set()
+    on_pad, waved_off_t = (
+        (*flight.position[:2], flight.pad[2] - flight.config.vehicle.gear_height_m),
+        flight.t,
+    )
+    while flight.lander.state is State.WAVING_OFF:
+        assert flight.t < waved_off_t + 0.6
+        flight.position, flight.velocity = on_pad, (0.0, 0.0, 0.0)
+        flight.tick()
+    climbs = len(flight.setpoints)
+    assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
+    assert flight.lander.outcome == "landed"
+    assert len(flight.setpoints) == climbs  # level without thrust from then on
+
+
 def test_a_landing_that_begins_on_the_pad_ends_there() -> None:
     flight = Flight()
     flight.detects_landing = False

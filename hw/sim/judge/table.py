@@ -185,7 +185,9 @@ def _pressed(e: Evidence, o: Order) -> bool:
 
 def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
     waiting = _pressed(e, o) and o.t - e.touching_since < b.settle_s
-    return waiting and not o.level and o.velocity[2] <= ZERO
+    # What is blown off the pad, its feet brushing it, is to climb away (2).
+    away = o.climbs and o.truth.misses
+    return waiting and not away and not o.level and o.velocity[2] <= ZERO
 
 
 def _does_not_ride(e: Evidence, o: Order, b: RuleBounds) -> bool:

@@ -509,16 +509,25 @@ def test_3_a_set_point_that_is_not_finite() -> None:
 # ---- 4: after contact --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("order", "broken"), [(SINK, False), (STOP, True)])
+@pytest.mark.parametrize(
+    ("order", "misses", "broken"),
+    [
+        (SINK, False, False),
+        (STOP, False, True),
+        (CLIMB, False, True),
+        (CLIMB, True, False),  # blown off the pad
+        (STOP, True, True),
+    ],
+)
 def test_4_once_a_foot_was_down_descent_must_be_ordered(
-    order: tuple[float, float, float], broken: bool
+    order: tuple[float, float, float], misses: bool, broken: bool
 ) -> None:
     court = Court()
     court.truth = LOW
     court.fly(0.2, SINK)
     for i in range(40):
         bounces = i in (2, 3)
-        court.truth = replace(ON_PAD, feet_down=0 if bounces else 1)
+        court.truth = replace(ON_PAD, feet_down=0 if bounces else 1, misses=misses)
         court.order(order)
     rule = "4: no descent ordered after contact"
     assert court.broken == ([rule] if broken else [])
