@@ -4,7 +4,7 @@ import math
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import horizontal
+from landerd.geometry import horizontal, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import (
     BUILD_ERROR_M,
@@ -246,13 +246,21 @@ class Leaving:
     def order(self, step: ControlStep) -> Event | None:
         """Order the climb until it is over, or the vehicle stands."""
         vehicle = self._context.estimator.fresh_vehicle(step.now)
-        rests = vehicle is not None and abs(vehicle.velocity[2]) < RESTS_MPS
+        rests = vehicle is not None and self._may_rest(step.now, vehicle)
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
         if vehicle is not None and step.now - self._rests_since >= RESTS_S:
             self._note_contact(step.now, vehicle)
         _level_due(self._context, self._touchdown, step, vehicle)
         stands = rests and self._touchdown.stands and step.now - self._began < THRUST_BACK_S
         return Event.STANDS if stands else self._waving_off.order(step)
+
+    def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
+        """Tell whether it neither sinks nor climbs, nor slides across the pad as last known."""
+        pad = self._context.estimator.pad(now)
+        below = pad.velocity if pad is not None else self._context.pad_velocity
+        slip = horizontal(sub(vehicle.velocity, below))
+        slides = slip > self._context.options.descent.commit_slip_mps
+        return abs(vehicle.velocity[2]) < RESTS_MPS and not slides
 
     def _note_contact(self, now: float, vehicle: VehicleState) -> None:
         context = self._context

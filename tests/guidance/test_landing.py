@@ -175,6 +175,21 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
+def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.03:
+        flight.tick()
+    flight.pulse_us = LOW
+    low, flight.pad_velocity = flight.position[2], (0.0, 0.0, 0.0)
+    while flight.lander.state is not State.RELEASING:
+        # Its thrust is not back: it brushes the pad, neither sinking nor climbing.
+        flight.position, flight.velocity = (*flight.position[:2], low), (1.0, 0.0, 0.0)
+        flight.tick()
+        assert flight.lander.state is not State.STANDING
+    assert flight.pressed == []
+
+
 def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_holds() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)

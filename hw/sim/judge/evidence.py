@@ -115,7 +115,8 @@ class Evidence:
         self._content: dict[str, object] = {}
         self._measured: dict[str, float] = {}
         self._still_since: float | None = None
-        self._released: tuple[float, float, bool] | None = None  # when, height, bound to climb away
+        # When, the height then, bound to climb away, free to: it slides across the pad.
+        self._released: tuple[float, float, bool, bool] | None = None
         self._climbed_away_t = -math.inf  # the last order of a wave-off after the release
 
     # ---- what the autopilot says ---------------------------------------------------------------
@@ -235,7 +236,7 @@ class Evidence:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
         if self._released is None:
             return False
-        since, height, bound = self._released
+        since, height, bound, _ = self._released
         b = self._b
         return bound and t - since < b.wave_off_s and truth.height - height < 0.5 * b.wave_off_m
 
@@ -243,14 +244,14 @@ class Evidence:
         """Tell whether an order is that of a wave-off from a pad that moves, after the release."""
         if self._released is None:
             return False
-        since, height, bound = self._released
+        since, height, bound, slides = self._released
         b = self._b
         return (
-            bound
+            (bound or slides)
             and order.t - since <= b.wave_off_s + 2.0 * b.tick_s
             and order.truth.height - height <= b.wave_off_m
             and order.velocity[2] <= ZERO
-            and order.aside_mps <= b.ride_mps
+            and (slides or order.aside_mps <= b.ride_mps)
         )
 
     def release_t(self, t: float) -> float:
@@ -320,7 +321,8 @@ class Evidence:
             near = truth.distance < _NEAR_M
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
             bound = low and near and fast and not self.stands(t) and self.flown_t is not None
-            self._released = (closed_t, truth.height, bound)
+            slides = low and near and truth.slip > b.wave_off_pad_mps
+            self._released = (closed_t, truth.height, bound, slides)
         if self.climbs_away(order) and not order.zero:
             self._climbed_away_t = t
 

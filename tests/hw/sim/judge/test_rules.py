@@ -125,6 +125,11 @@ def gate_low_over_moving_pad(c: Court, pad_mps: float, climb_s: float, aside_mps
     c.wait(0.5)
 
 
+def gate_low_as_it_slides(c: Court) -> None:
+    c.truth = replace(c.truth, slip=1.0)
+    gate_low_over_moving_pad(c, 0.0, 0.6, 0.5)
+
+
 def gate_low_far_from_the_pad(c: Court) -> None:
     c.truth = replace(c.truth, distance=50.0)
     gate_low_over_moving_pad(c, 1.0, 0.0, 0.0)
@@ -167,6 +172,7 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.0, 0.0), None),
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.6, 0.0), NOT_ZERO),
     (gate_low_far_from_the_pad, None),
+    (gate_low_as_it_slides, None),
     (lambda c: gate_low_on_the_pad(c, gets_up=False), None),
     (lambda c: gate_low_on_the_pad(c, gets_up=True), GETS_UP),
     (lambda c: back_in_guided(c, low=True), None),
