@@ -133,15 +133,18 @@ class LandingContext:
 
     def watch(self, step: ControlStep) -> None:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
-        sight = self.sight(step)
-        if sight is None:
+        sight, pad = self.sight(step), self.estimator.pad(step.now)
+        if sight is None or pad is None:
             self._rests_since = math.inf
             return
-        relative = sight.relative
+        relative, o = sight.relative, self.options
         rests = (
             abs(relative.error_rate[2]) < RESTS_MPS
-            and horizontal(relative.error_rate) < self.options.descent.commit_slip_mps
+            and horizontal(relative.error_rate) < o.descent.commit_slip_mps
             and relative.height - 2.0 * relative.sigma_height <= BUILD_ERROR_M
+            and not self.foothold.will_miss(
+                relative, pad.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
+            )
         )
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
 

@@ -3,7 +3,7 @@
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, add
 from landerd.guidance.states import State
 from landerd.messages import Attitude, LocalPosition, Phase, Setpoint
 from landerd.pad import PadLayout
@@ -237,7 +237,8 @@ def test_waved_off_as_it_touches_unnoticed_it_stays_until_its_thrust_is_back() -
     assert len(flight.setpoints) == climbs  # level without thrust from then on
 
 
-def test_a_landing_that_begins_on_the_pad_ends_there() -> None:
+@pytest.mark.parametrize("beside_m", [0.0, 1.5])
+def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m: float) -> None:
     flight = Flight()
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
@@ -246,10 +247,17 @@ def test_a_landing_that_begins_on_the_pad_ends_there() -> None:
     flight.armed = True
     flight.pulse_us = LOW
     flight.pad_heading += 0.2  # not as it was to be put down
-    flight.run(0.5)
+    flight.pad = add(flight.pad, (0.0, beside_m, 0.0))
+    flight.run(1.0)
     flight.pulse_us = HIGH
     begun = len(flight.setpoints)
-    assert to(flight, State.ON_PAD)[-2:] == [State.COMMITTED, State.ON_PAD]
+    if beside_m:
+        assert to(flight, State.TRACKING) == [State.SILENT, State.TRACKING]
+        flight.run(0.5)
+        assert flight.lander.state is State.TRACKING
+        return
+    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    flight.run(0.5)
     assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
     assert flight.phases[-1] is Phase.LANDED
 
