@@ -116,6 +116,10 @@ class Estimator:
         """Return the pad at time t, None while none is confirmed."""
         return self._filter.estimate(t)
 
+    def unconfirmed(self, t: float, within_s: float) -> PadEstimate | None:
+        """Return what may be the pad at time t, seen within so long, but too seldom; else None."""
+        return self._filter.unconfirmed(t, within_s)
+
     def vehicle(self, now: float) -> VehicleState | None:
         """Return the vehicle from its newest telemetry, however old; None without any."""
         return vehicle_state(self.poses, self._vehicle, now)

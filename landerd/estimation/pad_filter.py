@@ -251,13 +251,13 @@ class PadFilter:
         """Return the state predicted to now, or None while no pad is confirmed."""
         return self._at(now) if self._accepted >= SIGHTINGS_TO_CONFIRM else None
 
-    def unconfirmed(self, now: float) -> PadEstimate | None:
+    def unconfirmed(self, now: float, within_s: float = MAX_CONFIRM_GAP_S) -> PadEstimate | None:
         """Return what an estimate would be of a pad that is seen, but not confirmed yet, else None.
 
-        It is taken to stand, until sightings say otherwise.
+        It is taken to stand, until sightings say otherwise. Seen longer ago than `within_s`: None.
         """
         is_tried = 0 < self._accepted < SIGHTINGS_TO_CONFIRM
-        return self._at(now) if is_tried and now - self._accepted_t <= MAX_CONFIRM_GAP_S else None
+        return self._at(now) if is_tried and now - self._accepted_t <= within_s else None
 
     def _at(self, now: float) -> PadEstimate:
         position, velocity, covariance = self._motion.at(max(0.0, now - self._motion.t))

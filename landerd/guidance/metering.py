@@ -18,8 +18,10 @@ from landerd.messages import CLIPPED_LEVEL, ExposureOrder, Light, Sightings
 # Grey levels aimed at. White at four fifths of full scale leaves room for noise and for a light
 # that is not even. Grass, earth and asphalt give back a quarter of what white does.
 WHITE_LEVEL, GROUND_LEVEL = 200.0, 70.0
-CLIPPED_STEP = 0.4  # to which the exposure is cut where something is clipped
+CLIPPED_STEP = 0.4  # to which the exposure is cut where something is clipped,
+BLINDED_STEP = 0.16  # and where most of the picture is
 DARKEST_LEVEL = 4.0  # from here down a level says only that it is too dark
+BLINDING = 0.5  # share of the picture that is clipped: what is to be seen in it is lost
 GLARING = 2e-4  # share of the ground that may be a far pad: a ring of 6 px with its plate
 ROUGHLY = 2.0  # so near the ground's level is enough for the shorter turns to begin
 SHORTER_TURNS = 3  # white then fits, had it been 15 times over full scale
@@ -28,7 +30,7 @@ BAND = 1.15  # a level that is off by less is left
 # From an order to the pictures exposed by it: so many of them, and so long at the least, for the
 # order's own way and the camera's clock.
 SETTLED_FRAMES, SETTLED_S = 3, 0.1
-PAD_KEEP_S = 2.0  # after the pad's last picture its light still holds
+PAD_KEEP_S = 2.0  # after the pad's last picture its light still holds, under the same exposure
 
 
 class Metering:
@@ -62,12 +64,12 @@ class Metering:
         if not self._has_ordered:
             self._has_ordered = True
             return self._order(now, self._amount)
+        settled_t = self._ordered_t + max(SETTLED_S, SETTLED_FRAMES * self._period_s)
         if light.on_pad:
             self._pad_t = sightings.t
-        elif sightings.t - self._pad_t < PAD_KEEP_S:
+        elif self._pad_t >= settled_t and sightings.t - self._pad_t < PAD_KEEP_S:
             return None
-        settled_s = max(SETTLED_S, SETTLED_FRAMES * self._period_s)
-        if sightings.t < self._ordered_t + settled_s:
+        if sightings.t < settled_t:
             was_before = light.on_pad and sightings.t < self._ordered_t
             return self._back(now) if was_before and self._ground is not None else None
         if light.on_pad:
@@ -85,6 +87,8 @@ class Metering:
 
     def _on_ground(self, now: float, light: Light) -> ExposureOrder | None:
         """Return the order after a picture that was exposed for the ground."""
+        if light.clipped >= BLINDING and self._amount > self._least:
+            return self._order(now, max(BLINDED_STEP * self._amount, self._least))
         is_glaring = light.clipped >= GLARING
         is_near = 1.0 / ROUGHLY < light.level / GROUND_LEVEL < ROUGHLY
         if not (is_glaring and is_near):

@@ -13,6 +13,9 @@ from landerd.pad import Marker, PadLayout, Ring, Square
 # Markers seen within this angle, rad, fit into the picture: chosen by hand for the thesis's camera
 # (78 by 63 degrees), with room for a gimbal that lags.
 MAX_GROUP_ANGLE = math.radians(50.0)
+# What was seen once is looked at for so long, s: until a slow computer has searched the pictures
+# that it is in the middle of.
+GLANCE_S = 1.0
 MIN_RANGE_M = 0.05  # nearer than this the pad has no direction
 
 
@@ -38,11 +41,11 @@ class View:
         """
         attitude = estimator.poses.attitude.newest
         # From stale data the lens would be led away from a pad that is still in the picture.
-        remembered = now - estimator.sighting_t < options.search_after_s
-        if attitude is None or not remembered or not estimator.has_fresh_vehicle(now):
+        if attitude is None or not estimator.has_fresh_vehicle(now):
             return None
         then = now + options.lead_s
-        pad = estimator.pad(then)
+        remembered = now - estimator.sighting_t < options.search_after_s
+        pad = estimator.pad(then) if remembered else estimator.unconfirmed(then, GLANCE_S)
         return self.direction(estimator.poses, pad, then - attitude[0]) if pad else None
 
     def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:

@@ -19,6 +19,7 @@ from landerd.vision.ring_edges import EdgeFit, edge_cost, edge_fit
 from landerd.vision.ring_fit import RingFit, frontal_inflation
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import F64, Pose, mirrored
+from landerd.vision.ring_stages import is_dim_within
 
 U8 = NDArray[np.uint8]
 
@@ -165,6 +166,7 @@ def is_ring_by_edges(e: EdgeFit) -> bool:
         > _MIN_PRODUCT + _PRODUCT_PX / shorter
         and e.ridge < _MAX_RIDGE
         and min(inside, outside) - black > _MIN_CONTRAST
+        and not is_dim_within(*e.levels)
         and _min_shift_px(e) < e.shift_px < _max_shift_px(e)
     )
 

@@ -28,11 +28,12 @@ class Camera:
         self.levels: list[float] = []
         self.whites: list[float] = []
         self.frame = 0
+        self.automatic_s = 0.008  # exposure before the first order
 
     def amount(self, t: float) -> float:
-        """Exposure times gain of the picture of time t; set to 8 ms before the first order."""
+        """Exposure times gain of the picture of time t."""
         taken = [o for at, o in self.orders if at + FRAMES_LATE * self.period_s <= t]
-        return taken[-1].time_s * taken[-1].gain if taken else 0.008
+        return taken[-1].time_s * taken[-1].gain if taken else self.automatic_s
 
     def level(self, t: float, light: float) -> float:
         """Grey level of something that is so bright, full scale at 8 ms being 1."""
@@ -51,6 +52,8 @@ class Camera:
             white = 0.0 if bright is None else self.level(t, bright)
             self.whites.append(white)
             clipped = 0.005 if white >= CLIPPED_LEVEL else 0.0
+            if level >= CLIPPED_LEVEL and not on_pad:
+                clipped = 0.95
             seen = Sightings(t, self.frame, (), (), Light(level, on_pad, clipped))
             order = self.metering.on_sightings(t + LATENCY_S, seen)
             if order is not None:
@@ -179,6 +182,15 @@ def test_a_pad_out_of_sight_for_a_moment_changes_nothing() -> None:
     assert len(camera.orders) == count
     camera.run(1.5, 0.05, on_pad=False)
     assert len(camera.orders) > count
+
+
+def test_a_pad_that_the_first_order_blinds_it_for_is_seen_again_within_a_second() -> None:
+    # Bright sun, which the camera's own automatic had shown: 4 ms are eight times over full scale.
+    camera = Camera()
+    camera.automatic_s = 4e-4
+    found = camera.look(2.0, ground=4.0, white=16.0)
+    assert not all(found[:10])
+    assert all(found[30:])
 
 
 def test_an_order_is_not_repeated_before_its_pictures_come() -> None:

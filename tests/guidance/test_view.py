@@ -1,14 +1,17 @@
 import math
+from dataclasses import replace
 
 import pytest
 
-from landerd.config.models import Config, VehicleSection
+from landerd.config.models import AimSection, Config, VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
+from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.geometry import IDENTITY, Vec3
 from landerd.guidance.view import View
 from landerd.messages import Attitude, LocalPosition
 from landerd.pad import PadLayout, Plate, Ring
+from tests.estimation.hovering import BELOW, hear, shown
 from tests.scripted_flight import PAD, TAG
 
 FAR_TAG = TAG.model_copy(update={"position_m": (0.75, 0.0)})
@@ -60,3 +63,20 @@ def test_without_a_heading_it_looks_at_the_landing_point() -> None:
 def test_the_airframes_lean_is_taken_out() -> None:
     leaning = looked(PAD, 10.0, None, pitch=math.radians(-20.0))
     assert math.degrees(math.atan2(leaning[0], leaning[2])) == pytest.approx(20.0, abs=0.1)
+
+
+def test_what_was_seen_once_is_looked_at_for_a_second() -> None:
+    # At the edge of the picture of a camera that is swept it would be gone in the next one.
+    estimator = Estimator(Config())
+    for i in range(30):
+        hear(estimator, 0.05 * i)
+    assert View(PAD).ahead(estimator, 1.45, AimSection()) is None
+    aside = replace(BELOW, position=(2.0, 0.0, 5.0))
+    estimator.on_sightings(shown(1.45, aside))
+    for i in range(30, 60):
+        hear(estimator, 0.05 * i)
+        direction = View(PAD).ahead(estimator, 0.05 * i, AimSection())
+        if i < 47:
+            assert direction is not None
+            assert math.atan2(direction[1], direction[2]) == pytest.approx(0.4, abs=0.05)
+    assert direction is None

@@ -1,6 +1,7 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -177,6 +178,21 @@ def test_nothing_is_found_where_nothing_is() -> None:
 def test_discs_squares_and_rings_of_another_ratio_are_not_taken() -> None:
     made = scenes.hard_negatives(np.random.default_rng(8), CAMERA, RING.inner_ratio)
     assert sum(len(find_rings(next(made)[1], RING, CAMERA)) for _ in range(40)) == 0
+
+
+@pytest.mark.parametrize(("level", "found"), [(0.4, 0), (0.8, 1)])
+def test_a_hole_that_is_not_as_white_as_its_surroundings_is_the_hub_of_a_wheel(
+    level: float, found: int
+) -> None:
+    view = look(10.0, 20)
+    image = shot(view)
+    hole = RING.model_copy(update={"outer_diameter_m": RING.outer_diameter_m * RING.inner_ratio})
+    within = cv2.fillPoly(
+        np.zeros_like(image), [scenes.outline(view, CAMERA, hole).round().astype(np.int32)], 255
+    )
+    black = float(np.median(image[cv2.dilate(within, np.ones((9, 9), np.uint8)) > within]))
+    dim = np.where(within > 0, black + level * np.maximum(image - black, 0.0), image)
+    assert len(find_rings(dim.astype(np.uint8), RING, CAMERA)) == found
 
 
 def test_the_ratio_asked_for_is_found() -> None:
