@@ -149,11 +149,15 @@ class LandingContext:
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
 
     def rests(self, now: float) -> bool:
-        """Tell whether it is seen to have rested on the pad for some time.
+        """Tell whether it is seen to have rested on the pad for some time."""
+        return now - self._rests_since >= RESTS_S
+
+    def stands(self, now: float) -> bool:
+        """Tell whether it rests so and was not told to climb: its thrust comes late.
 
         A landing that begins so ends there: taken off again, just to land, it tipped over.
         """
-        return now - self._rests_since >= RESTS_S
+        return self.rests(now) and not self.orders.climbs
 
     # ---- how the landing goes ------------------------------------------------------------------
 

@@ -49,6 +49,11 @@ class Orders:
         """Velocity of the last set-point, local NED, m/s."""
         return self._limiter.velocity
 
+    @property
+    def climbs(self) -> bool:
+        """Whether the last set-point is new and goes up: what has not answered yet soon will."""
+        return self._now - self._setpoint_t <= CONTINUE_S and self.velocity[2] < 0.0
+
     def go_on_from(self, velocity: Vec3) -> None:
         """Begin at this velocity (local NED, m/s), unless there was a set-point just now."""
         if self._now - self._setpoint_t > CONTINUE_S:

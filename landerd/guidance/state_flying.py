@@ -67,7 +67,7 @@ class Tracking:
         sight = self._context.sight(step)
         if sight is None:
             return Event.SIGHT_LOST
-        if self._context.rests(step.now) and not self._context.hold_asked:
+        if self._context.stands(step.now) and not self._context.hold_asked:
             self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS
         event = self._event(step, sight)

@@ -74,7 +74,7 @@ class Committed:
         self._touching = None
         if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
             self._touching = (relative, pad.heading)
-        if event is None and context.rests(step.now):  # as where a landing begins on the pad
+        if event is None and context.stands(step.now):  # as where a landing begins on the pad
             self._touchdown.touch(step.now)
             event = Event.CONTACT
         if event is Event.CONTACT:

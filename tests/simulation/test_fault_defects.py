@@ -51,13 +51,6 @@ MENDED = [
         1,
         id="a false word of being disarmed just after contact was told as a landing",
     ),
-    pytest.param(
-        "{fault: pad-stops, at: {phase: LANDED}, severity: 0.6},"
-        " {fault: sigterm, at: {phase: LANDED, after_s: 0.5}}",
-        2.0,
-        1,
-        id="told to stop as it slid across a pad that had stopped: levelled without thrust beside it",
-    ),
 ]
 
 
