@@ -306,6 +306,10 @@ def _stand_level(
         released: landerd may not fly on: what stands is pressed down no longer.
     """
     vehicle = context.estimator.fresh_vehicle(step.now)
+    if vehicle is None and touchdown.is_level:
+        # What stands there stays: to give it thrust for want of data threw it off a fast pad.
+        context.orders.stand_level(None, context.pad_velocity)
+        return True
     level = _level_due(context, touchdown, step, vehicle)
     if vehicle is None:
         return False

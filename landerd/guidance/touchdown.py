@@ -166,6 +166,11 @@ class Touchdown:
         self._level = self.stands = True
 
     @property
+    def is_level(self) -> bool:
+        """Whether the vehicle was to stand level without thrust when that was looked at last."""
+        return self._level
+
+    @property
     def may_touch(self) -> bool:
         """Whether the sinking is so slow that the feet may touch; called until contact."""
         return self._slow_since < math.inf

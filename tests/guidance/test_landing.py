@@ -190,6 +190,21 @@ def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() ->
     assert flight.pressed == []
 
 
+def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    while not flight.pressed:
+        flight.tick()
+    flight.run(0.1)
+    flown, levelled = len(flight.setpoints), len(flight.pressed)
+    flight.silent = {LocalPosition}
+    flight.run(0.8)
+    assert len(flight.setpoints) == flown
+    assert len(flight.pressed) > levelled + 20
+    assert flight.pressed[-1].heading == pytest.approx(0.6, abs=0.01)
+
+
 def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_holds() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
