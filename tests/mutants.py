@@ -651,6 +651,13 @@ MUTANTS = [
         "guidance/test_landing.py"
         "::test_it_sinks_no_faster_than_a_gentle_autopilot_can_stop_should_landerd_die",
     ),
+    Mutant(
+        "4: gives thrust again to what stands level when data are stale",
+        PAD,
+        "if vehicle is None and touchdown.is_level:",
+        "if False:",
+        "guidance/test_landing.py::test_levelled_on_the_pad_it_stays_so_when_data_are_stale",
+    ),
 ]
 
 
