@@ -185,6 +185,16 @@ class Outside:
             self.late_s = max(self.late_s, time.monotonic() - due)
 
 
+def compiled(folder: Path) -> dict[str, str]:
+    """Return the environment of a program whose modules are compiled, as an installed one's are."""
+    env = {**os.environ, "PYTHONPYCACHEPREFIX": str(folder / "compiled")}
+    env.pop("PYTHONDONTWRITEBYTECODE", None)
+    imports = "import bench.small_computer, landerd.commands.run; from landerd import drivers"
+    call = [sys.executable, "-c", f"{imports}; drivers.options_models()"]
+    subprocess.run(call, env=env, check=True)
+    return env
+
+
 async def landing(share: float, folder: Path) -> dict[str, float]:
     """Let a vehicle land; return what was measured."""
     (folder / "landerd.yaml").write_text(CONFIG, encoding="utf-8")
@@ -193,12 +203,12 @@ async def landing(share: float, folder: Path) -> dict[str, float]:
     async with flying(folder / "landerd.yaml", f"udpout:127.0.0.1:{PORT}") as simulation:
         outside.watch(simulation)
         simulation.autopilot.pilot.set(simulation.config.rc.gate_channel, LOW_US)
-        await asyncio.sleep(1.0)
+        env = await asyncio.to_thread(compiled, folder)
         with limited(share) as before:
             began = time.monotonic()
             command = [*before, sys.executable, "-m", "bench.small_computer", "--inside"]
             said = (folder / "said").open("w+", encoding="utf-8")
-            process = subprocess.Popen([*command, str(folder)], stderr=said)
+            process = subprocess.Popen([*command, str(folder)], stderr=said, env=env)
             watching = asyncio.create_task(outside.own_pauses())
             try:
                 await until(lambda: outside.first_byte is not None)

@@ -10,9 +10,9 @@ many frames in a row: the first is searched thoroughly. Beside it the AprilTag 3
 """
 
 import argparse
-import importlib
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench import peers
 from landerd.config.models import VisionSection
 from landerd.messages import Frame
 from landerd.pad import PadLayout, Plate, Ring, Square, WhyCode
@@ -116,12 +117,8 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=5, help="of one tile in a row (5)")
     parser.add_argument("--pads", nargs="+", choices=PADS, default=list(PADS))
     args = parser.parse_args()
-    try:
-        library = importlib.import_module("pupil_apriltags")
-    except ImportError:
-        raise SystemExit("needs the AprilTag 3 library: pip install 'landerd[peers]'") from None
+    detect = partial(peers.quick().squares, dictionary="APRILTAG_36h11")
     cv2.setNumThreads(1)
-    detect = library.Detector(families="tag36h11", nthreads=1, quad_decimate=2.0).detect
     peer: list[float] = []
     first: dict[str, list[float]] = {name: [] for name in args.pads}
     worst: dict[str, list[float]] = {name: [] for name in args.pads}

@@ -5,15 +5,16 @@ frame. Times are medians over frames, each the least of a few repeats, on one co
 pupil-apriltags on the full frame (quad_decimate 2, one thread): pip install 'landerd[peers]'.
 """
 
-import importlib
 import resource
 import time
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench import peers
 from landerd.camera_model import CameraModel
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior
@@ -97,19 +98,15 @@ def peer_ms(detect: Callable[[U8], object], image: U8) -> float:
 
 def main() -> None:
     """Print the table."""
-    try:
-        library = importlib.import_module("pupil_apriltags")
-    except ImportError:
-        raise SystemExit("needs the AprilTag 3 library: pip install 'landerd[peers]'") from None
+    detect = partial(peers.quick().squares, dictionary="APRILTAG_36h11")
     cv2.setNumThreads(1)
-    peer = library.Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
     small = scenes.THESIS_CAMERA
     large = small.scaled(1920, 1440)
     print(f"{'m':>5} {'peer ms':>8} {'track ms':>9} {'ratio':>6} {'search ms':>10} {'ratio':>6}")
     medians: list[tuple[float, float, float]] = []
     for distance in DISTANCES:
         frames = sequence(small, distance)
-        unit = float(np.median([peer_ms(peer.detect, image) for image, _ in frames]))
+        unit = float(np.median([peer_ms(detect, image) for image, _ in frames]))
         track = float(np.median(tracking_ms(small, frames)))
         search = float(np.median([searching_ms(small, image) for image, _ in frames[:4]]))
         medians.append((unit, track, search))

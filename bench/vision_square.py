@@ -6,7 +6,6 @@ the next frame, and with the AprilTag 3 library beside it where pupil-apriltags 
 """
 
 import argparse
-import importlib
 import math
 import time
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from bench import peers
 from landerd.camera_model import F64
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
@@ -130,18 +130,13 @@ def _view(rng: np.random.Generator, distance: float, angle: float) -> View:
 
 def _peer() -> Search | None:
     try:
-        library = importlib.import_module("pupil_apriltags")
+        library = peers.AprilTag3(quad_decimate=2.0)
     except ImportError:
         return None
-    detector = library.Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
 
     def search(image: np.ndarray) -> F64 | None:
-        for found in detector.detect(image):
-            if found.tag_id == SQUARE.id:
-                # The library starts at the bottom left and counts pixels from their edges.
-                corners: F64 = found.corners[::-1] - 0.5
-                return corners
-        return None
+        found = library.squares(image, SQUARE.dictionary) or []
+        return next((corners for number, corners in found if number == SQUARE.id), None)
 
     return search
 

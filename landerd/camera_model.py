@@ -6,17 +6,18 @@ frame (x right, y down, z forward).
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from landerd.section import read_mapping
 
 F64 = NDArray[np.float64]
+Part = tuple[int, int, int, int]  # of an image: columns x0 to x1, rows y0 to y1, ends not included
 
 _FISHEYE = ("equidistant", "fisheye")  # ROS's name, and the one that is used too
 _LENGTHS = {  # of distortion_coefficients
@@ -26,9 +27,12 @@ _LENGTHS = {  # of distortion_coefficients
 }
 # Ends the search for a ray: OpenCV's own five rounds leave up to a hundred pixels with wide lenses.
 _INVERSE = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-6)  # rounds, px
-_MAX_INVERSE_PX = 0.05  # a pixel's ray must come back to it within this, over the whole image
-_MOST_BAD = 0.02  # share of the image: far corners, where boards seldom were
-_GRID = (33, 25)  # columns and rows of pixels that are tried
+_HARD = 0.95  # of an iteration's error is left by the next
+_NEWTON_ROUNDS, _NEWTON_STEP = 8, 0.1  # and how far a ray is moved at most
+_FOUND_PX = 1e-3  # within it a pixel's ray comes back to it if it was found
+_MOST_BAD = 0.02  # share of the image: far corners, where boards seldom were, are left out
+_GRID = (65, 49)  # columns and rows of pixels that are tried
+_CUTS = 200  # a side of what is used moves inwards by this part of the image at a time
 _WIDEST = 20.0  # tangent of the angle up to which it is looked for where a distortion folds
 _BEYOND_FOLD = 0.25  # pixels to a focal length and a tangent, outwards
 # What programs that save with OpenCV's FileStorage call ROS's keys, in small letters.
@@ -48,6 +52,15 @@ _OPENCV_KEYS = {
 
 class CalibrationError(Exception):
     """A calibration file cannot be used; the text names file, key and what was expected."""
+
+
+@lru_cache
+def _hard_tangent(distortion: tuple[float, ...]) -> float:
+    k1, k2, _, _, k3, k4, k5, k6 = (*distortion, *([0.0] * 8))[:8]
+    r = np.linspace(0.01, _WIDEST, 4000)
+    g = np.polyval([k3, k2, k1, 1.0], r * r) / np.polyval([k6, k5, k4, 1.0], r * r)
+    hard = np.abs(r * np.gradient(g, r)) > _HARD * np.abs(g)
+    return float(r[np.argmax(hard)]) if hard.any() else math.inf
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,34 @@ class CameraModel:
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
         undistorted = undistort(points, self.K, self.D, criteria=_INVERSE)
-        return cast(F64, undistorted).reshape(-1, 2)
+        rays = cast(F64, undistorted).reshape(-1, 2)
+        hard = np.hypot(*rays.T) > self._hard
+        if hard.any():
+            rays[hard] = self._by_newton(rays[hard], points.reshape(-1, 2)[hard])
+        return rays
+
+    @cached_property
+    def _hard(self) -> float:
+        """Tangent of the angle from the axis beyond which OpenCV's iteration may not end, or inf.
+
+        It divides by the radial factor g of the ray before: that converges while |r g'(r)| < g(r).
+        """
+        return math.inf if self.fisheye else _hard_tangent(self.distortion)
+
+    def _by_newton(self, rays: F64, pixels: F64) -> F64:
+        """Return rays (n, 2) of pixels (n, 2) by Newton's iteration from nearby ones."""
+        for _ in range(_NEWTON_ROUNDS):
+            p = np.column_stack([rays, np.ones(len(rays))])
+            at, J = cv2.projectPoints(p, np.zeros(3), np.zeros(3), self.K, self.D)
+            # A shift at the distance 1 is one of the ray.
+            a, b, c, d = J[:, 3:5].reshape(-1, 4).T
+            e, f = (pixels - cast(F64, at).reshape(-1, 2)).T
+            det = a * d - b * c
+            step = (
+                np.stack([d * e - b * f, a * f - c * e], axis=1) / np.where(det, det, 1.0)[:, None]
+            )
+            rays = rays + np.clip(step, -_NEWTON_STEP, _NEWTON_STEP)
+        return rays
 
     def pixels(self, points: F64) -> F64:
         """Return distorted pixels (n, 2) of points (n, 3) in the camera frame, z > 0.
@@ -124,6 +164,11 @@ class CameraModel:
         p = points.reshape(-1, 1, 3)
         projected, _ = project(p, np.zeros(3), np.zeros(3), self.K, self.D)
         return cast(F64, projected).reshape(-1, 2)
+
+    def seeing(self, part: Part) -> "CameraModel":
+        """Return the camera that sees no more than a part of the image."""
+        x0, y0, x1, y1 = part
+        return replace(self, width=x1 - x0, height=y1 - y0, cx=self.cx - x0, cy=self.cy - y0)
 
     def scaled(self, width: int, height: int) -> "CameraModel":
         """Return the same lens read out at another size of the same aspect.
@@ -243,28 +288,65 @@ def _check_lens(path: Path, camera: CameraModel) -> None:
 
     Raises:
         CalibrationError: the principal point is outside the image, or too many pixels have no ray
-            or share one with others: the distortion folds.
+            of their own: the distortion folds.
     """
     if not (0 <= camera.cx < camera.width and 0 <= camera.cy < camera.height):
         raise CalibrationError(
             f"{path}: principal point {camera.cx:.0f}, {camera.cy:.0f} is outside the image of "
             f"{camera.width}x{camera.height}: is it calibrated for another size?"
         )
-    columns, rows = _GRID
-    across = np.linspace(0.0, camera.width - 1.0, columns)
-    grid = np.stack(np.meshgrid(across, np.linspace(0.0, camera.height - 1.0, rows)), axis=-1)
-    rays = camera.rays(grid.reshape(-1, 2))
-    back = camera.pixels(np.column_stack([rays, np.ones(len(rays))]))
-    off = np.hypot(*(back - grid.reshape(-1, 2)).T).reshape(rows, columns)
-    at = rays.reshape(rows, columns, 2)
-    is_bad = ~(off < _MAX_INVERSE_PX)
-    is_bad[:, 1:] |= ~(np.diff(at[..., 0], axis=1) > 0.0)
-    is_bad[1:] |= ~(np.diff(at[..., 1], axis=0) > 0.0)
-    if is_bad.mean() > _MOST_BAD:
+    across = np.linspace(0.0, camera.width - 1.0, _GRID[0])
+    down = np.linspace(0.0, camera.height - 1.0, _GRID[1])
+    bad = _without_ray(camera, across, down[:, None])
+    if bad > _MOST_BAD:
+        other = "a lens of at most 160 degrees" if camera.fisheye else "the fisheye model"
         raise CalibrationError(
-            f"{path}: distortion has no inverse in {is_bad.mean():.1%} of the image: calibrate "
-            "with the board in its corners too, or with the fisheye model"
+            f"{path}: distortion has no inverse in {bad:.1%} of the image: calibrate "
+            f"with the board in its corners too, or with {other}"
         )
+
+
+@lru_cache
+def used_part(camera: CameraModel) -> Part:
+    """Return the part of the image in which the ray of every pixel comes back to it.
+
+    What a distortion folds reaches the image's edge. So a rectangle without such a pixel on its
+    sides has none inside; the side with the largest share of them moves inwards until none is.
+    """
+    x0, y0, x1, y1 = 0, 0, camera.width, camera.height
+    step = max(1, max(x1, y1) // _CUTS)
+    while x1 - x0 > step and y1 - y0 > step:
+        x, y = np.arange(x0, x1), np.arange(y0, y1)
+        sides = ((x0, y), (x, y0), (x1 - 1, y), (x, y1 - 1))
+        bad = [_without_ray(camera, *side) for side in sides]
+        worst = bad.index(max(bad))
+        if bad[worst] == 0.0:
+            break
+        cut = [step if worst == side else 0 for side in range(4)]
+        x0, y0, x1, y1 = x0 + cut[0], y0 + cut[1], x1 - cut[2], y1 - cut[3]
+    return x0, y0, x1, y1
+
+
+def left_out(camera: CameraModel) -> str | None:
+    """Return what is to be said of the part of the image that is not used; None: all of it is."""
+    x0, y0, x1, y1 = used_part(camera)
+    cuts = {"left": x0, "upper": y0, "right": camera.width - x1, "lower": camera.height - y1}
+    edges = ", ".join(edge for edge, px in cuts.items() if px > 0)
+    if not edges:
+        return None
+    share = 1.0 - (x1 - x0) * (y1 - y0) / (camera.width * camera.height)
+    return (
+        f"distortion has no inverse everywhere at the image's edge ({edges}): {share:.1%} of it "
+        "there are left out, what they show is not believed"
+    )
+
+
+def _without_ray(camera: CameraModel, x: ArrayLike, y: ArrayLike) -> float:
+    """Return the share of pixels, x and y broadcast, whose ray does not come back to them."""
+    at = np.stack(np.broadcast_arrays(x, y), axis=-1).reshape(-1, 2).astype(np.float64)
+    rays = camera.rays(at)
+    back = camera.pixels(np.column_stack([rays, np.ones(len(rays))]))
+    return float(np.mean(~(np.hypot(*(back - at).T) < _FOUND_PX)))
 
 
 def camera_info(camera: CameraModel, name: str) -> str:

@@ -1,12 +1,24 @@
-"""ArduPilot logs of a made-up flight, byte for byte as the autopilot writes them."""
+"""ArduPilot logs of a made-up flight, byte for byte as the autopilot writes them; its video."""
 
 import math
 import struct
 from pathlib import Path
 
+import cv2
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from hw.replay.pictures import DrawnPictures
+from hw.replay.telemetry import read_telemetry
+from hw.replay.vehicle import RecordedVehicle
+from hw.sim.options import SimOptions
+from landerd.camera_model import load_camera
+from landerd.config.files import config_dir
+from landerd.drivers import read_configuration
+from landerd.pad import load_pad
+
 ORIGIN = (47.0, 8.0)  # degrees
+PAD = (0.0, 2.0, 0.2)  # under the end of the flight, local NED, m
+FPS = 12.0  # of its video
 RATE_HZ, LENGTH_S = 10, 20.0
 
 
@@ -190,3 +202,33 @@ def write_bin(
 
 def _packed(form: str) -> str:
     return "<" + "".join(_TYPES[c] for c in form)
+
+
+def write_video(path: Path, log: Path, gimbal_deg: tuple[float, float]) -> None:
+    """Write the video of a flight from 6.3 s to 17 s, whose camera looks at the pad at its end.
+
+    Args:
+        path: of the video, its format by its name.
+        log: of the flight.
+        gimbal_deg: yaw and pitch of the fixed camera.
+    """
+    telemetry = read_telemetry(log)
+    loaded = read_configuration(config_dir() / "default.yaml")
+    options = loaded.options["sim"]
+    assert isinstance(options, SimOptions)
+    vehicle = RecordedVehicle(telemetry, gimbal_deg, pretended=False, start=telemetry.start)
+    drawn = DrawnPictures(
+        load_pad(loaded.config.pad.layout),
+        load_camera(loaded.config.camera.calibration),
+        options.render,
+        vehicle,
+        loaded.config.vehicle,
+        PAD,
+        start=telemetry.start + 6.3,
+        fps=FPS,
+    )
+    code = cv2.VideoWriter.fourcc(*("MJPG" if path.suffix == ".avi" else "mp4v"))
+    writer = cv2.VideoWriter(str(path), code, FPS, (640, 480), False)
+    while (frame := drawn.expose(telemetry.start + 17.0)) is not None:
+        writer.write(frame.image)
+    writer.release()

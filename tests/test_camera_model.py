@@ -4,7 +4,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from landerd.camera_model import CalibrationError, CameraModel, camera_info, load_camera
+from landerd.camera_model import (
+    F64,
+    CalibrationError,
+    CameraModel,
+    Part,
+    camera_info,
+    left_out,
+    load_camera,
+    used_part,
+)
 
 ROOT = Path(__file__).parents[1]
 PINHOLE = CameraModel(640, 480, 400.0, 390.0, 319.5, 239.5)
@@ -233,9 +242,72 @@ def test_a_lens_that_cannot_be_is_refused_in_one_line(
     assert "\n" not in str(refused.value)
 
 
+# Of a public calibration (a Pi camera's): in a corner OpenCV's own iteration swings to and fro.
+SWINGING = CameraModel(
+    1280,
+    960,
+    552.127,
+    550.424,
+    661.411,
+    507.079,
+    (-0.283729, 0.0568559, -0.003467, -0.0022115, 0.0),
+)
+# Another's: its distortion folds within the right edge of the image.
+FOLDING = """\
+image_width: 1920
+image_height: 1080
+camera_matrix: {rows: 3, cols: 3, data: [3061.9, 0, 895.4, 0, 3072.2, 448, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0.0981, -4.868, -0.01034, -0.00445, 0.0]}
+"""
+
+
+def off_px(model: CameraModel, part: Part) -> F64:
+    """Return how far from it the ray of each pixel of a part of the image comes back to it."""
+    x0, y0, x1, y1 = part
+    grid = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1)
+    at = grid.reshape(-1, 2).astype(np.float64)
+    rays = model.rays(at)
+    off: F64 = np.linalg.norm(
+        model.pixels(np.column_stack([rays, np.ones(len(rays))])) - at, axis=1
+    )
+    return off
+
+
+def test_where_opencvs_iteration_does_not_end_the_ray_is_found_all_the_same() -> None:
+    corner = (1150, 0, 1280, 140)
+    assert off_px(SWINGING, corner).max() < 1e-3
+    assert left_out(SWINGING) is None
+
+
+def test_the_part_without_an_inverse_is_left_out_and_said(tmp_path: Path) -> None:
+    model = load_camera(camera(tmp_path, FOLDING))
+    x0, y0, x1, y1 = used_part(model)
+    assert off_px(model, (1900, 1060, 1920, 1080)).max() > 1.0
+    assert off_px(model, (x1 - 200, y1 - 200, x1, y1)).max() < 1e-3
+    assert (x1 - x0) * (y1 - y0) > 0.8 * 1920 * 1080
+    said = left_out(model)
+    assert said is not None
+    assert "no inverse" in said
+    assert "right" in said
+    assert "\n" not in said
+    assert left_out(load_camera(ROOT / "config/cameras/thesis.yaml")) is None
+
+
 def test_every_pixel_of_a_wide_lens_comes_back_from_its_ray() -> None:
     wide = CameraModel(1280, 960, 800.0, 800.0, 640.0, 480.0, (-0.28, 0.09, 0.0, 0.0, -0.012))
     corners = np.array([[0.0, 0.0], [1279.0, 0.0], [0.0, 959.0], [1279.0, 959.0], [640.0, 0.0]])
     rays = wide.rays(corners)
     back = wide.pixels(np.column_stack([rays, np.ones(len(rays))]))
     assert np.abs(back - corners).max() < 1e-3
+
+
+def test_a_fisheye_that_sees_behind_itself_is_not_told_to_become_one(tmp_path: Path) -> None:
+    text = GOOD.replace("plumb_bob", "equidistant").replace(
+        "[400, 0, 319.5, 0, 390", "[160, 0, 319.5, 0, 160"
+    )
+    path = camera(
+        tmp_path, text.replace("[0.1, -0.05, 0.001, -0.002, 0.0]", "[0.05, 0.04, -0.02, 0.004]")
+    )
+    with pytest.raises(CalibrationError, match="or with a lens of at most 160 degrees"):
+        load_camera(path)

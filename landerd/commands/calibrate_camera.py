@@ -18,7 +18,7 @@ from landerd.calibration.lens import (
     outliers,
     too_poor,
 )
-from landerd.camera_model import camera_info
+from landerd.camera_model import camera_info, left_out
 from landerd.commands.detect import SourceError, pictures
 from landerd.commands.shared import (
     InputError,
@@ -91,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
         print(_in_words(result, reasons, views, size, seen))
     if result is None or reasons:
         return 1
+    if remark := left_out(result.camera):
+        tell(remark)
     text = camera_info(result.camera, args.output.stem if args.output else "camera")
     if args.output is not None:
         write_text(args.output, text)

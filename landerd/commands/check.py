@@ -12,7 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hw.cameras import v4l2
-from landerd.camera_model import CalibrationError, CameraModel, camera_info, load_camera
+from landerd.camera_model import (
+    CalibrationError,
+    CameraModel,
+    camera_info,
+    left_out,
+    load_camera,
+)
 from landerd.commands.shared import (
     InputError,
     add_config,
@@ -204,10 +210,13 @@ async def check(
 def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:
     """Return the calibration at the size of the pictures; None: what is wrong with it."""
     try:
-        return fitting_camera(loaded), []
+        camera = fitting_camera(loaded)
     except CalibrationError as e:
         mend = "set the camera's size, or calibrate at this size: landerd calibrate camera"
         return None, [Finding("fail", "calibration", str(e), mend)]
+    remark = left_out(camera)
+    mend = "calibrate again, with the board in the corners of the picture too (docs/cameras.md)"
+    return camera, [Finding("warn", "calibration", remark, mend)] if remark else []
 
 
 async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Finding]:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.camera_model import CalibrationError, CameraModel, load_camera
+from landerd.camera_model import CalibrationError, CameraModel, left_out, load_camera
 from landerd.commands.shared import InputError, pad_path, refusing, tell
 from landerd.config.files import own_or
 from landerd.config.models import VisionSection
@@ -85,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
         _new_vision(layout, camera)
     except ValueError as e:
         raise InputError(f"{args.pad}: {e}") from None
+    if remark := left_out(camera):
+        tell(f"{args.camera}: {remark}")
     if args.draw is not None:
         try:
             args.draw.mkdir(parents=True, exist_ok=True)

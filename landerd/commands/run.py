@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from hw.autopilots.tlog import TlogEncoder
-from landerd.camera_model import CalibrationError, CameraModel
+from landerd.camera_model import CalibrationError, CameraModel, left_out
 from landerd.commands.shared import add_config, add_overlay, load_with_saved, refusing
 from landerd.config.models import Config
 from landerd.devices import SetUpError, fitting_camera, make_devices
@@ -71,6 +71,8 @@ def run(args: argparse.Namespace) -> int:
     log_to_stderr()
     if overlay.exists():
         log.info("saved parameters of %s are laid over", overlay)
+    if remark := left_out(camera_model):
+        log.warning("%s: %s", config.camera.calibration, remark)
     if recorder is None:
         log.warning("flights are not recorded: log.folder is not set")
 

@@ -36,7 +36,10 @@ from landerd.geometry import (
 )
 
 # ---- when a pad is known -----------------------------------------------------------------------
-SIGHTINGS_TO_CONFIRM = 3  # consistent ones before a pad counts: one false alarm must not fly
+# Consistent sightings before a pad counts: one false alarm must not fly. And for so long, s, that
+# the camera has turned to what it saw at the edge of a picture: there a ring cannot be told from
+# another one by what lies beside it.
+SIGHTINGS_TO_CONFIRM, CONFIRM_S = 3, 0.4
 # Between those, s. With 2 s, one false alarm and the pad made a pad that flew at 3 to 6 m/s.
 MAX_CONFIRM_GAP_S = 0.3
 MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
@@ -140,6 +143,7 @@ class PadFilter:
         self._nis_limit = options.gate_sigma**2
         self._accepted = 0  # sightings since the filter began; 0: nothing is known
         self._accepted_t = -math.inf
+        self._first_t = -math.inf  # of the sightings that are to confirm it
         self._rejections = 0  # in a row, lying together
         self._refused_t = self._stepped_t = -math.inf
         self.doubt = Doubt()
@@ -208,8 +212,9 @@ class PadFilter:
         if not possible:
             return False
         t = possible[0].t
-        max_gap = MAX_GAP_S if self._accepted >= SIGHTINGS_TO_CONFIRM else MAX_CONFIRM_GAP_S
+        max_gap = MAX_GAP_S if self._is_confirmed else MAX_CONFIRM_GAP_S
         if self._accepted == 0 or t - self._accepted_t > max_gap:
+            self._first_t = t
             self._start(min(possible, key=_cost_by_level))
             return False
         if t <= self._motion.t:
@@ -230,7 +235,12 @@ class PadFilter:
         if not is_near:
             return self._reject(best, tolerant)
         self._accept(best, tolerant)
-        return self._accepted >= SIGHTINGS_TO_CONFIRM
+        return self._is_confirmed
+
+    @property
+    def _is_confirmed(self) -> bool:
+        lasts_s = self._accepted_t - self._first_t
+        return self._accepted >= SIGHTINGS_TO_CONFIRM and lasts_s >= CONFIRM_S
 
     def _follow(self, seen: PadObservation, innovation: Innovation) -> bool:
         """Tell whether the pad moves otherwise than it did, and know its motion the less."""
@@ -249,14 +259,14 @@ class PadFilter:
 
     def estimate(self, now: float) -> PadEstimate | None:
         """Return the state predicted to now, or None while no pad is confirmed."""
-        return self._at(now) if self._accepted >= SIGHTINGS_TO_CONFIRM else None
+        return self._at(now) if self._is_confirmed else None
 
     def unconfirmed(self, now: float, within_s: float = MAX_CONFIRM_GAP_S) -> PadEstimate | None:
         """Return what an estimate would be of a pad that is seen, but not confirmed yet, else None.
 
         It is taken to stand, until sightings say otherwise. Seen longer ago than `within_s`: None.
         """
-        is_tried = 0 < self._accepted < SIGHTINGS_TO_CONFIRM
+        is_tried = self._accepted > 0 and not self._is_confirmed
         return self._at(now) if is_tried and now - self._accepted_t <= within_s else None
 
     def _at(self, now: float) -> PadEstimate:
@@ -347,7 +357,9 @@ class PadFilter:
         self._refused_step, self._refused_t = step, seen.t
         if self._rejections < REJECTIONS_TO_RESTART:
             return False
-        if self._accepted < SIGHTINGS_TO_CONFIRM or not self._is_step(seen.t, step):
+        if not (self._is_confirmed and self._is_step(seen.t, step)):
+            if not self._is_confirmed:
+                self._first_t = seen.t
             self._start(seen)
             return False
         self._stepped_t = seen.t

@@ -29,8 +29,9 @@ SQUARE_HOLD_S = 0.3  # a square is still preferred to a ring: not every frame is
 DEAD_BAND = math.radians(4.0)  # rad from the picture's middle that the pad may be off
 PITCH_TIME_CONSTANT_S = 0.2
 MAX_YAW_RATE = math.radians(120.0)  # rad/s of the yaw's set-point
-# A pad so far beyond a limit of the yaw, rad, is still in the picture.
-VISIBLE_BEYOND_LIMIT = math.radians(20.0)
+# A pad so far off the lens, rad, because the yaw is at its limit, is still in the picture: better
+# there than out of it while the gimbal turns right round.
+VISIBLE_ASIDE = math.radians(28.0)
 
 # ---- search ------------------------------------------------------------------------------------
 SWEEP_PITCH_RATE = math.radians(20.0)  # rad/s
@@ -114,27 +115,27 @@ class Aim:
         """
         x, y, z = direction
         yaw, pitch = self.command.yaw, self.command.pitch
-        ahead, right = _along_and_right(x, y, yaw)
-        beyond = abs(math.atan2(right, math.hypot(ahead, z))) - DEAD_BAND
+        ahead, _ = _along_and_right(x, y, yaw)
+        beyond = _aside(x, y, z, yaw) - DEAD_BAND
         if beyond > 0.0:
             max_step = min(1.0, beyond / DEAD_BAND) * MAX_YAW_RATE * dt
-            yaw += clamp(self._nearest_yaw(math.atan2(y, x)) - yaw, -max_step, max_step)
+            yaw += clamp(self._nearest_yaw(direction) - yaw, -max_step, max_step)
             ahead, _ = _along_and_right(x, y, yaw)
         error = wrap(math.atan2(-z, ahead) - pitch)
         error -= clamp(error, -DEAD_BAND, DEAD_BAND)
         self.command = self._limited(yaw, pitch + min(1.0, dt / PITCH_TIME_CONSTANT_S) * error)
 
-    def _nearest_yaw(self, bearing: float) -> float:
-        """Return the yaw to see a bearing by: facing it or, pitched past straight down, averted."""
-        low, high = self._yaw_limits
-        possible = [
-            clamp(yaw, low, high)
-            for yaw in (bearing, wrap(bearing + math.pi))
-            if low - VISIBLE_BEYOND_LIMIT <= yaw <= high + VISIBLE_BEYOND_LIMIT
-        ]
-        if self._pitch_limits[0] > -0.75 * math.pi or not possible:
-            return clamp(bearing, low, high)
-        return min(possible, key=lambda yaw: abs(yaw - self.command.yaw))
+    def _nearest_yaw(self, direction: Vec3) -> float:
+        """Return the yaw to see a pad by: facing it or, pitched past straight down, averted."""
+        x, y, z = direction
+        bearing = math.atan2(y, x)
+        facing, averted = (
+            clamp(yaw, *self._yaw_limits) for yaw in (bearing, wrap(bearing + math.pi))
+        )
+        if self._pitch_limits[0] > -0.75 * math.pi:
+            return facing
+        possible = [yaw for yaw in (facing, averted) if _aside(x, y, z, yaw) < VISIBLE_ASIDE]
+        return min(possible or [facing], key=lambda yaw: abs(yaw - self.command.yaw))
 
     def _search(self, dt: float, course: float | None) -> None:
         """Sweep down and up on the vehicle's course; where it hovers, at another yaw each time."""
@@ -170,3 +171,9 @@ def _along_and_right(x: float, y: float, yaw: float) -> tuple[float, float]:
     """Return the parts of (x, y) along a yaw and to its right."""
     c, s = math.cos(yaw), math.sin(yaw)
     return c * x + s * y, c * y - s * x
+
+
+def _aside(x: float, y: float, z: float, yaw: float) -> float:
+    """Return how far a direction is to the side of a lens at a yaw, rad, whatever its pitch."""
+    ahead, right = _along_and_right(x, y, yaw)
+    return abs(math.atan2(right, math.hypot(ahead, z)))

@@ -1,10 +1,11 @@
 """Images in, sightings of the pad out."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from landerd.camera_model import F64, CameraModel
+from landerd.camera_model import F64, CameraModel, used_part
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
@@ -61,12 +62,15 @@ class Vision:
             detectors: what looks at the pixels; None: the real ones.
         """
         self._layout = layout
-        self._camera = camera
+        self._whole = camera
+        # Modelled sight has no pixels to leave out.
+        part = (0, 0, camera.width, camera.height) if detectors else used_part(camera)
+        self._part, self._camera = part, camera.seeing(part)
         self._options = options
         self._meters = meters
         self._focal = 0.5 * (camera.fx + camera.fy)
-        self._detectors = detectors or PixelDetectors(layout, camera)
-        self._search = Search(layout, camera, options.min_ring_px, self._detectors)
+        self._detectors = detectors or PixelDetectors(layout, self._camera)
+        self._search = Search(layout, self._camera, options.min_ring_px, self._detectors)
         self._errors = MarkerErrors(layout, options.focal_sigma)
         self._shutter = RollingShutter(camera, options.readout_s)
         self._last: SeenPad | None = None
@@ -81,7 +85,8 @@ class Vision:
         Raises:
             ValueError: the image is not an 8-bit grey image of the camera's size.
         """
-        image = _checked(frame.image, self._camera)
+        x0, y0, x1, y1 = self._part
+        image = _checked(frame.image, self._whole)[y0:y1, x0:x1]
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._focal)
         rings, squares = self._search.find(
@@ -94,7 +99,8 @@ class Vision:
         candidates = [self._ring(frame.t, ring, sighting) for ring, sighting in rings]
         normal = self._last_normal(frame.t)
         for found in squares:
-            candidate = self._square(frame, found, prior, normal or _unambiguous_normal(rings))
+            any_normal = normal or _unambiguous_normal(rings)
+            candidate = self._square(frame.t, image, found, prior, any_normal)
             if candidate is not None:
                 candidates.append(candidate)
         codes = self._detectors.find_codes(image, expected, normal)
@@ -105,7 +111,7 @@ class Vision:
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         self._found = _once(_placed([*chosen, *candidates])) if poses else []
         others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
-        markers = tuple(c.sighting for c in chosen + others)
+        markers = tuple(self._in_whole(c.sighting) for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
         if pad:
             self._last = SeenPad(frame.t, pad[0])
@@ -150,13 +156,13 @@ class Vision:
         ]
 
     def _square(
-        self, frame: Frame, found: FoundSquare, prior: Prior, normal: Vec3 | None
+        self, t: float, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
     ) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
-        poses = self._detectors.square_poses(frame.image, found, prior.down, normal)
+        poses = self._detectors.square_poses(image, found, prior.down, normal)
         stage = "grey" if found.beside is None else _BESIDE
-        return self._decoded(frame.t, square, poses, square_points(square.size_m), prior, stage)
+        return self._decoded(t, square, poses, square_points(square.size_m), prior, stage)
 
     def _code(self, t: float, found: FoundCode, prior: Prior) -> Candidate | None:
         """Return a WhyCode with its pose; None if that is too uncertain."""
@@ -184,6 +190,12 @@ class Vision:
         number = self._layout.markers.index(marker)
         place, heading = np.array([*marker.position_m, 0.0]), math.radians(marker.heading_deg)
         return Candidate(marker, sighting, Measurement(number, place, heading, tuple(poses)))
+
+    def _in_whole(self, sighting: MarkerSighting) -> MarkerSighting:
+        """Return a sighting with its outline where it is in the whole image."""
+        x0, y0, _, _ = self._part
+        outline = tuple((x + x0, y + y0) for x, y in sighting.outline_px)
+        return replace(sighting, outline_px=outline)
 
     def _is_certain(self, s: PoseSolution) -> bool:
         variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]

@@ -11,6 +11,8 @@ from landerd.config.models import WebSection, split_address
 
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}", re.ASCII)  # fits into addresses and cookies as it is
 
+AGAIN_S = 5.0  # an address may come later than landerd, with its network, or be another's yet
+
 
 class DoorError(Exception):
     """The page cannot be served; the text says why, in one line."""

@@ -22,7 +22,7 @@ from landerd.messages import Command, Frame, Input, Prior, Sightings, Tick
 from landerd.pad import PadLayout
 from landerd.runtime.daemon import Daemon
 from landerd.runtime.observer import Observer
-from landerd.web.door import Door, DoorError, is_loopback, why
+from landerd.web.door import AGAIN_S, Door, DoorError, is_loopback, why
 
 if TYPE_CHECKING:
     import foxglove
@@ -133,10 +133,13 @@ class FoxgloveServer(Observer):
 
     def _serve(self, head: Head) -> None:
         try:
-            topics, server = _served(self._door, head)
+            served = self._when_free(head)
         except Exception as e:  # whatever the SDK says: it is an extra, and the flight goes on
             log.error("nothing for Foxglove at %s: %s", self._door.address, why(e))
             return
+        if served is None:
+            return
+        topics, server = served
         log.info("for Foxglove: ws://%s", self._door.address)
         try:
             while not self._ended.wait(POLL_S if self._is_watched else LOOK_S):
@@ -146,6 +149,19 @@ class FoxgloveServer(Observer):
         finally:
             self._is_watched = False
             server.stop()
+
+    def _when_free(self, head: Head) -> "_Served | None":
+        """Return what serves as soon as its address can be had; None: the end came first."""
+        told = None
+        while not self._ended.is_set():
+            try:
+                return _served(self._door, head)
+            except OSError as e:
+                if why(e) != told:
+                    told = why(e)
+                    log.warning("nothing for Foxglove at %s yet: %s", self._door.address, told)
+                self._ended.wait(AGAIN_S)
+        return None
 
     def _work(self, topics: "_Topics") -> None:
         self._is_watched = topics.are_watched()
@@ -193,7 +209,10 @@ class _Topics(TopicWriter):
         self._channels[topic].log(data, log_time=ns)
 
 
-def _served(door: Door, head: Head) -> "tuple[_Topics, foxglove.websocket.WebSocketServer]":
+_Served = tuple[_Topics, "foxglove.websocket.WebSocketServer"]
+
+
+def _served(door: Door, head: Head) -> _Served:
     """Return the topics, and the server that sends them: nothing can be sent to it."""
     import foxglove
 

@@ -129,11 +129,13 @@ def _conditions(view: View) -> list[tuple[str, bool, str]]:
 
     channels = view.rc.channels_us if view.rc is not None else ()
     pulse = channels[rc.gate_channel - 1] if len(channels) >= rc.gate_channel else 0
+    armed = beat is not None and beat.armed
+    is_done = not armed and view.state is State.SILENT and view.outcome is not None
     switch = f"RC {rc.gate_channel} at {pulse} us" if pulse else f"RC {rc.gate_channel}: no signal"
     is_fresh = age("RcChannels", math.inf) < limits.rc_s
     found = [
         young("autopilot", "Heartbeat", limits.heartbeat_s),
-        ("armed", beat is not None and beat.armed, "yes" if beat and beat.armed else "no"),
+        ("armed", armed or is_done, "yes" if armed else "no longer" if is_done else "no"),
         ("mode", beat is not None and beat.guided, beat.mode if beat else "unknown"),
         ("switch", is_fresh and pulse > rc.gate_threshold_us, switch),
         young("attitude", "Attitude", limits.attitude_s),

@@ -13,7 +13,7 @@ from landerd.config.models import Config
 from landerd.flightlog.disk import free_bytes
 from landerd.pad import PadLayout
 from landerd.runtime.daemon import Daemon
-from landerd.web.door import Door, DoorError, door_of, why
+from landerd.web.door import AGAIN_S, Door, DoorError, door_of, why
 from landerd.web.flights import Flights
 from landerd.web.live import LiveView, View
 from landerd.web.server import Server
@@ -21,7 +21,6 @@ from landerd.web.shown import Fixed, picture, shown
 
 log = logging.getLogger("landerd")
 
-AGAIN_S = 5.0  # an address may come later than landerd, with its network
 COMPUTER_S = 5.0  # how often temperature and disk are looked at
 _END_S = 2.0
 

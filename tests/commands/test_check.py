@@ -228,6 +228,15 @@ def real_camera(set_up: SetUp) -> None:
     set_up.overrides = ["camera.driver=v4l2"]
 
 
+def folding_lens(set_up: SetUp) -> None:
+    text = (config_dir() / "cameras" / "thesis.yaml").read_text()
+    right, wrong = "[0.0576, -0.0321, 0.0041, -0.0203, 0.0]", "[0.0576, -0.1, 0.0041, -0.0203, 0.0]"
+    assert right in text
+    path = Path(tempfile.mkdtemp()) / "camera.yaml"
+    path.write_text(text.replace(right, wrong))
+    set_up.overrides = [f"camera.calibration={path}"]
+
+
 _PADS = {  # what was entered wrongly of one that is delivered: from, to
     "edge": ("thesis", "position_m: [0.75, 0.0] ", "position_m: [0.95, 0.0] "),
     "apart": ("thesis", "position_m: [0.75, 0.0] ", "position_m: [0.55, 0.0] "),
@@ -292,6 +301,7 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
         (soft, "warn", "parameters", "PSC_JERK_XY is 1: .* 2.5 s late", "PSC_JERK_XY 5"),
         (fast, "warn", "speed limit", "up to 20 m/s", "speed_mps to 3"),
         (real_camera, "fail", "calibration", "thesis's camera and not yours", "calibrate camera"),
+        (folding_lens, "warn", "calibration", "no inverse.* left out", "in the corners"),
         (pad_with("edge"), "warn", "pad", "apriltag 0 of 312 mm reaches over the edge", "measure"),
         (pad_with("apart"), "warn", "pad", "whycon.* and apriltag 0 .* over each other", "measure"),
         (pad_with("nested"), "warn", "pad", "whycon.* and apriltag 1 .* over each other", "sizes"),

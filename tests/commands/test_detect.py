@@ -142,6 +142,18 @@ def test_an_image_of_another_aspect_is_refused(
     assert "640x400" in capsys.readouterr().err
 
 
+def test_what_of_the_picture_is_left_out_is_said_once(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (CONFIG / "cameras" / "thesis.yaml").read_text()
+    (folder / "mine.yaml").write_text(text.replace("-0.0321", "-0.1"))
+    assert main(["detect", str(folder), "--camera", str(folder / "mine.yaml"), *FILES[2:]]) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1
+    assert "mine.yaml: distortion has no inverse" in told[0]
+    assert "left out" in told[0]
+
+
 def test_an_image_of_half_the_size_is_measured_alike(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,23 +9,13 @@ from typing import Any
 import cv2
 import pytest
 
-from hw.replay.pictures import DrawnPictures
-from hw.replay.telemetry import read_telemetry
-from hw.replay.vehicle import RecordedVehicle
-from hw.sim.options import SimOptions
-from landerd.camera_model import load_camera
 from landerd.cli import main
 from landerd.commands.dry_run import outcome_in_words
-from landerd.config.files import config_dir
-from landerd.drivers import read_configuration
 from landerd.flightlog.reader import read_log
 from landerd.guidance.states import OUTCOMES
-from landerd.pad import load_pad
-from tests.recordings import ORIGIN, write_bin, write_tlog
+from tests.recordings import FPS, ORIGIN, write_bin, write_tlog, write_video
 
-PAD = (0.0, 2.0, 0.2)  # under the end of the made-up flight
 FIXED = (0.0, -50.0)
-FPS = 12.0
 
 
 @pytest.fixture(scope="module")
@@ -33,27 +23,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a.tlog, and video.avi, whose camera looked at the pad from 6.3 s to 17 s."""
     folder = tmp_path_factory.mktemp("recording")
     tlog = write_tlog(folder / "a.tlog")
-    telemetry = read_telemetry(tlog)
-    loaded = read_configuration(config_dir() / "default.yaml")
-    options = loaded.options["sim"]
-    assert isinstance(options, SimOptions)
-    vehicle = RecordedVehicle(telemetry, FIXED, pretended=False, start=telemetry.start)
-    camera = load_camera(loaded.config.camera.calibration)
-    drawn = DrawnPictures(
-        load_pad(loaded.config.pad.layout),
-        camera,
-        options.render,
-        vehicle,
-        loaded.config.vehicle,
-        PAD,
-        start=telemetry.start + 6.3,
-        fps=FPS,
-    )
-    code = cv2.VideoWriter.fourcc(*"MJPG")
-    writer = cv2.VideoWriter(str(folder / "video.avi"), code, FPS, (640, 480), False)
-    while (frame := drawn.expose(telemetry.start + 17.0)) is not None:
-        writer.write(frame.image)
-    writer.release()
+    write_video(folder / "video.avi", tlog, FIXED)
     return folder
 
 

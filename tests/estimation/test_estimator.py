@@ -14,8 +14,8 @@ from tests.estimation.hovering import BELOW, TELEMETRY, hear, shown
 def seeing(until: float = 1.0) -> Estimator:
     """A vehicle that hovers over a pad and has seen it for some frames."""
     estimator = Estimator(Config())
-    for i in range(6):
-        t = until - 0.2 + 0.04 * i
+    for i in range(12):
+        t = until - 0.44 + 0.04 * i
         hear(estimator, t)
         estimator.on_sightings(shown(t, BELOW))
     return estimator
@@ -108,15 +108,13 @@ def test_a_picture_is_placed_where_the_configured_clock_says() -> None:
     # Stamped 40 ms late, while the vehicle flies north at 5 m/s.
     config = Config(camera=CameraSection(clock_offset_s=0.04))
     estimator = Estimator(config)
+    observations = []
     for i in range(60):
         t = 0.02 * i
         estimator.on_telemetry(LocalPosition(t, (5.0 * t, 0.0, -5.0), (5.0, 0.0, 0.0)))
         hear(estimator, t, "attitude", "gimbal")
-    observations = [
-        seen[0].position[0] - 5.0 * (0.8 + 0.04 * i)
-        for i in range(6)
-        if (seen := estimator.on_sightings(shown(0.84 + 0.04 * i, BELOW)))
-    ]
+        if t > 0.5 and (seen := estimator.on_sightings(shown(t, BELOW))):
+            observations.append(seen[0].position[0] - 5.0 * (t - 0.04))
     assert observations
     assert observations[0] == pytest.approx(Config().vehicle.camera_offset_m[0], abs=0.02)
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from landerd.camera_model import CameraModel, used_part
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior, Sightings
 from landerd.vision import Vision
@@ -36,6 +37,22 @@ def test_ring_alone_tells_the_landing_point_but_no_north() -> None:
     assert error_m(found, view) < 0.1
     assert found.pad[0].north is None
     assert found.pad[0].sigma_yaw is None
+
+
+def test_what_lies_where_the_distortion_has_no_inverse_is_not_looked_at() -> None:
+    # A public calibration, mirrored, so that its left edge folds.
+    distortion = (0.0981, -4.868, -0.01034, 0.00445, 0.0)
+    lens = CameraModel(1920, 1080, 3061.9, 3072.2, 1023.6, 448.0, distortion).scaled(480, 270)
+    x0, y0, x1, y1 = used_part(lens)
+    assert (0, 0) < (x0, 480 - x1 + y0 + 270 - y1) < (30, 30)
+    view = look(lens, 9.0, 0.5, pixel=(200, 140))
+    image = render(view, lens, OPTICS, np.random.default_rng(1))
+    found = Vision(THESIS_PAD, lens, VisionSection()).process(Frame(0.0, 0, image))
+    assert error_m(found, view) < 0.05
+    outline = np.array(found.markers[0].outline_px)
+    assert (outline.min(axis=0) + outline.max(axis=0)) / 2 == pytest.approx((200, 140), abs=3)
+    image[:, :x0] = np.random.default_rng(2).integers(0, 256, (270, x0))
+    assert Vision(THESIS_PAD, lens, VisionSection()).process(Frame(0.0, 0, image)) == found
 
 
 def test_ring_and_tag_together_tell_north() -> None:

@@ -102,9 +102,10 @@ def test_nobody_looks_and_nothing_is_kept(tmp_path: Path) -> None:
 
 
 @needs_sdk
-def test_a_port_that_is_taken_is_told_in_one_line(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+def test_a_port_that_is_taken_is_told_in_one_line_and_tried_again(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    monkeypatch.setattr("landerd.web.foxglove_server.AGAIN_S", 0.02)
     port = free_port()
     section = WebSection(foxglove=f"127.0.0.1:{port}")
     with Door("127.0.0.1", port, None).bound() as taken:
@@ -115,14 +116,19 @@ def test_a_port_that_is_taken_is_told_in_one_line(
         assert server is not None
         flight = ObservedFlight()
         flight.observers = (server,)
-        with caplog.at_level(logging.INFO, logger="landerd"):
-            flight.run(0.1)
-            assert server._thread is not None
-            server._thread.join(20.0)
+        caplog.set_level(logging.INFO, logger="landerd")
+        flight.run(0.1)
+        until = time.monotonic() + 20.0
+        while not caplog.records and time.monotonic() < until:
+            time.sleep(0.05)
+        time.sleep(0.2)
         flight.run(1.0)  # and the flight goes on
-        server.close()
+    with connected(port):
+        pass
+    server.close()
     assert [r.getMessage() for r in caplog.records] == [
-        f"nothing for Foxglove at 127.0.0.1:{port}: Address already in use"
+        f"nothing for Foxglove at 127.0.0.1:{port} yet: Address already in use",
+        f"for Foxglove: ws://127.0.0.1:{port}",
     ]
 
 

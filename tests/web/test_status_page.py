@@ -77,6 +77,8 @@ def test_after_the_flight_its_end_stays() -> None:
         shown.page.flight_is_over()
         view = shown.view()
         assert (view["outcome"], view["over"]) == ("landed", True)
+        armed = next(c for c in view["conditions"] if c["name"] == "armed")
+        assert (armed["ok"], armed["is"]) == (True, "no longer")  # nothing is wrong with that
         assert "landed and disarmed" in [line["text"] for line in view["lines"]]
 
 
