@@ -619,6 +619,45 @@ MUTANTS = [
         "guidance/test_orders.py"
         "::test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts",
     ),
+    Mutant(
+        "1b: levelled where it slides across the pad when released",
+        PAD,
+        "RESTS_MPS and not slides",
+        "RESTS_MPS",
+        "guidance/test_landing.py"
+        "::test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled",
+    ),
+    Mutant(
+        "4: a landing that begins on the pad takes off",
+        FLYING,
+        "if self._context.stands(step.now) and not self._context.hold_asked:",
+        "if False:",
+        "guidance/test_landing.py"
+        "::test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it",
+    ),
+    Mutant(
+        "4: climbs for stale data with a foot down",
+        PAD,
+        "if self._touching is None:",
+        "if True:",
+        "guidance/test_landing.py"
+        "::test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_again",
+    ),
+    Mutant(
+        "2: counts on more than the autopilot brakes a descent with",
+        FLYING,
+        "context.braking_mps2,",
+        "o.limits.vertical_acceleration_mps2,",
+        "guidance/test_landing.py"
+        "::test_it_sinks_no_faster_than_a_gentle_autopilot_can_stop_should_landerd_die",
+    ),
+    Mutant(
+        "4: gives thrust again to what stands level when data are stale",
+        PAD,
+        "if vehicle is None and touchdown.is_level:",
+        "if False:",
+        "guidance/test_landing.py::test_levelled_on_the_pad_it_stays_so_when_data_are_stale",
+    ),
 ]
 
 

@@ -14,7 +14,7 @@ from landerd.guidance.method import make_method
 from landerd.guidance.orders import Orders
 from landerd.guidance.phases import Phases
 from landerd.guidance.relative_state import RelativeState
-from landerd.guidance.state_flying import Searching, Tracking, WavingOff
+from landerd.guidance.state_flying import Searching, Tracking
 from landerd.guidance.state_pad import Committed, Leaving, OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
 from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
@@ -53,7 +53,7 @@ class Landing:
             State.TRACKING: Tracking(context, self._phases, self._method),
             State.SEARCHING: Searching(context, self._lost),
             State.COMMITTED: Committed(context, self._method, self._touchdown),
-            State.WAVING_OFF: WavingOff(context),
+            State.WAVING_OFF: Leaving(context, self._touchdown, in_sight=True),
             State.LEAVING: Leaving(context, self._touchdown),
             State.ON_PAD: OnPad(context, self._touchdown),
             State.STANDING: Standing(context, self._touchdown),
@@ -116,6 +116,7 @@ class Landing:
         if authority is not Authority.GRANTED or hold_asked:
             self._context.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
+        self._context.watch(step)
         event: Event | None = self._event_of(authority)
         while event is not None:
             step = self._follow(event, step)

@@ -11,6 +11,7 @@ from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import Vec3, horizontal, rot_z, rotate, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
+from landerd.guidance.limits import flyable_limits
 from landerd.guidance.orders import Orders
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import Event
@@ -20,6 +21,14 @@ from landerd.pad import PadLayout
 # So low over a pad so fast a stop relative to the ground would tip the vehicle over (rule 1b).
 JUST_OVER_PAD_M = 0.20
 FAST_PAD_MPS = 0.5
+# A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear
+# and camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to
+# slide.
+BUILD_ERROR_M = 0.04
+# Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
+# climbing takes half of it.
+RESTS_MPS = 0.1
+RESTS_S = 0.35
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +64,8 @@ class LandingContext:
 
     Attributes:
         options: `guidance` of the configuration as it is now; parameters may change in flight.
-        guided_timeout_s: after so long without a set-point the autopilot stops, s.
+        guided_timeout_s: after so long without a set-point the autopilot stops, s,
+        braking_mps2: and brakes the descent no harder than this.
         estimator: where vehicle and pad are.
         orders: of this control step.
         outcome: of the last landing, None while none has ended.
@@ -82,6 +92,7 @@ class LandingContext:
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._just_over_pad = False
+        self._rests_since = math.inf  # on the pad, as far as is seen, s
         self._began = math.inf  # this landing, without having come to commit since, s
         self._sigma_bearing = math.radians(config.estimation.gimbal_sigma_deg)
         self._descents_broken_off = 0
@@ -90,6 +101,7 @@ class LandingContext:
         """Go on with changed parameters."""
         self.options = config.guidance
         self.guided_timeout_s = config.autopilot.guided_timeout_s
+        self.braking_mps2 = flyable_limits(config).vertical_acceleration_mps2
 
     # ---- what is seen --------------------------------------------------------------------------
 
@@ -118,6 +130,34 @@ class LandingContext:
         if now - self.estimator.refused_t <= self.options.lost.after_s:
             return pilot_texts.NOT_BELIEVED
         return pilot_texts.NOT_IN_SIGHT
+
+    def watch(self, step: ControlStep) -> None:
+        """See in each control step, whoever flies, whether the vehicle rests on the pad."""
+        sight, pad = self.sight(step), self.estimator.pad(step.now)
+        if sight is None or pad is None:
+            self._rests_since = math.inf
+            return
+        relative, o = sight.relative, self.options
+        rests = (
+            abs(relative.error_rate[2]) < RESTS_MPS
+            and horizontal(relative.error_rate) < o.descent.commit_slip_mps
+            and relative.height - 2.0 * relative.sigma_height <= BUILD_ERROR_M
+            and not self.foothold.will_miss(
+                relative, pad.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
+            )
+        )
+        self._rests_since = min(self._rests_since, step.now) if rests else math.inf
+
+    def rests(self, now: float) -> bool:
+        """Tell whether it is seen to have rested on the pad for some time."""
+        return now - self._rests_since >= RESTS_S
+
+    def stands(self, now: float) -> bool:
+        """Tell whether it rests so and was not told to climb: its thrust comes late.
+
+        A landing that begins so ends there: taken off again, just to land, it tipped over.
+        """
+        return self.rests(now) and not self.orders.climbs
 
     # ---- how the landing goes ------------------------------------------------------------------
 

@@ -30,6 +30,7 @@ class Orders:
         self._now = -math.inf
         self._dt = 0.0
         self._setpoint_t = -math.inf  # of the last set-point
+        self._heading = 0.0  # to stand level with, rad
         self._said: dict[str, float] = {}  # when each line was told last
         self._entered_t = -math.inf  # the phase, and out of a landing its reason
 
@@ -48,6 +49,11 @@ class Orders:
     def velocity(self) -> Vec3:
         """Velocity of the last set-point, local NED, m/s."""
         return self._limiter.velocity
+
+    @property
+    def climbs(self) -> bool:
+        """Whether the last set-point is new and goes up: what has not answered yet soon will."""
+        return self._now - self._setpoint_t <= CONTINUE_S and self.velocity[2] < 0.0
 
     def go_on_from(self, velocity: Vec3) -> None:
         """Begin at this velocity (local NED, m/s), unless there was a set-point just now."""
@@ -74,17 +80,18 @@ class Orders:
         self._setpoint_t = self._now
         self.commands.append(self._limiter.stop())
 
-    def stand_level(self, heading: float, pad_velocity: Vec3) -> None:
+    def stand_level(self, heading: float | None, pad_velocity: Vec3) -> None:
         """Order a level attitude without thrust.
 
         Args:
-            heading: to keep, local, rad.
+            heading: to keep, local, rad; None: the one ordered last.
             pad_velocity: of what it stands on, local NED, m/s; set-points go on from there.
         """
         self._setpoint_t = self._now
         north, east, _ = pad_velocity
         self._limiter.reset((north, east, 0.0))
-        self.commands.append(PressDown(heading))
+        self._heading = heading if heading is not None else self._heading
+        self.commands.append(PressDown(self._heading))
 
     def disarm(self) -> None:
         """Order the motors to stop, by the ordinary command."""

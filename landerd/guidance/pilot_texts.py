@@ -75,6 +75,7 @@ CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is 
 HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
 
 # ---- on the pad --------------------------------------------------------------------------------
+STANDS = "stands on the pad"
 UNCONFIRMED = "touch-down not confirmed, disarm by hand"
 
 

@@ -67,6 +67,9 @@ class Tracking:
         sight = self._context.sight(step)
         if sight is None:
             return Event.SIGHT_LOST
+        if self._context.stands(step.now) and not self._context.hold_asked:
+            self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
+            return Event.COMMITS
         event = self._event(step, sight)
         if event is not None:
             return event
@@ -85,7 +88,7 @@ class Tracking:
             relative.height,
             -relative.error_rate[2],
             context.guided_timeout_s,
-            o.limits.vertical_acceleration_mps2,
+            context.braking_mps2,
         )
         north, east, down = velocity
         # For want of knowing a deck that heaves it waits, and does not climb. A pad that was never

@@ -4,9 +4,15 @@ import math
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import horizontal
+from landerd.geometry import horizontal, sub
 from landerd.guidance import pilot_texts
-from landerd.guidance.landing_context import ControlStep, LandingContext
+from landerd.guidance.landing_context import (
+    BUILD_ERROR_M,
+    RESTS_MPS,
+    RESTS_S,
+    ControlStep,
+    LandingContext,
+)
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
@@ -18,15 +24,8 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
-# climbing takes half of it. After THRUST_BACK_S it lifts: levelled at 0.7 s it hopped, and fell.
-RESTS_MPS = 0.1
-RESTS_S = 0.35
+# Told to climb, it lifts after so long, s: levelled at 0.7 s it hopped, and fell.
 THRUST_BACK_S = 0.6
-# A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear
-# and camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to
-# slide.
-BUILD_ERROR_M = 0.04
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -44,6 +43,8 @@ class Committed:
         self._method = method
         self._touchdown = touchdown
         self._pad: PadEstimate | None = None  # as last known
+        # Where a foot may have been down in the last step: the pad relative to it, its heading.
+        self._touching: tuple[RelativeState, float | None] | None = None
         self._misses_since = math.inf
         self._watched_t = -math.inf  # the last velocity that was looked at
 
@@ -52,7 +53,7 @@ class Committed:
         self._touchdown.begin(step.now)
         self._watched_t = step.now
         self._context.landed = Landed.UNDEFINED  # what was said of the air or another landing
-        self._pad = None
+        self._pad = self._touching = None
         self._misses_since = math.inf
         self._context.end_landing()
 
@@ -62,7 +63,7 @@ class Committed:
         vehicle = context.estimator.fresh_vehicle(step.now)
         pad = self._pad_now(step.now)
         if vehicle is None or pad is None:
-            return Event.SIGHT_LOST
+            return self._blind(step.now)
         relative = context.relative(vehicle, pad)
         context.note(relative)
         heave = relative.pad_velocity[2]
@@ -70,6 +71,12 @@ class Committed:
         clearance = _clearance(context, relative, vehicle, pad)
         self._watch(heave, _unsure(relative, vehicle, clearance))
         event = self._touchdown.step(step.now, age, clearance, context.landed)
+        self._touching = None
+        if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
+            self._touching = (relative, pad.heading)
+        if event is None and context.stands(step.now):  # as where a landing begins on the pad
+            self._touchdown.touch(step.now)
+            event = Event.CONTACT
         if event is Event.CONTACT:
             context.foothold.touch(relative, pad.heading)
         if event is not None:
@@ -90,6 +97,18 @@ class Committed:
         descent = max(heave + sink_rate, MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
+
+    def _blind(self, now: float) -> Event:
+        """Return what it means that data are too old all at once.
+
+        Feet that are touching are not lifted again for that: half on the pad is no place to climb
+        from, nor to wait for thrust.
+        """
+        if self._touching is None:
+            return Event.SIGHT_LOST
+        self._touchdown.touch(now)
+        self._context.foothold.touch(*self._touching)
+        return Event.CONTACT
 
     def _watch(self, heave: float, unsure: float) -> None:
         """Show the touch-down each velocity measured since the last control step.
@@ -197,16 +216,27 @@ class Standing:
 
 
 class Leaving:
-    """Climbs away from a pad that moves, as WAVING_OFF does, because landerd may not fly on.
+    """Climbs away from the pad, because landerd may not fly on or the descent is broken off.
 
     Pressed down on it, thrust takes a second to come back. What stands still before that stays
     there: it would be stopped just as it lifts, and tip over. What is told to climb and rests is on
     the pad, also where contact had not been noticed yet.
     """
 
-    def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
+    def __init__(
+        self, context: LandingContext, touchdown: Touchdown, *, in_sight: bool = False
+    ) -> None:
+        """Make the state.
+
+        Args:
+            context: of the landing.
+            touchdown: of the descent.
+            in_sight: it stands only where it is seen to: it may just be turning, from sinking to
+                climbing, over a pad that slides away.
+        """
         self._context = context
         self._touchdown = touchdown
+        self._in_sight = in_sight
         self._waving_off = WavingOff(context)
         self._began = -math.inf
         self._rests_since = math.inf  # neither sinks nor climbs
@@ -219,7 +249,7 @@ class Leaving:
     def order(self, step: ControlStep) -> Event | None:
         """Order the climb until it is over, or the vehicle stands."""
         vehicle = self._context.estimator.fresh_vehicle(step.now)
-        rests = vehicle is not None and abs(vehicle.velocity[2]) < RESTS_MPS
+        rests = vehicle is not None and self._may_rest(step.now, vehicle)
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
         if vehicle is not None and step.now - self._rests_since >= RESTS_S:
             self._note_contact(step.now, vehicle)
@@ -227,10 +257,18 @@ class Leaving:
         stands = rests and self._touchdown.stands and step.now - self._began < THRUST_BACK_S
         return Event.STANDS if stands else self._waving_off.order(step)
 
+    def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
+        """Tell whether it neither sinks nor climbs, nor slides across the pad as last known."""
+        pad = self._context.estimator.pad(now)
+        below = pad.velocity if pad is not None else self._context.pad_velocity
+        slip = horizontal(sub(vehicle.velocity, below))
+        slides = slip > self._context.options.descent.commit_slip_mps
+        return abs(vehicle.velocity[2]) < RESTS_MPS and not slides
+
     def _note_contact(self, now: float, vehicle: VehicleState) -> None:
         context = self._context
         pad = context.estimator.pad(now)
-        if pad is None:
+        if pad is None or (self._in_sight and not context.rests(now)):
             return
         relative = context.relative(vehicle, pad)
         if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
@@ -268,6 +306,10 @@ def _stand_level(
         released: landerd may not fly on: what stands is pressed down no longer.
     """
     vehicle = context.estimator.fresh_vehicle(step.now)
+    if vehicle is None and touchdown.is_level:
+        # What stands there stays: to give it thrust for want of data threw it off a fast pad.
+        context.orders.stand_level(None, context.pad_velocity)
+        return True
     level = _level_due(context, touchdown, step, vehicle)
     if vehicle is None:
         return False

@@ -45,7 +45,7 @@ class Event(Enum):
     HOLD_ASKED = "the pilot asks to hold after all, not touching yet"
     CLEAR_OF_PAD = "climbed away from the pad"
     STANDS = "stands still on the pad, whatever was ordered"
-    COMMITS = "just over the pad, and the touch-down will be good"
+    COMMITS = "just over the pad, and the touch-down will be good, or it stands there already"
     CONTACT = "feet on the pad, or ON_GROUND said since commit"
     # Hand-backs to the pilot, who must have the switch low before landerd flies again:
     PAD_NOT_FOUND = "searched for guidance.lost.give_up_s"
@@ -115,6 +115,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         # From there on to TRACKING in the same step if it sees the pad. Counts as a descent broken
         # off (guidance.lost.retries).
         Event.CLEAR_OF_PAD: State.SEARCHING,
+        # Its data were stale as it touched.
+        Event.STANDS: State.ON_PAD,
     },
     State.LEAVING: {
         Event.CLEAR_OF_PAD: State.RELEASING,

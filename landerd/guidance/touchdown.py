@@ -155,11 +155,20 @@ class Touchdown:
         """Whether contact has been noticed."""
         return self._contact_t is not None
 
-    def settle(self, t: float) -> None:
-        """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
+    def touch(self, t: float) -> None:
+        """Take it that the vehicle has touched at t (s), unless contact was noticed before."""
         if self._contact_t is None:
             self._contact_t = t
+
+    def settle(self, t: float) -> None:
+        """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
+        self.touch(t)
         self._level = self.stands = True
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the vehicle was to stand level without thrust when that was looked at last."""
+        return self._level
 
     @property
     def may_touch(self) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from landerd.config.models import Config
+from landerd.guidance.limits import flyable_limits
 from landerd.guidance.sink_rate import unstopped_height
 from landerd.preflight.finding import Finding
 
@@ -97,7 +98,7 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
 
 def _where_it_strikes(config: Config, timeout_s: float) -> str:
     """Say below which height it comes to the ground, with a timeout and with a good one."""
-    deceleration = config.guidance.limits.vertical_acceleration_mps2
+    deceleration = flyable_limits(config).vertical_acceleration_mps2
     now, then = (unstopped_height(t, deceleration) for t in (timeout_s, LONGEST_TIMEOUT_S))
     return f", below {now:.1f} m to the ground (with {LONGEST_TIMEOUT_S:g} s below {then:.1f} m)"
 

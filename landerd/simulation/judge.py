@@ -86,6 +86,7 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
     config = loaded.config
     guidance, fresh = config.guidance, config.freshness
     limits, descent = guidance.limits, guidance.descent
+    response = sim_options(loaded).response
     return RuleBounds(
         system_id=config.autopilot.system_id,
         ground_stations=frozenset(config.autopilot.ground_stations),
@@ -108,6 +109,8 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
         vertical_acceleration_mps2=limits.vertical_acceleration_mps2,
         jerk_mps3=limits.jerk_mps3,
         yaw_rate=math.radians(limits.yaw_rate_deg_s),
+        braking_mps2=min(limits.acceleration_mps2, response.acceleration_mps2),
+        vertical_braking_mps2=response.vertical_acceleration_mps2,
         k1_m=descent.k1_m,
         k2_per_m=descent.k2_per_m,
         alignment_height_m=descent.alignment_height_m,

@@ -3,9 +3,9 @@
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, add
 from landerd.guidance.states import State
-from landerd.messages import LocalPosition, Phase, Setpoint
+from landerd.messages import Attitude, LocalPosition, Phase, Setpoint
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -124,6 +124,16 @@ def test_carried_up_again_after_commit_it_sinks_as_slowly_as_the_autopilots_time
     assert 0.3 < ordered[1] < 0.5  # design rule 2
 
 
+def test_it_sinks_no_faster_than_a_gentle_autopilot_can_stop_should_landerd_die() -> None:
+    config = Config.model_validate({"autopilot": {"vertical_acceleration_mps2": 0.4}})
+    flight = Flight(config=config, position=(0.2, 0.0, -6.0)).engaged()
+    while flight.lander.state is not State.COMMITTED:
+        flight.tick()
+        sinks = flight.setpoints[-1][1].velocity[2]
+        left_m = max(0.0, flight.height - sinks * config.autopilot.guided_timeout_s)
+        assert sinks**2 - 2.0 * 0.4 * left_m < 0.5**2  # design rule 2
+
+
 def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
@@ -165,6 +175,36 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
+def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.03:
+        flight.tick()
+    flight.pulse_us = LOW
+    low, flight.pad_velocity = flight.position[2], (0.0, 0.0, 0.0)
+    while flight.lander.state is not State.RELEASING:
+        # Its thrust is not back: it brushes the pad, neither sinking nor climbing.
+        flight.position, flight.velocity = (*flight.position[:2], low), (1.0, 0.0, 0.0)
+        flight.tick()
+        assert flight.lander.state is not State.STANDING
+    assert flight.pressed == []
+
+
+def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    while not flight.pressed:
+        flight.tick()
+    flight.run(0.1)
+    flown, levelled = len(flight.setpoints), len(flight.pressed)
+    flight.silent = {LocalPosition}
+    flight.run(0.8)
+    assert len(flight.setpoints) == flown
+    assert len(flight.pressed) > levelled + 20
+    assert flight.pressed[-1].heading == pytest.approx(0.6, abs=0.01)
+
+
 def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_holds() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
@@ -174,6 +214,67 @@ def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_hol
     assert "climbing" in flight.lander.reason  # out of reach of a deck that heaves,
     flight.run(2.1)
     assert "holding" in flight.lander.reason  # and without a position no further
+
+
+def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_again() -> None:
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.02:
+        flight.tick()
+    before = len(flight.setpoints)
+    flight.silent = {Attitude}  # stale a moment after the touch: too early to call that contact
+    flight.run(0.35)
+    flight.silent = set()
+    assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
+    assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[before:])
+    assert flight.lander.outcome == "landed"
+
+
+def test_waved_off_as_it_touches_unnoticed_it_stays_until_its_thrust_is_back() -> None:
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.05:
+        flight.tick()
+    flight.silent = {Attitude, LocalPosition}  # stale before the touch shows
+    to(flight, State.WAVING_OFF, at_most_s=0.35)
+    flight.silent = set()
+    on_pad, waved_off_t = (
+        (*flight.position[:2], flight.pad[2] - flight.config.vehicle.gear_height_m),
+        flight.t,
+    )
+    while flight.lander.state is State.WAVING_OFF:
+        assert flight.t < waved_off_t + 0.6
+        flight.position, flight.velocity = on_pad, (0.0, 0.0, 0.0)
+        flight.tick()
+    climbs = len(flight.setpoints)
+    assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
+    assert flight.lander.outcome == "landed"
+    assert len(flight.setpoints) == climbs  # level without thrust from then on
+
+
+@pytest.mark.parametrize("beside_m", [0.0, 1.5])
+def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m: float) -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.armed = False  # a false heartbeat: it is left standing with its motors on
+    to(flight, State.SILENT)
+    flight.armed = True
+    flight.pulse_us = LOW
+    flight.pad_heading += 0.2  # not as it was to be put down
+    flight.pad = add(flight.pad, (0.0, beside_m, 0.0))
+    flight.run(1.0)
+    flight.pulse_us = HIGH
+    begun = len(flight.setpoints)
+    if beside_m:
+        assert to(flight, State.TRACKING) == [State.SILENT, State.TRACKING]
+        flight.run(0.5)
+        assert flight.lander.state is State.TRACKING
+        return
+    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    flight.run(0.5)
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+    assert flight.phases[-1] is Phase.LANDED
 
 
 def test_nothing_found_it_hands_back_by_way_of_stops() -> None:

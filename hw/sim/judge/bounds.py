@@ -30,6 +30,9 @@ class RuleBounds:
     vertical_acceleration_mps2: float
     jerk_mps3: float
     yaw_rate: float  # rad/s
+    # What the autopilot brakes with, whatever more the limits allow.
+    braking_mps2: float
+    vertical_braking_mps2: float
     k1_m: float
     k2_per_m: float
     alignment_height_m: float

@@ -15,6 +15,7 @@ from landerd.geometry import Vec3, horizontal
 
 BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, _STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
+_NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
 _RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
 
 
@@ -110,10 +111,12 @@ class Evidence:
         self._beat_t = self._rc_t = -math.inf
         self._ended_t = math.inf  # handed back, told to stop, or the autopilot has restarted
         self._boot_s = -math.inf
+        self._boot_of: dict[int, float] = {}  # of the newest message of each kind
         self._content: dict[str, object] = {}
         self._measured: dict[str, float] = {}
         self._still_since: float | None = None
-        self._released: tuple[float, float, bool] | None = None  # when, height, bound to climb away
+        # When, the height then, bound to climb away, free to: it slides across the pad.
+        self._released: tuple[float, float, bool, bool] | None = None
         self._climbed_away_t = -math.inf  # the last order of a wave-off after the release
 
     # ---- what the autopilot says ---------------------------------------------------------------
@@ -156,6 +159,17 @@ class Evidence:
             self.latched = True
             self._ended_t = min(self._ended_t, t)
         self._boot_s = boot_s
+
+    def held_back_s(self, kind: int, boot_s: float) -> float:
+        """Return how long a message was held back before it left, s: others had passed it by then.
+
+        Args:
+            kind: id of the message; those of one kind come in order.
+            boot_s: its time. Where it is older than a restart takes, the clock was set back.
+        """
+        newest = max((s for k, s in self._boot_of.items() if k != kind), default=-math.inf)
+        self._boot_of[kind] = boot_s
+        return newest - boot_s if 0.0 < newest - boot_s <= _RESTART_S else 0.0
 
     def on_measured(self, what: str, t: float, content: object) -> None:
         """A measurement of time t is delivered; one that is equal to the bit is the old one."""
@@ -222,7 +236,7 @@ class Evidence:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
         if self._released is None:
             return False
-        since, height, bound = self._released
+        since, height, bound, _ = self._released
         b = self._b
         return bound and t - since < b.wave_off_s and truth.height - height < 0.5 * b.wave_off_m
 
@@ -230,14 +244,14 @@ class Evidence:
         """Tell whether an order is that of a wave-off from a pad that moves, after the release."""
         if self._released is None:
             return False
-        since, height, bound = self._released
+        since, height, bound, slides = self._released
         b = self._b
         return (
-            bound
+            (bound or slides)
             and order.t - since <= b.wave_off_s + 2.0 * b.tick_s
             and order.truth.height - height <= b.wave_off_m
             and order.velocity[2] <= ZERO
-            and order.aside_mps <= b.ride_mps
+            and (slides or order.aside_mps <= b.ride_mps)
         )
 
     def release_t(self, t: float) -> float:
@@ -304,9 +318,11 @@ class Evidence:
             self._released = None
         elif self._released is None:
             low = truth.height < b.commit_height_m or self.touched
+            near = truth.distance < _NEAR_M
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
-            bound = low and fast and not self.stands(t) and self.flown_t is not None
-            self._released = (closed_t, truth.height, bound)
+            bound = low and near and fast and not self.stands(t) and self.flown_t is not None
+            slides = low and near and truth.slip > b.wave_off_pad_mps
+            self._released = (closed_t, truth.height, bound, slides)
         if self.climbs_away(order) and not order.zero:
             self._climbed_away_t = t
 

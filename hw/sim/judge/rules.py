@@ -96,6 +96,8 @@ class Rules:
 
     def _of_autopilot(self, t: float, left_t: float, m: mavlink.MAVLink_message) -> None:
         evidence, kind = self._evidence, m.get_msgId()
+        if "time_boot_ms" in m.fieldnames:
+            left_t -= evidence.held_back_s(kind, 1e-3 * m.time_boot_ms)
         if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             evidence.on_heartbeat(t, m)
         elif kind == mavlink.MAVLINK_MSG_ID_RC_CHANNELS:

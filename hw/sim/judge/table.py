@@ -97,7 +97,7 @@ def _sinks_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _wanders_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
     # Full braking, and the last of it fading out with the jerk limit.
-    braking_s = b.speed_mps / b.acceleration_mps2 + 5.0 * b.acceleration_mps2 / b.jerk_mps3
+    braking_s = b.speed_mps / b.braking_mps2 + 5.0 * b.braking_mps2 / b.jerk_mps3
     too_long = _blind_for_s(e, o) > braking_s + b.tick_s
     return too_long and horizontal(o.velocity) > HOVER_MPS
 
@@ -141,7 +141,7 @@ def _dies_hard(e: Evidence, o: Order, b: RuleBounds) -> bool:
         return False
     speed = o.velocity[2] - o.truth.pad_velocity[2]
     left_m = max(0.0, o.truth.height - speed * b.guid_timeout_s)
-    braked = speed * speed - 2.0 * b.vertical_acceleration_mps2 * left_m
+    braked = speed * speed - 2.0 * b.vertical_braking_mps2 * left_m
     return braked > 1.05 * b.dead_companion_mps**2
 
 
@@ -185,7 +185,9 @@ def _pressed(e: Evidence, o: Order) -> bool:
 
 def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
     waiting = _pressed(e, o) and o.t - e.touching_since < b.settle_s
-    return waiting and not o.level and o.velocity[2] <= ZERO
+    # What is blown off the pad, its feet brushing it, is to climb away (2).
+    away = o.climbs and o.truth.misses
+    return waiting and not away and not o.level and o.velocity[2] <= ZERO
 
 
 def _does_not_ride(e: Evidence, o: Order, b: RuleBounds) -> bool:

@@ -47,6 +47,7 @@ class Court:
         pulse: of the gate, us.
         mute: ids of the messages that do not come.
         late_s: how long the link takes to landerd.
+        rc_held_back_s: how long the autopilot keeps the channels before it sends them.
         frozen: the attitude is the same to the bit each time.
         sees: there is a marker in the pictures.
         measures: the gimbal measures.
@@ -62,7 +63,7 @@ class Court:
         self.truth = OVER_PAD
         self.armed, self.mode, self.pulse = True, GUIDED, 1100
         self.mute: set[int] = set()
-        self.late_s = 0.0
+        self.late_s = self.rc_held_back_s = 0.0
         self.frozen = self.on_ground = False
         self.sees, self.measures = sees, True
         self.boot_s = 100.0
@@ -107,6 +108,7 @@ class Court:
 
     def _reports(self) -> Sequence[Message]:
         ms = int(1e3 * (self.t + self.boot_s)) & 0xFFFFFFFF
+        rc_ms = ms - int(1e3 * self.rc_held_back_s)
         mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
         roll = 0.0 if self.frozen else 1e-3 * self.t
@@ -114,7 +116,7 @@ class Court:
         landed = mavlink.MAV_LANDED_STATE_ON_GROUND if self.on_ground else 2
         return (
             mavlink.MAVLink_heartbeat_message(2, 3, mode, self.mode, 4, 3),
-            mavlink.MAVLink_rc_channels_message(ms, 16, *channels, 255),
+            mavlink.MAVLink_rc_channels_message(rc_ms, 16, *channels, 255),
             mavlink.MAVLink_attitude_message(ms, roll, *(0.0,) * 5),
             mavlink.MAVLink_local_position_ned_message(ms, *(0.0,) * 6),
             mavlink.MAVLink_extended_sys_state_message(0, landed),

@@ -115,7 +115,7 @@ def handed_back(c: Court, flies_on_s: float) -> None:
 
 
 def gate_low_over_moving_pad(c: Court, pad_mps: float, climb_s: float, aside_mps: float) -> None:
-    c.truth = replace(LOW, pad_velocity=(pad_mps, 0.0, 0.0))
+    c.truth = replace(c.truth, height=LOW.height, pad_velocity=(pad_mps, 0.0, 0.0))
     c.fly(1.0, (pad_mps, 0.0, 0.0))
     c.pulse = 1100
     for i in range(round(climb_s / 0.025)):
@@ -123,6 +123,16 @@ def gate_low_over_moving_pad(c: Court, pad_mps: float, climb_s: float, aside_mps
         c.order((pad_mps + aside_mps, 0.0, -0.5))
     c.fly(max(0.4, 0.95 - climb_s), STOP)
     c.wait(0.5)
+
+
+def gate_low_as_it_slides(c: Court) -> None:
+    c.truth = replace(c.truth, slip=1.0)
+    gate_low_over_moving_pad(c, 0.0, 0.6, 0.5)
+
+
+def gate_low_far_from_the_pad(c: Court) -> None:
+    c.truth = replace(c.truth, distance=50.0)
+    gate_low_over_moving_pad(c, 1.0, 0.0, 0.0)
 
 
 def gate_low_on_the_pad(c: Court, gets_up: bool) -> None:
@@ -161,6 +171,8 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.0, 0.0), TIPS),
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.0, 0.0), None),
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.6, 0.0), NOT_ZERO),
+    (gate_low_far_from_the_pad, None),
+    (gate_low_as_it_slides, None),
     (lambda c: gate_low_on_the_pad(c, gets_up=False), None),
     (lambda c: gate_low_on_the_pad(c, gets_up=True), GETS_UP),
     (lambda c: back_in_guided(c, low=True), None),
@@ -182,6 +194,21 @@ def test_1b_the_gate_closes_when_the_channels_were_measured_too_long_ago() -> No
     court.truth = ON_PAD  # where the age of the rest does not matter
     court.fly(0.7, SINK)
     assert NOT_ZERO in court.broken
+
+
+def test_1b_channels_that_were_held_back_are_as_old_as_they_are() -> None:
+    court = Court()
+    court.fly(1.0)
+    court.rc_held_back_s = 0.6
+    court.fly(1.0, STOP)
+    court.wait(1.0)  # nothing is owed any more
+    assert court.broken == []
+
+
+def test_1d_it_need_not_brake_harder_than_the_autopilot_can() -> None:
+    court = Court(replace(BOUNDS, braking_mps2=1.0))
+    lose(court, 5.0, EAST_1)
+    assert court.broken == []
 
 
 def test_1c_nothing_is_ordered_before_the_first_sighting() -> None:
@@ -387,6 +414,13 @@ def test_2_a_companion_that_dies_lets_the_vehicle_down_gently(
     assert court.broken == ([rule] if broken else [])
 
 
+def test_2_a_companion_that_dies_leaves_it_to_what_the_autopilot_brakes_with() -> None:
+    court = Court(replace(BOUNDS, guid_timeout_s=1.0, vertical_braking_mps2=0.5))
+    court.truth = replace(OVER_PAD, height=1.3)
+    court.order((0.0, 0.0, 0.9))
+    assert court.broken == ["2: sinking faster than the autopilot's timeout allows"]
+
+
 HOLDS = replace(BOUNDS, gate_threshold_us=1300, land_threshold_us=1700, hold_height_m=2.0)
 BELOW_HOLD = "2: descending below the height to hold at"
 
@@ -481,16 +515,25 @@ def test_3_a_set_point_that_is_not_finite() -> None:
 # ---- 4: after contact --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("order", "broken"), [(SINK, False), (STOP, True)])
+@pytest.mark.parametrize(
+    ("order", "misses", "broken"),
+    [
+        (SINK, False, False),
+        (STOP, False, True),
+        (CLIMB, False, True),
+        (CLIMB, True, False),  # blown off the pad
+        (STOP, True, True),
+    ],
+)
 def test_4_once_a_foot_was_down_descent_must_be_ordered(
-    order: tuple[float, float, float], broken: bool
+    order: tuple[float, float, float], misses: bool, broken: bool
 ) -> None:
     court = Court()
     court.truth = LOW
     court.fly(0.2, SINK)
     for i in range(40):
         bounces = i in (2, 3)
-        court.truth = replace(ON_PAD, feet_down=0 if bounces else 1)
+        court.truth = replace(ON_PAD, feet_down=0 if bounces else 1, misses=misses)
         court.order(order)
     rule = "4: no descent ordered after contact"
     assert court.broken == ([rule] if broken else [])
