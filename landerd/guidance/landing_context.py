@@ -15,6 +15,7 @@ from landerd.guidance.limits import flyable_limits
 from landerd.guidance.orders import Orders
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import Event
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M
 from landerd.messages import Landed
 from landerd.pad import PadLayout
 
@@ -141,6 +142,7 @@ class LandingContext:
         rests = (
             abs(relative.error_rate[2]) < RESTS_MPS
             and horizontal(relative.error_rate) < o.descent.commit_slip_mps
+            and relative.height <= MAX_CONTACT_HEIGHT_M
             and relative.height - 2.0 * relative.sigma_height <= BUILD_ERROR_M
             and not self.foothold.will_miss(
                 relative, pad.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
