@@ -64,6 +64,7 @@ SIGMA_HEADING = math.radians(2.0)  # rad, of the autopilot's heading
 RANGE_TIME_CONSTANT_S = 2.0  # of the errors of ranges, which change as the pad comes nearer
 BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and clock
 ADAPTATION_RATE = 0.05  # per frame: how fast the assumed noises follow the innovations
+OF_EXPECTED_SHARE = 0.1  # of the newest innovation in the mean of how large they are
 NOISE_SCALE_RANGE = (0.01, 100.0)  # of the white noise's variance, times what is said of it
 OUTLIER_FACTOR = 4.0  # an innovation beyond the NIS limit by this tells nothing of the noise
 # Swing of the lens's direction with the airframe (gimbal or clock a little late), 1 sigma, rad: it
@@ -153,6 +154,7 @@ class PadFilter:
         # White noise's variance over what it is said to be: across the line of sight, and along it.
         self._noise_scale = (1.0, 1.0)
         self._last_innovation: Vec3 = (0.0, 0.0, 0.0)  # the position's, m
+        self._of_expected = (1.0, 1.0)  # innovations' variance over the expected, level and down
         self.rejected = 0
         self.nis = math.nan
 
@@ -293,6 +295,7 @@ class PadFilter:
         self._rejections = 0
         self._motion.q = (self._q, self._q, self._q)
         self._last_innovation = (0.0, 0.0, 0.0)
+        self._of_expected = (1.0, 1.0)
         self._noise_scale = (1.0, 1.0)
         self._motion.start(
             seen.t,
@@ -403,13 +406,19 @@ class PadFilter:
         x, y, z = innovation.vector
         u, v, w = self._last_innovation
         self._last_innovation = innovation.vector
-        S = innovation.S
+        S, R = innovation.S, self._white_noise(seen)
         expected = S[0][0] + S[1][1]
         by_swing = min(expected, 2.0 * (SIGMA_SWING * seen.range_m) ** 2)
         horizontal = (x * u + y * v - by_swing) / expected
+        level, down = self._of_expected
+        level += OF_EXPECTED_SHARE * ((x * x + y * y) / expected - level)
+        down += OF_EXPECTED_SHARE * (z * z / S[2][2] - down)
+        self._of_expected = (level, down)
+        horizontal += _too_wide(level, (R[0][0] + R[1][1]) / expected)
+        vertical = z * w / S[2][2] + _too_wide(down, R[2][2] / S[2][2])
         q_north, _, q_down = self._motion.q
         q_north = _adapted(q_north, horizontal)
-        self._motion.q = (q_north, q_north, _adapted(q_down, z * w / S[2][2]))
+        self._motion.q = (q_north, q_north, _adapted(q_down, vertical))
 
     def _adapt_noise(self, seen: PadObservation, innovation: Innovation) -> None:
         d = seen.sight
@@ -443,6 +452,19 @@ class PadFilter:
 def _scaled(noise_scale: float, nis: float) -> float:
     """Return the scale of a variance after an innovation of this NIS for each degree of freedom."""
     return clamp(noise_scale * math.exp(ADAPTATION_RATE * (nis - 1.0)), *NOISE_SCALE_RANGE)
+
+
+def _too_wide(of_expected: float, noise_share: float) -> float:
+    """Return what process noise falls by because innovations are smaller than expected, at most 0.
+
+    Where it is far larger than the sightings' noise, every sighting is taken as it is: successive
+    innovations do not tell then that it is too large, and it stayed so for minutes.
+
+    Args:
+        of_expected: innovations' variance lately, over the expected one.
+        noise_share: of the expected one, what is the sightings' noise.
+    """
+    return 2.0 * min(0.0, of_expected - 0.5) * max(0.0, 1.0 - noise_share)
 
 
 def _adapted(q: float, correlation: float) -> float:

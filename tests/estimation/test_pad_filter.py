@@ -6,7 +6,7 @@ import pytest
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.observation import PadObservation
-from landerd.estimation.pad_filter import PadEstimate, PadFilter
+from landerd.estimation.pad_filter import MIN_ACCELERATION_MPS2, PadEstimate, PadFilter
 from landerd.geometry import (
     IDENTITY,
     Mat3,
@@ -434,8 +434,25 @@ def test_what_is_not_seen_grows_uncertain() -> None:
     t = 89 / RATE
     sigmas = [estimate(pad_filter, t + wait).sigma_m for wait in (0.0, 0.5, 1.0, 2.0)]
     assert sigmas == sorted(sigmas)
-    # White acceleration alone gives a sqrt(dt^3 / 3).
-    assert sigmas[-1] > OPTIONS.pad_acceleration_mps2 * math.sqrt(2.0**3 / 3.0)
+    # White acceleration alone gives a sqrt(dt^3 / 3); of a pad that stood still, the least.
+    assert sigmas[-1] > 0.9 * MIN_ACCELERATION_MPS2 * math.sqrt(2.0**3 / 3.0)
+
+
+def test_a_pad_that_drove_wildly_and_goes_straight_on_is_known_well_again() -> None:
+    # 15 exact sightings a second: each is taken as it is while much acceleration is expected.
+    noise, exact = random.Random(8), matscale(COVARIANCE, 1e-4)
+    pad_filter = PadFilter(OPTIONS)
+    for i in range(45):
+        t = i / 15.0
+        swung = add(PAD, (0.4 * math.sin(3.0 * t), 0.0, 0.0))
+        pad_filter.update([sighting(t, swung, covariance=exact)])
+    wild = estimate(pad_filter, t).sigma_velocity[0]
+    for i in range(45, 195):
+        t = i / 15.0
+        still = add(PAD, (noise.gauss(0.0, 3e-4), noise.gauss(0.0, 3e-4), 0.0))
+        pad_filter.update([sighting(t, still, covariance=exact)])
+    assert wild > 0.1
+    assert estimate(pad_filter, t).sigma_velocity[0] < 0.2 * wild
 
 
 def test_an_empty_frame_changes_nothing() -> None:
