@@ -39,12 +39,9 @@ class Foothold:
             tolerance_m: from the landing point, within which no plate is too small.
         """
         t = max(0.0, relative.height) / max(sink_rate, SLOWEST_SINK_MPS)
-        offset = _offset(relative, t)
+        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+        offset = (-north - t * v_north, -east - t * v_east)
         return math.hypot(*offset) > tolerance_m and not self._holds(offset, heading)
-
-    def slides_off(self, relative: RelativeState, heading: float | None, within_s: float) -> bool:
-        """Tell whether a foot will be beside the plate within so long; else as `will_miss`."""
-        return not self._holds(_offset(relative, within_s), heading)
 
     def clearance(self, relative: RelativeState, tilt: float) -> float:
         """Return the height (m) of the lowest foot over the plate, were it tilted the worst way.
@@ -113,9 +110,3 @@ class Foothold:
             self._north[0] + reach <= x <= self._north[1] - reach
             and self._east[0] + reach <= y <= self._east[1] - reach
         )
-
-
-def _offset(relative: RelativeState, ahead_s: float) -> tuple[float, float]:
-    """Return where the feet's centre will be from the landing point, local, m."""
-    (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
-    return (-north - ahead_s * v_north, -east - ahead_s * v_east)

@@ -28,9 +28,6 @@ MIN_DESCENT_MPS = 0.05
 THRUST_BACK_S = 0.6
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
-# On the pad friction has ended a slide after so long, s; where it has not, and a foot will be over
-# the edge within the second time, it climbs away: that takes as long.
-GRIPS_S, SLIDES_OFF_S = 0.2, 0.5
 
 
 class Committed:
@@ -162,26 +159,22 @@ class Committed:
 class OnPad:
     """Goes with the pad and presses down until the autopilot knows that it has landed.
 
-    Once the vehicle stands still, level without thrust instead; then disarms. Until it stands still
-    pictures are looked at: what slides off the plate never was down on all feet, and climbs away.
-    Else only the gate ends this state. When the land detector stays silent, the pilot is told, the
+    Once the vehicle stands still, level without thrust instead; then disarms. Sight plays no part,
+    though until it stands still pictures are looked at.
+    Only the gate ends this state. When the land detector stays silent, the pilot is told, the
     outcome is `touchdown_unconfirmed`, and the orders go on.
     """
 
     def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
         self._context = context
         self._touchdown = touchdown
-        self._began = self._slides_since = math.inf
 
     def enter(self, step: ControlStep) -> None:
-        """Begin to see whether it stays; contact was noted when it was found."""
-        self._began, self._slides_since = step.now, math.inf
+        """Nothing to begin: contact was noted when it was found."""
 
     def order(self, step: ControlStep) -> Event | None:
         """Order disarming when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
-        if self._slides_off(step):
-            return Event.PAD_MISSED
         context.ride(step)
         if self._touchdown.disarm_due(now, context.landed):
             orders.disarm()
@@ -194,21 +187,6 @@ class OnPad:
             down = self._touchdown.descent(0.0) + max(0.0, context.heave(now)[0])
             orders.fly((north, east, down), 0.0, may_descend=True)
         return None
-
-    def _slides_off(self, step: ControlStep) -> bool:
-        """Tell whether it is seen to slide off the plate."""
-        context, touchdown = self._context, self._touchdown
-        sight, pad = context.sight(step), context.estimator.pad(step.now)
-        slides = (
-            sight is not None
-            and pad is not None
-            and not (touchdown.stands or touchdown.is_level)
-            and step.now - self._began >= GRIPS_S
-            and horizontal(sight.relative.error_rate) > context.options.descent.commit_slip_mps
-            and context.foothold.slides_off(sight.relative, pad.heading, SLIDES_OFF_S)
-        )
-        self._slides_since = min(self._slides_since, step.now) if slides else math.inf
-        return step.now - self._slides_since >= MISSES_S
 
 
 class Standing:

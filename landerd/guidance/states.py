@@ -126,9 +126,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     },
     State.ON_PAD: {
         **_FLYING,
+        # Sight plays no part any more: no picture is even searched.
         Event.RELEASED: State.STANDING,
-        # It slides off: once it stands still sight plays no part any more.
-        Event.PAD_MISSED: State.WAVING_OFF,
         Event.DISARMED: State.SILENT,
         Event.DISARMED_OFF_PAD: State.SILENT,
     },
