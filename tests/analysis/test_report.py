@@ -82,7 +82,7 @@ def test_sightings_are_judged_by_what_the_same_flight_saw_from_nearby(landing: P
     assert found is not None
     assert {each.kind for each in found} == {"apriltag"}
     assert max(each.error_m for each in found) < 0.05
-    assert max(each.yaw_error_rad or 0.0 for each in found) < 0.03  # the largest of a landing's pictures
+    assert max(each.yaw_error_rad or 0.0 for each in found) < 0.03
     assert max(each.range_m for each in found) > 1.8
 
 
