@@ -6,7 +6,7 @@ frame (x right, y down, z forward).
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -91,17 +91,24 @@ def _fold(k: tuple[float, ...], fisheye: bool) -> float:
     return fold
 
 
-class CalibrationError(Exception):
-    """A calibration file cannot be used; the text names file, key and what was expected."""
-
-
 @lru_cache
-def _hard_tangent(distortion: tuple[float, ...]) -> float:
-    k1, k2, _, _, k3, k4, k5, k6 = (*distortion, *([0.0] * 8))[:8]
+def _hard(k: tuple[float, ...], fisheye: bool) -> float:
+    """Return the tangent of the angle beyond which OpenCV may not find the ray, or inf.
+
+    Its iteration divides by the radial factor g of the ray before: that converges while
+    |r g'(r)| < g(r).
+    """
+    if fisheye:
+        return math.inf
+    k1, k2, _, _, k3, k4, k5, k6 = (*k, *([0.0] * 8))[:8]
     r = np.linspace(0.01, _WIDEST, 4000)
     g = np.polyval([k3, k2, k1, 1.0], r * r) / np.polyval([k6, k5, k4, 1.0], r * r)
     hard = np.abs(r * np.gradient(g, r)) > _HARD * np.abs(g)
     return float(r[np.argmax(hard)]) if hard.any() else math.inf
+
+
+class CalibrationError(Exception):
+    """A calibration file cannot be used; the text names file, key and what was expected."""
 
 
 @dataclass(frozen=True)
@@ -137,18 +144,10 @@ class CameraModel:
         undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
         undistorted = undistort(points, self.K, self.D, criteria=_INVERSE)
         rays = cast(F64, undistorted).reshape(-1, 2)
-        hard = np.hypot(*rays.T) > self._hard
+        hard = np.hypot(*rays.T) > _hard(self.distortion, self.fisheye)
         if hard.any():
             rays[hard] = self._by_newton(rays[hard], points.reshape(-1, 2)[hard])
         return rays
-
-    @cached_property
-    def _hard(self) -> float:
-        """Tangent of the angle from the axis beyond which OpenCV's iteration may not end, or inf.
-
-        It divides by the radial factor g of the ray before: that converges while |r g'(r)| < g(r).
-        """
-        return math.inf if self.fisheye else _hard_tangent(self.distortion)
 
     def _by_newton(self, rays: F64, pixels: F64) -> F64:
         """Return rays (n, 2) of pixels (n, 2) by Newton's iteration from nearby ones."""

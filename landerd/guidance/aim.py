@@ -115,12 +115,11 @@ class Aim:
         """
         x, y, z = direction
         yaw, pitch = self.command.yaw, self.command.pitch
-        ahead, _ = _along_and_right(x, y, yaw)
         beyond = _aside(x, y, z, yaw) - DEAD_BAND
         if beyond > 0.0:
             max_step = min(1.0, beyond / DEAD_BAND) * MAX_YAW_RATE * dt
             yaw += clamp(self._nearest_yaw(direction) - yaw, -max_step, max_step)
-            ahead, _ = _along_and_right(x, y, yaw)
+        ahead, _ = _along_and_right(x, y, yaw)
         error = wrap(math.atan2(-z, ahead) - pitch)
         error -= clamp(error, -DEAD_BAND, DEAD_BAND)
         self.command = self._limited(yaw, pitch + min(1.0, dt / PITCH_TIME_CONSTANT_S) * error)

@@ -58,6 +58,7 @@ class Sight:
 
     relative: RelativeState
     age: float  # since the exposure of the last accepted sighting, s
+    heading: float | None  # of the pad, local, rad; None: not known
 
 
 class LandingContext:
@@ -115,7 +116,7 @@ class LandingContext:
         limit = self.options.lost.after_s - step.dt
         if vehicle is None or pad is None or not age < limit:
             return None
-        return Sight(self.relative(vehicle, pad), age)
+        return Sight(self.relative(vehicle, pad), age, pad.heading)
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""
@@ -134,8 +135,8 @@ class LandingContext:
 
     def watch(self, step: ControlStep) -> None:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
-        sight, pad = self.sight(step), self.estimator.pad(step.now)
-        if sight is None or pad is None:
+        sight = self.sight(step)
+        if sight is None:
             self._rests_since = math.inf
             return
         relative, o = sight.relative, self.options
@@ -145,7 +146,7 @@ class LandingContext:
             and relative.height <= MAX_CONTACT_HEIGHT_M
             and relative.height - 2.0 * relative.sigma_height <= BUILD_ERROR_M
             and not self.foothold.will_miss(
-                relative, pad.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
+                relative, sight.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
             )
         )
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
@@ -192,8 +193,7 @@ class LandingContext:
         vehicle = sub(relative.pad_velocity, relative.error_rate)
         if horizontal(relative.error_rate) < horizontal(sub(vehicle, self.pad_velocity)):
             self.pad_velocity = relative.pad_velocity
-            pad = self.estimator.pad(step.now)
-            self.foothold.touch(relative, pad.heading if pad is not None else None)
+            self.foothold.touch(relative, sight.heading)
 
     def heave(self, now: float) -> tuple[float, float]:
         """Return the pad's vertical velocity as far as it is known, and its sigma, m/s.

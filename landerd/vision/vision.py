@@ -194,6 +194,8 @@ class Vision:
     def _in_whole(self, sighting: MarkerSighting) -> MarkerSighting:
         """Return a sighting with its outline where it is in the whole image."""
         x0, y0, _, _ = self._part
+        if x0 == y0 == 0:
+            return sighting
         outline = tuple((x + x0, y + y0) for x, y in sighting.outline_px)
         return replace(sighting, outline_px=outline)
 

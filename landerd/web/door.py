@@ -2,13 +2,20 @@
 
 import hmac
 import ipaddress
+import logging
 import re
 import socket
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from landerd.config.models import WebSection, split_address
 
+log = logging.getLogger("landerd")
+
+_T = TypeVar("_T")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}", re.ASCII)  # fits into addresses and cookies as it is
 
 AGAIN_S = 5.0  # an address may come later than landerd, with its network, or be another's yet
@@ -71,6 +78,32 @@ class Door:
 def why(e: Exception) -> str:
     """Return why an address cannot be had, without Python's own words."""
     return e.strerror if isinstance(e, OSError) and e.strerror else str(e)
+
+
+def when_free(
+    serve: Callable[[], _T],
+    ended: threading.Event,
+    fails: tuple[type[Exception], ...],
+    what: str,
+) -> _T | None:
+    """Return what serves as soon as its address can be had; None: the end came first.
+
+    Args:
+        serve: begins to serve.
+        ended: set when nothing is to be served any more.
+        fails: what `serve` raises while the address cannot be had; all else ends the wait.
+        what: is told not to be there yet, with each new reason once.
+    """
+    told = None
+    while not ended.is_set():
+        try:
+            return serve()
+        except fails as e:
+            if why(e) != told:
+                told = why(e)
+                log.warning("%s yet: %s", what, told)
+            ended.wait(AGAIN_S)
+    return None
 
 
 def is_loopback(host: str) -> bool:

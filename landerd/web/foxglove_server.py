@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from landerd.camera_model import CameraModel
@@ -22,7 +23,7 @@ from landerd.messages import Command, Frame, Input, Prior, Sightings, Tick
 from landerd.pad import PadLayout
 from landerd.runtime.daemon import Daemon
 from landerd.runtime.observer import Observer
-from landerd.web.door import AGAIN_S, Door, DoorError, is_loopback, why
+from landerd.web.door import Door, DoorError, is_loopback, when_free, why
 
 if TYPE_CHECKING:
     import foxglove
@@ -132,10 +133,11 @@ class FoxgloveServer(Observer):
     # ---- the thread ----------------------------------------------------------------------------
 
     def _serve(self, head: Head) -> None:
+        what = f"nothing for Foxglove at {self._door.address}"
         try:
-            served = self._when_free(head)
+            served = when_free(partial(_served, self._door, head), self._ended, (OSError,), what)
         except Exception as e:  # whatever the SDK says: it is an extra, and the flight goes on
-            log.error("nothing for Foxglove at %s: %s", self._door.address, why(e))
+            log.error("%s: %s", what, why(e))
             return
         if served is None:
             return
@@ -149,19 +151,6 @@ class FoxgloveServer(Observer):
         finally:
             self._is_watched = False
             server.stop()
-
-    def _when_free(self, head: Head) -> "_Served | None":
-        """Return what serves as soon as its address can be had; None: the end came first."""
-        told = None
-        while not self._ended.is_set():
-            try:
-                return _served(self._door, head)
-            except OSError as e:
-                if why(e) != told:
-                    told = why(e)
-                    log.warning("nothing for Foxglove at %s yet: %s", self._door.address, told)
-                self._ended.wait(AGAIN_S)
-        return None
 
     def _work(self, topics: "_Topics") -> None:
         self._is_watched = topics.are_watched()

@@ -5,6 +5,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from landerd.config.models import Config
 from landerd.flightlog.disk import free_bytes
 from landerd.pad import PadLayout
 from landerd.runtime.daemon import Daemon
-from landerd.web.door import AGAIN_S, Door, DoorError, door_of, why
+from landerd.web.door import Door, DoorError, door_of, when_free
 from landerd.web.flights import Flights
 from landerd.web.live import LiveView, View
 from landerd.web.server import Server
@@ -115,20 +116,14 @@ class StatusPage:
     # ---- the server's threads ------------------------------------------------------------------
 
     def _serve(self) -> None:
-        told = None
-        while not self._ended.is_set():
-            try:
-                self._server = Server(self._door, self._flights, self._view, self._is_busy)
-            except (OSError, UnicodeError) as e:
-                if why(e) != told:
-                    told = why(e)
-                    log.warning("no status page at %s yet: %s", self._door.url, told)
-                self._ended.wait(AGAIN_S)
-                continue
-            log.info("status page: %s", self._door.url)
-            with self._server as server:
-                server.serve_forever()
+        serve = partial(Server, self._door, self._flights, self._view, self._is_busy)
+        what = f"no status page at {self._door.url}"
+        self._server = when_free(serve, self._ended, (OSError, UnicodeError), what)
+        if self._server is None:
             return
+        log.info("status page: %s", self._door.url)
+        with self._server as server:
+            server.serve_forever()
 
     def _view(self, seen: int) -> bytes:
         """Return JSON of the newest view; without its picture if the browser has that already."""

@@ -105,7 +105,7 @@ def test_nobody_looks_and_nothing_is_kept(tmp_path: Path) -> None:
 def test_a_port_that_is_taken_is_told_in_one_line_and_tried_again(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("landerd.web.foxglove_server.AGAIN_S", 0.02)
+    monkeypatch.setattr("landerd.web.door.AGAIN_S", 0.02)
     port = free_port()
     section = WebSection(foxglove=f"127.0.0.1:{port}")
     with Door("127.0.0.1", port, None).bound() as taken:

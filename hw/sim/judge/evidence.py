@@ -53,6 +53,16 @@ class Order:
         return math.hypot(own[0] - pad[0], own[1] - pad[1])
 
 
+@dataclass(frozen=True)
+class _Release:
+    """When landerd's authority ended."""
+
+    t: float  # s
+    height: float  # over the pad, m
+    bound: bool  # it has to climb away: a stop would tip the vehicle over
+    slides: bool  # it may climb away: it slides across the pad
+
+
 class Evidence:
     """The facts. Times in s on the loop's clock; -inf: never so far, None: not so now.
 
@@ -115,8 +125,7 @@ class Evidence:
         self._content: dict[str, object] = {}
         self._measured: dict[str, float] = {}
         self._still_since: float | None = None
-        # When, the height then, bound to climb away, free to: it slides across the pad.
-        self._released: tuple[float, float, bool, bool] | None = None
+        self._released: _Release | None = None
         self._climbed_away_t = -math.inf  # the last order of a wave-off after the release
 
     # ---- what the autopilot says ---------------------------------------------------------------
@@ -234,24 +243,24 @@ class Evidence:
 
     def must_climb_away(self, t: float, truth: Truth) -> bool:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
-        if self._released is None:
-            return False
-        since, height, bound, _ = self._released
-        b = self._b
-        return bound and t - since < b.wave_off_s and truth.height - height < 0.5 * b.wave_off_m
+        released, b = self._released, self._b
+        return (
+            released is not None
+            and released.bound
+            and t - released.t < b.wave_off_s
+            and truth.height - released.height < 0.5 * b.wave_off_m
+        )
 
     def climbs_away(self, order: Order) -> bool:
         """Tell whether an order is that of a wave-off from a pad that moves, after the release."""
-        if self._released is None:
-            return False
-        since, height, bound, slides = self._released
-        b = self._b
+        released, b = self._released, self._b
         return (
-            (bound or slides)
-            and order.t - since <= b.wave_off_s + 2.0 * b.tick_s
-            and order.truth.height - height <= b.wave_off_m
+            released is not None
+            and (released.bound or released.slides)
+            and order.t - released.t <= b.wave_off_s + 2.0 * b.tick_s
+            and order.truth.height - released.height <= b.wave_off_m
             and order.velocity[2] <= ZERO
-            and (slides or order.aside_mps <= b.ride_mps)
+            and (released.slides or order.aside_mps <= b.ride_mps)
         )
 
     def release_t(self, t: float) -> float:
@@ -322,7 +331,7 @@ class Evidence:
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
             bound = low and near and fast and not self.stands(t) and self.flown_t is not None
             slides = low and near and truth.slip > b.wave_off_pad_mps
-            self._released = (closed_t, truth.height, bound, slides)
+            self._released = _Release(closed_t, truth.height, bound=bound, slides=slides)
         if self.climbs_away(order) and not order.zero:
             self._climbed_away_t = t
 
