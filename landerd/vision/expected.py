@@ -14,13 +14,15 @@ A pad that was not seen often enough to be believed in (`Prior.maybe`) is predic
 Otherwise it is not expected anywhere.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from landerd.camera_model import F64
 from landerd.geometry import Vec3
 from landerd.messages import PadPrior, PoseSolution, Prior
+from landerd.pad import Marker
 from landerd.vision.pose import rotation_from
 
 _MAX_SIGHTING_AGE_S = 0.5  # a sighting older than this says nothing about the frame
@@ -46,6 +48,19 @@ class Expected:
     north: F64 | None  # unit, (3,); None: the heading is not known
     sigma_m: float
     margin_px: float  # of image motion that sigma_m does not tell
+    # From where markers should have been to where the last frame that showed them had them, m,
+    # (3,): what turns the camera from its prediction is much the same in the next frame.
+    drift: Mapping[Marker, F64] = field(default_factory=dict)
+
+    def starts(self, marker: Marker) -> "list[Expected]":
+        """Return from where a marker's fit may start, the likelier first."""
+        drift = self.drift.get(marker)
+        return [self] if drift is None else [replace(self, position=self.position + drift), self]
+
+    def centre(self, marker: Marker) -> F64 | None:
+        """Return where a marker's centre (3,) should be; None: its heading is not known."""
+        points = self.points(marker.position_m, np.zeros((1, 2)))
+        return None if points is None else np.asarray(points[0])
 
     def points(self, place: tuple[float, float], outline: F64) -> F64 | None:
         """Return a marker's outline (n, 2) about its centre as points (n, 3); None: no heading."""

@@ -144,10 +144,12 @@ class Search:
         self, image: Image, ring: Ring, points: F64, expected: Expected, down: Vec3 | None
     ) -> list[MarkerSighting]:
         """Look for a ring where its outline (n, 3) should be: a fit there, else detection."""
-        centre = points.mean(axis=0)
-        tracked = self._detectors.track_ring(image, ring, centre, expected.normal, down)
-        if tracked is not None:
-            return [tracked]
+        for start in expected.starts(ring):
+            centre = start.centre(ring)
+            assert centre is not None
+            tracked = self._detectors.track_ring(image, ring, centre, start.normal, down)
+            if tracked is not None:
+                return [tracked]
         window = self._window(points, expected)
         if window is None:
             return []
@@ -199,10 +201,11 @@ class Search:
         found = []
         missed: dict[float, list[F64]] = {}  # outlines by size
         for s in self._layout.squares:
-            points = expected.points(s.position_m, _turned(square_points(s.size_m), s.heading_deg))
+            outline = _turned(square_points(s.size_m), s.heading_deg)
+            points = expected.points(s.position_m, outline)
             if points is None:
                 continue
-            tracked = self._tracked(image, s, points, expected)
+            tracked = self._tracked(image, s, outline, expected)
             if tracked is not None:
                 found.append(tracked)
             else:
@@ -218,6 +221,17 @@ class Search:
         return found
 
     def _tracked(
+        self, image: Image, square: Square, outline: F64, expected: Expected
+    ) -> FoundSquare | None:
+        """Return a square, whose corners (4, 2) lie so on the pad, if it is where expected."""
+        for start in expected.starts(square):
+            corners = start.points(square.position_m, outline)
+            found = None if corners is None else self._fit_at(image, square, corners, start)
+            if found is not None:
+                return found
+        return None
+
+    def _fit_at(
         self, image: Image, square: Square, corners: F64, expected: Expected
     ) -> FoundSquare | None:
         """Return a square if it is where its corners (4, 3), camera frame, are expected."""

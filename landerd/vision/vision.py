@@ -9,11 +9,11 @@ from landerd.camera_model import F64, CameraModel, used_part
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
 from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
-from landerd.pad import PadLayout, Ring, Square, WhyCode
+from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.detectors import Detectors, PixelDetectors
 from landerd.vision.disagreement import Disagreement, disagreement
-from landerd.vision.expected import SeenPad, expected_pad
+from landerd.vision.expected import Expected, SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
 from landerd.vision.pose import Pose, circle, solution
@@ -34,7 +34,8 @@ class Vision:
     Pure: no clock, no chance, no files; the same frames and priors in the same order give the same
     sightings. From frame to frame it keeps
 
-    - the last sighting of the pad, which tells where to look next;
+    - the last sighting of the pad, which tells where to look next, and how far its markers were
+      from where they were expected;
     - what `search_policy` counts: how long a ring is enough, how many frames in a row showed
       nothing where the pad was expected;
     - for each square and WhyCode the blur of its last fit, with which the next one starts, and its
@@ -74,6 +75,7 @@ class Vision:
         self._errors = MarkerErrors(layout, options.focal_sigma)
         self._shutter = RollingShutter(camera, options.readout_s)
         self._last: SeenPad | None = None
+        self._drift: dict[Marker, F64] = {}  # see `Expected`
         self._found: list[Measurement] = []  # of the last frame, each marker once
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
@@ -89,6 +91,8 @@ class Vision:
         image = _checked(frame.image, self._whole)[y0:y1, x0:x1]
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._focal)
+        if expected is not None:
+            expected = replace(expected, drift=self._drift)
         rings, squares = self._search.find(
             image,
             expected,
@@ -116,6 +120,7 @@ class Vision:
         if pad:
             self._last = SeenPad(frame.t, pad[0])
             self._shutter.saw(frame.t, np.array(pad[0].position))
+            self._drift = _drift(chosen, expected)
             learn(_placed(chosen), self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
         shown = self._detectors.light(image, seen, prior.down) if self._meters else None
@@ -202,6 +207,16 @@ class Vision:
     def _is_certain(self, s: PoseSolution) -> bool:
         variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]
         return bool(variance <= self._options.max_sigma_m**2)
+
+
+def _drift(seen: list[Candidate], expected: Expected | None) -> dict[Marker, F64]:
+    """Return how far each marker was from where it was expected, (3,) m."""
+    drift: dict[Marker, F64] = {}
+    for c in seen:
+        centre = None if expected is None else expected.centre(c.marker)
+        if centre is not None:
+            drift[c.marker] = np.array(c.sighting.solutions[0].position) - centre
+    return drift
 
 
 def _placed(candidates: list[Candidate]) -> list[Measurement]:

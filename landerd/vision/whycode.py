@@ -96,11 +96,12 @@ class WhyCodeFinder:
         found: list[FoundCode] = []
         if expected is not None and expected.north is not None:
             for code in self._prints:
-                start = _as_expected(code, expected)
-                size = self._size_px(code, start)
+                size = self._size_px(code, _as_expected(code, expected))
                 if size < _MIN_CODE_PX:
                     continue
-                poses = self._poses(image, code, start, last_normal)
+                starts = (_as_expected(code, e) for e in expected.starts(code))
+                tried = (self._poses(image, code, start, last_normal) for start in starts)
+                poses = next((p for p in tried if p), None)
                 if poses:
                     found.append(FoundCode(code, poses))
                     if size > _LARGE_CODE_PX:

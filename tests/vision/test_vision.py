@@ -2,11 +2,13 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from landerd.camera_model import CameraModel, used_part
 from landerd.config.models import VisionSection
+from landerd.geometry import Vec3
 from landerd.messages import Frame, PadPrior, Prior, Sightings
 from landerd.vision import Vision
 from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, look, render
@@ -75,6 +77,33 @@ def test_tag_alone_near_the_ground_tells_the_landing_point_outside_the_image() -
     found = seen(view, vision=vision)
     assert kinds(found) == {"apriltag"}
     assert error_m(found, view) < 0.005
+
+
+def test_a_prediction_that_drifts_off_a_tag_among_dirt_does_not_lose_it() -> None:
+    view = look(THESIS_CAMERA, 0.8, math.radians(55), pixel=(165, 165), tilt_towards=-math.pi / 2)
+    beyond = np.array(view.position) - 0.75 * view.R_camera_pad[:, 0]
+    view = View((float(beyond[0]), float(beyond[1]), float(beyond[2])), view.R_camera_pad)
+    image = render(view, THESIS_CAMERA, OPTICS, np.random.default_rng(1))
+    tag = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    prior = Prior(pad=PadPrior(view.position, 0.01, *_axes(view)))
+    corner = np.array(tag.process(Frame(0.0, 0, image), prior).markers[0].outline_px[1])
+    cv2.circle(
+        image, (int(corner[0]) + 4, int(corner[1]) - 2), 8, 20, -1
+    )  # its outline is no square
+    vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    for k in range(12):  # 1 cm a picture: a gimbal that is off by ever more
+        off = (view.position[0] + 0.01 * k, view.position[1], view.position[2])
+        found = vision.process(
+            Frame(0.1 * k, k, image), Prior(pad=PadPrior(off, 0.01, *_axes(view)))
+        )
+        assert kinds(found) == {"apriltag"}
+        assert error_m(found, view) < 0.01
+
+
+def _axes(view: View) -> tuple[Vec3, Vec3]:
+    """Return the pad's north and normal, camera frame."""
+    north, _, normal = view.R_camera_pad.T.tolist()
+    return tuple(north), tuple(normal)
 
 
 def test_a_wrong_prior_does_not_hide_the_pad() -> None:
