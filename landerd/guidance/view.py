@@ -45,7 +45,8 @@ class View:
             return None
         then = now + options.lead_s
         remembered = now - estimator.sighting_t < options.search_after_s
-        pad = estimator.pad(then) if remembered else estimator.unconfirmed(then, GLANCE_S)
+        pad = estimator.pad(then) if remembered else None
+        pad = pad or estimator.unconfirmed(then, GLANCE_S)
         return self.direction(estimator.poses, pad, then - attitude[0]) if pad else None
 
     def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:

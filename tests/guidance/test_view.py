@@ -80,3 +80,18 @@ def test_what_was_seen_once_is_looked_at_for_a_second() -> None:
             assert direction is not None
             assert math.atan2(direction[1], direction[2]) == pytest.approx(0.4, abs=0.05)
     assert direction is None
+
+
+def test_so_is_what_was_seen_once_after_another_was_lost() -> None:
+    estimator = Estimator(Config())
+    hear(estimator, 0.0)
+    for i in range(1, 120):
+        hear(estimator, 0.05 * i)
+        if i <= 30:
+            estimator.on_sightings(shown(0.05 * i, BELOW))
+    assert estimator.pad(1.5) is not None
+    estimator.on_sightings(shown(5.95, replace(BELOW, position=(2.0, 0.0, 5.0))))
+    hear(estimator, 6.0)
+    direction = View(PAD).ahead(estimator, 6.0, AimSection())
+    assert direction is not None
+    assert math.atan2(direction[1], direction[2]) == pytest.approx(0.4, abs=0.05)
