@@ -58,6 +58,7 @@ class PoseHistory:
 
     def __init__(self, config: Config) -> None:
         self._camera_offset = config.vehicle.camera_offset_m
+        self._feet_offset: Vec3 = (0.0, 0.0, config.vehicle.gear_height_m)
         self._gimbal_lag_s = config.gimbal.lag_s
         self._R_gimbal_camera = camera_mount(config.gimbal.camera_rotation_deg)
         fresh = config.freshness
@@ -149,6 +150,19 @@ class PoseHistory:
         origin = (position[0], position[1], position[2])
         pivot = add(origin, rotate(rot_zyx(yaw, pitch, roll), self._camera_offset))
         return CameraPose(pivot, R)
+
+    def feet(self, t: float) -> tuple[Vec3, Vec3] | None:
+        """Return the centre of the feet at time t (local, m), and the way from there to the camera.
+
+        None where position or attitude does not reach.
+        """
+        position, attitude = self.position.at(t), self.attitude.at(t)
+        if position is None or attitude is None:
+            return None
+        roll, pitch, yaw = attitude[:3]
+        R = rot_zyx(yaw, pitch, roll)
+        feet = add((position[0], position[1], position[2]), rotate(R, self._feet_offset))
+        return feet, rotate(R, sub(self._camera_offset, self._feet_offset))
 
     def camera_rotation(self, t: float, *, gimbal_back_s: float = 0.0) -> Mat3 | None:
         """Return R_local_camera at time t, or None where attitude or gimbal does not reach."""

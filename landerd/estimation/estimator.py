@@ -8,7 +8,7 @@ from landerd.config.models import Config
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
 from landerd.estimation.doubt import Doubt
 from landerd.estimation.motion_filter import ZERO
-from landerd.estimation.observation import ObservationModel, PadObservation
+from landerd.estimation.observation import Glimpse, ObservationModel, PadObservation
 from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, vehicle_state
 from landerd.geometry import Vec3, add, rotate, sub, transpose
@@ -37,6 +37,7 @@ class Estimator:
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
         refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
+        glimpse: of the newest frame that shows a pad, accepted or not; None: none.
     """
 
     def __init__(self, config: Config) -> None:
@@ -48,6 +49,7 @@ class Estimator:
         self._filter = PadFilter(config.estimation)
         self.sighting_t = self.refused_t = -math.inf
         self.frame_t = -math.inf
+        self.glimpse: Glimpse | None = None
         self._clock_s = 0.0  # how wrong the times of the autopilot's data may be
 
     # ---- inputs --------------------------------------------------------------------------------
@@ -81,6 +83,8 @@ class Estimator:
             if _is_plausible(solution)
             and (o := self._observations.observe(t, solution, clocks)) is not None
         ]
+        if observations:
+            self.glimpse = self._observations.glimpse(observations[0], clocks)
         if not self._filter.update(observations):
             if observations:
                 self.refused_t = t
@@ -93,6 +97,7 @@ class Estimator:
         self.poses.forget_autopilot()
         self._filter.reset()
         self.sighting_t = -math.inf
+        self.glimpse = None
 
     # ---- estimates -----------------------------------------------------------------------------
 

@@ -81,6 +81,15 @@ class PadObservation:
         return math.acos(clamp(self.normal[2], -1.0, 1.0))
 
 
+@dataclass(frozen=True, slots=True)
+class Glimpse:
+    """Where one frame shows the pad from the feet, whatever the filter makes of it."""
+
+    t: float  # exposure, s
+    feet: Vec3  # centre of the feet then, local, m
+    to_pad: Vec3  # from there to the landing point, local, m
+
+
 class ObservationModel:
     """Makes observations of pose solutions by the camera's pose at their exposure."""
 
@@ -136,6 +145,19 @@ class ObservationModel:
             sigma_tilt=noise.sigma_tilt,
             cost=solution.cost,
         )
+
+    def glimpse(self, seen: PadObservation, clocks: Clocks = AS_STAMPED) -> Glimpse | None:
+        """Return an observation against the feet, None where position or attitude do not reach.
+
+        Args:
+            seen: as `observe` made it.
+            clocks: with which it did.
+        """
+        feet = self._poses.feet(seen.t - clocks.pictures_s)
+        if feet is None:
+            return None
+        centre, to_camera = feet
+        return Glimpse(seen.t, centre, add(to_camera, scale(seen.sight, seen.range_m)))
 
     def bias_jacobian(
         self, camera: CameraPose, point: Vec3, by_clock: Vec3, by_gimbal: Vec3, sigma_range: float

@@ -61,6 +61,11 @@ class Foothold:
         self._rate, self._followed_s = (0.0, 0.0), 0.0
         self._sigma_mps = relative.sigma_velocity
 
+    def see(self, to_pad: Vec3) -> None:
+        """Take where the landing point is seen from the feet (local, m): they stand there."""
+        self._offset = (-to_pad[0], -to_pad[1])
+        self._rate, self._followed_s = (0.0, 0.0), 0.0
+
     def slide(self, feet: Vec3, pad_velocity: Vec3, dt: float) -> None:
         """Follow the feet across the plate for dt, s.
 

@@ -8,9 +8,10 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, horizontal, rot_z, rotate, sub
+from landerd.geometry import Vec3, horizontal, rot_z, rotate
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
+from landerd.guidance.footing import Footing
 from landerd.guidance.limits import flyable_limits
 from landerd.guidance.orders import Orders
 from landerd.guidance.relative_state import RelativeState
@@ -92,7 +93,9 @@ class LandingContext:
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
         self._pad_turn_rate = 0.0  # rad/s
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
+        self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
+        self._footing = Footing()
         self._just_over_pad = False
         self._rests_since = math.inf  # on the pad, as far as is seen, s
         self._began = math.inf  # this landing, without having come to commit since, s
@@ -178,22 +181,27 @@ class LandingContext:
         """Whether the pad was surely seen to heave, low over it."""
         return self._fastest_heave > 0.0
 
-    def ride(self, step: ControlStep) -> None:
-        """Go with the pad, which drives on and turns as it did when it was seen last.
+    def touch(self, now: float) -> None:
+        """Begin to go with the pad: its velocity is what was known of it at the touch."""
+        self._known_velocity = self.pad_velocity
+        self._footing.begin(now)
 
-        The touch turns the airframe faster than the lens's direction is known, so what is seen of
-        the pad from now on is only believed where the vehicle on it has come to move so too: as
-        on a pad that brakes.
-        """
-        self.pad_velocity = rotate(rot_z(self._pad_turn_rate * step.dt), self.pad_velocity)
-        sight = self.sight(step)
-        if sight is None:
+    def ride(self, step: ControlStep) -> None:
+        """Go with the pad: as it drove and turned when it was seen last, or as what it carries."""
+        self._known_velocity = rotate(rot_z(self._pad_turn_rate * step.dt), self._known_velocity)
+        glimpse, vehicle = self.estimator.glimpse, self.estimator.fresh_vehicle(step.now)
+        is_new = glimpse is not None and self._footing.look(glimpse, self._known_velocity)
+        if not self._footing.holds or vehicle is None:
+            self.pad_velocity = self._known_velocity
             return
-        relative = sight.relative
-        vehicle = sub(relative.pad_velocity, relative.error_rate)
-        if horizontal(relative.error_rate) < horizontal(sub(vehicle, self.pad_velocity)):
-            self.pad_velocity = relative.pad_velocity
-            self.foothold.touch(relative, sight.heading)
+        if glimpse is not None and is_new:
+            self.foothold.see(glimpse.to_pad)
+        self.pad_velocity = (vehicle.velocity[0], vehicle.velocity[1], self._known_velocity[2])
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether the pad is seen to take the vehicle along, otherwise than it was known to go."""
+        return self._footing.holds
 
     def heave(self, now: float) -> tuple[float, float]:
         """Return the pad's vertical velocity as far as it is known, and its sigma, m/s.

@@ -170,7 +170,8 @@ class OnPad:
         self._touchdown = touchdown
 
     def enter(self, step: ControlStep) -> None:
-        """Nothing to begin: contact was noted when it was found."""
+        """Begin to go with the pad; contact was noted when it was found."""
+        self._context.touch(step.now)
 
     def order(self, step: ControlStep) -> Event | None:
         """Order disarming when it is due; and to press down, or to stand level."""
@@ -326,12 +327,14 @@ def _level_due(
 ) -> bool:
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
     down = sink_rate = slip = roll_pitch_rate = math.inf
+    tips = False
     north, east, _ = context.pad_velocity
     if vehicle is not None:
         down = vehicle.feet[2]
         v_north, v_east, sink_rate = vehicle.velocity
         slip = math.hypot(v_north - north, v_east - east)
         roll_pitch_rate = vehicle.roll_pitch_rate
+        tips = context.is_carried and touchdown.leans_more(vehicle.tilt)
     return touchdown.level_due(
         step.now,
         down,
@@ -341,4 +344,5 @@ def _level_due(
         math.hypot(north, east),
         context.heave(step.now),
         context.landed,
+        tips=tips,
     )

@@ -45,6 +45,9 @@ MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
 LEVEL_AFTER_S = 0.6
 STILL_S = 0.3
 LEVEL_AT_LATEST_S = 2.5
+# Or so soon, where it leans by so much more than in the air, rad, on a pad that is seen to take it
+# along: an autopilot that holds its velocity against a pad that brakes tips over on it.
+LEVEL_TIPPING_S, TIPS = 0.3, math.radians(5.0)
 # What counts as standing still; chosen by trial with these.
 MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
 # over STILL_S it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
@@ -186,6 +189,10 @@ class Touchdown:
         touched = self._contact_t is not None and now - self._contact_t >= CONFIRMED_S
         return touched and landed is Landed.ON_GROUND
 
+    def leans_more(self, tilt: float) -> bool:
+        """Tell whether it leans (rad) by more than it needs to in the air here."""
+        return tilt > self._tilt + TIPS
+
     def level_due(
         self,
         now: float,
@@ -196,6 +203,8 @@ class Touchdown:
         pad_speed: float,
         heave: tuple[float, float],
         landed: Landed,
+        *,
+        tips: bool = False,
     ) -> bool:
         """Tell whether to stand level without thrust rather than to go with the pad.
 
@@ -214,11 +223,12 @@ class Touchdown:
             pad_speed: horizontal, against which slip is measured, m/s.
             heave: of the pad downward as far as is known, and its standard deviation, m/s.
             landed: what the autopilot's land detector says.
+            tips: the pad takes it along, and thrust tips it over.
         """
         sinks, sigma = heave
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
-        carried = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
-        self.watch(now, sink_rate - carried, self._descent_mps)
+        by_deck = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
+        self.watch(now, sink_rate - by_deck, self._descent_mps)
         self._still_down += max(0.0, sinks) * (now - self._level_t)
         self._level_t = now
         max_slip = MAX_SLIP_MPS + PAD_SPEED_ERROR_SHARE * pad_speed
@@ -229,6 +239,7 @@ class Touchdown:
             self._still_since, self._still_down = now, down
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         stands = waited > LEVEL_AFTER_S and now - self._still_since >= STILL_S
+        stands = stands or (tips and waited > LEVEL_TIPPING_S)
         late = stands or waited > LEVEL_AT_LATEST_S
         due = self._level or (late and landed is not Landed.ON_GROUND)
         self._level = due and now - self._slow_since >= CONTACT_S

@@ -1,9 +1,11 @@
 """The states as they are gone through in flight: each event of the table, and what is ordered."""
 
+from dataclasses import replace
+
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import Vec3, add
+from landerd.geometry import IDENTITY, Vec3, add, matscale
 from landerd.guidance.states import State
 from landerd.messages import Attitude, LocalPosition, Phase, Setpoint
 from landerd.pad import PadLayout
@@ -275,6 +277,39 @@ def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m:
     flight.run(0.5)
     assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
     assert flight.phases[-1] is Phase.LANDED
+
+
+@pytest.mark.parametrize("brake_mps2", [2.0, 4.0])
+def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
+    brake_mps2: float,
+) -> None:
+    """However long sight takes to make a velocity of what it sees."""
+    flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    to(flight.engaged(), State.ON_PAD)
+    speed = 1.5
+    while speed > 0.0:
+        speed = max(0.0, speed - DT * brake_mps2)
+        flight.pad_velocity = (speed, 0.0, 0.0)
+        flight.tick()
+    flight.run(0.6)
+    assert flight.pressed or abs(flight.order.velocity[0]) < 0.3
+    flight.run(0.6)
+    assert flight.pressed
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed"
+
+
+def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None:
+    flight = Flight(pad_velocity=(3.0, 0.0, 0.0))
+    flight.detects_landing = False
+    flight.skids = -0.5
+    to(flight.engaged(), State.ON_PAD)
+    flight.run(1.0)
+    assert flight.pressed == []
+    assert flight.order.velocity[0] == pytest.approx(3.0, abs=0.2)
 
 
 def test_nothing_found_it_hands_back_by_way_of_stops() -> None:

@@ -188,6 +188,7 @@ class Standing:
         pad_speed: float = 0.0,
         heave: tuple[float, float] = (0.0, 0.0),
         landed: Landed = Landed.IN_AIR,
+        tips: bool = False,
     ) -> list[bool]:
         """Return for each step of this time whether it is to stand level."""
         due = []
@@ -196,7 +197,15 @@ class Standing:
             self.down += sinks * DT
             due.append(
                 self.touchdown.level_due(
-                    self.t, self.down, sink_rate, slip, roll_pitch_rate, pad_speed, heave, landed
+                    self.t,
+                    self.down,
+                    sink_rate,
+                    slip,
+                    roll_pitch_rate,
+                    pad_speed,
+                    heave,
+                    landed,
+                    tips=tips,
                 )
             )
         return due
@@ -221,6 +230,12 @@ def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
     standing = Standing()
     assert not any(standing.level(2.4, slip=slip, roll_pitch_rate=roll_pitch_rate))
     assert all(standing.level(1.0, slip=slip, roll_pitch_rate=roll_pitch_rate)[8:])
+
+
+def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
+    standing = Standing()
+    assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
+    assert all(standing.level(0.5, roll_pitch_rate=0.8, tips=True)[4:])
 
 
 def test_what_creeps_down_on_an_air_cushion_is_not_levelled() -> None:

@@ -90,6 +90,7 @@ class Evidence:
         blind_since: since when sight or data are too old to fly on.
         stale_t: when data were last too old to fly on, or frozen.
         missing_since: since when it sinks onto a pad that it will miss.
+        aside_since: since when all orders go across the pad, not with it.
         landing_since: since when it flies without having come to commit.
         low_since: since when it is below the commit height.
     """
@@ -116,6 +117,7 @@ class Evidence:
         self.blind_since: float | None = None
         self.stale_t = -math.inf
         self.missing_since: float | None = None
+        self.aside_since: float | None = None
         self.landing_since: float | None = None
         self.low_since: float | None = None
         self._beat_t = self._rc_t = -math.inf
@@ -201,7 +203,7 @@ class Evidence:
         """landerd's process is killed."""
         self.latched = True
         self.flown_t = self.stops_since = self.landing_since = None
-        self.blind_since = self.missing_since = None
+        self.blind_since = self.missing_since = self.aside_since = None
         self.free_t = t
 
     # ---- what follows from it ------------------------------------------------------------------
@@ -296,6 +298,10 @@ class Evidence:
             self.landing_since = None
         elif self.landing_since is None:
             self.landing_since = t
+        if order.level or order.aside_mps <= b.ride_mps:
+            self.aside_since = None
+        elif self.aside_since is None:
+            self.aside_since = t
         seen = t - self.sighting_t < b.sighting_s
         missing = truth.misses or truth.slip > b.commit_slip_mps + 0.1
         if not (low and not self.touched and order.sinks and seen and missing):

@@ -15,7 +15,9 @@ from landerd.geometry import horizontal
 
 CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
 CONTACT_S = 0.3  # that something is contact is known only after this
-RIDES_S = 1.0  # the same to the time it goes with the pad: rule 3 lets no order end at once
+# For so long after contact it may not go with the pad, nor with one that brakes or starts under it:
+# that is seen late, and rule 3 lets no order end at once.
+RIDES_S = 1.0
 LEVEL_AFTER_S = 0.5  # for so long the vehicle goes with the pad before it may stand level
 HOVER_MPS = 0.02  # an order of less, horizontally, is one to hover
 TOLD_S = 1.0  # before an abort or after it the pilot is told of it
@@ -191,8 +193,9 @@ def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _does_not_ride(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    rides = _pressed(e, o) and not o.level and o.t - e.touching_since > RIDES_S
-    return rides and o.aside_mps > b.ride_mps
+    since = e.aside_since
+    rides = _pressed(e, o) and not o.level and since is not None
+    return rides and o.t - max(since or 0.0, e.touching_since) > RIDES_S
 
 
 def _climbs_from_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:

@@ -574,6 +574,21 @@ def test_4_it_goes_with_the_pad(aside_mps: float, broken: bool) -> None:
     assert court.broken == ([rule] if broken else [])
 
 
+@pytest.mark.parametrize(("late_s", "broken"), [(0.8, False), (1.2, True)])
+def test_4_it_goes_with_a_pad_that_stops_as_soon_as_it_can_know(
+    late_s: float, broken: bool
+) -> None:
+    court = Court()
+    moving = replace(ON_PAD, pad_velocity=(1.0, 0.0, 0.0))
+    court.truth = moving
+    court.fly(1.5, (1.0, 0.0, 0.1))
+    court.truth = ON_PAD
+    court.fly(late_s, (1.0, 0.0, 0.1))
+    court.fly(0.3, SINK)
+    rule = "4: not going with the pad after contact"
+    assert court.broken == ([rule] if broken else [])
+
+
 @pytest.mark.parametrize(("levelled", "broken"), [(True, True), (False, False)])
 def test_4_who_stands_never_climbs(levelled: bool, broken: bool) -> None:
     court = Court()
