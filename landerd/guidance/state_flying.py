@@ -53,7 +53,10 @@ class Tracking:
         context = self._context
         vehicle = context.estimator.fresh_vehicle(step.now)
         if vehicle is not None:
-            context.orders.go_on_from(vehicle.velocity)
+            north, east, down = vehicle.velocity
+            # What stands on the pad does not climb, whatever noise says: it was lifted by that.
+            down = max(down, 0.0) if context.stands(step.now) else down
+            context.orders.go_on_from((north, east, down))
         self._heading_t = self._seen_from = step.now
         self._holds = False
         context.begin_landing(step.now)

@@ -5,17 +5,19 @@ the truth at landerd's orders. Times are those of the measurements, never lander
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.sim.judge.bounds import ZERO, RuleBounds
 from hw.sim.judge.truth import Truth
-from landerd.geometry import Vec3, horizontal
+from landerd.geometry import Vec3, add, horizontal, scale, sub
 
 BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, _STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
 _NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
+_KEEP_S, _COURSE_S = 2.0, 0.1  # where the pad was is kept for; and its velocity is told from
 _RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
 
 
@@ -126,6 +128,7 @@ class Evidence:
         self._boot_of: dict[int, float] = {}  # of the newest message of each kind
         self._content: dict[str, object] = {}
         self._measured: dict[str, float] = {}
+        self._landing_points: deque[tuple[float, Vec3]] = deque()  # of the orders lately
         self._still_since: float | None = None
         self._released: _Release | None = None
         self._climbed_away_t = -math.inf  # the last order of a wave-off after the release
@@ -233,6 +236,19 @@ class Evidence:
             for kind, limit in zip(kinds, oldest, strict=True)
         )
 
+    def surprise_m(self, order: Order, noticed_s: float) -> float:
+        """Return how far the pad is from where it would be had it gone straight on, level, m.
+
+        From noticed_s before the exposure of the last sighting, as landerd can know of it.
+        """
+        seen = [each for each in self._landing_points if each[0] <= self.sighting_t - noticed_s]
+        before = [each for each in seen if each[0] <= seen[-1][0] - _COURSE_S]
+        if not before:
+            return 0.0
+        (t0, p0), (t1, p1) = before[-1], seen[-1]
+        ahead = scale(sub(p1, p0), (order.t - t1) / (t1 - t0))
+        return horizontal(sub(order.truth.landing_point, add(p1, ahead)))
+
     def sighting_limit_s(self, truth: Truth) -> float:
         """Return how old the last sighting may be."""
         low = truth.height < self._b.commit_height_m
@@ -284,6 +300,7 @@ class Evidence:
         self._note_contact(order)
         self._note_release(order)
         self._note_sight(order)
+        self._note_pad(order)
         t, truth, b = order.t, order.truth, self._b
         if not (order.zero or order.level):
             self.stops_since = None
@@ -298,16 +315,22 @@ class Evidence:
             self.landing_since = None
         elif self.landing_since is None:
             self.landing_since = t
-        if order.level or order.aside_mps <= b.ride_mps:
-            self.aside_since = None
-        elif self.aside_since is None:
-            self.aside_since = t
         seen = t - self.sighting_t < b.sighting_s
         missing = truth.misses or truth.slip > b.commit_slip_mps + 0.1
         if not (low and not self.touched and order.sinks and seen and missing):
             self.missing_since = None
         elif self.missing_since is None:
             self.missing_since = t
+
+    def _note_pad(self, order: Order) -> None:
+        t = order.t
+        self._landing_points.append((t, order.truth.landing_point))
+        while self._landing_points[0][0] < t - _KEEP_S:
+            self._landing_points.popleft()
+        if order.level or order.aside_mps <= self._b.ride_mps:
+            self.aside_since = None
+        elif self.aside_since is None:
+            self.aside_since = t
 
     def _note_contact(self, order: Order) -> None:
         t, truth = order.t, order.truth

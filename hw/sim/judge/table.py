@@ -127,7 +127,11 @@ def _blind_budget(e: Evidence, o: Order, b: RuleBounds) -> bool:
 def _outside_region(e: Evidence, o: Order, b: RuleBounds) -> bool:
     high = o.truth.height >= b.commit_height_m
     radius = b.k1_m * math.exp(b.k2_per_m * o.truth.height)
-    return _sinks(e, o) and high and o.truth.distance > radius
+    if not (_sinks(e, o) and high and o.truth.distance > radius):
+        return False
+    # What a pad that brakes or starts has done since the last picture of it nobody can know, nor
+    # at once of what that picture shows.
+    return o.truth.distance - e.surprise_m(o, MISS_S) > radius
 
 
 def _heading_off(e: Evidence, o: Order, b: RuleBounds) -> bool:

@@ -26,6 +26,7 @@ class Truth:
     slip: float = 0.0  # speed of the vehicle across the plate, m/s
     misses: bool = False  # going on like this it touches with a foot beside the plate
     on_plate: bool = False  # all four feet stand on it
+    landing_point: Vec3 = (0.0, 0.0, 0.0)  # local, m
 
 
 class Feet:
@@ -86,4 +87,5 @@ class Feet:
             slip=math.hypot(across[0], across[1]),
             misses=not self.over_plate(ahead=ahead),
             on_plate=self.over_plate(STANDS_M),
+            landing_point=world.pad.position,
         )

@@ -3,6 +3,7 @@
 A trace is a function of a court; beside it stands the rule that it breaks, or None.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -351,6 +352,32 @@ def test_2_contact_is_noticed_within_the_blind_budget(age_s: float, broken: bool
     court.truth = ON_PAD
     court.fly(0.1, SINK)
     assert court.broken == ([BUDGET] if broken else [])
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "late_s", "broken"),
+    [(3.0, 0.2, False), (3.0, 0.6, True), (0.0, 0.2, True)],  # what stands never surprises
+)
+def test_2_what_a_pad_does_that_no_picture_has_shown_yet_nobody_can_know(
+    speed_mps: float, late_s: float, broken: bool
+) -> None:
+    """At the edge of the region it goes 1.5 m/s slower at once."""
+    court = Court()
+    edge_m = BOUNDS.k1_m * math.exp(BOUNDS.k2_per_m * 5.0)
+
+    def fly(seconds: float, pad_mps: float, away_mps: float) -> None:
+        for _ in range(round(seconds / 0.025)):
+            north, truth = court.truth.landing_point[0] + 0.025 * pad_mps, court.truth
+            court.truth = replace(
+                truth, landing_point=(north, 0.0, 0.0), distance=truth.distance + 0.025 * away_mps
+            )
+            court.order(SINK)
+
+    court.truth = replace(OVER_PAD, distance=edge_m - 0.01)
+    fly(1.0, speed_mps, 0.0)
+    slower = 1.5 if speed_mps else 0.0
+    fly(late_s, speed_mps - slower, 1.5)
+    assert court.broken == ([OUTSIDE] if broken else [])
 
 
 @pytest.mark.parametrize(
