@@ -170,7 +170,11 @@ class OnPad:
         self._touchdown = touchdown
 
     def enter(self, step: ControlStep) -> None:
-        """Begin to go with the pad; contact was noted when it was found."""
+        """Begin to go with the pad; contact was noted when it was found.
+
+        Released and granted again as it stood there, the landing goes on: how is yet to be told.
+        """
+        self._context.outcome = None
         self._context.touch(step.now)
 
     def order(self, step: ControlStep) -> Event | None:

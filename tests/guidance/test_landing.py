@@ -207,6 +207,20 @@ def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
     assert flight.pressed[-1].heading == pytest.approx(0.6, abs=0.01)
 
 
+def test_released_for_a_moment_as_it_stands_there_it_has_landed_all_the_same() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.run(1.0)
+    flight.pulse_us = LOW
+    to(flight, State.STANDING)
+    flight.pulse_us = HIGH
+    to(flight, State.ON_PAD)
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed"
+
+
 def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_holds() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)

@@ -92,6 +92,7 @@ class Evidence:
         blind_since: since when sight or data are too old to fly on.
         stale_t: when data were last too old to fly on, or frozen.
         missing_since: since when it sinks onto a pad that it will miss.
+        released_t: the last order while landerd might not fly on.
         aside_since: since when all orders go across the pad, not with it.
         landing_since: since when it flies without having come to commit.
         low_since: since when it is below the commit height.
@@ -119,6 +120,7 @@ class Evidence:
         self.blind_since: float | None = None
         self.stale_t = -math.inf
         self.missing_since: float | None = None
+        self.released_t = -math.inf
         self.aside_since: float | None = None
         self.landing_since: float | None = None
         self.low_since: float | None = None
@@ -352,6 +354,8 @@ class Evidence:
     def _note_release(self, order: Order) -> None:
         t, truth, b = order.t, order.truth, self._b
         closed_t = self.closed_t(t)
+        if t >= closed_t:
+            self.released_t = t
         if t < closed_t or not (self.armed and self.guided):
             self._released = None
         elif self._released is None:

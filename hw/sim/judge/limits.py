@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from hw.sim.judge.bounds import STREAM_S, ZERO, RuleBounds
+from hw.sim.judge.bounds import ZERO, RuleBounds
 from landerd.geometry import Vec3, horizontal
 
 _TOLERANCE = 1.02  # of every limit: the set-points travel as 32-bit floats
@@ -75,8 +75,8 @@ class SetpointLimits:
             change = abs(a[2] - was[2])
             jerk = (min(change, abs(a[2])) if self._stopped[1] else change) / dt
             self._check_axes("vertical", t, dt, abs(a[2]), jerk, b.vertical_acceleration_mps2)
-        # Over a gap between set-points it is a mean, from which no jerk can be told.
-        gap = dt > STREAM_S
+        # Where one set-point was left out it is a mean, from which no jerk can be told.
+        gap = dt > 1.5 * b.control_period_s
         # What follows an order to stop may begin afresh, or go on if zero was only passed.
         self._acceleration, self._stopped = None if gap else a, stops
 

@@ -183,9 +183,10 @@ def _too_seldom(e: Evidence, t: float, b: RuleBounds) -> bool:
 def _pressed(e: Evidence, o: Order) -> bool:
     """Tell whether landerd has to press the vehicle down and go with the pad.
 
-    Of contact on stale data it cannot know.
+    Of contact on stale data it cannot know; and a climb away from a pad that was touched when it
+    might not fly on does not end at once.
     """
-    known = o.t - max(e.touching_since, e.stale_t) > CONTACT_LATE_S
+    known = o.t - max(e.touching_since, e.stale_t, e.released_t) > CONTACT_LATE_S
     return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.granted(o.t)
 
 

@@ -62,6 +62,15 @@ def test_a_gap_is_no_step() -> None:
     assert broken((0.1, 0.0, 0.0), (3.0, 0.0, 0.0), dt=0.6) == []
 
 
+def test_after_a_step_in_which_nothing_was_ordered_no_jerk_is_told() -> None:
+    # Released for one control step: taken over two, the first acceleration seems half as large.
+    rules: list[str] = []
+    limits = SetpointLimits(BOUNDS, lambda t, rule: rules.append(rule))
+    for t, down in ((0.0, 0.1), (DT, 0.1), (0.075, 0.1094), (0.1, 0.1281)):
+        limits.check(t, (0.0, 0.0, down), 0.0)
+    assert rules == []
+
+
 def test_a_wall_clock_that_jitters_is_allowed_for() -> None:
     steps: tuple[Vec3, ...] = ((0.1, 0.0, 0.0), (0.2, 0.0, 0.0))
     assert broken(*steps, jitter_s=0.01) == []

@@ -581,6 +581,23 @@ def test_4_contact_on_stale_data_need_not_be_known() -> None:
     assert "4: no descent ordered after contact" in court.broken
 
 
+@pytest.mark.parametrize(("goes_on_s", "broken"), [(0.5, False), (0.8, True)])
+def test_4_a_climb_away_that_began_released_need_not_end_at_once(
+    goes_on_s: float, broken: bool
+) -> None:
+    court = Court()
+    away = (2.0, 0.0, -0.5)
+    court.truth = replace(LOW, pad_velocity=(2.0, 0.0, 0.0))
+    court.fly(0.3, (2.0, 0.0, 0.01))
+    court.pulse = 1100
+    court.fly(0.2, away)
+    court.truth = replace(court.truth, height=0.0, feet_down=1)
+    court.fly(0.5, away)
+    court.pulse = 1900
+    court.fly(goes_on_s, away)
+    assert ("4: no descent ordered after contact" in court.broken) == broken
+
+
 def test_4_released_it_may_stand_level_sooner() -> None:
     court = Court()
     court.truth = ON_PAD
