@@ -49,6 +49,7 @@ _OUTCOMES = {  # in words; others are words
     None: "the recording ends before the landing does",
     "landed": "landed: on the pad when it was disarmed",
     "landed_off_pad": "disarmed beside the pad",
+    "tipped_over": "disarmed, tipped over",
     "handed_back": "it would have handed back to the pilot, for the reason in the last line",
     "touchdown_unconfirmed": "it would have been on the pad; that the autopilot had noticed it, "
     "which landerd waits for, is in no recording",

@@ -22,7 +22,7 @@ class Foothold:
         self._east = (-plate.west_m, plate.east_m)
         self._offset = (0.0, 0.0)  # of the feet's centre from the landing point, local, m
         self._heading: float | None = None
-        self._feet: Vec3 | None = None  # when it was last followed, local, m
+        self._feet: tuple[float, Vec3] | None = None  # when it was last followed, s; local, m
         self._rate = (0.0, 0.0)  # of the offset in the last RATE_S, m/s
         self._followed_s = 0.0  # since contact
         self._sigma_mps = 0.0  # of the pad's velocity
@@ -66,20 +66,21 @@ class Foothold:
         self._offset = (-to_pad[0], -to_pad[1])
         self._rate, self._followed_s = (0.0, 0.0), 0.0
 
-    def slide(self, feet: Vec3, pad_velocity: Vec3, dt: float) -> None:
-        """Follow the feet across the plate for dt, s.
+    def slide(self, now: float, feet: Vec3, pad_velocity: Vec3) -> None:
+        """Follow the feet across the plate since it was called last, however long ago that is.
 
         Args:
+            now: s.
             feet: their centre, local, m; by positions, as a velocity may be off by a constant.
             pad_velocity: as last seen, local, m/s.
-            dt: since it was last followed, s.
         """
-        last, self._feet = self._feet, feet
-        if last is None:
+        last, self._feet = self._feet, (now, feet)
+        if last is None or now <= last[0]:
             return
+        dt, (north, east, _) = now - last[0], last[1]
         step = (
-            feet[0] - last[0] - dt * pad_velocity[0],
-            feet[1] - last[1] - dt * pad_velocity[1],
+            feet[0] - north - dt * pad_velocity[0],
+            feet[1] - east - dt * pad_velocity[1],
         )
         self._offset = (self._offset[0] + step[0], self._offset[1] + step[1])
         (north, east), k = self._rate, min(1.0, dt / RATE_S)

@@ -1,5 +1,6 @@
 """The landing as a state machine: who flies, which state has its turn, how the landing ends."""
 
+import math
 from dataclasses import replace
 
 from landerd.config.models import Config
@@ -24,6 +25,7 @@ from landerd.pad import PadLayout
 
 # A wave-off that nobody watches any more, s: at climb_mps it gains less than 0.5 m (rule 1b).
 BLIND_WAVE_OFF_S = 0.5
+TIPPED = math.radians(30.0)  # of lean on the ground: no pad lies so steep (pad_filter.MAX_TILT)
 
 
 class Landing:
@@ -150,8 +152,15 @@ class Landing:
                 on_ground = self._context.landed is Landed.ON_GROUND
                 if self.state is not State.ON_PAD or not (self._gate.disarmed and on_ground):
                     return Event.SILENCED
+                if self._has_tipped:
+                    return Event.DISARMED_TIPPED
                 on_plate = self._context.foothold.on_plate
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD
+
+    @property
+    def _has_tipped(self) -> bool:
+        attitude = self._context.estimator.poses.attitude.newest
+        return attitude is not None and math.hypot(*attitude[1][:2]) > TIPPED
 
     def _must_leave(self) -> bool:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""

@@ -45,6 +45,7 @@ REASONS: Mapping[Event, str] = {
     Event.PAD_IN_SIGHT: "pad in sight",
     Event.DISARMED: "landed and disarmed",
     Event.DISARMED_OFF_PAD: "disarmed beside the pad",
+    Event.DISARMED_TIPPED: "disarmed, tipped over",
     Event.PAD_MISSED: "pad missed",
     Event.HOLD_ASKED: "asked to hold",
     Event.PAD_NOT_FOUND: "pad not found",

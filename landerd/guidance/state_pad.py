@@ -319,7 +319,7 @@ def _stand_level(
     if vehicle is None:
         return False
     if not touchdown.stands:
-        context.foothold.slide(vehicle.feet, context.pad_velocity, step.dt)
+        context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
     if not (level or (released and touchdown.stands)):
         return False
     context.orders.stand_level(vehicle.yaw, context.pad_velocity)

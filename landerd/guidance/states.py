@@ -37,6 +37,7 @@ class Event(Enum):
     SILENCED = "not armed or not GUIDED"
     DISARMED = "silenced because disarmed, all feet on the pad as last seen"
     DISARMED_OFF_PAD = "the same, a foot beside the pad as last seen"
+    DISARMED_TIPPED = "the same, leaning more than any pad does"
     # From the states:
     RELEASE_OVER = "stop orders were streamed for long enough"
     PAD_IN_SIGHT = "pad confirmed, last sighting and telemetry young"
@@ -130,6 +131,7 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         Event.RELEASED: State.STANDING,
         Event.DISARMED: State.SILENT,
         Event.DISARMED_OFF_PAD: State.SILENT,
+        Event.DISARMED_TIPPED: State.SILENT,
     },
     State.STANDING: {
         Event.RELEASE_OVER: State.SILENT,
@@ -144,6 +146,7 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
 OUTCOMES: Mapping[Event, str] = {
     Event.DISARMED: "landed",
     Event.DISARMED_OFF_PAD: "landed_off_pad",
+    Event.DISARMED_TIPPED: "tipped_over",
     Event.SILENCED: "taken over",
     Event.RELEASED: "released",
     Event.RELEASED_LOW: "released",

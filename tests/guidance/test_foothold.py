@@ -26,7 +26,7 @@ def follow(foothold: Foothold, velocity: Vec3, pad_velocity: Vec3, duration_s: f
     for i in range(round(duration_s / DT) + 1):
         t = i * DT
         feet = (t * velocity[0], t * velocity[1], t * velocity[2])
-        foothold.slide(feet, pad_velocity, DT)
+        foothold.slide(t, feet, pad_velocity)
 
 
 def test_it_stands_where_it_touched() -> None:
@@ -45,8 +45,8 @@ def test_feet_that_slide_are_followed_over_the_edge(away: Vec3) -> None:
 def test_a_slide_that_ends_is_one_however_little_the_pad_is_known() -> None:
     foothold = touched(0.3)
     follow(foothold, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 1.0)
-    for _ in range(80):
-        foothold.slide((0.0, 0.5, 0.0), (0.0, 0.0, 0.0), DT)
+    for i in range(80):
+        foothold.slide(1.0 + i * DT, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0))
     assert not foothold.on_plate
 
 

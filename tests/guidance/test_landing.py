@@ -207,6 +207,29 @@ def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
     assert flight.pressed[-1].heading == pytest.approx(0.6, abs=0.01)
 
 
+def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
+    flight = Flight(pad_velocity=(2.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.run(0.1)
+    flight.silent = {Attitude}
+    flight.run(1.0)
+    flight.silent, flight.detects_landing = set(), True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed"
+
+
+def test_what_lies_tipped_over_on_the_pad_has_not_landed() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch = -0.9
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "tipped_over"
+    assert "landerd: disarmed, tipped over" in flight.texts
+
+
 def test_released_for_a_moment_as_it_stands_there_it_has_landed_all_the_same() -> None:
     flight = Flight()
     flight.detects_landing = False
