@@ -205,8 +205,8 @@ class Evidence:
             self._ended_t = min(self._ended_t, t)
 
     def on_death(self, t: float) -> None:
-        """landerd's process is killed."""
-        self.latched = True
+        """landerd's process is killed; an order may be on its way."""
+        self.latched, self.authority_lost_t = True, t
         self.flown_t = self.stops_since = self.landing_since = None
         self.blind_since = self.missing_since = self.aside_since = None
         self.free_t = t

@@ -581,6 +581,16 @@ def test_4_contact_on_stale_data_need_not_be_known() -> None:
     assert "4: no descent ordered after contact" in court.broken
 
 
+@pytest.mark.parametrize(("later_s", "broken"), [(0.0, False), (0.1, True)])
+def test_1_killed_its_last_order_may_be_on_its_way(later_s: float, broken: bool) -> None:
+    court = Court()
+    court.fly(0.2, SINK)
+    court.rules.on_death(court.t)
+    court.wait(later_s)
+    court.order(SINK)
+    assert ("1: a set-point before the gate was seen low again" in court.broken) == broken
+
+
 @pytest.mark.parametrize(("goes_on_s", "broken"), [(0.5, False), (0.8, True)])
 def test_4_a_climb_away_that_began_released_need_not_end_at_once(
     goes_on_s: float, broken: bool
