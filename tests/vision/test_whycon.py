@@ -91,6 +91,14 @@ def test_single_frame_finds_the_ring_within_three_bounds(
     assert float(np.median(errors)) < limit_m
 
 
+@pytest.mark.parametrize("tilt_deg", [45, 60, 70])
+def test_a_ring_so_near_that_its_hole_lies_far_off_its_middle(tilt_deg: float) -> None:
+    view = look(1.0, tilt_deg)
+    found = find_rings(shot(view), RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.001
+
+
 def test_both_solutions_are_given_and_the_true_normal_is_first() -> None:
     view = look(6.0, 45)
     solutions = find_rings(shot(view), RING, CAMERA)[0].solutions
