@@ -1,7 +1,7 @@
 """Where in an image a dark ring could be: threshold, components, shape, spokes.
 
 Every test here is invariant under affine maps of the image, because an oblique ring is as much a
-ring as one seen from above; those of large components under perspective too, as near the pad the
+ring as one seen from above; those of the largest rings under perspective too, as near the pad the
 hole lies far off the middle of its ring. All components are tested at once, cheap tests first: a
 search of grass or gravel meets thousands.
 """
@@ -156,16 +156,17 @@ def ring_candidates(
         image: grey image (height, width).
         inner_ratio: the ring's inner over outer diameter.
         segment: tells what is dark.
-        largest_px: diameter of the largest ring wanted.
+        largest_px: diameter of the largest ring wanted; infinity: those just over the pad, too.
     """
+    holed_px = _HOLED_AREA_PX if math.isinf(largest_px) else math.inf
     largest_px = min(largest_px, _MAX_EXTENT * max(image.shape))
     dark = segment(image)
-    c = _ring_like(image, _components(dark, largest_px), inner_ratio, largest_px)
+    c = _ring_like(image, _components(dark, largest_px, holed_px), inner_ratio, largest_px)
     if not len(c.area):
         return []
     ratio = _ratios(c, inner_ratio)
     is_bloomed = ratio != inner_ratio
-    c, aside = _in_perspective(dark, c, ratio)
+    c, aside = _in_perspective(dark, c, ratio, holed_px)
     centre, axes = np.stack([c.x, c.y], axis=1), _axes(c, ratio)
     share, score, white, roughness = _spokes(image, centre, aside, axes, ratio)
     centre += aside
@@ -182,11 +183,11 @@ def ring_candidates(
     ]
 
 
-def _components(dark: U8, largest_px: float) -> _Components:
+def _components(dark: U8, largest_px: float, holed_px: float) -> _Components:
     """Return the components of what is dark that have the area of a ring of at most a diameter.
 
-    And, small ones, a middle that is not dark: four fifths of those in textures are told by that
-    already.
+    And a middle that is not dark, if the area is below `holed_px`: four fifths of those in textures
+    are told by that already.
     """
     h, w = dark.shape
     padded = np.zeros((h, w + 2), dtype=np.uint8)  # so that no run goes on in the next row
@@ -206,7 +207,7 @@ def _components(dark: U8, largest_px: float) -> _Components:
     n = len(label)
     cx, cy = np.bincount(of, px * x, n) / area_px, np.bincount(of, px * y, n) / area_px
     is_open = labels[np.rint(cy).astype(np.intp), np.rint(cx).astype(np.intp) + 1] != label
-    picked, used, of = _picked(is_open | (area_px >= _HOLED_AREA_PX), of)
+    picked, used, of = _picked(is_open | (area_px >= holed_px), of)
     cx, cy, area_px = cx[picked], cy[picked], area_px[picked]
     x, y, px = x[used] - cx[of], y[used] - cy[of], px[used]
     within = (px * px - 1.0) / 12.0  # a run's own second moment
@@ -290,15 +291,16 @@ def _axes(c: _Components, k: F64) -> F64:
     return axes
 
 
-def _in_perspective(dark: U8, c: _Components, k: F64) -> tuple[_Components, F64]:
+def _in_perspective(dark: U8, c: _Components, k: F64, holed_px: float) -> tuple[_Components, F64]:
     """Return components about the point that ever smaller circles shrink to, and `aside` (n, 2).
 
     Perspective moves the image of a circle aside by the square of its radius: that of scale s (the
     outline: 1) has its middle at point + s^2 aside. A hole's and a ring's middles, k^2 and 1 + k^2
-    of `aside` from the point, tell both. For what has no hole that is large enough `aside` is 0.
+    of `aside` from the point, tell both. For what has an area below `holed_px` or no hole that is
+    large enough, `aside` is 0.
     """
     aside = np.zeros((len(c.area), 2))
-    for i in np.flatnonzero(c.area >= _HOLED_AREA_PX):
+    for i in np.flatnonzero(c.area >= holed_px):
         hole = _hole(dark, c, int(i))
         if hole is not None:
             aside[i] = (c.x[i], c.y[i]) - hole
