@@ -6,14 +6,54 @@ would move the fit by is independent again from sector to sector: the clustered 
 covariance of Liang and Zeger, Biometrika 1986.
 """
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.vision.ring_pixels import sectors
+from landerd.vision.ring_model import CENTRE, RATIO, TILT
+from landerd.vision.ring_pixels import F32, sectors
 from landerd.vision.ring_pose import F64
 
 _SECTORS = 12  # with 24 a glare spot covers several, with fewer five numbers could not be told
 _FITTED = 5  # numbers that the sectors' own pulls were used for
+_POSE = slice(CENTRE.start, TILT.stop)
+# A tilt so many sigmas from the line of sight is no frontal view: with this the stated sigmas of
+# nearly frontal views are as large as their errors.
+_DISTINCT_TILT_SIGMAS = 7.0
+
+
+def pose_uncertainty(
+    C: F64,
+    scale: float,
+    plane: tuple[F64, F32],
+    derivative: F32,
+    weighted: NDArray[np.floating],
+    rays: F32,
+    shift: Callable[[], F64],
+) -> tuple[F64, float]:
+    """Return the covariance of a fit's position (3, 3), camera frame, m^2, and sigma of tilt, rad.
+
+    Args:
+        C: (rows, rows), inverse of the information times noise^2, in `RingModel`'s order.
+        scale: of the variance, from the residuals.
+        plane: centre (3,), m, and the axes (3, 3) of the ring's plane, a row each.
+        derivative: (rows - 1, n), of grey levels: the ratio, which the fit held, is left out.
+        weighted: (n,), residuals times their weights.
+        rays: (2, n), of the pixels, z = 1.
+        shift: what an unexplained shift of both edges adds.
+    """
+    t, axes = plane
+    gain = C[_POSE, 1:] - np.outer(C[_POSE, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
+    directions = rays - (t[:2] / t[2])[:, None]
+    covariance = clustered_covariance(
+        scale * gain[:, :_FITTED], gain, derivative * weighted, directions
+    )
+    e = axes.astype(np.float64)
+    covariance += frontal_inflation(covariance, e @ t / np.linalg.norm(t))
+    sigma_tilt = math.sqrt(max(0.0, float(np.trace(covariance[3:, 3:])) / 2.0))
+    return e.T @ covariance[:3, :3] @ e + shift(), sigma_tilt
 
 
 def clustered_covariance(
@@ -58,3 +98,23 @@ def shift_covariance(position: F64, ratio: float, off: float, sigma: float) -> F
     """
     share = (1.0 - ratio) / (1.0 + ratio**3)
     return np.outer(position, position) * (share * share * max(0.0, off * off - sigma * sigma))
+
+
+def frontal_inflation(covariance: F64, sight: F64) -> F64:
+    """Return what is to be added to a covariance (5, 5) of centre and tilt near frontal view.
+
+    There the image changes with the square of the angle to the line of sight (unit vector, on the
+    plane's axes). If the true angle is zero, the error of the one that is found is twice what a
+    linear model at that angle says.
+    """
+    angle = math.hypot(sight[0], sight[1])
+    way = np.zeros(5)
+    way[3:] = sight[:2] / max(angle, 1e-9)
+    moved = covariance @ way
+    variance = float(way @ moved)
+    if not variance > 0.0:
+        return np.zeros((5, 5))
+    sigmas_4 = (angle * angle / variance / _DISTINCT_TILT_SIGMAS**2) ** 2
+    share = 3.0 * math.exp(-min(sigmas_4, 50.0))
+    added: F64 = np.outer(moved, moved) * (share / variance)
+    return added

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.pad import Ring
+from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_edges import EdgeFit, edge_cost, edge_fit
-from landerd.vision.ring_fit import RingFit, frontal_inflation
+from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import F64, Pose, mirrored
 from landerd.vision.ring_stages import is_dim_within
@@ -108,7 +109,7 @@ def explained(image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]) -
     )
     if _agree(edges, best, ring, camera):
         # What is left over of the grey levels is as alike from place to place as that of the edges.
-        wider = [replace(f, covariance=edges.dependence * f.covariance) for f in fits]
+        wider = [replace(f, inflation=edges.dependence * f.inflation) for f in fits]
         return Explained(wider, toned)
     return Explained([_ring_fit(e, ring, camera, noise) for e in found], toned)
 
@@ -219,6 +220,8 @@ def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
 def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel, noise_px: float) -> RingFit:
     """Return a fit to edges as one to grey levels would say it."""
     inside, black, outside = e.levels
+    covariance = _covariance(e, ring, camera)
+    sigma_tilt = math.sqrt(max(0.0, float(np.trace(e.covariance[3:, 3:])) / 2.0))
     return RingFit(
         position=e.position,
         normal=e.normal,
@@ -230,8 +233,7 @@ def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel, noise_px: float) -> R
         noise=e.noise_px,
         cost=edge_cost(e, noise_px),
         inliers=min(e.support),
-        covariance=_covariance(e, ring, camera),
-        sigma_tilt=math.sqrt(max(0.0, float(np.trace(e.covariance[3:, 3:])) / 2.0)),
+        uncertainty=lambda: (covariance, sigma_tilt),
         ratio=ring.inner_ratio,
         sigma_ratio=0.0,
         stage="edges",

@@ -7,16 +7,16 @@ Several starts are fitted side by side: arrays have one row for each.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, cached_property, lru_cache, partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from landerd.pad import Ring
-from landerd.vision.ring_covariance import clustered_covariance, shift_covariance
+from landerd.vision.ring_covariance import pose_uncertainty, shift_covariance
 from landerd.vision.ring_model import (
     BLUR,
     HEIGHTS,
@@ -41,9 +41,6 @@ _MAX_MOTION_PX = 30.0  # of the path, along x and y each
 _SUPERSAMPLED_BELOW = 30.0  # then small rings are worth subpixels
 _CONVERGED = 1.0  # then another step is not worth it
 _RIVAL_NOISE = 1.5  # times the least noise of all starts: above, this one will not become the best
-# A tilt so many sigmas from the line of sight is no frontal view: with this the stated sigmas of
-# nearly frontal views are as large as their errors.
-_DISTINCT_TILT_SIGMAS = 7.0
 _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _MIN_NOISE = 0.5  # grey levels: rounding alone leaves 0.29
@@ -70,8 +67,9 @@ class RingFit:
     noise: float  # robust sigma of the residuals, grey levels
     cost: float  # robust sum of squared residuals over noise^2
     inliers: float  # share of pixels that the model explains to a tenth of the contrast
-    covariance: F64  # of position (3, 3), m^2
-    sigma_tilt: float  # rad
+    # Covariance of position (3, 3), m^2, and sigma of tilt, rad: worked out when asked for, as of
+    # most fits nobody does.
+    uncertainty: Callable[[], tuple[F64, float]]
     ratio: float  # inner over outer diameter as the pixels have it
     sigma_ratio: float
     response_chi2: float = 0.0  # by which it differs from a linear camera's
@@ -79,11 +77,22 @@ class RingFit:
     response: F64 | None = None  # the camera's, as `ring_response` has it; None: not fitted
     coherent: float = math.inf  # `ring_residuals.coherent_residual`, where it was worked out
     stage: str = "grey"  # fitted to grey levels; "edges": to the places of the edges alone
+    inflation: float = 1.0  # of the covariance, by what is alike from pixel to pixel
 
     @property
     def contrast(self) -> float:
         """Step from black to white, grey levels: the smaller of both edges."""
         return min(self.inside, self.outside) - self.black
+
+    @cached_property
+    def covariance(self) -> F64:
+        """Of the position, (3, 3), m^2."""
+        return self.inflation * self.uncertainty()[0]
+
+    @cached_property
+    def sigma_tilt(self) -> float:
+        """Of the normal, rad."""
+        return self.uncertainty()[1]
 
 
 @dataclass
@@ -323,25 +332,13 @@ def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquation
 def _ring_fit(
     model: RingModel, estimate: _Estimate, equations: _NormalEquations, k: int, cost: float
 ) -> RingFit:
-    """Return the fit from one start, with its quality and covariance."""
+    """Return the fit from one start, with its quality."""
     t, parameters, radius = estimate.t[k], estimate.parameters[k], model.ring.radius_m
     inside, outer, inner = parameters[INSIDE : HEIGHTS.stop].tolist()
     black, outside = inside + inner, inside + inner + outer
     C = cv2.invert(equations.H[k])[1]  # numpy's own takes five times as long
     dof = float(equations.weight[k].sum()) - (model.rows - 2)
     scale = equations.products[k, -1, -1] / max(dof, 5.0)
-    e = equations.axes[k].astype(np.float64)
-    # The ratio is held.
-    gain = C[1:6, 1:] - np.outer(C[1:6, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
-    weighted = equations.weight[k] * equations.residual[k]
-    centre = (t[:2] / t[2])[:, None]
-    covariance = clustered_covariance(
-        scale * gain[:, :5],
-        gain,
-        equations.derivative[k, 1:] * weighted,
-        model.pixels.rays[:2] - centre,
-    )
-    covariance += frontal_inflation(covariance, e @ t / np.linalg.norm(t))
     response, chi2 = None, 0.0
     if model.has_response:
         response = parameters[RESPONSE].copy()
@@ -349,7 +346,16 @@ def _ring_fit(
     ratio = model.ring.inner_ratio
     off = float(C[RATIO] @ equations.b[k]) / radius
     sigma_off = math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius
-    shifted = shift_covariance(t, ratio, off, sigma_off)
+    uncertainty = partial(
+        pose_uncertainty,
+        C,
+        scale,
+        (t, equations.axes[k]),
+        equations.derivative[k, 1:],
+        equations.weight[k] * equations.residual[k],
+        model.pixels.rays[:2],
+        partial(shift_covariance, t, ratio, off, sigma_off),
+    )
     return RingFit(
         position=t,
         normal=estimate.normal[k],
@@ -361,8 +367,7 @@ def _ring_fit(
         noise=float(equations.noise[k]),
         cost=cost,
         inliers=_inliers(model.pixels, equations.residual[k], min(inside, outside) - black),
-        covariance=e.T @ covariance[:3, :3] @ e + shifted,
-        sigma_tilt=math.sqrt(max(0.0, float(np.trace(covariance[3:, 3:])) / 2.0)),
+        uncertainty=cache(uncertainty),
         ratio=ratio + off,
         sigma_ratio=sigma_off,
         residual=equations.residual[k],
@@ -376,23 +381,3 @@ def _inliers(pixels: Pixels, residual: F32, contrast: float) -> float:
     unexplained = np.abs(residual) * np.sqrt(pixels.weight)
     explained = unexplained < max(_EXPLAINED, _EXPLAINED_SHARE * contrast)
     return float(pixels.weight[explained].sum()) / float(pixels.weight.sum())
-
-
-def frontal_inflation(covariance: F64, sight: F64) -> F64:
-    """Return what is to be added to a covariance (5, 5) of centre and tilt near frontal view.
-
-    There the image changes with the square of the angle to the line of sight (unit vector, on the
-    plane's axes). If the true angle is zero, the error of the one that is found is twice what a
-    linear model at that angle says.
-    """
-    angle = math.hypot(sight[0], sight[1])
-    way = np.zeros(5)
-    way[3:] = sight[:2] / max(angle, 1e-9)
-    moved = covariance @ way
-    variance = float(way @ moved)
-    if not variance > 0.0:
-        return np.zeros((5, 5))
-    sigmas_4 = (angle * angle / variance / _DISTINCT_TILT_SIGMAS**2) ** 2
-    share = 3.0 * math.exp(-min(sigmas_4, 50.0))
-    added: F64 = np.outer(moved, moved) * (share / variance)
-    return added

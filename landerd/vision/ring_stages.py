@@ -271,7 +271,7 @@ def _judged(fit: RingFit, coherent: float) -> RingFit:
         return replace(fit, coherent=coherent)
     noises = coherent * fit.contrast / fit.noise
     inflation = 1.0 + _ALIKE_PIXELS * noises * noises
-    return replace(fit, coherent=coherent, covariance=inflation * fit.covariance)
+    return replace(fit, coherent=coherent, inflation=inflation * fit.inflation)
 
 
 def is_dark_in_white(fit: RingFit) -> bool:

@@ -24,7 +24,8 @@ from landerd.simulation.sight.world_view import Seen, WorldView, size_m
 from landerd.vision.expected import Expected
 from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rotation_from, vec3
 from landerd.vision.print_fit import Fit
-from landerd.vision.ring_fit import RingFit, frontal_inflation
+from landerd.vision.ring_covariance import frontal_inflation
+from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pose import tangents
 from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_sighting import ring_sighting
@@ -261,6 +262,7 @@ class ModelledDetectors:
             distance = float(np.linalg.norm(pose.t))
             along = alike * distance / ring.radius_m * pose.t
             of_position += np.outer(along, along) + (aside * distance) ** 2 * np.eye(3)
+        sigma_tilt = math.sqrt(float(np.trace(covariance[3:, 3:])) / 2.0)
         return RingFit(
             position=pose.t,
             normal=pose.normal,
@@ -272,8 +274,7 @@ class ModelledDetectors:
             noise=0.0,
             cost=pose.cost,
             inliers=1.0,
-            covariance=of_position,
-            sigma_tilt=math.sqrt(float(np.trace(covariance[3:, 3:])) / 2.0),
+            uncertainty=lambda: (of_position, sigma_tilt),
             ratio=1.0,
             sigma_ratio=0.0,
             stage="edges" if sight.by_edges else "grey",
