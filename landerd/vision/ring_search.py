@@ -1,7 +1,7 @@
 """The search of one image for a pad's ring: what is clear first, what is hidden last."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -18,7 +18,7 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_pose import F64, poses_through
 from landerd.vision.ring_response import CameraResponse
-from landerd.vision.ring_segment import Candidate, Segmentation, ring_candidates
+from landerd.vision.ring_segment import Candidate, Look, Segmentation, ring_candidates
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import (
     full_fits,
@@ -97,10 +97,20 @@ class RingSearch:
         """Return what was found."""
         return sorted(self.found, key=lambda s: s.solutions[0].position[2])
 
-    def find_clear(self, level: Level, segment: Segmentation) -> bool:
-        """Fit what is clearly bright, dark and bright in a level; the rest is left for later."""
+    def find_clear(self, looks: Sequence[tuple[Level, Segmentation]]) -> bool:
+        """Fit what is clearly bright, dark and bright in the first of some looks that shows any.
+
+        The rest is left for later.
+        """
         ratio = self._ring.inner_ratio
-        for candidate in ring_candidates(level.image, ratio, segment, level.largest_px):
+        of_looks = ring_candidates([Look(v.image, s, v.largest_px) for v, s in looks], ratio)
+        return any(
+            self._find_clear(level, candidates)
+            for (level, _), candidates in zip(looks, of_looks, strict=True)
+        )
+
+    def _find_clear(self, level: Level, candidates: list[Candidate]) -> bool:
+        for candidate in candidates:
             one = _Try(level, candidate, _place(level, candidate))
             is_clear = candidate.share >= _CLEAR_SHARE and (
                 level.reduction <= 1.0 or one.place.size_px >= _CLEAR_PX * level.reduction

@@ -7,17 +7,18 @@ search of grass or gravel meets thousands.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.vision.ring_components import Components, Mosaic
+
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 Segmentation = Callable[[U8], U8]  # image (height, width) in, 255 where it is dark out
-Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 # A pixel is dark by its surroundings. Halfway between the least and the greatest level within a few
@@ -36,7 +37,6 @@ _MAX_OUTLINES = 8  # returned
 # written, on the images of `bench.vision_ring`. What true rings give was measured afterwards, on
 # 400 of its images of 1.5 to 25 m at 0 to 60 degrees, at every level of the pyramid that shows them
 # at 8 to 110 px, with both thresholds: 2100 components.
-_MIN_AREA_PX = 12  # a ring of 5 px without its hole
 _MIN_WIDTH_PX = 4.5  # of a ring's shorter axis: below, its hole is no pixel any more
 _MAX_ASPECT = 4.2  # longer over shorter axis: a ring at 76 degrees; true ones gave at most 2.8
 _MAX_EXTENT = 0.9  # longer axis over the image's: what fills a level is no ring in it
@@ -46,9 +46,9 @@ _MIN_COMPACTNESS, _MAX_COMPACTNESS = 0.7, 1.3
 # Clipped white spreads into the black from both sides and leaves a thinner stroke about the same
 # middle line: of such rings this is the least, a ratio of 0.85, and the grey level of the white.
 _MIN_BLOOMED_COMPACTNESS, _CLIPPED = 0.16, 240.0
-# Area from which a component's hole is looked for, and the hole's least over it (a plain ring's:
-# 0.2). Of 106 rings at 0.9 to 1.5 m and 45 to 70 degrees 103 are found with it, 45 without.
-_HOLED_AREA_PX, _MIN_HOLE = 200.0, 0.05
+# Area from which a component's hole is looked for. Of 106 rings at 0.9 to 1.5 m and 45 to 70
+# degrees 103 are found with it, 45 without.
+_HOLED_AREA_PX = 200.0
 
 # Grey levels are compared along spokes, at three scales of the outline: inside the hole (in its own
 # radii), in the middle of the stroke, and around, three quarters across the thesis's margin.
@@ -100,26 +100,6 @@ class Candidate:
     is_bloomed: bool = False
 
 
-@dataclass(frozen=True)
-class _Components:
-    """Dark components of an image, arrays (n,): area, middle and second moments.
-
-    Second moments are central, over the area, px^2.
-    """
-
-    area: F64
-    x: F64
-    y: F64
-    xx: F64
-    yy: F64
-    xy: F64
-
-    def at(self, picked: Indices) -> "_Components":
-        """Return some of the components."""
-        every = (self.area, self.x, self.y, self.xx, self.yy, self.xy)
-        return _Components(*(values[picked] for values in every))
-
-
 def dark_by_range(image: U8) -> U8:
     """Return 255 where an image (height, width) is dark between the extremes beside it, else 0."""
     smooth = cv2.blur(image, (3, 3))
@@ -147,97 +127,56 @@ def dark_by_mean(share: float) -> Segmentation:
     return segment
 
 
-def ring_candidates(
-    image: U8, inner_ratio: float, segment: Segmentation, largest_px: float = math.inf
-) -> list[Candidate]:
-    """Return what looks like a dark ring of 6 to about 120 px, the likeliest first.
+@dataclass(frozen=True)
+class Look:
+    """One way to look at an image."""
+
+    image: U8  # grey, (height, width)
+    segment: Segmentation  # tells what is dark
+    # Diameter of the largest ring wanted; infinity: those just over the pad, too.
+    largest_px: float = math.inf
+
+
+def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Candidate]]:
+    """Return for each look what looks like a dark ring of 6 to about 120 px, the likeliest first.
 
     Args:
-        image: grey image (height, width).
+        looks: all at once take less time than one by one.
         inner_ratio: the ring's inner over outer diameter.
-        segment: tells what is dark.
-        largest_px: diameter of the largest ring wanted; infinity: those just over the pad, too.
     """
-    holed_px = _HOLED_AREA_PX if math.isinf(largest_px) else math.inf
-    largest_px = min(largest_px, _MAX_EXTENT * max(image.shape))
-    dark = segment(image)
-    c = _ring_like(image, _components(dark, largest_px, holed_px), inner_ratio, largest_px)
-    if not len(c.area):
+    if not looks:
         return []
+    found: list[list[Candidate]] = [[] for _ in looks]
+    is_near = np.array([math.isinf(k.largest_px) for k in looks])
+    holed_px = np.where(is_near, _HOLED_AREA_PX, math.inf)
+    largest_px = np.array([min(k.largest_px, _MAX_EXTENT * max(k.image.shape)) for k in looks])
+    mosaic = Mosaic([k.image for k in looks], [k.segment(k.image) for k in looks])
+    components = mosaic.components(float(largest_px.max()), holed_px)
+    c = _ring_like(mosaic, components, inner_ratio, largest_px)
+    if not len(c.area):
+        return found
     ratio = _ratios(c, inner_ratio)
     is_bloomed = ratio != inner_ratio
-    c, aside = _in_perspective(dark, c, ratio, holed_px)
-    centre, axes = np.stack([c.x, c.y], axis=1), _axes(c, ratio)
-    share, score, white, roughness = _spokes(image, centre, aside, axes, ratio)
-    centre += aside
+    c, aside = _in_perspective(mosaic, c, ratio, holed_px)
+    axes = _axes(c, ratio)
+    share, score, white, roughness = _spokes(mosaic, c, aside, axes, ratio)
+    centre = np.stack([c.x, c.y], axis=1) + aside
     axes *= ((1.0 + ratio) / (1.0 + inner_ratio))[:, None, None]
     is_shown = (share >= _CLEAR_SHARE) | (score >= _MIN_SCORE)
     is_shown &= ~is_bloomed | (white > _CLIPPED)
     good = np.flatnonzero((share >= _MIN_SHARE) & is_shown & (roughness < _MAX_ROUGHNESS))
-    best = good[np.lexsort((-score[good], -share[good]))][:_MAX_OUTLINES]
-    return [
-        Candidate(
-            Ellipse(centre[i], axes[i]), float(share[i]), float(score[i]), bool(is_bloomed[i])
-        )
-        for i in best
-    ]
+    for i in good[np.lexsort((-score[good], -share[good]))]:
+        of_look = found[c.part[i]]
+        if len(of_look) < _MAX_OUTLINES:
+            outline = Ellipse(centre[i], axes[i])
+            of_look.append(
+                Candidate(outline, float(share[i]), float(score[i]), bool(is_bloomed[i]))
+            )
+    return found
 
 
-def _components(dark: U8, largest_px: float, holed_px: float) -> _Components:
-    """Return the components of what is dark that have the area of a ring of at most a diameter.
-
-    And a middle that is not dark, if the area is below `holed_px`: four fifths of those in textures
-    are told by that already.
-    """
-    h, w = dark.shape
-    padded = np.zeros((h, w + 2), dtype=np.uint8)  # so that no run goes on in the next row
-    padded[:, 1:-1] = dark
-    # OpenCV's own statistics would take longer than labelling, and lack the second moments.
-    count, labelled = cv2.connectedComponents(padded, connectivity=4, ltype=cv2.CV_32S)
-    labels = np.asarray(labelled, dtype=np.int32)
-    first, length = _runs(padded)
-    of: NDArray[np.signedinteger] = labels.reshape(-1)[first]
-    area = np.bincount(of, length, count)
-    is_sized = (area >= _MIN_AREA_PX) & (area <= 0.25 * math.pi * largest_px**2)
-    label, used, of = _picked(is_sized, of)
-    area_px = area[label].astype(np.float64)
-    row, column = np.divmod(first[used], w + 2)
-    px, y = length[used].astype(np.float64), row.astype(np.float64)
-    x = column + (0.5 * (px - 1.0) - 1.0)
-    n = len(label)
-    cx, cy = np.bincount(of, px * x, n) / area_px, np.bincount(of, px * y, n) / area_px
-    is_open = labels[np.rint(cy).astype(np.intp), np.rint(cx).astype(np.intp) + 1] != label
-    picked, used, of = _picked(is_open | (area_px >= holed_px), of)
-    cx, cy, area_px = cx[picked], cy[picked], area_px[picked]
-    x, y, px = x[used] - cx[of], y[used] - cy[of], px[used]
-    within = (px * px - 1.0) / 12.0  # a run's own second moment
-    products = (x * x + within, y * y, x * y)
-    n = len(picked)
-    xx, yy, xy = (np.bincount(of, px * product, n) / area_px for product in products)
-    return _Components(area_px, cx, cy, xx, yy, xy)
-
-
-def _picked(good: Mask, of: NDArray[np.signedinteger]) -> tuple[Indices, Indices, Indices]:
-    """Return which components (n,) are good, which runs are theirs, and of which of them each is.
-
-    Of the runs (m,) `of` tells the component.
-    """
-    used = np.flatnonzero(good[of])
-    return np.flatnonzero(good), used, (np.cumsum(good) - 1)[of[used]]
-
-
-def _runs(padded: U8) -> tuple[Indices, Indices]:
-    """Return first pixel, counted row by row, and length of the runs of what is dark.
-
-    They are a quarter of the pixels. No run reaches the left or right edge.
-    """
-    flat = padded.reshape(-1)
-    ends = np.flatnonzero(flat[1:] != flat[:-1]) + 1  # first pixels and, one by one, those beyond
-    return ends[::2], ends[1::2] - ends[::2]
-
-
-def _ring_like(image: U8, c: _Components, k: float, largest_px: float) -> _Components:
-    """Return the components with a ring's shape, largest first.
+def _ring_like(mosaic: Mosaic, c: Components, k: float, largest_px: F64) -> Components:
+    """Return the components with the shape of a ring below its look's diameter, largest first.
 
     The second moments of a ring with semi-axes A are A A^T (1 + k^2) / 4, its area is
     pi det A (1 - k^2): area over root of the moments' determinant tells a ring of any obliqueness
@@ -249,39 +188,40 @@ def _ring_like(image: U8, c: _Components, k: float, largest_px: float) -> _Compo
     longer = np.sqrt(scale * (middle + off))
     shorter = np.sqrt(scale * np.maximum(middle - off, 0.0))
     rows, columns = np.rint(c.y).astype(np.intp), np.rint(c.x).astype(np.intp)
-    is_bloomed = (compactness > _MIN_BLOOMED_COMPACTNESS) & (image[rows, columns] > _CLIPPED)
+    grey = mosaic.grey(c.part, rows, columns)
+    is_bloomed = (compactness > _MIN_BLOOMED_COMPACTNESS) & (grey > _CLIPPED)
     good = (
         ((compactness > _MIN_COMPACTNESS) | is_bloomed)
         & (compactness < _MAX_COMPACTNESS)
         & (shorter >= _MIN_WIDTH_PX)
         & (shorter * _MAX_ASPECT >= longer)
-        & (longer < largest_px)
+        & (longer < largest_px[c.part])
     )
     picked = np.flatnonzero(good)
     largest_first = picked[np.argsort(-c.area[picked], kind="stable")]
     return c.at(largest_first[:_MAX_COMPONENTS])
 
 
-def _root(c: _Components) -> F64:
+def _root(c: Components) -> F64:
     """Return the roots of the determinants of the second moments."""
     root: F64 = np.sqrt(np.maximum(c.xx * c.yy - c.xy * c.xy, 1e-12))
     return root
 
 
-def _compactness(c: _Components, k: float) -> F64:
+def _compactness(c: Components, k: float) -> F64:
     """Return the areas over the roots of the moments' determinants, over those of a ring."""
     compactness: F64 = c.area / (_root(c) * 4.0 * math.pi * (1.0 - k * k) / (1.0 + k * k))
     return compactness
 
 
-def _ratios(c: _Components, k: float) -> F64:
+def _ratios(c: Components, k: float) -> F64:
     """Return the ratios of inner to outer diameter: the print's, or what clipped white leaves."""
     q = np.minimum(c.area / (_root(c) * 4.0 * math.pi), 1.0)
     ratio: F64 = np.where(_compactness(c, k) > _MIN_COMPACTNESS, k, np.sqrt((1.0 - q) / (1.0 + q)))
     return ratio
 
 
-def _axes(c: _Components, k: F64) -> F64:
+def _axes(c: Components, k: F64) -> F64:
     """Return the symmetric matrices A (n, 2, 2) of `_ring_like`: roots of the scaled moments."""
     root = _root(c)
     # Of a positive definite 2x2 matrix M: (M + sqrt(det M) 1) / sqrt(tr M + 2 sqrt(det M)).
@@ -291,7 +231,7 @@ def _axes(c: _Components, k: F64) -> F64:
     return axes
 
 
-def _in_perspective(dark: U8, c: _Components, k: F64, holed_px: float) -> tuple[_Components, F64]:
+def _in_perspective(mosaic: Mosaic, c: Components, k: F64, holed_px: F64) -> tuple[Components, F64]:
     """Return components about the point that ever smaller circles shrink to, and `aside` (n, 2).
 
     Perspective moves the image of a circle aside by the square of its radius: that of scale s (the
@@ -300,46 +240,36 @@ def _in_perspective(dark: U8, c: _Components, k: F64, holed_px: float) -> tuple[
     large enough, `aside` is 0.
     """
     aside = np.zeros((len(c.area), 2))
-    for i in np.flatnonzero(c.area >= holed_px):
-        hole = _hole(dark, c, int(i))
+    for i in np.flatnonzero(c.area >= holed_px[c.part]):
+        hole = mosaic.hole(c, int(i))
         if hole is not None:
             aside[i] = (c.x[i], c.y[i]) - hole
     dx, dy = aside.T
     q = k * k
     # The moments are those about the ring's middle, and of two ellipses that are not concentric.
     moments = (c.xx + q * dx * dx, c.yy + q * dy * dy, c.xy + q * dx * dy)
-    return _Components(c.area, c.x - (1.0 + q) * dx, c.y - (1.0 + q) * dy, *moments), aside
+    return Components(c.part, c.area, c.x - (1.0 + q) * dx, c.y - (1.0 + q) * dy, *moments), aside
 
 
-def _hole(dark: U8, c: _Components, i: int) -> F64 | None:
-    """Return the middle (2,) of the largest hole of what is dark about a component; None: none."""
-    middle = np.array([c.x[i], c.y[i]])
-    reach = 3.0 * np.sqrt([c.xx[i], c.yy[i]])  # an ellipse's own is 2, and perspective stretches it
-    low = np.maximum(np.floor(middle - reach), 0.0).astype(int)
-    x1, y1 = (np.ceil(middle + reach) + 1).astype(int)
-    box = dark[low[1] : y1, low[0] : x1]
-    contours, tree = cv2.findContours(box, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    holes = [contour for contour, of in zip(contours, tree[0], strict=True) if of[3] >= 0]
-    m = max((cv2.moments(hole) for hole in holes), key=lambda m: m["m00"], default={"m00": 0.0})
-    if m["m00"] < _MIN_HOLE * c.area[i]:
-        return None
-    return low + np.array([m["m10"], m["m01"]]) / m["m00"]
-
-
-def _spokes(image: U8, centre: F64, aside: F64, axes: F64, k: F64) -> tuple[F64, F64, F64, F64]:
+def _spokes(
+    mosaic: Mosaic, c: Components, aside: F64, axes: F64, k: F64
+) -> tuple[F64, F64, F64, F64]:
     """Return share, score, white and roughness of rings with such outlines, arrays (n,).
 
-    Centre and `aside` are as `_in_perspective` has them. Share and score are as `Candidate` has
+    Components and `aside` are as `_in_perspective` has them. Share and score are as `Candidate` has
     them, white is the lesser grey level of hole and surroundings, roughness by how much the
     stroke's level changes from spoke to spoke, over the step to white.
     """
+    centre = np.stack([c.x, c.y], axis=1)
     scales = np.stack([_HOLE_SCALE * k, (1.0 + k) / 2.0, np.full_like(k, _AROUND_SCALE)], axis=1)
     middle = centre[:, None] + scales[:, :, None] ** 2 * aside[:, None]
     at = middle[..., None] + scales[:, :, None, None] * (axes @ _CIRCLE)[:, None]
     columns, rows = np.rint(at).astype(np.intp).transpose(2, 0, 1, 3)
-    h, w = image.shape
+    part = c.part[:, None, None]
+    w, h = mosaic.widths[part], mosaic.heights[part]
     inside = ((columns >= 0) & (columns < w) & (rows >= 0) & (rows < h)).all(axis=1)
-    levels = image[np.clip(rows, 0, h - 1), np.clip(columns, 0, w - 1)].astype(np.float64)
+    at_most = (np.clip(rows, 0, h - 1), np.clip(columns, 0, w - 1))
+    levels = mosaic.grey(part, *at_most).astype(np.float64)
     levels[~np.broadcast_to(inside[:, None], levels.shape)] = np.nan
     enough = inside.sum(axis=1) >= _MIN_SPOKES
     judged = np.zeros((4, len(centre)))

@@ -29,7 +29,7 @@ from landerd.vision.pose import (
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit
 from landerd.vision.pyramid import SMALL_PX, levels
 from landerd.vision.ring_pose import mirrored, poses_through
-from landerd.vision.ring_segment import dark_by_mean, ring_candidates
+from landerd.vision.ring_segment import Look, dark_by_mean, ring_candidates
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
@@ -116,13 +116,16 @@ class WhyCodeFinder:
         """
         later: list[tuple[float, float, F64]] = []
         parts = list(levels(image, self._camera, None, None))
-        for segment in _SEGMENTATIONS:
-            for level in parts:
-                # The largest image takes most of the time, and the higher threshold shows more.
-                if segment is _SEGMENTATIONS[0] and level.largest_px <= SMALL_PX:
-                    continue
+        fine = [level for level in parts if level.largest_px <= SMALL_PX]
+        coarse = [level for level in parts if level.largest_px > SMALL_PX]
+        # The largest image takes most of the time, and the higher threshold shows more.
+        first, second = _SEGMENTATIONS
+        for some, segment in ((coarse, first), (coarse, second), (fine, second)):
+            looks = [Look(level.image, segment, level.largest_px) for level in some]
+            of_looks = ring_candidates(looks, _PLAIN_RATIO)
+            for level, candidates in zip(some, of_looks, strict=True):
                 clear = []
-                for c in ring_candidates(level.image, _PLAIN_RATIO, segment, level.largest_px):
+                for c in candidates:
                     outline = (c.outline.points() + 0.5) * level.reduction - 0.5
                     if c.share >= _CLEAR_SHARE:
                         clear.append(outline)

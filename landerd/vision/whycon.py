@@ -1,6 +1,6 @@
 """WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
 
-from itertools import product
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +9,14 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
-from landerd.vision.pyramid import SMALL_PX, levels
+from landerd.vision.pyramid import SMALL_PX, Level, levels
 from landerd.vision.ring_explained import edge_fits
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, remember
 from landerd.vision.ring_pose import F64
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Refusal, RingSearch
-from landerd.vision.ring_segment import dark_by_mean, dark_by_range
+from landerd.vision.ring_segment import Segmentation, dark_by_mean, dark_by_range
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import expected_poses, tracked_fits
 from landerd.vision.ring_work import RingWork
@@ -62,16 +62,26 @@ def find_rings(
     search = RingSearch(image, ring, camera, down, work, response or CameraResponse(), refuses)
     parts = list(levels(image, camera, window, expected_diameter_px))
     ways = _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]
-    # All ways in the coarsest level take less time than one in the finest.
-    for some in (parts[:1], parts[1:]):
-        for segment, level in product(ways, some):
-            is_wanted = segment is _SEGMENTATIONS[0] or level.largest_px > SMALL_PX
-            if is_wanted and search.find_clear(level, segment):
-                return search.nearest_first()
+    if any(search.find_clear(looks) for looks in _looks(parts, ways)):
+        return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
         search.find_hard()
     return search.nearest_first()
+
+
+def _looks(
+    parts: list[Level], ways: Sequence[Segmentation]
+) -> Iterator[list[tuple[Level, Segmentation]]]:
+    """Yield what is looked at at once, the cheapest first: no more than shows a ring is."""
+    first, *others = ways
+    # All ways in the coarsest level take less time than one in the finest.
+    yield [(level, first) for level in parts[:1]]
+    yield [(level, way) for way in others for level in parts[:1]]
+    coarse = [level for level in parts[1:] if level.largest_px > SMALL_PX]
+    yield [(level, first) for level in coarse]
+    yield [(level, first) for level in parts[1:] if level.largest_px <= SMALL_PX]
+    yield [(level, way) for way in others for level in coarse]
 
 
 def track_ring(

@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.vision.ring_segment import dark_by_mean, dark_by_range, ring_candidates
+from landerd.vision.ring_segment import (
+    Candidate,
+    Look,
+    Segmentation,
+    dark_by_mean,
+    dark_by_range,
+    ring_candidates,
+)
 
 RATIO = 0.4
 CENTRE, RADIUS_PX = (60, 50), 16
@@ -21,8 +28,12 @@ def picture(stroke: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.rint(WHITE + share * (stroke - WHITE)).astype(np.uint8)
 
 
+def candidates(image: NDArray[np.uint8], segment: Segmentation) -> list[Candidate]:
+    return ring_candidates([Look(image, segment)], RATIO)[0]
+
+
 def test_a_ring_of_even_ink_is_proposed_with_its_outline() -> None:
-    found = ring_candidates(picture(np.full((100, 120), BLACK)), RATIO, dark_by_range)
+    found = candidates(picture(np.full((100, 120), BLACK)), dark_by_range)
     assert len(found) == 1
     assert np.abs(found[0].outline.centre - CENTRE).max() < 0.5
     assert np.abs(found[0].outline.axes - RADIUS_PX * np.eye(2)).max() < 1.5
@@ -31,13 +42,24 @@ def test_a_ring_of_even_ink_is_proposed_with_its_outline() -> None:
 def test_a_ring_with_something_across_it_is_proposed() -> None:
     stroke = np.full((100, 120), BLACK)
     stroke[:, CENTRE[0] : CENTRE[0] + BAR_PX] = 80.0
-    assert len(ring_candidates(picture(stroke), RATIO, dark_by_range)) == 1
+    assert len(candidates(picture(stroke), dark_by_range)) == 1
 
 
 def test_texture_that_happens_to_be_round_is_not_proposed() -> None:
     rng = np.random.default_rng(1)
     patches = rng.uniform(0.0, 130.0, (20, 24))
     stroke = patches.repeat(5, axis=0).repeat(5, axis=1)
-    assert ring_candidates(picture(stroke), RATIO, dark_by_mean(0.86)) == []
+    assert candidates(picture(stroke), dark_by_mean(0.86)) == []
     even = np.full_like(stroke, patches.mean())
-    assert len(ring_candidates(picture(even), RATIO, dark_by_mean(0.86))) == 1
+    assert len(candidates(picture(even), dark_by_mean(0.86))) == 1
+
+
+def test_what_images_show_does_not_depend_on_what_is_looked_at_with_them() -> None:
+    shown = picture(np.full((100, 120), BLACK))
+    looks = [Look(shown[:, :90], dark_by_range), Look(shown[20:], dark_by_mean(0.86))]
+    alone = [ring_candidates([look], RATIO)[0] for look in looks]
+    together = ring_candidates(looks, RATIO)
+    assert [len(some) for some in together] == [1, 1]
+    for (one,), (other,) in zip(alone, together, strict=True):
+        assert np.abs(one.outline.centre - other.outline.centre).max() < 1e-9
+        assert (one.share, one.score) == (other.share, other.score)
