@@ -43,24 +43,26 @@ class Components:
 
 
 class Mosaic:
-    """Grey images and what is dark in them, under one another, with a margin of what is not."""
+    """Grey images, and what is dark in them under one another with a margin of what is not."""
 
     def __init__(self, images: Sequence[U8], darks: Sequence[U8]) -> None:
         """Lay out images (height, width), and as many that are 255 where it is dark, else 0."""
         self.heights = np.array([len(image) for image in images])
         self.widths = np.array([image.shape[1] for image in images])
+        self._grey = [np.ravel(image) for image in images]
         self._tops = np.concatenate([[0], np.cumsum(self.heights + 1)])
         # A column on either side, so that no run goes on in the next row.
-        shape = (int(self._tops[-1]), int(self.widths.max()) + 2)
-        self._grey, self._dark = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
-        for image, dark, top in zip(images, darks, self._tops[:-1].tolist(), strict=True):
-            h, w = image.shape
-            self._grey[top : top + h, 1 : w + 1] = image
+        self._dark = np.zeros((int(self._tops[-1]), int(self.widths.max()) + 2), np.uint8)
+        for dark, top in zip(darks, self._tops[:-1].tolist(), strict=True):
+            h, w = dark.shape
             self._dark[top : top + h, 1 : w + 1] = dark
 
     def grey(self, part: Indices, rows: Indices, columns: Indices) -> U8:
         """Return the grey levels of pixels of images; arrays of shapes that fit one another."""
-        levels: U8 = self._grey[rows + self._tops[part], columns + 1]
+        sizes = self.heights * self.widths
+        first = np.cumsum(sizes) - sizes
+        grey = self._grey[0] if len(self._grey) == 1 else np.concatenate(self._grey)
+        levels: U8 = grey[first[part] + rows * self.widths[part] + columns]
         return levels
 
     def components(self, largest_px: float, holed_px: F64) -> Components:
@@ -109,7 +111,9 @@ class Mosaic:
         box = self._dark[top + y0 : top + y1, x0 + 1 : x1 + 1]
         contours, tree = cv2.findContours(box, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
         holes = [contour for contour, of in zip(contours, tree[0], strict=True) if of[3] >= 0]
-        m = max((cv2.moments(hole) for hole in holes), key=lambda m: m["m00"], default={"m00": 0.0})
+        if not holes:
+            return None
+        m = cv2.moments(max(holes, key=cv2.contourArea))
         if m["m00"] < _MIN_HOLE * c.area[i]:
             return None
         return np.array([x0 + m["m10"] / m["m00"], y0 + m["m01"] / m["m00"]])
