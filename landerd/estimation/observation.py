@@ -177,7 +177,7 @@ class ObservationModel:
         """
         R = camera.R_local_camera
         x, y, z = point
-        # R (b x arm) is how an error b of the lens's direction about camera x and y moves the pad.
+        # A lens turned by b about camera x (up) and y (right) shows the pad moved by R (arm x b).
         about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
         arm = rotate(R, point)
         distance = max(norm(arm), MIN_RANGE_M)

@@ -175,8 +175,8 @@ class PadFilter:
             sigma_clock_s=math.sqrt(b[2][2]),
             gimbal_clock_s=gimbal,
             sigma_gimbal_clock_s=math.sqrt(g[0][0]),
-            up=-about_x,
-            right=-about_y,
+            up=about_x,
+            right=about_y,
             sigma_up=math.sqrt(b[0][0]),
             sigma_right=math.sqrt(b[1][1]),
         )

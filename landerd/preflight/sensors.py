@@ -49,15 +49,25 @@ def sensor_findings(config: Config, found: SensorErrors) -> list[Finding]:
         what = f"your pictures are stamped {abs(1e3 * off_s):.0f} ms {way} than they were taken"
         mend = f"set camera.clock_offset_s: {found.clock_s:.3f}"
         findings.append(Finding("warn", "camera clock", f"{what} (last flight)", mend))
-    for angle, sigma, ways, axis, i in (
-        (found.up, found.sigma_up, ("higher", "lower"), "pitch", 1),
-        (found.right, found.sigma_right, ("farther right", "farther left"), "yaw", 2),
+    return findings + _lens_findings(config, found)
+
+
+def _lens_findings(config: Config, found: SensorErrors) -> list[Finding]:
+    """Return what to set where the lens looks elsewhere than the gimbal says."""
+    roll, pitch, yaw = (math.radians(angle) for angle in config.gimbal.camera_rotation_deg)
+    # Found about the picture's axes, set about the gimbal's: a camera may sit rolled on it.
+    c, s = math.cos(roll), math.sin(roll)
+    up, right = c * found.up - s * found.right, s * found.up + c * found.right
+    sigma = max(found.sigma_up, found.sigma_right)
+    findings = []
+    for angle, ways, axis, new in (
+        (up, ("higher", "lower"), "pitch", pitch + up),
+        (right, ("farther right", "farther left"), "yaw", yaw + right / math.cos(pitch)),
     ):
         if abs(angle) > max(_LEAST_ANGLE, _SIGMAS * sigma):
             way = ways[0] if angle > 0.0 else ways[1]
-            size = math.degrees(angle)
-            what = f"your lens looks {abs(size):.1f} degrees {way} than your gimbal says"
-            new = config.gimbal.camera_rotation_deg[i] + size
-            mend = f"set {axis} of gimbal.camera_rotation_deg to {new:.1f}"
-            findings.append(Finding("warn", "lens direction", f"{what} (last flight)", mend))
+            off = abs(math.degrees(angle))
+            what = f"your lens looks {off:.1f} degrees {way} than your gimbal says (last flight)"
+            mend = f"set {axis} of gimbal.camera_rotation_deg to {math.degrees(new):.1f}"
+            findings.append(Finding("warn", "lens direction", what, mend))
     return findings

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from landerd.config.models import CameraSection, Config
+from landerd.config.models import CameraSection, Config, GimbalSection
 from landerd.estimation.pad_filter import SensorErrors
+from landerd.geometry import R_GIMBAL_CAMERA, Mat3, camera_mount, matmul, transpose
+from landerd.messages import Phase
 from landerd.preflight.sensors import read_sensors, sensor_findings, write_sensors
+from tests.scripted_flight import Flight
 
 FOUND = SensorErrors(-0.021, 0.002, 0.0, 0.003, 0.0, 0.0, 0.005, 0.005)
 
@@ -47,3 +50,35 @@ def test_a_damaged_file_is_no_news(tmp_path: Path, text: str) -> None:
     path = tmp_path / "sensors.json"
     path.write_text(text)
     assert read_sensors(path) is None
+
+
+def test_a_lens_that_sits_rolled_is_set_about_the_gimbals_axes() -> None:
+    config = Config(gimbal=GimbalSection(camera_rotation_deg=(180.0, 0.0, 0.0)))
+    # Upside down: what is up in the picture is down for the gimbal.
+    (finding,) = sensor_findings(config, replace(FOUND, clock_s=0.0, up=math.radians(2.0)))
+    assert "2.0 degrees lower" in finding.what
+    assert finding.mend == "set pitch of gimbal.camera_rotation_deg to -2.0"
+
+
+class Skewed(Flight):
+    """Its lens looks elsewhere than the gimbal says."""
+
+    def __init__(self, *, up_deg: float, right_deg: float) -> None:
+        super().__init__(position=(-8.0, 3.0, -8.0))
+        self._mount = camera_mount((0.0, up_deg, right_deg))
+
+    def R_local_camera(self) -> Mat3:  # noqa: N802 - rotates camera to local
+        as_said = super().R_local_camera()
+        return matmul(matmul(as_said, transpose(R_GIMBAL_CAMERA)), self._mount)
+
+
+@pytest.mark.parametrize(("up_deg", "right_deg"), [(2.0, 0.0), (0.0, -2.0)])
+def test_a_skewed_lens_is_found_to_look_where_it_does(up_deg: float, right_deg: float) -> None:
+    flight = Skewed(up_deg=up_deg, right_deg=right_deg).engaged().until(Phase.DESCENT)
+    found = flight.lander.sensor_errors
+    for angle, sigma, true_deg in (
+        (found.up, found.sigma_up, up_deg),
+        (found.right, found.sigma_right, right_deg),
+    ):
+        assert math.degrees(angle) == pytest.approx(true_deg, abs=3.0 * math.degrees(sigma))
+        assert abs(math.degrees(angle) - true_deg) < 0.3 + 0.6 * abs(true_deg)
