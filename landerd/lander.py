@@ -10,6 +10,7 @@ import math
 from landerd.config.models import Config
 from landerd.config.parameters import with_value
 from landerd.estimation.estimator import Estimator
+from landerd.estimation.health import Health
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.geometry import Vec3
 from landerd.guidance.aim import Aim
@@ -100,6 +101,16 @@ class Lander:
         return self._estimator.nis
 
     @property
+    def health(self) -> Health | None:
+        """How well the sightings of the last moments fit, and how old they are; None: none."""
+        return self._estimator.health.newest
+
+    @property
+    def flight_health(self) -> Health | None:
+        """The same of the whole flight so far."""
+        return self._estimator.health.flight
+
+    @property
     def sensor_errors(self) -> SensorErrors:
         """What is wrong about camera and gimbal, as far as it is known."""
         return self._estimator.sensor_errors
@@ -175,6 +186,7 @@ class Lander:
         self._tick_t = now
         if dt <= 0.0:
             return []
+        self._estimator.on_tick(now)
         direction = self._look(now)
         vehicle = self._estimator.vehicle(now) if direction is None else None  # to search by
         course = vehicle.course if vehicle is not None else None

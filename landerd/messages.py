@@ -23,6 +23,7 @@ class Frame:
     t: float  # middle of the exposure, s
     seq: int  # counts up by one a frame at the source; a gap is a lost frame
     image: NDArray[np.uint8]  # (height, width)
+    sigma_t: float = 0.0  # of t as far as the camera's driver knows it, 1 sigma, s
 
 
 # ---- between the core and vision ---------------------------------------------------------------
@@ -112,6 +113,8 @@ class Sightings:
     markers: tuple[MarkerSighting, ...]
     pad: tuple[PoseSolution, ...]  # of the landing point from all markers, best first; 0 to 2
     light: Light | None = None  # None: nobody exposes by it
+    sigma_t: float = 0.0  # the frame's
+    arrived_t: float | None = None  # when the camera gave the frame, s; None: not told
 
 
 # ---- from the autopilot ------------------------------------------------------------------------

@@ -37,7 +37,8 @@ class RecordedFlight(Flight):
     def sighting(self) -> Sightings:
         seen = super().sighting()
         corners = ((20.0, 14.0), (40.0, 14.0), (40.0, 34.0), (20.0, 34.0))
-        return replace(seen, markers=tuple(replace(m, outline_px=corners) for m in seen.markers))
+        markers = tuple(replace(m, outline_px=corners) for m in seen.markers)
+        return replace(seen, markers=markers, arrived_t=seen.t + 0.038)
 
     def give(self, message: Input) -> list[Command]:
         if type(message) in self.silent:

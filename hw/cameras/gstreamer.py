@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from hw.cameras.newest import NewestFrame
+from hw.cameras.newest import NewestFrame, unknown_exposure_sigma
 from landerd.messages import Frame
 from landerd.ports import DeviceLost, NotInstalled
 from landerd.section import Section
@@ -112,5 +112,6 @@ class GstreamerCamera:
             finally:
                 buffer.unmap(mapped)
             start_s = 1e-9 * (pipeline.get_base_time() + buffer.pts)
-            newest.put(image, start_s + 0.5 * o.exposure_s + o.time_offset_s)
+            sigma_t = 0.0 if o.exposure_s > 0.0 else unknown_exposure_sigma(o.fps)
+            newest.put(image, start_s + 0.5 * o.exposure_s + o.time_offset_s, sigma_t)
         return self._gst.FlowReturn.OK

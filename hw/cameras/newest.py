@@ -1,6 +1,7 @@
 """The newest picture of a source that calls from a thread of its own."""
 
 import asyncio
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -11,6 +12,15 @@ from landerd.ports import DeviceLost
 
 # So long without a picture the camera counts as lost; before the first one the source starts.
 _FIRST_FRAME_S, _STALL_S = 8.0, 1.0
+
+
+def unknown_exposure_sigma(fps: float) -> float:
+    """Return how far the middle of an exposure is off that is taken for its end or start, s.
+
+    The middle lies within half a period of the pictures from there, evenly spread: this is the root
+    mean square.
+    """
+    return 0.5 / fps / math.sqrt(3.0)
 
 
 class NewestFrame:
@@ -31,9 +41,15 @@ class NewestFrame:
         self._seq = 0
         self._has_sent = False
 
-    def put(self, image: NDArray[np.uint8], exposed_t: float) -> None:
-        """Take a grey picture and the middle of its exposure on `clock`; any thread."""
-        self._loop.call_soon_threadsafe(self._take, image, exposed_t)
+    def put(self, image: NDArray[np.uint8], exposed_t: float, sigma_t: float = 0.0) -> None:
+        """Take a grey picture and the middle of its exposure on `clock`; any thread.
+
+        Args:
+            image: (height, width).
+            exposed_t: on `clock`, s.
+            sigma_t: of that, s.
+        """
+        self._loop.call_soon_threadsafe(self._take, image, exposed_t, sigma_t)
 
     def lose(self, reason: str) -> None:
         """Say that no more will come; any thread."""
@@ -54,10 +70,10 @@ class NewestFrame:
         self._has_sent = True
         return frame
 
-    def _take(self, image: NDArray[np.uint8], exposed_t: float) -> None:
+    def _take(self, image: NDArray[np.uint8], exposed_t: float, sigma_t: float) -> None:
         t = self._loop.time() - (self._clock() - exposed_t)
         self._seq += 1
-        self._frame = Frame(t, self._seq, image)
+        self._frame = Frame(t, self._seq, image, sigma_t)
         self._arrived.set()
 
     def _end(self, reason: str) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from hw.cameras.newest import NewestFrame
+from hw.cameras.newest import NewestFrame, unknown_exposure_sigma
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost, NotInstalled
 from landerd.section import Section
@@ -117,5 +117,7 @@ class Picamera2Camera:
         # On a Raspberry Pi the stamp (ns) is that of the first line's arrival, which is the end of
         # its exposure (us), not the start as libcamera has it: raspberrypi/picamera2 issue 821.
         end_s = 1e-9 * metadata["SensorTimestamp"]
-        half_s = 0.5e-6 * metadata.get("ExposureTime", 0)
-        newest.put(image, end_s - half_s + o.time_offset_s)
+        exposure_us = metadata.get("ExposureTime")
+        half_s = 0.5e-6 * (exposure_us or 0)
+        sigma_t = 0.0 if exposure_us else unknown_exposure_sigma(o.fps)
+        newest.put(image, end_s - half_s + o.time_offset_s, sigma_t)

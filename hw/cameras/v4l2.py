@@ -8,6 +8,7 @@ is asked for or replaced. If the loop came so late that the queue was full, all 
 import asyncio
 import errno
 import logging
+import math
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from hw.cameras.newest import unknown_exposure_sigma
 from hw.cameras.v4l2_exposure import (
     ANALOGUE_GAIN,
     AUTOGAIN,
@@ -266,7 +268,7 @@ class V4l2Camera:
 
         Its time is the middle of the exposure: the kernel's stamp half an exposure later if it
         tells the start of the exposure, earlier if the end of the frame, plus
-        `time_offset_s`. Raises DeviceLost.
+        `time_offset_s`. How far that may be off goes with it. Raises DeviceLost.
         """
         while True:
             limit_s = _STALL_S if self._has_sent else _FIRST_FRAME_S
@@ -290,7 +292,7 @@ class V4l2Camera:
             image = await self._grey(data)
             if image is not None:
                 self._has_sent = True
-                return Frame(t, filled.sequence, image)
+                return Frame(t, filled.sequence, image, self._time_sigma(filled.stamp))
             self.counters["pictures that cannot be read"] += 1
 
     def _drain(self) -> None:
@@ -357,6 +359,13 @@ class V4l2Camera:
         else:
             age_s = node.now() - filled.t - half_s
         return now - age_s + self._options.time_offset_s
+
+    def _time_sigma(self, stamp: Stamp) -> float:
+        """Return how far off the middle of the exposure may be as it is told, s."""
+        fps = self._options.fps
+        exposure = 0.0 if self._exposure_s > 0.0 else unknown_exposure_sigma(fps)
+        # Without a stamp it is taken for exposed as it came: reading it out took up to a period.
+        return math.hypot(exposure, 1.0 / fps) if stamp is Stamp.NONE else exposure
 
     async def _grey(self, data: bytes) -> NDArray[np.uint8] | None:
         """Return the picture, (height, width); None if the bytes are not one."""

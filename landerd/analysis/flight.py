@@ -4,23 +4,43 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from statistics import median
+from typing import NamedTuple
 
+from landerd.analysis.intervals import percentile
 from landerd.analysis.picture import Sample
 from landerd.flightlog.contents import State
-from landerd.flightlog.reader import FlightLog
+from landerd.flightlog.reader import FlightLog, Step
 from landerd.flightlog.replay import phases
 from landerd.geometry import Vec3, add, norm, sub
 from landerd.messages import (
     Battery,
+    ClockSync,
     Heartbeat,
     LocalPosition,
     Phase,
     PhaseChange,
     Setpoint,
     Sightings,
+    Tick,
 )
 
 SIGHT_M = 18.0  # slant range from which the thesis counts time and energy (3.6)
+
+
+class AgeBudget(NamedTuple):
+    """How old a picture was when it could first be flown on, and why; s."""
+
+    t: float  # of that control step, from the log's beginning
+    camera: float  # from the middle of the exposure until the camera's driver had given it
+    vision: float  # until it was searched
+    wait: float  # until the next control step
+    clock: float  # how far off all that may be: the driver's stamp and the autopilot's clock
+
+    @property
+    def age(self) -> float:
+        """What it comes to, the clocks' uncertainty apart."""
+        return self.camera + self.vision + self.wait
 
 
 @dataclass
@@ -35,6 +55,7 @@ class Flight:
     batteries: list[Battery] = field(default_factory=list)
     changes: list[tuple[float, PhaseChange]] = field(default_factory=list)
     disarmed_t: float | None = None
+    budgets: list["AgeBudget"] = field(default_factory=list)
 
     @property
     def end(self) -> float:
@@ -111,7 +132,9 @@ def flight_of(log: FlightLog) -> Flight:
     zero = log.steps[0].now
     flight = Flight(log, zero)
     armed = False
+    budget = _Budgeting(flight)
     for step in log.steps:
+        budget.take(step)
         t, message = step.now - zero, step.message
         if isinstance(message, LocalPosition):
             flight.positions.append((t, message))
@@ -126,6 +149,37 @@ def flight_of(log: FlightLog) -> Flight:
         flight.setpoints += [(t, c) for c in step.commands if isinstance(c, Setpoint)]
     flight.changes = [(t - zero, c) for t, c in phases([(s.now, s.commands) for s in log.steps])]
     return flight
+
+
+class _Budgeting:
+    """Notes of every picture with how old it came to the control task."""
+
+    def __init__(self, flight: Flight) -> None:
+        self._flight = flight
+        self._offset_s = float(flight.log.config.get("camera", {}).get("clock_offset_s", 0.0))
+        self._clock_s = 0.0
+        self._waiting: tuple[float, Sightings] | None = None  # since when
+
+    def take(self, step: Step) -> None:
+        message = step.message
+        if isinstance(message, ClockSync):
+            self._clock_s = message.uncertainty_s
+        elif isinstance(message, Sightings):
+            self._waiting = (step.now, message)
+        elif isinstance(message, Tick) and self._waiting is not None:
+            searched_t, seen = self._waiting
+            self._waiting = None
+            if seen.arrived_t is None:
+                return
+            self._flight.budgets.append(
+                AgeBudget(
+                    step.now - self._flight.zero,
+                    seen.arrived_t - seen.t + self._offset_s,
+                    searched_t - seen.arrived_t,
+                    step.now - searched_t,
+                    math.hypot(seen.sigma_t, self._clock_s),
+                )
+            )
 
 
 def sentences(flight: Flight) -> list[str]:
@@ -183,15 +237,44 @@ def _events(flight: Flight) -> list[tuple[float, str]]:
 
 
 def _health(flight: Flight, last: State | None) -> list[str]:
-    """Return what landerd has found of clock and mounting."""
+    """Return how sight and telemetry fitted, and what was found of clock and mounting."""
     if last is None or last.sensors is None or not flight.sightings:
         return []
     s = last.sensors
     return [
+        *_fit(flight),
+        *_ages(flight),
         f"Found of the camera, give or take 1 sigma: its pictures are stamped "
         f"{1e3 * s.clock_s:.1f} ± {1e3 * s.sigma_clock_s:.1f} ms late; it looks "
         f"{math.degrees(s.up):.2f} ± {math.degrees(s.sigma_up):.2f} degrees higher and "
-        f"{math.degrees(s.right):.2f} ± {math.degrees(s.sigma_right):.2f} farther right."
+        f"{math.degrees(s.right):.2f} ± {math.degrees(s.sigma_right):.2f} farther right.",
+    ]
+
+
+def _fit(flight: Flight) -> list[str]:
+    known = [s.health for s in flight.log.states if s.health is not None]
+    if not known:
+        return []
+    nis = [h.nis for h in known]
+    refused = [100.0 * h.refused for h in known]
+    return [
+        f"Over two seconds each the mean NIS of the sightings was {median(nis):.1f}, at most "
+        f"{max(nis):.1f} (3 is expected), and at most {max(refused):.0f} % were refused."
+    ]
+
+
+def _ages(flight: Flight) -> list[str]:
+    if not flight.budgets:
+        return []
+    ages = [1e3 * b.age for b in flight.budgets]
+    camera, vision, wait, clock = (
+        1e3 * median(part) for part in list(zip(*flight.budgets, strict=True))[1:]
+    )
+    return [
+        f"Pictures were {median(ages):.0f} ms old at the control step that could first fly on "
+        f"them ({percentile(ages, 95.0) or 0.0:.0f} ms in 95 of 100): {camera:.0f} ms camera and "
+        f"transport, {vision:.0f} ms vision, {wait:.0f} ms waiting (medians); the clocks leave "
+        f"{clock:.0f} ms of doubt."
     ]
 
 

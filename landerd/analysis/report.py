@@ -27,6 +27,7 @@ from landerd.vision.draw import draw
 NO_PLOTS = "Without plots: they need matplotlib (pip install matplotlib)."
 NEAR_S = 1.0  # a recorded picture this close to a change of phase shows it
 _WIDTH_IN = 10.0  # of all plots
+NIS_EXPECTED = 3.0  # of three coordinates
 
 
 class _Plot(NamedTuple):
@@ -216,6 +217,44 @@ def _broken(t: list[float], values: list[float]) -> tuple[list[float], list[floa
     return times, parts
 
 
+def _health(figure: Any, flight: Flight) -> None:
+    fit, refused, ages, clock, lens = figure.subplots(5, 1, sharex=True)
+    known = [(s.t - flight.zero, s.health) for s in flight.log.states if s.health is not None]
+    t = [at for at, _ in known]
+    fit.plot(t, [h.nis for _, h in known], color="black")
+    fit.axhline(NIS_EXPECTED, color="black", lw=0.6, ls="--")
+    fit.set(ylabel="NIS")
+    refused.plot(t, [100.0 * h.refused for _, h in known], color="tab:red")
+    refused.set(ylabel="refused (%)")
+    if flight.budgets:
+        at, *parts, _ = zip(*flight.budgets, strict=True)
+        stacked = [[1e3 * x for x in part] for part in parts]
+        ages.stackplot(at, *stacked, labels=["camera, transport", "vision", "wait"])
+        ages.legend(loc="upper right", fontsize=8)
+    ages.set(ylabel="age (ms)")
+    found = [(s.t - flight.zero, s.sensors) for s in flight.log.states if s.sensors is not None]
+    t = [at for at, _ in found]
+    late = [1e3 * s.clock_s for _, s in found]
+    _band(clock, t, late, [1e3 * s.sigma_clock_s for _, s in found], "tab:blue")
+    clock.set(ylabel="late (ms)")
+    up = [math.degrees(s.up) for _, s in found]
+    _band(lens, t, up, [math.degrees(s.sigma_up) for _, s in found], "tab:green", "up")
+    right = [math.degrees(s.right) for _, s in found]
+    _band(lens, t, right, [math.degrees(s.sigma_right) for _, s in found], "tab:purple", "right")
+    lens.set(ylabel="lens (deg)")
+    lens.legend(loc="upper right", fontsize=8)
+    _finish(figure, flight)
+
+
+def _band(
+    axes: Any, t: list[float], values: list[float], sigma: list[float], colour: str, name: str = ""
+) -> None:
+    axes.plot(t, values, color=colour, label=name)
+    low = [v - s for v, s in zip(values, sigma, strict=True)]
+    high = [v + s for v, s in zip(values, sigma, strict=True)]
+    axes.fill_between(t, low, high, color=colour, alpha=0.2, lw=0)
+
+
 def _battery(figure: Any, flight: Flight) -> None:
     axes = figure.add_subplot()
     t = [b.t - flight.zero for b in flight.batteries]
@@ -271,6 +310,16 @@ _PLOTS = (
         5.2,
         _velocities,
         lambda flight: bool(flight.positions),
+    ),
+    _Plot(
+        "Health of the estimate",
+        "Over the last two seconds: the sightings' mean normalised innovation squared (3 is "
+        "expected) and how many of them were refused. How old pictures were at the control step "
+        "that could first fly on them. What was found of the pictures' clock and the lens's "
+        "direction; the bands are one standard deviation.",
+        7.0,
+        _health,
+        lambda flight: any(s.health is not None for s in flight.log.states),
     ),
     _Plot("Battery", "", 2.6, _battery, lambda flight: len(flight.batteries) > 1),
 )

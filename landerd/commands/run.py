@@ -21,7 +21,7 @@ from landerd.lander import Lander
 from landerd.messages import Command, Input
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.preflight.computer import temperature_c
-from landerd.preflight.sensors import sensors_file, write_sensors
+from landerd.preflight.sensors import LastFlight, sensors_file, write_sensors
 from landerd.runtime.daemon import CoreFailed, Daemon
 from landerd.runtime.observer import Observer
 from landerd.runtime.service import ServiceNotifier, log_to_stderr
@@ -31,7 +31,7 @@ log = logging.getLogger("landerd")
 
 
 class SensorNotes(Observer):
-    """Keeps what each landing has found of camera and gimbal, for `landerd check`."""
+    """Keeps what each landing has found of camera, gimbal and sight, for `landerd check`."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -47,7 +47,8 @@ class SensorNotes(Observer):
         if self._outcome is None or self._outcome == outcome:
             return
         try:
-            write_sensors(self._path, self._lander.sensor_errors)
+            lander = self._lander
+            write_sensors(self._path, LastFlight(lander.sensor_errors, lander.flight_health))
         except OSError as e:
             log.warning("what was found of camera and gimbal is not kept: %s", e)
 

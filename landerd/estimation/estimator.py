@@ -7,6 +7,7 @@ from typing import Literal
 from landerd.config.models import Config
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
 from landerd.estimation.doubt import Doubt
+from landerd.estimation.health import HealthMonitor
 from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import Glimpse, ObservationModel, PadObservation
 from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
@@ -38,6 +39,7 @@ class Estimator:
         refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
         glimpse: of the newest frame that shows a pad, accepted or not; None: none.
+        health: of what was seen so far.
     """
 
     def __init__(self, config: Config) -> None:
@@ -50,7 +52,9 @@ class Estimator:
         self.sighting_t = self.refused_t = -math.inf
         self.frame_t = -math.inf
         self.glimpse: Glimpse | None = None
-        self._clock_s = 0.0  # how wrong the times of the autopilot's data may be
+        self.health = HealthMonitor(config.estimation.gate_sigma**2)
+        # How wrong the times of the autopilot's data and of the pictures may be, s.
+        self._clock_s = self._picture_clock_s = 0.0
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -63,7 +67,7 @@ class Estimator:
     def on_clock(self, clock: ClockSync) -> None:
         """Take how well the autopilot's clock is known: its data may be so much older."""
         self._clock_s = clock.uncertainty_s
-        self._filter.on_clock(clock.uncertainty_s)
+        self._filter.on_clock(math.hypot(self._clock_s, self._picture_clock_s))
 
     def on_sightings(self, sightings: Sightings) -> list[PadObservation] | None:
         """Take what one frame shows of the pad.
@@ -75,6 +79,9 @@ class Estimator:
         if not sightings.t > self.frame_t:
             return None
         self.frame_t = sightings.t
+        if sightings.sigma_t != self._picture_clock_s:
+            self._picture_clock_s = sightings.sigma_t
+            self._filter.on_clock(math.hypot(self._clock_s, self._picture_clock_s))
         t = sightings.t - self._clock_offset_s
         clocks = self._filter.clocks
         observations = [
@@ -85,12 +92,22 @@ class Estimator:
         ]
         if observations:
             self.glimpse = self._observations.glimpse(observations[0], clocks)
-        if not self._filter.update(observations):
+        refused_before = self._filter.rejected
+        is_accepted = self._filter.update(observations)
+        if not math.isnan(self._filter.nis):
+            refused = self._filter.rejected > refused_before
+            self.health.on_sighting(t, self._filter.nis, refused=refused)
+        if not is_accepted:
             if observations:
                 self.refused_t = t
             return []
         self.sighting_t = t
         return observations
+
+    def on_tick(self, now: float) -> None:
+        """A control step begins, at time now (s)."""
+        if self.frame_t > -math.inf:
+            self.health.on_tick(now, self.frame_t - self._clock_offset_s)
 
     def on_restart(self) -> None:
         """The autopilot restarted: its local frame may be another, so the pad is forgotten too."""
@@ -105,6 +122,13 @@ class Estimator:
     def doubt(self) -> Doubt:
         """Whether the newest sightings, accepted or not, were where the pad was expected."""
         return self._filter.doubt
+
+    def sight_age(self, now: float) -> float:
+        """Return the age of the last accepted sighting at time now, s; infinite without one.
+
+        What its exposure may have been earlier than is said counts, as with telemetry.
+        """
+        return now - self.sighting_t + self._picture_clock_s
 
     @property
     def nis(self) -> float:

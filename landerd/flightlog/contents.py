@@ -4,7 +4,7 @@
 |---|---|
 | `/in/TYPE` | a message as the core took it; its number counts the core's steps |
 | `/out/TYPE` | a command, with the number of the step that gave it |
-| `/core/state` | phase, outcome, the pad relative to the vehicle, errors of camera and gimbal |
+| `/core/state` | phase, outcome, pad relative to vehicle, errors of camera and gimbal, health |
 | `/vision/searched` | a frame that was searched and what was expected in it |
 | `/camera/image`, `/camera/calibration`, `/camera/markers`, `/tf`, `/events` | for Foxglove |
 | `/log/dropped` | how much could not be recorded so far, by kind |
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from landerd.camera_model import CameraModel
 from landerd.config.models import Config
+from landerd.estimation.health import Health
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.guidance.relative_state import RelativeState
 from landerd.lander import Lander
@@ -65,6 +66,7 @@ class State:
     aborts: int
     relative: RelativeState | None  # None while pad or vehicle is unknown
     sensors: SensorErrors | None = None  # None: of an older landerd
+    health: Health | None = None  # of the last moments; None: nothing was seen, or older
 
 
 def state_of(lander: Lander, now: float) -> State:
@@ -77,6 +79,7 @@ def state_of(lander: Lander, now: float) -> State:
         lander.aborts,
         lander.relative_state(now),
         lander.sensor_errors,
+        lander.health,
     )
 
 

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from landerd.config.models import Config
@@ -144,6 +144,8 @@ def replay_vision(log: FlightLog, config: Config) -> VisionReplayed | str:
         logged = seen.get(searched.seq)
         if logged is None:  # the log ends before the core took them
             continue
+        # These are the camera's, not vision's.
+        sightings = replace(sightings, sigma_t=logged.sigma_t, arrived_t=logged.arrived_t)
         result.comparison.compared += 1
         a, b = codec.encode(logged), codec.encode(sightings)
         if a != b:

@@ -9,6 +9,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
+| sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | on the pad, and the land detector is silent | CRITICAL | UNCONFIRMED |
 
@@ -61,6 +62,10 @@ HOLDING_OVER = "holding over the marker, switch to land"
 NO_HEADING = "pad's heading not seen"
 NO_HEADING_CLIMBING = "pad's heading not seen, climbing again"
 OFF_CLIMBING = "off by {distance:.2f} m, climbing again"
+
+# Before it matters: the words say where to look.
+MANY_REFUSED = "many sightings refused: camera, gimbal?"
+LATE_PICTURES = "pictures come late: camera, computer?"
 
 # ---- out of sight ------------------------------------------------------------------------------
 STALE: Mapping[str, str] = {  # by Estimator.stale

@@ -73,6 +73,7 @@ class Tracking:
         if self._context.stands(step.now) and not self._context.hold_asked:
             self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS
+        self._context.tell_of_health()
         event = self._event(step, sight)
         if event is not None:
             return event

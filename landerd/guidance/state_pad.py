@@ -67,7 +67,7 @@ class Committed:
         relative = context.relative(vehicle, pad)
         context.note(relative)
         heave = relative.pad_velocity[2]
-        age = step.now - context.estimator.sighting_t
+        age = context.estimator.sight_age(step.now)
         clearance = _clearance(context, relative, vehicle, pad)
         self._watch(heave, _unsure(relative, vehicle, clearance))
         event = self._touchdown.step(step.now, age, clearance, context.landed)
@@ -136,7 +136,7 @@ class Committed:
             return True
         sink_rate = options.touchdown_descent_mps
         tolerance = options.descent.commit_miss_m
-        misses = now - estimator.sighting_t < options.lost.after_s and (
+        misses = estimator.sight_age(now) < options.lost.after_s and (
             horizontal(relative.error_rate) > options.descent.commit_slip_mps
             or self._context.foothold.will_miss(relative, heading, sink_rate, tolerance)
         )

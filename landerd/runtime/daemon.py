@@ -10,7 +10,7 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NoReturn
 
@@ -56,6 +56,7 @@ log = logging.getLogger("landerd")
 
 HEARTBEAT_S = 1.0
 PLOT_S = 0.2
+HEALTH_PLOT_S = 1.0  # what changes slowly: a telemetry radio carries 5 kB/s
 PHASES = list(Phase)  # a phase is plotted as its place here
 FUTURE_S = 0.05  # a time stamp farther ahead than this is false
 OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
@@ -223,12 +224,14 @@ class Daemon:
             self._find("camera")
             if not self._usable(frame, loop.time()):
                 continue
+            arrived_t = loop.time()
             searched = await self._search(frame)
             if searched is None:
                 self._vision = self._new_vision()
                 self._observe(lambda observer: observer.on_vision_reset())
                 continue
             prior, sightings = searched
+            sightings = replace(sightings, sigma_t=frame.sigma_t, arrived_t=arrived_t)
             self._observe(partial(_tell_frame, frame, prior, sightings))
             self._take(sightings)
 
@@ -256,7 +259,7 @@ class Daemon:
         loop = asyncio.get_running_loop()
         period = 1.0 / self._config.control.rate_hz
         due = loop.time()
-        beat = plotted = -math.inf
+        beat = plotted = health_plotted = -math.inf
         while True:
             due = max(due + period, loop.time())
             await asyncio.sleep(due - loop.time())
@@ -272,6 +275,9 @@ class Daemon:
             if now - plotted >= PLOT_S:
                 plotted = now
                 self._send(lambda: self._devices.autopilot.plot(self._figures(loop.time())))
+            if now - health_plotted >= HEALTH_PLOT_S:
+                health_plotted = now
+                self._send(lambda: self._devices.autopilot.plot(self._health_figures()))
 
     async def _end_flight(self, period: float) -> None:
         """Stream the orders prepared before the core failed, while the vehicle takes any."""
@@ -292,9 +298,21 @@ class Daemon:
         pad = self.lander.relative_state(now)
         if pad is not None:
             figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
-            sensors = self.lander.sensor_errors
-            figures |= {"cam_clk_ms": 1e3 * sensors.clock_s, "pad_nis": self.lander.nis}
         return {name: value for name, value in figures.items() if math.isfinite(value)}
+
+    def _health_figures(self) -> dict[str, float]:
+        """The same of how well sight and telemetry fit; nothing while nothing is seen."""
+        health, sensors = self.lander.health, self.lander.sensor_errors
+        if health is None:
+            return {}
+        return {
+            "pad_nis": health.nis,
+            "pad_ref_pc": 100.0 * health.refused,
+            "pic_age_ms": 1e3 * health.picture_age_s,
+            "cam_clk_ms": 1e3 * sensors.clock_s,
+            "cam_up_deg": math.degrees(sensors.up),
+            "cam_rt_deg": math.degrees(sensors.right),
+        }
 
     def _take(self, message: Input) -> None:
         """Give the core a message and carry out what it orders; a failed core takes none."""

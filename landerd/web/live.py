@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from landerd.config.models import Config
+from landerd.estimation.health import Health
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.guidance.pilot_texts import PREFIX
 from landerd.guidance.relative_state import RelativeState
@@ -66,7 +67,7 @@ class View:
     aborts: int
     relative: RelativeState | None
     sensors: SensorErrors
-    nis: float  # NaN: nothing to compare
+    health: Health | None  # of the last moments; None: nothing was seen
     heartbeat: Heartbeat | None
     rc: RcChannels | None
     attitude: Attitude | None
@@ -176,7 +177,7 @@ class LiveView(Observer):
             aborts=lander.aborts,
             relative=lander.relative_state(now),
             sensors=lander.sensor_errors,
-            nis=lander.nis,
+            health=lander.health,
             heartbeat=self._last(Heartbeat),
             rc=self._last(RcChannels),
             attitude=self._last(Attitude),

@@ -51,7 +51,7 @@ def test_the_page_tells_the_landing_and_needs_nothing_else(landing: Path, tmp_pa
     page = Page()
     page.feed(output.read_text())
     assert all(link.startswith(("data:", "#")) for link in page.links)
-    assert page.tags.count("svg") == 5  # no battery in this flight
+    assert page.tags.count("svg") == 6  # no battery in this flight
     assert page.tags.count("img") >= 4
     for title in ("What happened", "Way to the pad", "Pointing of the camera", "Velocities asked"):
         assert title in page.text
@@ -66,6 +66,10 @@ def test_sentences_say_when_and_where(landing: Path) -> None:
     assert told[0] == "Simulated time, without a date, pad: ring and tag."
     assert re.search(r"by landerd's own estimate it then stood \d+ cm from the landing point", text)
     assert "its pictures are stamped" in text
+    assert re.search(r"mean NIS of the sightings was [\d.]+, at most [\d.]+ \(3 is", text)
+    # The flight's pictures come 50 ms after their exposure, and are searched within 12 ms.
+    assert "Pictures were 50 ms old at the control step that could first fly on them" in text
+    assert "38 ms camera and transport, 12 ms vision, 0 ms waiting" in text
     # Events are told in the order in which they happened.
     times = [float(t) for line in told[2:-3] for t in re.findall(r"([\d.]+) s[:.,]", line)[:1]]
     assert times == sorted(times)

@@ -7,13 +7,20 @@ from pathlib import Path
 import pytest
 
 from landerd.config.models import CameraSection, Config, GimbalSection
+from landerd.estimation.health import Health
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.geometry import R_GIMBAL_CAMERA, Mat3, camera_mount, matmul, transpose
 from landerd.messages import Phase
-from landerd.preflight.sensors import read_sensors, sensor_findings, write_sensors
+from landerd.preflight.sensors import LastFlight, read_sensors, sensor_findings, write_sensors
 from tests.scripted_flight import Flight
 
-FOUND = SensorErrors(-0.021, 0.002, 0.0, 0.003, 0.0, 0.0, 0.005, 0.005)
+SENSORS = SensorErrors(-0.021, 0.002, 0.0, 0.003, 0.0, 0.0, 0.005, 0.005)
+HEALTH = Health(600, 2.9, 0.01, 0.12)
+FOUND = LastFlight(SENSORS, HEALTH)
+
+
+def found(**changed: float) -> LastFlight:
+    return replace(FOUND, sensors=replace(SENSORS, **changed))
 
 
 def test_pictures_that_are_stamped_early_are_told() -> None:
@@ -29,11 +36,11 @@ def test_what_is_set_already_is_not_offered_again() -> None:
 
 
 def test_what_is_not_sure_is_not_offered() -> None:
-    assert sensor_findings(Config(), replace(FOUND, sigma_clock_s=0.008)) == []
+    assert sensor_findings(Config(), found(sigma_clock_s=0.008)) == []
 
 
 def test_a_lens_that_looks_low_is_told() -> None:
-    low = replace(FOUND, clock_s=0.0, up=math.radians(-2.0))
+    low = found(clock_s=0.0, up=math.radians(-2.0))
     (finding,) = sensor_findings(Config(), low)
     assert "2.0 degrees lower" in finding.what
     assert finding.mend == "set pitch of gimbal.camera_rotation_deg to -2.0"
@@ -41,11 +48,26 @@ def test_a_lens_that_looks_low_is_told() -> None:
 
 def test_it_is_kept_from_one_flight_to_the_next(tmp_path: Path) -> None:
     path = tmp_path / "sensors.json"
-    write_sensors(path, FOUND)
-    assert read_sensors(path) == FOUND
+    for flight in (FOUND, replace(FOUND, health=None)):
+        write_sensors(path, flight)
+        assert read_sensors(path) == flight
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"clock_s": "x"}'])
+@pytest.mark.parametrize(
+    ("health", "says", "mend"),
+    [
+        (replace(HEALTH, refused=0.12), "12 % of the sightings were refused", "bench-test gimbal"),
+        (replace(HEALTH, picture_age_s=0.34), "pictures were 0.34 s old", "check --budget"),
+    ],
+)
+def test_a_flight_that_saw_badly_is_told_before_the_next(
+    health: Health, says: str, mend: str
+) -> None:
+    (finding,) = sensor_findings(Config(), replace(found(clock_s=0.0), health=health))
+    assert (finding.level, says in finding.what, mend in finding.mend) == ("warn", True, True)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", "7", '{"sensors": {}, "health": null}'])
 def test_a_damaged_file_is_no_news(tmp_path: Path, text: str) -> None:
     path = tmp_path / "sensors.json"
     path.write_text(text)
@@ -55,7 +77,7 @@ def test_a_damaged_file_is_no_news(tmp_path: Path, text: str) -> None:
 def test_a_lens_that_sits_rolled_is_set_about_the_gimbals_axes() -> None:
     config = Config(gimbal=GimbalSection(camera_rotation_deg=(180.0, 0.0, 0.0)))
     # Upside down: what is up in the picture is down for the gimbal.
-    (finding,) = sensor_findings(config, replace(FOUND, clock_s=0.0, up=math.radians(2.0)))
+    (finding,) = sensor_findings(config, found(clock_s=0.0, up=math.radians(2.0)))
     assert "2.0 degrees lower" in finding.what
     assert finding.mend == "set pitch of gimbal.camera_rotation_deg to -2.0"
 
@@ -75,10 +97,10 @@ class Skewed(Flight):
 @pytest.mark.parametrize(("up_deg", "right_deg"), [(2.0, 0.0), (0.0, -2.0)])
 def test_a_skewed_lens_is_found_to_look_where_it_does(up_deg: float, right_deg: float) -> None:
     flight = Skewed(up_deg=up_deg, right_deg=right_deg).engaged().until(Phase.DESCENT)
-    found = flight.lander.sensor_errors
+    errors = flight.lander.sensor_errors
     for angle, sigma, true_deg in (
-        (found.up, found.sigma_up, up_deg),
-        (found.right, found.sigma_right, right_deg),
+        (errors.up, errors.sigma_up, up_deg),
+        (errors.right, errors.sigma_right, right_deg),
     ):
         assert math.degrees(angle) == pytest.approx(true_deg, abs=3.0 * math.degrees(sigma))
         assert abs(math.degrees(angle) - true_deg) < 0.3 + 0.6 * abs(true_deg)

@@ -104,6 +104,42 @@ def test_half_the_round_trip_to_the_autopilot_counts_as_age() -> None:
     assert not estimator.has_fresh_vehicle(1.15)
 
 
+def test_what_the_camera_says_of_its_times_counts_as_age_and_as_sigma_of_the_clock() -> None:
+    estimator = Estimator(Config())
+    hear(estimator, 0.98)
+    hear(estimator, 1.02)
+    estimator.on_sightings(replace(shown(1.0, BELOW), sigma_t=0.03))
+    assert estimator.sensor_errors.sigma_clock_s == pytest.approx(math.hypot(0.02, 0.03))
+    estimator = seeing(until=1.0)
+    hear(estimator, 1.04)
+    assert estimator.on_sightings(replace(shown(1.04, BELOW), sigma_t=0.03))
+    assert estimator.sight_age(1.1) == pytest.approx(0.09)
+
+
+def test_health_tells_what_is_refused_and_how_old_pictures_are() -> None:
+    estimator = seeing(until=1.0)
+    estimator.on_tick(1.06)
+    health = estimator.health.newest
+    assert health is not None
+    assert health.refused == 0.0
+    assert health.picture_age_s == pytest.approx(0.06)
+    aside = replace(BELOW, position=(2.0, 0.0, 5.0))
+    count = health.sightings
+    for i in range(4):
+        t = 1.04 + 0.04 * i
+        hear(estimator, t)
+        estimator.on_sightings(shown(t, aside))
+        estimator.on_tick(t + 0.1)
+    health = estimator.health.newest
+    assert health is not None
+    assert health.sightings == count + 4
+    assert health.refused == pytest.approx(4.0 / (count + 4))
+    assert health.nis > 3.0
+    estimator.on_tick(5.0)
+    assert estimator.health.newest is None  # nothing was seen lately
+    assert estimator.health.flight == health
+
+
 def test_a_picture_is_placed_where_the_configured_clock_says() -> None:
     # Stamped 40 ms late, while the vehicle flies north at 5 m/s.
     config = Config(camera=CameraSection(clock_offset_s=0.04))

@@ -18,7 +18,7 @@ from hw.links.memory import memory_pair
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
-from landerd.messages import ExposureOrder
+from landerd.messages import ExposureOrder, Frame, Prior, Sightings
 from landerd.pad import load_pad
 from landerd.ports import DeviceLost, ExposureControl
 from landerd.runtime.daemon import Daemon, Devices
@@ -163,6 +163,7 @@ def test_the_time_is_that_of_the_middle_of_the_exposure(stamp: Stamp, middle_s: 
         source.shoot(t=shot)
         frame = await driver.newest()
         assert frame.t == pytest.approx(shot + offset + middle_s + 0.002, abs=0.001)
+        assert frame.sigma_t == 0.0
 
     run(source, use, exposure_s=0.008, time_offset_s=0.002)
     assert source.values == {fake.EXPOSURE_AUTO: 1, fake.EXPOSURE: 80}
@@ -175,7 +176,17 @@ def test_a_stamp_of_an_unknown_clock_counts_as_of_arrival() -> None:
         source.shoot(t=1.0)
         frame = await driver.newest()
         assert abs(frame.t - asyncio.get_running_loop().time()) < 0.5
+        assert frame.sigma_t > 1.0 / 30.0  # it was read out for up to a period
 
+    run(source, use)
+
+
+def test_with_an_exposure_that_is_not_known_the_time_is_less_sure() -> None:
+    async def use(driver: V4l2Camera) -> None:
+        source.shoot()
+        assert (await driver.newest()).sigma_t == pytest.approx(0.0096, abs=1e-4)
+
+    source = FakeCamera()
     run(source, use)
 
 
@@ -333,9 +344,11 @@ class Searched(Observer):
 
     def __init__(self) -> None:
         self.times: list[float] = []
+        self.sightings: list[Sightings] = []
 
-    def on_frame(self, *_: Any) -> None:
+    def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
         self.times.append(time.monotonic())
+        self.sightings.append(sightings)
 
 
 async def unplugged_and_plugged_in_again(source: FakeCamera) -> None:
@@ -364,6 +377,11 @@ async def unplugged_and_plugged_in_again(source: FakeCamera) -> None:
     while searched.times[-1] < plugged:
         await asyncio.sleep(0.01)
     assert searched.times[-1] < plugged + 1.0
+    # What the driver says of its times reaches the core.
+    seen = searched.sightings[-1]
+    assert seen.sigma_t > 0.0
+    assert seen.arrived_t is not None
+    assert 0.0 < seen.arrived_t - seen.t < 1.0
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,0 +1,48 @@
+"""The pilot is told of a sight that is refused in part or comes late, before it is lost."""
+
+from dataclasses import replace
+
+import pytest
+
+from landerd.geometry import add
+from landerd.guidance import pilot_texts
+from landerd.messages import Phase, PoseSolution
+from tests.scripted_flight import Flight
+
+WORDS = (pilot_texts.MANY_REFUSED, pilot_texts.LATE_PICTURES)
+
+
+def told(flight: Flight, words: str) -> int:
+    return sum(text == pilot_texts.PREFIX + words for text in flight.texts)
+
+
+def test_a_landing_in_order_tells_of_nothing() -> None:
+    flight = Flight().engaged().until_contact()
+    assert [told(flight, words) for words in WORDS] == [0, 0]
+
+
+def test_sightings_of_which_every_third_is_refused_are_told_while_it_still_flies_on() -> None:
+    flight = Flight().engaged()
+    count = 0
+
+    def now_and_again_aside(true: PoseSolution) -> PoseSolution:
+        nonlocal count
+        count += 1
+        aside = (2.0, 0.0, 0.0) if count % 3 == 0 else (0.0, 0.0, 0.0)
+        return replace(true, position=add(true.position, aside))
+
+    flight.distort = now_and_again_aside
+    flight.run(2.0)
+    assert told(flight, pilot_texts.MANY_REFUSED) == 1  # and not again for a while
+    assert flight.lander.phase is not Phase.NOT_LANDING
+    assert flight.lander.aborts == 0
+
+
+def test_pictures_that_come_late_are_told_while_it_still_flies_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tests.scripted_flight.LATE_TICKS", 14)  # 0.35 s
+    flight = Flight().engaged()
+    flight.run(2.0)
+    assert told(flight, pilot_texts.LATE_PICTURES) == 1
+    assert flight.lander.aborts == 0
