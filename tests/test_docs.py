@@ -206,7 +206,9 @@ def test_the_commands_of_a_page_run_as_printed(
             code = main(lighter(arguments))
             told = capsys.readouterr()
             # In real time a busy computer is a part of the flight, and here time is quicker.
-            is_good = code == 0 or ("--realtime" in arguments and told.out.startswith("Landed"))
+            words = told.out + told.err
+            flown = told.out.startswith("Landed") or "this computer was too busy" in words
+            is_good = code == 0 or ("--realtime" in arguments and flown)
             assert is_good, f"{command}\n{told.out[-2000:]}{told.err[-2000:]}"
             assert "Traceback" not in told.err
     if (ROOT / ".git").exists():  # what a user has made stays out of the next commit
