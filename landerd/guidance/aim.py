@@ -40,6 +40,9 @@ SWEEP_LOW, SWEEP_HIGH = math.radians(-75.0), math.radians(-40.0)
 # On the way it looks so far down: what is 9 to 71 degrees below the horizon is in every picture.
 # With the sweep, two of 37 field days flew past a pad that was in sight for too few of them.
 ON_COURSE_PITCH = math.radians(-40.0)
+# Where the nose points, if it flies there but for so much: in wind a vehicle drifts aside of what
+# its pilot flies to.
+DRIFT = math.radians(45.0)
 SWEEP_YAW = math.radians(50.0)  # rad to either side of idle: less than a picture is wide
 
 
@@ -147,7 +150,8 @@ class Aim:
 
     def _look_along(self, course: float, dt: float) -> None:
         """Look where pads come into sight that are flown to."""
-        self._turn_to(course, dt)
+        drifts = abs(wrap(course - self._idle_yaw)) < DRIFT
+        self._turn_to(self._idle_yaw if drifts else course, dt)
         step = SWEEP_PITCH_RATE * dt
         to_go = ON_COURSE_PITCH - self.command.pitch
         self.command = self._limited(

@@ -248,14 +248,14 @@ def test_it_waits_at_idle_and_then_sweeps_down_and_back() -> None:
 
 
 @pytest.mark.parametrize("idle_pitch_deg", [-90.0, -23.0, 0.0])
+@pytest.mark.parametrize(("course_deg", "yaw_deg"), [(-30.0, 0.0), (30.0, 0.0), (80.0, 80.0)])
 def test_what_is_flown_over_is_in_every_picture_from_9_to_71_degrees_down(
-    idle_pitch_deg: float,
+    idle_pitch_deg: float, course_deg: float, yaw_deg: float
 ) -> None:
     made = Aim(AimSection(idle_pitch_deg=idle_pitch_deg), GimbalSection())
-    course = math.radians(20.0)
-    for command in search(made, 40.0, course=course)[200:]:
+    for command in search(made, 40.0, course=math.radians(course_deg))[200:]:
         assert command.pitch == pytest.approx(math.radians(-40.0))
-        assert command.yaw == pytest.approx(course)
+        assert command.yaw == pytest.approx(math.radians(yaw_deg))
 
 
 def test_who_flies_where_the_gimbal_cannot_look_is_searched_for_as_who_hovers() -> None:
