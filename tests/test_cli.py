@@ -87,10 +87,17 @@ def test_help_does_not_wait_for_numpy() -> None:
         (["sim", "--set", "sim.faults=[{fault: gust, at: {}}]"], "expected one of time_s, "),
         (
             [
-                *("sim", "--autopilot", "tcp:127.0.0.1:1"),
+                *("sim", "--autopilot", "tcp:127.0.0.1:1", "--takeoff", "10"),
                 *("--set", "sim.faults=[{fault: gust, at: {time_s: 1}}]"),
             ],
-            "sim.faults: not with --autopilot",
+            "sim.faults: gust is not to be had with --autopilot",
+        ),
+        (
+            [
+                *("sim", "--autopilot", "tcp:127.0.0.1:1"),
+                *("--set", "sim.faults=[{fault: killed, at: {time_s: 1}}]"),
+            ],
+            "sim.faults: with --autopilot only with --takeoff",
         ),
         (["sim", "--picture", "no/such/folder.png"], "expected a .png in a folder that exists"),
         (["sim", "--autopilot", "sitl"], "--autopilot: link 'sitl': expected udpin:HOST:PORT"),

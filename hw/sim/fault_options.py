@@ -23,6 +23,7 @@ class FaultKind(NamedTuple):
     # Beginnings of rules and findings that nobody can keep while it lasts, and shortly after.
     excuses: tuple[str, ...] = ()
     lands: bool = True  # false: no landing is to be expected any more
+    in_sitl: bool = True  # false: only the stand-in and its world have it
 
 
 # A process that stands still, is gone or cannot send, sends nothing.
@@ -69,9 +70,14 @@ FAULTS: Mapping[str, FaultKind] = {
     "pad-starts": FaultKind("pad", "it speeds up by 0.5 to 3 m/s at 2 m/s2", ends=False),
     "pad-jerks": FaultKind("pad", "it jumps aside by 0.1 to 1 m in 0.2 s", False, _UNDER_ITS_FEET),
     "pad-turns": FaultKind("pad", "it turns about itself at 5 to 40 degrees/s"),
-    "pad-lifted": FaultKind("pad", "it rises by 0.1 to 1 m at 0.5 m/s", False, _COMES_UP),
+    "pad-lifted": FaultKind(
+        "pad", "it rises by 0.1 to 1 m at 0.5 m/s", False, _COMES_UP, in_sitl=False
+    ),
     "pad-carried-away": FaultKind(
-        "pad", "it rises by 1 m and goes off at 1 to 5 m/s", ends=False, lands=False
+        *("pad", "it rises by 1 m and goes off at 1 to 5 m/s"),
+        ends=False,
+        lands=False,
+        in_sitl=False,
     ),
     # -- gimbal ------------------------------------------------------------------------------------
     "gimbal-silent": FaultKind("gimbal", "reports no angles"),
@@ -105,9 +111,15 @@ FAULTS: Mapping[str, FaultKind] = {
     "landed-missing": FaultKind("telemetry", "no EXTENDED_SYS_STATE"),
     "landed-false": FaultKind("telemetry", "EXTENDED_SYS_STATE says ON_GROUND"),
     "landed-never": FaultKind("telemetry", "EXTENDED_SYS_STATE says IN_AIR"),
-    "clock-back": FaultKind("telemetry", "the boot clock goes back by 0.1 to 20 s", ends=False),
-    "clock-ahead": FaultKind("telemetry", "the boot clock goes ahead by 0.1 to 20 s", ends=False),
-    "clock-wrapped": FaultKind("telemetry", "the boot clock's milliseconds wrap", ends=False),
+    "clock-back": FaultKind(
+        "telemetry", "the boot clock goes back by 0.1 to 20 s", False, in_sitl=False
+    ),
+    "clock-ahead": FaultKind(
+        "telemetry", "the boot clock goes ahead by 0.1 to 20 s", False, in_sitl=False
+    ),
+    "clock-wrapped": FaultKind(
+        "telemetry", "the boot clock's milliseconds wrap", False, in_sitl=False
+    ),
     "timesync-lost": FaultKind("telemetry", "no answer to TIMESYNC"),
     "timesync-late": FaultKind("telemetry", "answers to TIMESYNC come 20 to 400 ms late"),
     # -- link --------------------------------------------------------------------------------------
@@ -130,8 +142,12 @@ FAULTS: Mapping[str, FaultKind] = {
     "mode-loiter": FaultKind("pilot", "LOITER, and then GUIDED again"),
     "mode-rtl": FaultKind("pilot", "RTL, and then GUIDED again"),
     "mode-land": FaultKind("pilot", "LAND, and then GUIDED again", lands=False),
-    "disarm-refused": FaultKind("pilot", "the autopilot does not disarm when asked to"),
-    "autopilot-restarts": FaultKind("pilot", "the autopilot restarts in flight", ends=False),
+    "disarm-refused": FaultKind(
+        "pilot", "the autopilot does not disarm when asked to", in_sitl=False
+    ),
+    "autopilot-restarts": FaultKind(
+        "pilot", "the autopilot restarts in flight", False, in_sitl=False
+    ),
     # -- the computer ------------------------------------------------------------------------------
     "loop-stalls": FaultKind("computer", "the daemon stands still for 0.1 to 3 s", False, _SILENT),
     "search-slow": FaultKind("computer", "searching a picture takes 0.1 to 3 s"),
@@ -148,8 +164,8 @@ FAULTS: Mapping[str, FaultKind] = {
     "sigint": FaultKind("computer", "Ctrl-C", ends=False, lands=False),
     "killed": FaultKind("computer", "kill -9; systemd starts it again", False, _SILENT),
     # -- air ---------------------------------------------------------------------------------------
-    "gust": FaultKind("air", "3 to 12 m/s more wind from anywhere", True, _BLOWN),
-    "ground-effect": FaultKind("air", "the ground adds 10 to 50 % to the thrust"),
+    "gust": FaultKind("air", "3 to 12 m/s more wind from anywhere", True, _BLOWN, in_sitl=False),
+    "ground-effect": FaultKind("air", "the ground adds 10 to 50 % to the thrust", in_sitl=False),
 }
 
 

@@ -4,6 +4,7 @@ SIM_STATE carries the true state, but no time, and its position in steps of 1 cm
 sent with it dates it, and its velocity, which is exact, carries the position through the steps.
 """
 
+import asyncio
 import math
 from bisect import bisect_left
 from collections import deque
@@ -12,11 +13,13 @@ from dataclasses import dataclass, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.sim.options import SimOptions
 from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.vehicle import Touchdown
 from hw.sim.physics.world import HISTORY_S, Airframe, Sample, World, interpolated
+from hw.sim.stand_in.ground_station import GroundStation
 from landerd.geometry import Vec3, add, rot_zyx, rotate, sub, wrap
 from landerd.pad import Plate
 from landerd.ports import ByteLink
@@ -172,6 +175,28 @@ class Truth:
             wrap(a.yaw + k * wrap(b.yaw - a.yaw)),
             interpolated(a.rates, b.rates, k),
         )
+
+
+class SitlPilot:
+    """Who flies in SITL, over a ground station; a hw.sim.stand_in.switch.Pilot."""
+
+    def __init__(self, station: GroundStation) -> None:
+        self._station = station
+        self._selecting: asyncio.Task[None] | None = None
+
+    def select(self, mode: Mode) -> None:
+        """Select a mode of the autopilot."""
+        self._selecting = asyncio.create_task(self._station.set_mode(mode))
+
+    def lose_radio(self) -> None:
+        """Switch the transmitter off, the overrides that stand for its switches too."""
+        self._station.overrides = False
+        self._station.set_parameter("SIM_RC_FAIL", 1.0)
+
+    def restore_radio(self) -> None:
+        """Switch the transmitter on again."""
+        self._station.overrides = True
+        self._station.set_parameter("SIM_RC_FAIL", 0.0)
 
 
 def _extrapolated(s: State, t: float) -> State:

@@ -139,8 +139,13 @@ def load_with_saved(args: argparse.Namespace) -> tuple["Loaded", Path]:
     return load_config(args, [overlay] if overlay.exists() else []), overlay
 
 
-def check_faults(loaded: "Loaded", *, has_stand_in: bool = True) -> None:
+def check_faults(loaded: "Loaded", *, in_sitl: bool = False, takes_off: bool = True) -> None:
     """Refuse faults of devices that do not fly.
+
+    Args:
+        loaded: has the faults.
+        in_sitl: a real autopilot flies.
+        takes_off: the simulated pilot flies it.
 
     Raises:
         InputError: there are some.
@@ -149,10 +154,12 @@ def check_faults(loaded: "Loaded", *, has_stand_in: bool = True) -> None:
     from landerd.devices import sim_options
 
     faults = [each.fault for each in sim_options(loaded).faults]
-    if faults and not has_stand_in:
-        raise InputError("sim.faults: not with --autopilot; only the simulated devices fail")
+    if faults and not takes_off:
+        raise InputError("sim.faults: with --autopilot only with --takeoff, too")
     driver = loaded.config.gimbal.driver
     for fault in faults:
+        if in_sitl and not FAULTS[fault].in_sitl:
+            raise InputError(f"sim.faults: {fault} is not to be had with --autopilot")
         if FAULTS[fault].device == "gimbal" and driver != "sim":
             raise InputError(f"sim.faults: {fault} needs gimbal.driver sim, found {driver}")
 

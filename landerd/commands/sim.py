@@ -123,7 +123,8 @@ def _load(args: argparse.Namespace) -> Loaded:
     loaded = load_config(args, [known[args.scenario]], args.seed)
     if args.autopilot is None:
         check_stand_in_flies(loaded)
-    check_faults(loaded, has_stand_in=args.autopilot is None)
+    in_sitl = args.autopilot is not None
+    check_faults(loaded, in_sitl=in_sitl, takes_off=not in_sitl or args.takeoff is not None)
     return loaded
 
 

@@ -15,7 +15,7 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
 from hw.links.tapped import TappedLink
-from hw.sim.faults.bench import Bench
+from hw.sim.faults.bench import Bench, Vehicle
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.feasible import infeasible
 from hw.sim.options import PadOptions, RenderOptions
@@ -110,6 +110,7 @@ class Simulation:
         self._beside: list[Callable[[], Awaitable[None]]] = []  # what runs, all but the daemon
         around = surroundings or self._with_stand_in(loaded, seed, realtime=realtime)
         world = self.world = around.world
+        self._vehicle = around.vehicle
         self.ground_station = around.ground_station
         self.ends_at_contact = around.ends_at_contact
 
@@ -189,6 +190,7 @@ class Simulation:
         self, number: int, mount: SimMount, pad: PadLayout, lens: CameraModel, seed: int
     ) -> Bench:
         """Return what a fault lays hands on."""
+        assert self._vehicle is not None, "faults need it, see SitlFlight.fly"
 
         def renderer(render: RenderOptions, print_: PadOptions) -> Renders:
             if not self.has_pictures:
@@ -200,10 +202,7 @@ class Simulation:
             camera=self.camera,
             gimbal=self.gimbal,
             mount=mount,
-            autopilot=self.autopilot,
-            near=self.link,
-            far=self.autopilot_end,
-            switch=self.stand_in.switch,
+            vehicle=self._vehicle,
             computer=self._computer,
             plate=pad.plate,
             frustum=Frustum(lens),
@@ -236,7 +235,14 @@ class Simulation:
             stand_in.link,
             stand_in.ground_station,
             jitter_s,
-            autopilot_end=stand_in.autopilot_end,
+            vehicle=Vehicle(
+                stand_in.link,
+                stand_in.autopilot_end,
+                stand_in.autopilot.tamper,
+                stand_in.switch,
+                stand_in.pilot,
+                stand_in.autopilot,
+            ),
             guid_timeout_s=world.options.autopilot.guid_timeout_s,
         )
 

@@ -45,14 +45,14 @@ class Judge:
         self._world = world
         self._layout = layout
         self._frustum = Frustum(camera_model)
-        self._link, self._autopilot_end = around.link, around.autopilot_end
+        self._link, self._vehicle = around.link, around.vehicle
 
     def listen(self) -> None:
         """Hear from now on what passes at landerd's end of the link, and what leaves the other."""
         self._link.tap = self.rules.from_landerd
         self._link.heard = self.rules.to_landerd
-        if self._autopilot_end is not None:
-            self._autopilot_end.tap = self.rules.from_autopilot
+        if self._vehicle is not None:
+            self._vehicle.far.tap = self.rules.from_autopilot
 
     def watch(self, mount: SimMount) -> None:
         """Hear from now on when angles of the gimbal reach landerd, and how old they are."""
@@ -61,8 +61,8 @@ class Judge:
     def stop_listening(self) -> None:
         """Leave the link alone."""
         self._link.tap = self._link.heard = None
-        if self._autopilot_end is not None:
-            self._autopilot_end.tap = None
+        if self._vehicle is not None:
+            self._vehicle.far.tap = None
 
     def on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
         """A picture was delivered; the truth at its exposure says whether a marker is in it."""

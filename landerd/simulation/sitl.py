@@ -10,19 +10,23 @@ import gc
 import math
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hw.autopilots.arducopter import Mode
 from hw.links import open_link
-from hw.sim.sitl import SitlWorld, Truth
+from hw.sim.cable import Cable
+from hw.sim.fault_options import FAULTS
+from hw.sim.faults.bench import Vehicle
+from hw.sim.sitl import SitlPilot, SitlWorld, Truth
 from hw.sim.stand_in.ground_station import GroundStation
 from hw.sim.stand_in.shared_link import SharedLink
+from hw.sim.stand_in.switch import GateSwitch, ObedientPilot
 from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.drivers import gimbal_speaks_over
 from landerd.geometry import add, scale, sub
-from landerd.guidance.pilot_texts import HOLDING_OVER
 from landerd.pad import load_pad
 from landerd.ports import DeviceLost
 from landerd.runtime.clock import SlavedLoop, run_slaved
@@ -203,7 +207,18 @@ class SitlFlight:
 
     async def fly(self, world: SitlWorld, script: Script | None) -> None:
         """Land. The vehicle hovers at the start; nobody reads the link."""
-        moving = self._options.pad.speed_mps > 0.0 or self._options.pad.turn_rate_deg_s != 0.0
+        options = self._options
+        moves = any(FAULTS[each.fault].device == "pad" for each in options.faults)
+        moves = moves or options.pad.speed_mps > 0.0 or options.pad.turn_rate_deg_s != 0.0
+        switch = GateSwitch(
+            partial(self._ground_station.set_rc, self._loaded.config.rc.gate_channel), fades=False
+        )
+        pilot = SitlPilot(self._ground_station)
+        # Without faults landerd's driver has the link itself.
+        cable = vehicle = None
+        if options.faults:
+            cable = Cable(self.link.side())
+            vehicle = Vehicle(cable.near, cable.far, cable.tamper, switch, pilot)
         self.simulation = simulation = Simulation(
             self._loaded,
             self._seed,
@@ -211,18 +226,28 @@ class SitlFlight:
             log=self._log,
             surroundings=Surroundings(
                 world,
-                self.link,
+                self.link if cable is None else cable.near,
                 self._ground_station,
                 jitter_s=WALL_JITTER_S * max(1.0, self.rate),
-                ends_at_contact=moving,
+                ends_at_contact=moves,
+                vehicle=vehicle,
             ),
         )
         simulation.recording.progress = self._progress
+        # ArduPilot does not send landerd's texts back on the link that they came by.
+        told: list[str] = []
+        simulation.rules.on_text.append(lambda t, text: told.append(text))
 
         async def beside(simulation: Simulation) -> None:
             async with asyncio.TaskGroup() as tasks:
+                if cable is not None:
+                    tasks.create_task(self._read())
+                    tasks.create_task(cable.run())
                 if self._take_off_m is not None:
-                    tasks.create_task(self._send_off(world, self._take_off_m))
+                    tasks.create_task(self._send_off(world, self._take_off_m, switch, told))
+                    if options.pilot == "obeys":
+                        obedient = ObedientPilot(switch, pilot, lambda: told)
+                        tasks.create_task(obedient.run())
                 if script is not None:
                     tasks.create_task(as_coroutine(script(simulation)))
 
@@ -232,7 +257,9 @@ class SitlFlight:
             if simulation.recorder is not None:
                 simulation.recorder.close()
 
-    async def _send_off(self, world: SitlWorld, height_m: float) -> None:
+    async def _send_off(
+        self, world: SitlWorld, height_m: float, switch: GateSwitch, told: list[str]
+    ) -> None:
         """Send the vehicle past the pad, as the stand-in's ground station does; open the gate."""
         if self._loaded.config.guidance.output == "landing_target":
             await self._let_it_land(world, height_m)
@@ -241,16 +268,8 @@ class SitlFlight:
         await self._ground_station.set_speed(speed_on_the_way(world) or ON_THE_WAY_MPS)
         if beyond is not None:
             self._ground_station.send_to((beyond[0], beyond[1], -height_m))
-        rc = self._loaded.config.rc
-        # ArduPilot does not send landerd's texts back on the link that they came by.
-        told: list[str] = []
-        self.simulation.rules.on_text.append(lambda t, text: told.append(text))
-        await open_gate(
-            lambda us: self._ground_station.set_rc(rc.gate_channel, us),
-            rc,
-            self._options.autopilot.hold_s,
-            lambda: any(HOLDING_OVER in text for text in told),
-        )
+        hold_s = self._options.autopilot.hold_s
+        await open_gate(switch.move, self._loaded.config.rc, hold_s, lambda: told)
 
     async def _let_it_land(self, world: SitlWorld, height_m: float) -> None:
         """Bring the vehicle near the pad and order LAND: the autopilot itself lands on it."""

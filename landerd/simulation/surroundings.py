@@ -2,11 +2,14 @@
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from random import Random
 
+from hw.autopilots.arducopter import Mode
 from hw.links.memory import LinkFaults, MemoryLink, memory_pair
+from hw.sim.faults.bench import Vehicle
 from hw.sim.options import LinkOptions
 from hw.sim.physics.world import World, stream
 from hw.sim.stand_in.autopilot import SimAutopilot
@@ -20,6 +23,7 @@ from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
 from landerd.guidance.pilot_texts import HOLDING_OVER
 
 WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
+LANDERD = 191  # its component
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
 FOLLOWED_M = 5000.0  # and along the way of one that it follows
@@ -34,7 +38,8 @@ class Surroundings:
     ground_station: GroundStation
     jitter_s: float  # of the control task on the loop's clock
     ends_at_contact: bool = False  # what comes after it is not simulated
-    autopilot_end: MemoryLink | None = None  # the link's other end, where it is in this process
+    # The link's other end, where it is in this process, with what else faults lay hands on.
+    vehicle: Vehicle | None = None
     guid_timeout_s: float | None = None  # GUID_TIMEOUT, where it is known
 
 
@@ -46,6 +51,7 @@ class StandIn:
         autopilot_end: the other one.
         ekf: the autopilot's.
         switch: the pilot's, that opens the gate.
+        pilot: what else he does.
     """
 
     def __init__(self, world: World, config: Config, seed: int) -> None:
@@ -82,7 +88,15 @@ class StandIn:
         )
         channel, radio = config.rc.gate_channel, options.autopilot
         by_radio = radio.gate == "radio" and channel <= radio.rc_channels
-        self.switch = GateSwitch(self.autopilot, channel, by_radio=by_radio)
+        receiver = self.autopilot.pilot
+
+        def override(us: int) -> None:
+            others = [0xFFFF] * (channel - 1)
+            receiver.override((*others, us), asyncio.get_running_loop().time())
+
+        by_hand = partial(receiver.set, channel)
+        self.switch = GateSwitch(by_hand if by_radio else override, fades=not by_radio)
+        self.pilot = StandInPilot(self.autopilot)
         self._pilot_obeys = options.pilot == "obeys"
         self._rc, self._hold_s = config.rc, radio.hold_s
 
@@ -96,22 +110,41 @@ class StandIn:
             self.open_gate,
         ]
         if self._pilot_obeys:
-            jobs.append(ObedientPilot(self.switch, self.autopilot, self.ground_station).run)
+            jobs.append(ObedientPilot(self.switch, self.pilot, self._screen).run)
         return jobs
+
+    def _screen(self) -> list[str]:
+        return [t.text for t in self.ground_station.texts if t.component == LANDERD]
 
     async def open_gate(self) -> None:
         """Move the pilot's switch up."""
-        texts = self.ground_station.texts
-        await open_gate(
-            self.switch.move,
-            self._rc,
-            self._hold_s,
-            lambda: any(HOLDING_OVER in t.text for t in texts),
-        )
+        await open_gate(self.switch.move, self._rc, self._hold_s, self._screen)
+
+
+class StandInPilot:
+    """Who flies the stand-in; a hw.sim.stand_in.switch.Pilot."""
+
+    def __init__(self, autopilot: SimAutopilot) -> None:
+        self._autopilot = autopilot
+
+    def select(self, mode: Mode) -> None:
+        """Select a mode of the autopilot."""
+        self._autopilot.copter.set_mode(mode)
+
+    def lose_radio(self) -> None:
+        """Switch the transmitter off."""
+        self._autopilot.pilot.lose()
+
+    def restore_radio(self) -> None:
+        """Switch the transmitter on again."""
+        self._autopilot.pilot.restore()
 
 
 async def open_gate(
-    move: Callable[[int], None], rc: RcSection, hold_s: float, holds: Callable[[], bool]
+    move: Callable[[int], None],
+    rc: RcSection,
+    hold_s: float,
+    screen: Callable[[], Sequence[str]],
 ) -> None:
     """Move the pilot's switch up, by way of its middle if the vehicle is to hold first.
 
@@ -119,12 +152,12 @@ async def open_gate(
         move: the switch, to this pulse width, us.
         rc: where its positions are.
         hold_s: how long it holds; 0: not at all.
-        holds: tells whether landerd has said that it does.
+        screen: returns all lines of landerd's that the pilot has been shown.
     """
     await asyncio.sleep(GATE_OPENS_S)
     if hold_s > 0.0:
         move((rc.gate_threshold_us + rc.land_threshold_us) // 2)
-        while not holds():
+        while not any(HOLDING_OVER in line for line in screen()):
             await asyncio.sleep(0.1)
         await asyncio.sleep(hold_s)
     move(HIGH_US)

@@ -104,7 +104,7 @@ def url() -> Iterator[str]:
     thread.join()
 
 
-def test_it_takes_off_comes_to_the_start_and_begins_to_land(url: str) -> None:
+def near_the_pad(url: str, *overrides: str) -> SitlFlight:
     loaded = read_configuration(
         config_dir() / "default.yaml",
         overrides=[
@@ -112,9 +112,33 @@ def test_it_takes_off_comes_to_the_start_and_begins_to_land(url: str) -> None:
             "sim.start.position_m=[-4.0, 0.0]",
             "sim.start.spread_m=0.0",
             "sim.start.heading_spread_deg=0.0",
+            *overrides,
         ],
     )
-    flight = SitlFlight(loaded, 1, url, take_off_m=3.0)
+    return SitlFlight(loaded, 1, url, take_off_m=3.0)
+
+
+def test_faults_happen_to_what_passes_between_it_and_landerd_and_by_its_pilot(url: str) -> None:
+    missing = "{fault: rc-missing, at: {phase: APPROACH}, for_s: 1.7}"
+    loiter = "{fault: mode-loiter, at: {phase: APPROACH, after_s: 0.9}}"
+    flight = near_the_pad(url, f"sim.faults=[{missing}, {loiter}]")
+    speeds: list[float] = []
+
+    async def script(simulation: Simulation) -> None:
+        simulation.rules.on_order.append(lambda order: speeds.append(math.hypot(*order.velocity)))
+        while simulation.faults.happened[1].began is None:
+            await asyncio.sleep(0.05)
+        while simulation.rules.guided:
+            await asyncio.sleep(0.05)
+        simulation.over = True
+
+    run_slaved(flight.run(script))
+    assert max(speeds) > 0.2
+    assert speeds[-1] == 0.0  # RC went stale
+
+
+def test_it_takes_off_comes_to_the_start_and_begins_to_land(url: str) -> None:
+    flight = near_the_pad(url)
     begun: list[float] = []
     ended: list[float] = []
 

@@ -7,13 +7,14 @@ from random import Random
 from typing import Protocol
 
 from hw.links.memory import MemoryLink
+from hw.sim.cable import Tamper
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.physics.world import World
 from hw.sim.picture.camera import Renders, SimCamera
 from hw.sim.picture.view import Frustum
 from hw.sim.stand_in.autopilot import SimAutopilot
-from hw.sim.stand_in.switch import GateSwitch
+from hw.sim.stand_in.switch import GateSwitch, Pilot
 from landerd.pad import Plate
 from landerd.ports import Gimbal
 
@@ -43,6 +44,18 @@ class Computer(Protocol):
 
 
 @dataclass(frozen=True)
+class Vehicle:
+    """The autopilot, its link and who flies it."""
+
+    near: MemoryLink  # landerd's end of its link
+    far: MemoryLink  # the autopilot's end
+    tamper: dict[int, Tamper]  # what becomes of the autopilot's messages, by id
+    switch: GateSwitch
+    pilot: Pilot
+    stand_in: SimAutopilot | None = None  # None: a real autopilot flies
+
+
+@dataclass(frozen=True)
 class Bench:
     """The simulated devices, the world, and the computer."""
 
@@ -50,10 +63,7 @@ class Bench:
     camera: SimCamera
     gimbal: Gimbal
     mount: SimMount
-    autopilot: SimAutopilot
-    near: MemoryLink  # landerd's end of its link
-    far: MemoryLink  # the autopilot's end
-    switch: GateSwitch
+    vehicle: Vehicle
     computer: Computer
     plate: Plate
     frustum: Frustum
@@ -67,3 +77,9 @@ class Bench:
 
 # From the bench and the severity: the fault is there while the context is.
 Effect = Callable[[Bench, float], AbstractContextManager[None]]
+
+
+def stand_in(bench: Bench) -> SimAutopilot:
+    """Return the autopilot that is in this process."""
+    assert bench.vehicle.stand_in is not None, "checked with the command line"
+    return bench.vehicle.stand_in

@@ -17,9 +17,9 @@ def _with(way: Way, settings: Callable[[float], dict[str, Any]]) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
         ends: list[MemoryLink] = {
-            "up": [bench.near],
-            "down": [bench.far],
-            "both": [bench.near, bench.far],
+            "up": [bench.vehicle.near],
+            "down": [bench.vehicle.far],
+            "both": [bench.vehicle.near, bench.vehicle.far],
         }[way]
         before = [end.faults for end in ends]
         for end in ends:
@@ -37,9 +37,9 @@ def _worse(faults: LinkFaults, settings: dict[str, Any]) -> LinkFaults:
 
 @contextmanager
 def _cut(bench: Bench, severity: float) -> Iterator[None]:
-    bench.near.cut()
+    bench.vehicle.near.cut()
     yield
-    bench.near.mend()
+    bench.vehicle.near.mend()
 
 
 FAULTS: Mapping[str, Effect] = {

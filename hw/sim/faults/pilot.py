@@ -5,14 +5,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from hw.autopilots.arducopter import Mode
-from hw.sim.faults.bench import Bench, Effect
+from hw.sim.faults.bench import Bench, Effect, stand_in
 
 
 @contextmanager
 def _low(bench: Bench, severity: float) -> Iterator[None]:
-    bench.switch.set(high=False)
+    bench.vehicle.switch.set(high=False)
     yield
-    bench.switch.set(high=True)
+    bench.vehicle.switch.set(high=True)
 
 
 @contextmanager
@@ -21,52 +21,52 @@ def _flapping(bench: Bench, severity: float) -> Iterator[None]:
 
     async def flap() -> None:
         while True:
-            bench.switch.set(high=False)
+            bench.vehicle.switch.set(high=False)
             await asyncio.sleep(period_s)
-            bench.switch.set(high=True)
+            bench.vehicle.switch.set(high=True)
             await asyncio.sleep(period_s)
 
     flapping = asyncio.create_task(flap())
     yield
     flapping.cancel()
-    bench.switch.set(high=True)
+    bench.vehicle.switch.set(high=True)
 
 
 @contextmanager
 def _stuck(bench: Bench, severity: float) -> Iterator[None]:
-    bench.switch.stuck = True
+    bench.vehicle.switch.stuck = True
     yield
-    bench.switch.stuck = False
+    bench.vehicle.switch.stuck = False
 
 
 @contextmanager
 def _radio_lost(bench: Bench, severity: float) -> Iterator[None]:
-    bench.autopilot.pilot.lose()
+    bench.vehicle.pilot.lose_radio()
     yield
-    bench.autopilot.pilot.restore()
-    bench.autopilot.copter.set_mode(Mode.GUIDED)
+    bench.vehicle.pilot.restore_radio()
+    bench.vehicle.pilot.select(Mode.GUIDED)
 
 
 def _mode(mode: Mode) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        bench.autopilot.copter.set_mode(mode)
+        bench.vehicle.pilot.select(mode)
         yield
-        bench.autopilot.copter.set_mode(Mode.GUIDED)
+        bench.vehicle.pilot.select(Mode.GUIDED)
 
     return effect
 
 
 @contextmanager
 def _disarm_refused(bench: Bench, severity: float) -> Iterator[None]:
-    bench.autopilot.copter.refuses_disarm = True
+    stand_in(bench).copter.refuses_disarm = True
     yield
-    bench.autopilot.copter.refuses_disarm = False
+    stand_in(bench).copter.refuses_disarm = False
 
 
 @contextmanager
 def _restarts(bench: Bench, severity: float) -> Iterator[None]:
-    bench.autopilot.reboot()
+    stand_in(bench).reboot()
     yield
 
 

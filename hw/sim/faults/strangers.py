@@ -23,7 +23,7 @@ def _talking(say: Callable[[Bench, MavlinkCodec, float], bytes], system: int) ->
 
         async def talk() -> None:
             while True:
-                bench.far.write(say(bench, codec, severity))
+                bench.vehicle.far.write(say(bench, codec, severity))
                 await asyncio.sleep(_EVERY_S)
 
         talking = asyncio.create_task(talk())

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import Message
-from hw.sim.faults.bench import Bench, Effect
-from hw.sim.stand_in.autopilot import Tamper
+from hw.sim.cable import Tamper
+from hw.sim.faults.bench import Bench, Effect, stand_in
 from landerd.geometry import wrap
 
 _WRAP_S = 2.0**32 / 1e3
@@ -27,9 +27,9 @@ _TIMESYNC: int = mavlink.MAVLINK_MSG_ID_TIMESYNC
 def _tampered(kind: int, tamper: Callable[[Bench, float], Tamper]) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        bench.autopilot.tamper[kind] = tamper(bench, severity)
+        bench.vehicle.tamper[kind] = tamper(bench, severity)
         yield
-        bench.autopilot.tamper.pop(kind, None)
+        bench.vehicle.tamper.pop(kind, None)
 
     return effect
 
@@ -115,7 +115,7 @@ def _says(landed_state: int) -> Effect:
 def _clock(ahead_s: Callable[[Bench, float], float]) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        bench.autopilot.shift_clock(ahead_s(bench, severity))
+        stand_in(bench).shift_clock(ahead_s(bench, severity))
         yield
 
     return effect
@@ -123,7 +123,7 @@ def _clock(ahead_s: Callable[[Bench, float], float]) -> Effect:
 
 def _until_wrap(bench: Bench, severity: float) -> float:
     # A clock that has wrapped already would go back, as after a restart.
-    return max(0.0, _WRAP_S - _WRAPS_AFTER_S - bench.autopilot.boot_s)
+    return max(0.0, _WRAP_S - _WRAPS_AFTER_S - stand_in(bench).boot_s)
 
 
 FAULTS: Mapping[str, Effect] = {

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.sim.cable import Tamper
 from hw.sim.options import AutopilotOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.stand_in.copter import (
@@ -45,9 +46,6 @@ _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 _FAILED: int = mavlink.MAV_RESULT_FAILED
-
-
-Tamper = Callable[[Message, Callable[[Message], None]], None]
 
 
 class World(Protocol):

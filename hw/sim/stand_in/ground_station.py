@@ -39,6 +39,7 @@ class GroundStation:
 
     Attributes:
         texts: all STATUSTEXTs of the vehicle, oldest first.
+        overrides: it says the overridden channels again and again.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class GroundStation:
         speed_mps: on the way; None: the autopilot's own.
         """
         self.texts: list[Text] = []
+        self.overrides = True
         self._link = link
         self._destination = destination
         self._speed_mps = speed_mps
@@ -128,6 +130,15 @@ class GroundStation:
         """Send the vehicle to a place, local NED, m."""
         self._target(_POSITION_ONLY, destination, 0.0)
 
+    def set_parameter(self, name: str, value: float) -> None:
+        """Set a parameter of the autopilot, once."""
+        real = mavlink.MAV_PARAM_TYPE_REAL32
+        self._send(
+            mavlink.MAVLink_param_set_message(
+                self._vehicle, _AUTOPILOT_COMPONENT, name.encode(), value, real
+            )
+        )
+
     async def put_down(self) -> None:
         """Bring an armed vehicle to the ground with its motors off, by force if it must be."""
         loop = asyncio.get_running_loop()
@@ -173,6 +184,8 @@ class GroundStation:
             await asyncio.sleep(_RC_PERIOD_S)
 
     def _send_rc(self) -> None:
+        if not self.overrides:
+            return
         pulses = [
             self._rc.get(channel, 0xFFFF if channel < _FIRST_LATE_CHANNEL else 0)
             for channel in range(1, _LAST_CHANNEL + 1)

@@ -1,19 +1,31 @@
 """The pilot's hand on the switch that lets landerd fly, and a pilot who does as he is told."""
 
 import asyncio
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from hw.autopilots.arducopter import Mode
-from hw.sim.stand_in.autopilot import SimAutopilot
-from hw.sim.stand_in.ground_station import GroundStation
 
 OVERRIDE_S = 0.5  # an override is said again: ArduPilot forgets it after 3 s
 HIGH_US, _LOW_US = 1900, 1100  # the switch's ends
 _REACTS_S = 1.0  # from a line on the screen to a hand that moves, and to the next move
 _LOOKS_S = 0.2
 _TRIES = 3  # so often he lets landerd try again
-_LANDERD = 191  # its component
 _TOLD = ("take over", "low, then high")  # what asks him for the switch
 _OVER = "told to stop"  # landerd ends: he flies by hand
+
+
+class Pilot(Protocol):
+    """What a pilot has besides the switch."""
+
+    def select(self, mode: Mode) -> None:
+        """Select a mode of the autopilot."""
+
+    def lose_radio(self) -> None:
+        """Switch the transmitter off."""
+
+    def restore_radio(self) -> None:
+        """Switch the transmitter on again."""
 
 
 class GateSwitch:
@@ -23,12 +35,11 @@ class GateSwitch:
         stuck: it stays as it is, whatever the pilot does.
     """
 
-    def __init__(self, autopilot: SimAutopilot, channel: int, *, by_radio: bool) -> None:
-        """Channel: counted from 1."""
+    def __init__(self, put: Callable[[int], None], *, fades: bool) -> None:
+        """Put brings the channel to a pulse width (us); fades: and for a few seconds only."""
         self.stuck = False
-        self._autopilot = autopilot
-        self._channel = channel
-        self._by_radio = by_radio
+        self._put = put
+        self._fades = fades
         self._us = _LOW_US
 
     def set(self, *, high: bool) -> None:
@@ -40,32 +51,25 @@ class GateSwitch:
         if self.stuck:
             return
         self._us = us
-        if self._by_radio:
-            self._autopilot.pilot.set(self._channel, us)
-        else:
-            self._say()
+        self._put(us)
 
     async def run(self) -> None:
         """Say an override again and again, for ever."""
-        while not self._by_radio:
-            self._say()
+        while self._fades:
+            self._put(self._us)
             await asyncio.sleep(OVERRIDE_S)
-
-    def _say(self) -> None:
-        raw = [0xFFFF] * 18
-        raw[self._channel - 1] = self._us
-        self._autopilot.pilot.override(tuple(raw), asyncio.get_running_loop().time())
 
 
 class ObedientPilot:
     """Lowers and raises the switch where landerd asks for it, and selects GUIDED again."""
 
     def __init__(
-        self, switch: GateSwitch, autopilot: SimAutopilot, ground_station: GroundStation
+        self, switch: GateSwitch, pilot: Pilot, screen: Callable[[], Sequence[str]]
     ) -> None:
+        """Screen returns all lines of landerd's that he has been shown."""
         self._switch = switch
-        self._autopilot = autopilot
-        self._station = ground_station
+        self._pilot = pilot
+        self._screen = screen
         self._read = 0
 
     async def run(self) -> None:
@@ -76,13 +80,13 @@ class ObedientPilot:
             await asyncio.sleep(_REACTS_S)
             self._switch.set(high=False)
             await asyncio.sleep(_REACTS_S)
-            self._autopilot.copter.set_mode(Mode.GUIDED)
+            self._pilot.select(Mode.GUIDED)
             self._switch.set(high=True)
-            self._read = len(self._station.texts)
+            self._read = len(self._screen())
 
     def _asked(self) -> bool:
         """Tell whether landerd has asked for the switch since it was moved."""
-        lines = [t.text for t in self._station.texts[self._read :] if t.component == _LANDERD]
-        self._read = len(self._station.texts)
+        screen = self._screen()
+        lines, self._read = screen[self._read :], len(screen)
         asks = any(words in line for line in lines for words in _TOLD)
         return asks and not any(_OVER in line for line in lines)

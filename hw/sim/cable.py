@@ -1,0 +1,57 @@
+"""The cable between landerd and a real autopilot, where faults can lay hands on it."""
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hw.autopilots.mavlink_codec import MavlinkCodec, Message
+from hw.links.memory import memory_pair
+from landerd.ports import ByteLink
+
+Tamper = Callable[[Message, Callable[[Message], None]], None]
+
+
+class Cable:
+    """A link in memory with the autopilot's own link behind it.
+
+    Attributes:
+        near: landerd's end.
+        far: the autopilot's end; what the autopilot sends is written here, a message a write.
+        tamper: what becomes of messages on their way to landerd, by id: called with each and with
+            what sends it, now or later.
+    """
+
+    def __init__(self, link: ByteLink) -> None:
+        """Link: of the autopilot."""
+        self.near, self.far = memory_pair()
+        self.tamper: dict[int, Tamper] = {}
+        self._link = link
+        self._codec = MavlinkCodec(255, 0)  # only takes frames apart
+
+    async def run(self) -> None:
+        """Pass on what is sent either way, for ever. Raises DeviceLost (in an ExceptionGroup)."""
+        await self.far.open()
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._up())
+            tasks.create_task(self._down())
+
+    async def _up(self) -> None:
+        while True:
+            self._link.write(await self.far.read())
+
+    async def _down(self) -> None:
+        while True:
+            for message in self._codec.decode(await self._link.read()):
+                tamper = self.tamper.get(message.get_msgId())
+                if tamper is None:
+                    self.far.write(bytes(message.get_msgbuf()))
+                else:
+                    tamper(message, partial(self._send_as, message))
+
+    def _send_as(self, original: Message, message: Message) -> None:
+        """Send a message as from the original's sender, with its sequence number."""
+        sender = mavlink.MAVLink(None, original.get_srcSystem(), original.get_srcComponent())
+        sender.seq = original.get_seq()
+        self.far.write(message.pack(sender))
