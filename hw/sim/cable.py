@@ -8,7 +8,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import memory_pair
-from landerd.ports import ByteLink
+from landerd.ports import ByteLink, DeviceLost
+
+_REOPEN_S = 0.1
 
 Tamper = Callable[[Message, Callable[[Message], None]], None]
 
@@ -31,15 +33,19 @@ class Cable:
         self._codec = MavlinkCodec(255, 0)  # only takes frames apart
 
     async def run(self) -> None:
-        """Pass on what is sent either way, for ever. Raises DeviceLost (in an ExceptionGroup)."""
-        await self.far.open()
+        """Pass on what is sent either way, for ever."""
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._up())
             tasks.create_task(self._down())
 
     async def _up(self) -> None:
         while True:
-            self._link.write(await self.far.read())
+            try:
+                await self.far.open()
+                while True:
+                    self._link.write(await self.far.read())
+            except DeviceLost:
+                await asyncio.sleep(_REOPEN_S)
 
     async def _down(self) -> None:
         while True:

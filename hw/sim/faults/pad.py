@@ -135,23 +135,27 @@ def _once(disturbance: Callable[[Bench, float], list[Disturbance]]) -> Effect:
 def _turns(bench: Bench, severity: float) -> Iterator[None]:
     rate = math.radians(bench.between(5.0, 40.0, severity)) * bench.rng.choice((-1.0, 1.0))
     end = [math.inf]
-    bench.world.disturb_pad(_turning(bench.world.t, lambda: end[0], rate))
+    bench.world.disturb_pad(_turning(bench.world.elapsed_s, lambda: end[0], rate))
     yield
-    end[0] = bench.world.t
+    end[0] = bench.world.elapsed_s
 
 
 FAULTS: Mapping[str, Effect] = {
-    "pad-stops": _once(lambda b, s: [_stopping(b.world.t, b.world.pad, b.between(1.0, 8.0, s))]),
-    "pad-starts": _once(
-        lambda b, s: [_going(b.world.t, _along(b), b.between(0.5, 3.0, s), _STARTS_MPS2)]
+    "pad-stops": _once(
+        lambda b, s: [_stopping(b.world.elapsed_s, b.world.pad, b.between(1.0, 8.0, s))]
     ),
-    "pad-jerks": _once(lambda b, s: [_jerking(b.world.t, _across(b), b.between(0.1, 1.0, s))]),
+    "pad-starts": _once(
+        lambda b, s: [_going(b.world.elapsed_s, _along(b), b.between(0.5, 3.0, s), _STARTS_MPS2)]
+    ),
+    "pad-jerks": _once(
+        lambda b, s: [_jerking(b.world.elapsed_s, _across(b), b.between(0.1, 1.0, s))]
+    ),
     "pad-turns": _turns,
-    "pad-lifted": _once(lambda b, s: [_lifting(b.world.t, b.between(0.1, 1.0, s))]),
+    "pad-lifted": _once(lambda b, s: [_lifting(b.world.elapsed_s, b.between(0.1, 1.0, s))]),
     "pad-carried-away": _once(
         lambda b, s: [
-            _lifting(b.world.t, 1.0),
-            _going(b.world.t, _across(b), b.between(1.0, 5.0, s), _STARTS_MPS2),
+            _lifting(b.world.elapsed_s, 1.0),
+            _going(b.world.elapsed_s, _across(b), b.between(1.0, 5.0, s), _STARTS_MPS2),
         ]
     ),
 }

@@ -159,7 +159,12 @@ class World:
     @property
     def t(self) -> float:
         """The time the world has reached, s; never more than one step before `advance`'s."""
-        return self._t0 + self._steps * STEP_S
+        return self._t0 + self.elapsed_s
+
+    @property
+    def elapsed_s(self) -> float:
+        """The time since the start, by which the pad moves, s."""
+        return self._steps * STEP_S
 
     def advance(self, t: float) -> None:
         """Let the world go on to time t; a time already passed changes nothing."""
@@ -171,7 +176,7 @@ class World:
             self._steps += 1
             low = -self.vehicle.position[2] < self._contact_height
             near = low or bool(self._motion.disturbances)  # which may lift the pad
-            self._move(self._motion.at(self._steps * STEP_S) if near else None)
+            self._move(self._motion.at(self.elapsed_s) if near else None)
             self.gimbal.step()
             self._record()
             for hook in self.on_step:
@@ -208,7 +213,7 @@ class World:
     @property
     def pad(self) -> PadState:
         """Pose and motion of the pad."""
-        return self._motion.at(self._steps * STEP_S)
+        return self._motion.at(self.elapsed_s)
 
     @property
     def footprint_centre(self) -> Vec3:

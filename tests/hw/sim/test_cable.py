@@ -20,13 +20,13 @@ def on_ground(message: Message, send: Callable[[Message], None]) -> None:
     send(message)
 
 
-def test_it_changes_what_it_is_told_to_and_passes_all_else_to_the_bit() -> None:
-    async def passed() -> tuple[list[Message], list[Message], bytes]:
+def test_it_changes_what_it_is_told_to_and_passes_all_else_to_the_bit_also_after_a_cut() -> None:
+    async def passed() -> tuple[list[Message], list[Message], list[bytes]]:
         side, autopilot = memory_pair()
         cable = Cable(side)
         await asyncio.gather(side.open(), autopilot.open(), cable.near.open())
         running = asyncio.create_task(cable.run())
-        await asyncio.sleep(0)
+        await asyncio.sleep(0.1)
         cable.tamper[LANDED_STATE] = on_ground
         codec = MavlinkCodec(3, 1)
         sent = [
@@ -39,11 +39,19 @@ def test_it_changes_what_it_is_told_to_and_passes_all_else_to_the_bit() -> None:
         cable.near.write(b"an order")
         await asyncio.sleep(0.1)
         arrived = MavlinkCodec(1, 191).decode(await cable.near.read())
+        orders = [await autopilot.read()]
+        cable.near.cut()
+        await asyncio.sleep(0.1)
+        cable.near.mend()
+        await asyncio.sleep(0.2)
+        await cable.near.open()
+        cable.near.write(b"a later one")
+        orders.append(await autopilot.read())
         running.cancel()
-        return MavlinkCodec(1, 191).decode(b"".join(frames)), arrived, await autopilot.read()
+        return MavlinkCodec(1, 191).decode(b"".join(frames)), arrived, orders
 
-    sent, arrived, order = run_virtual(passed())
-    assert order == b"an order"
+    sent, arrived, orders = run_virtual(passed())
+    assert orders == [b"an order", b"a later one"]
     assert [bytes(m.get_msgbuf()) for m in arrived[::2]] == [
         bytes(m.get_msgbuf()) for m in sent[::2]
     ]

@@ -11,9 +11,9 @@ from landerd.pad import Plate
 PLATE = Plate(north_m=1.02, south_m=0.62, east_m=0.62, west_m=0.62)  # the thesis's pad
 
 
-def world(seed: int = 1, **options: Any) -> World:
+def world(seed: int = 1, began_s: float = 0.0, **options: Any) -> World:
     """Return a world with the thesis's plate; options are those of `sim:`."""
-    return World(SimOptions.model_validate(options), VehicleSection(), PLATE, seed)
+    return World(SimOptions.model_validate(options), VehicleSection(), PLATE, seed, t0=began_s)
 
 
 def over_pad(seed: int = 1, altitude_m: float = 0.8, **options: Any) -> World:

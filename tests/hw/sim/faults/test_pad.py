@@ -17,10 +17,10 @@ STEP_S = 1e-4
 ONSET_S = 1.0
 
 
-def disturbed(fault: str, severity: float, **pad: Any) -> World:
-    """Return a world whose pad has had the fault since ONSET_S."""
-    moved = world(pad=pad)
-    moved.advance(ONSET_S)
+def disturbed(fault: str, severity: float, *, began_s: float = 0.0, **pad: Any) -> World:
+    """Return a world whose pad has had the fault since ONSET_S after the world began."""
+    moved = world(began_s=began_s, pad=pad)
+    moved.advance(began_s + ONSET_S)
     bench = cast(
         Bench,
         SimpleNamespace(world=moved, rng=Random(1), between=lambda a, b, s: a + s * (b - a)),
@@ -54,9 +54,11 @@ def test_before_it_the_pad_is_where_it_was(fault: str) -> None:
     assert moved._motion.at(4.0) != sound._motion.at(4.0)
 
 
-def test_one_that_stops_stands() -> None:
-    pad = disturbed("pad-stops", 0.5, speed_mps=3.0)._motion.at(5.0)
-    assert norm(pad.velocity) == 0.0
+@pytest.mark.parametrize("began_s", [0.0, 50.0])  # of the loop's clock: SITL's world begins late
+def test_one_that_stops_stands(began_s: float) -> None:
+    stopped = disturbed("pad-stops", 0.5, began_s=began_s, speed_mps=3.0)
+    stopped.advance(began_s + 5.0)
+    assert norm(stopped.pad.velocity) == 0.0
 
 
 def test_one_that_is_lifted_carries_a_vehicle_that_stands_on_it() -> None:
