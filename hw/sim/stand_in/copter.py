@@ -1,7 +1,8 @@
 """ArduCopter's flight code as far as landerd meets it: modes, arming, GUIDED, landing.
 
-It behaves as ArduCopter 4.5 was measured to. LOITER, STABILIZE and RTL only hold: sticks and the
-way home are not modelled. A position target's velocity and a yaw angle are ignored.
+It behaves as ArduCopter 4.5 was measured to. LOITER and STABILIZE only hold: sticks are not
+modelled. RTL climbs, flies home, which is the local origin, and holds there. A position target's
+velocity and a yaw angle are ignored.
 """
 
 import math
@@ -24,6 +25,7 @@ _REACHED_M = 0.1
 _LAND_HIGH_M = 10.0  # above this LAND descends faster (LAND_ALT_LOW)
 _LAND_DISARM_S = 0.5  # from landed to disarmed in LAND
 _RADIO_FAILSAFE_S = 1.0
+_RTL_CLIMBS_M = 1.0  # this far below its height RTL still only climbs
 _NEAREST_COURSE_M = 5.0  # the nose is not turned towards a position target nearer than this,
 _SLOWEST_COURSE_MPS = 0.9  # nor into a course flown slower than this
 _BRAKING = 0.5  # share of the acceleration used to stop at a target: the vehicle lags
@@ -43,6 +45,7 @@ class CopterParameters:
     wpnav_accel_z_mps2: float = 1.0
     psc_jerk_xy_mps3: float = 5.0  # PSC_JERK_XY
     land_speed_mps: float = 0.5  # LAND_SPEED
+    rtl_alt_m: float = 15.0  # RTL_ALT, over home
     wp_yaw_behavior: int = 2  # 0: never turn by itself; 2: the nose into the course
 
 
@@ -266,6 +269,8 @@ class Copter:
             high = estimate.position[2] < -_LAND_HIGH_M
             speed = self._p.wpnav_speed_down_mps if high else self._p.land_speed_mps
             return (0.0, 0.0, speed), 0.0
+        if self.armed and self.mode == Mode.RTL:
+            return self._way_home(estimate, t)
         target = self._target if self._is_guided() else None
         if target is None:
             return _ZERO, 0.0
@@ -274,6 +279,13 @@ class Copter:
         if isinstance(target, _Level):
             return self._level(target, t)
         return self._course(target, estimate, t)
+
+    def _way_home(self, estimate: Estimate, t: float) -> tuple[Vec3, float]:
+        down = estimate.position[2]
+        height = min(down, -self._p.rtl_alt_m)  # it never sinks to it
+        if down - height > _RTL_CLIMBS_M:
+            return (0.0, 0.0, self._vertical(height - down)), 0.0
+        return self._course(_Position((0.0, 0.0, height), None), estimate, t)
 
     def _level(self, target: _Level, t: float) -> tuple[Vec3, float]:
         fastest = self._p.wpnav_speed_up_mps if target.climb > 0.0 else self._p.wpnav_speed_down_mps

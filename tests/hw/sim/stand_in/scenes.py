@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 from landerd.runtime.clock import run_virtual
 from tests.hw.flight import Flight, PlainAirframe
 
-STABILIZE, GUIDED, LOITER, LAND = 0, 4, 5, 9
+STABILIZE, GUIDED, LOITER, RTL, LAND = 0, 4, 5, 6, 9
 ACCEPTED, DENIED, FAILED = 0, 2, 4
 ON_GROUND: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

@@ -17,6 +17,7 @@ from tests.hw.sim.stand_in.scenes import (
     GUIDED,
     LAND,
     LOITER,
+    RTL,
     fly,
     grounded,
     guided,
@@ -184,6 +185,21 @@ def test_land_descends_at_half_a_metre_per_second_and_disarms() -> None:
         assert not f.airframe.motors
 
     fly(scene, lambda: Flight(PlainAirframe((0.0, 0.0, -5.0))))
+
+
+def test_rtl_climbs_to_its_height_and_only_then_flies_home() -> None:
+    async def scene(f: Flight) -> None:
+        await f.client.mode(RTL)
+        await asyncio.sleep(1.5)
+        assert f.airframe.velocity == (0.0, 0.0, -2.5)
+        await asyncio.sleep(4.0)
+        assert f.airframe.velocity[0] == -5.0
+        await asyncio.sleep(30.0)
+        north, east, down = f.airframe.position
+        assert math.hypot(north, east) < 0.1
+        assert down == pytest.approx(-15.0, abs=0.1)
+
+    fly(scene, lambda: Flight(PlainAirframe((30.0, 0.0, -5.0))))
 
 
 def test_a_lost_radio_changes_the_mode_after_a_second() -> None:
