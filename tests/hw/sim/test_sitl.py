@@ -1,5 +1,6 @@
 """The world around a real autopilot's vehicle: what SIM_STATE says becomes what the camera sees."""
 
+import asyncio
 import math
 from itertools import pairwise
 
@@ -9,10 +10,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import memory_pair
 from hw.sim.options import SimOptions
-from hw.sim.sitl import TRUTH_HZ, SitlWorld, Truth
+from hw.sim.sitl import TRUTH_HZ, SitlPilot, SitlWorld, Truth
+from hw.sim.stand_in.ground_station import GroundStation
 from landerd.config.models import VehicleSection
 from landerd.geometry import Vec3
 from landerd.pad import Plate
+from landerd.runtime.clock import run_virtual
 
 ORIGIN = (-353632621, 1491652374, 584.0)  # 1e-7 degrees, m
 UNIT_M = 0.011131884502145034  # 1e-7 degrees of latitude
@@ -130,3 +133,32 @@ def test_contact_with_a_driving_pad_is_judged_relative_to_it() -> None:
     _come_down(sitl, world, 0.9)
     assert world.vehicle.touchdown is not None
     assert world.vehicle.touchdown.velocity == pytest.approx((-0.1, 0.0, 0.3), abs=0.02)
+
+
+def test_its_pilot_switches_off_the_simulated_radio_and_what_stands_for_its_switches() -> None:
+    async def sent() -> list[Message]:
+        near, far = memory_pair()
+        await far.open()
+        station = GroundStation(near)
+        serving = asyncio.create_task(station.serve())
+        station.set_rc(11, 1900)
+        await asyncio.sleep(0.1)
+        await far.read()
+        pilot = SitlPilot(station)
+        pilot.lose_radio()
+        await asyncio.sleep(2.0)
+        pilot.restore_radio()
+        await asyncio.sleep(1.0)
+        serving.cancel()
+        return MavlinkCodec(1, 1).decode(await far.read())
+
+    messages = run_virtual(sent())
+    changes = [m for m in messages if m.get_type() == "PARAM_SET"]
+    assert [(m.param_id, m.param_value) for m in changes] == [
+        ("SIM_RC_FAIL", 1),
+        ("SIM_RC_FAIL", 0),
+    ]
+    restored = messages.index(changes[1])
+    overrides = [i for i, m in enumerate(messages) if m.get_type() == "RC_CHANNELS_OVERRIDE"]
+    assert overrides
+    assert min(overrides) > restored
