@@ -11,7 +11,7 @@ from hw.sim.faults.bench import Bench, Effect
 
 _EVERY_S = 0.05
 _SYSTEM, _STATION = 7, 253  # neither is configured
-_PARAMETERS = (b"LIM_SPEED", b"DESC_COMMIT_H", b"TRK_KP", b"GATE_CHAN")
+PARAMETERS = (b"LIM_SPEED", b"DESC_COMMIT_HGT", b"TRK_KP", b"RC_GATE_CH")  # landerd has them
 
 
 def _talking(say: Callable[[Bench, MavlinkCodec, float], bytes], system: int) -> Effect:
@@ -55,7 +55,7 @@ def _station(bench: Bench, codec: MavlinkCodec, severity: float) -> bytes:
     real = mavlink.MAV_PARAM_TYPE_REAL32
     messages = [
         mavlink.MAVLink_param_set_message(1, 191, name, bench.rng.uniform(0.0, 10.0), real)
-        for name in _PARAMETERS
+        for name in PARAMETERS
     ]
     disarm = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
     messages.append(mavlink.MAVLink_command_long_message(1, 191, disarm, 0, *(0.0,) * 7))

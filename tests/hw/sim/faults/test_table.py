@@ -5,8 +5,10 @@ from hypothesis import strategies as st
 
 from hw.sim.fault_options import FAULTS
 from hw.sim.faults.draw import as_setting, draw_faults
+from hw.sim.faults.strangers import PARAMETERS
 from hw.sim.faults.table import EFFECTS
 from landerd.config.files import config_dir
+from landerd.config.parameters import parameters
 from landerd.devices import sim_options
 from landerd.drivers import read_configuration
 
@@ -27,3 +29,7 @@ def test_every_fault_is_drawn_alone_and_in_pairs() -> None:
     for count in (1, 2):
         drawn = {fault.fault for faults in flights if len(faults) == count for fault in faults}
         assert drawn == FAULTS.keys()
+
+
+def test_the_false_ground_station_changes_parameters_that_there_are() -> None:
+    assert {name.decode() for name in PARAMETERS} <= parameters().keys()
