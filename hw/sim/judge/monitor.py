@@ -45,7 +45,8 @@ class Promise(NamedTuple):
     is_kept: Callable[["SafetyMonitor"], bool]
 
 
-PROMISES = (
+PROMISES = (  # the first whose words are in a text counts
+    Promise("holding over", 6.0, "told to hold over the pad, and it does not", lambda m: m.stays),
     Promise("holding", 6.0, "told to hold, and it does not hover", lambda m: m.hovers),
     Promise("climbing away", 1.0, "told to climb away, and it sinks", lambda m: not m.sinks),
     Promise("landed and disarmed", 0.1, "told to have landed, and it flies", lambda m: m.stands),
@@ -90,6 +91,11 @@ class SafetyMonitor:
     def hovers(self) -> bool:
         """It stands still in the air, or its feet are down."""
         return norm(self._world.vehicle.velocity) < 1.0 or self.touches
+
+    @property
+    def stays(self) -> bool:
+        """It goes with the pad, or its feet are down."""
+        return norm(self._world.relative_velocity) < 1.0 or self.touches
 
     @property
     def sinks(self) -> bool:

@@ -128,6 +128,16 @@ def test_what_the_pilot_is_told_comes_true(
     assert [each for each in watched.found if each.startswith("told")] == [finding] * bool(finding)
 
 
+@pytest.mark.parametrize(("speed_mps", "found"), [(3.0, False), (0.0, True)])
+def test_who_holds_over_a_pad_goes_with_it(speed_mps: float, found: bool) -> None:
+    watched = Watched(altitude_m=12.0, pad={"speed_mps": 3.0})
+    watched.order((speed_mps, 0.0, 0.0), 4.0)
+    watched.monitor.on_text(watched.world.t, "landerd: holding over the marker, switch to land")
+    watched.order((speed_mps, 0.0, 0.0), 8.0)
+    told = "told to hold over the pad, and it does not"
+    assert [each for each in watched.found if each.startswith("told")] == [told] * found
+
+
 def test_what_was_told_last_counts() -> None:
     watched = Watched(altitude_m=12.0)
     watched.monitor.on_text(watched.world.t, "landerd: pad not in sight, holding")
