@@ -57,7 +57,13 @@ def test_a_process_that_is_killed_lands_after_its_restart_once_the_switch_was_lo
 
 
 def test_a_core_that_fails_is_started_again() -> None:
-    simulation = flown("{fault: core-raises, at: {phase: DESCENT}}")
+    latched: list[str] = []
+
+    async def script(simulation: Simulation) -> None:
+        simulation.rules.on_text.append(lambda t, text: latched.append(text))
+
+    simulation = flown("{fault: core-raises, at: {phase: DESCENT}}", script=script)
+    assert any("low, then high" in text for text in latched)
     assert simulation.score.landed
     assert broken(simulation) == set()
 

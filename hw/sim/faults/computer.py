@@ -17,6 +17,12 @@ def _raising(part: str, error: Exception) -> Effect:
 
 
 @contextmanager
+def _core_raises(bench: Bench, severity: float) -> Iterator[None]:
+    bench.computer.fail("core", OverflowError("in the core"))  # at its next step, and once
+    yield
+
+
+@contextmanager
 def _stalls(bench: Bench, severity: float) -> Iterator[None]:
     bench.computer.stall(bench.between(0.1, 3.0, severity))
     yield
@@ -52,7 +58,7 @@ FAULTS: Mapping[str, Effect] = {
     "loop-stalls": _stalls,
     "search-slow": _slow_search,
     "search-raises": _raising("search", ZeroDivisionError("in vision")),
-    "core-raises": _raising("core", OverflowError("in the core")),
+    "core-raises": _core_raises,
     "sending-raises": _raising("sending", KeyError("in the autopilot's driver")),
     "disk-full": _raising("disk", OSError(28, "No space left on device")),
     "disk-slow": _slow_disk,
