@@ -244,9 +244,12 @@ class Copter:
     def _check_radio(self, t: float) -> None:
         if not self._pilot.lost:
             self._radio_lost_at = None
-        elif self._radio_lost_at is None:
+            return
+        if self._radio_lost_at is None:
             self._radio_lost_at = t
-        elif self.armed and not self.failsafe and t - self._radio_lost_at >= _RADIO_FAILSAFE_S:
+        # A ground station's overrides are input of the radio, too: while they come it is not lost.
+        heard_t = max(self._radio_lost_at, self._pilot.overridden_t)
+        if self.armed and not self.failsafe and t - heard_t >= _RADIO_FAILSAFE_S:
             self.set_mode(Mode.RTL)
             self.failsafe = True
             self._say("Radio Failsafe")

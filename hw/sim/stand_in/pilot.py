@@ -1,5 +1,7 @@
 """The pilot's radio as the autopilot's receiver sees it."""
 
+import math
+
 _CHANNELS = 18  # of RC_CHANNELS
 _OVERRIDE_TIME_S = 3.0  # RC_OVERRIDE_TIME
 _THROTTLE_LOW_US = 1100
@@ -12,11 +14,13 @@ class PilotRadio:
 
     Attributes:
         lost: the receiver hears nothing; the last pulses are held.
+        overridden_t: when the last override came, s; any counts as heard of the radio.
     """
 
     def __init__(self, count: int = 16) -> None:
         """Count: of the receiver's channels; those beyond it carry overrides, or 0."""
         self.lost = False
+        self.overridden_t = -math.inf
         self._pulses = [1500, 1500, 1000, 1500] + [1000] * (count - 4) + [0] * (_CHANNELS - count)
         self._overrides: dict[int, tuple[int, float]] = {}  # channel: pulse, end
 
@@ -38,6 +42,7 @@ class PilotRadio:
         65535 leaves a channel as it is. Up to channel 8, 0 releases it; above, 0 leaves it and
         65534 releases it.
         """
+        self.overridden_t = t
         for channel, us in enumerate(raw[:_CHANNELS], start=1):
             release, leave = (0, 0xFFFF) if channel <= 8 else (0xFFFE, 0)
             if us in (leave, 0xFFFF):

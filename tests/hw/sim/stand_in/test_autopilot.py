@@ -187,6 +187,21 @@ def test_land_descends_at_half_a_metre_per_second_and_disarms() -> None:
     fly(scene, lambda: Flight(PlainAirframe((0.0, 0.0, -5.0))))
 
 
+def test_a_radio_is_not_lost_while_a_ground_station_overrides_any_channel() -> None:
+    async def scene(f: Flight) -> None:
+        await guided(f)
+        f.autopilot.pilot.lose()
+        override = mavlink.MAVLink_rc_channels_override_message(1, 1, *(0xFFFF,) * 8, 0, 0, 1900)
+        for _ in range(8):
+            f.client.send(override)
+            await asyncio.sleep(0.5)
+        assert f.client.of("HEARTBEAT")[-1][1].custom_mode == GUIDED
+        await asyncio.sleep(0.7)
+        assert f.client.of("HEARTBEAT")[-1][1].custom_mode == RTL
+
+    fly(scene)
+
+
 def test_rtl_climbs_to_its_height_and_only_then_flies_home() -> None:
     async def scene(f: Flight) -> None:
         await f.client.mode(RTL)
