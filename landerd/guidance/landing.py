@@ -24,7 +24,7 @@ from landerd.messages import Command, Landed, Phase, PressDown, Setpoint, Severi
 from landerd.pad import PadLayout
 
 # A wave-off that nobody watches any more, s: at climb_mps it gains less than 0.5 m (rule 1b).
-BLIND_WAVE_OFF_S = 0.5
+BLIND_WAVE_OFF_S = 1.0
 TIPPED = math.radians(30.0)  # of lean on the ground: no pad lies so steep (pad_filter.MAX_TILT)
 
 
@@ -136,7 +136,7 @@ class Landing:
             return LastOrders(None, 0.0, ordered[-1], release_s)
         away = None
         if self._must_leave():
-            north, east, _ = self._context.pad_velocity
+            north, east, _ = ordered[-1].velocity  # the pad's, and no jump to it
             away = Setpoint((north, east, -self._context.options.limits.climb_mps), 0.0)
         return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
 

@@ -51,6 +51,12 @@ MENDED = [
         1,
         id="a false word of being disarmed just after contact was told as a landing",
     ),
+    pytest.param(
+        "{fault: core-raises, at: {height_m: 0.05}}",
+        5.0,
+        2,
+        id="the core failed just over a fast pad: stopped after 0.5 s of climbing, it tipped over",
+    ),
 ]
 
 
