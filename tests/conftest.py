@@ -1,7 +1,13 @@
 """Settings for all tests."""
 
+import pytest
 from hypothesis import settings
 
 # The same examples in every run, and no limit on a slow machine's time for one.
 settings.register_profile("landerd", derandomize=True, deadline=None)
 settings.load_profile("landerd")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what takes longest, a page's commands, that no worker is left with them."""
+    items.sort(key=lambda item: "run_as_printed" not in item.name)

@@ -63,5 +63,5 @@ MENDED = [
 @pytest.mark.parametrize(("fault", "speed_mps", "seed"), MENDED)
 def test_it_keeps_the_rules(fault: str, speed_mps: float, seed: int) -> None:
     settings = [*START, f"sim.faults=[{fault}]", f"sim.pad.speed_mps={speed_mps}"]
-    simulation = fly(overrides=settings, longest_s=45.0, seed=seed)
+    simulation = fly(overrides=settings, longest_s=25.0, seed=seed)
     assert broken(simulation) == []
