@@ -74,10 +74,7 @@ FAULTS: Mapping[str, FaultKind] = {
         "pad", "it rises by 0.1 to 1 m at 0.5 m/s", False, _COMES_UP, in_sitl=False
     ),
     "pad-carried-away": FaultKind(
-        *("pad", "it rises by 1 m and goes off at 1 to 5 m/s"),
-        ends=False,
-        lands=False,
-        in_sitl=False,
+        "pad", "it rises by 1 m and goes off at 1 to 5 m/s", ends=False, lands=False, in_sitl=False
     ),
     # -- gimbal ------------------------------------------------------------------------------------
     "gimbal-silent": FaultKind("gimbal", "reports no angles"),

@@ -19,6 +19,7 @@ from landerd.analysis import flights_table, picture, sighting_errors
 from landerd.analysis.flight import Flight, sentences
 from landerd.analysis.page import drawing, html_of, page
 from landerd.analysis.picture import COLOURS
+from landerd.estimation.health import NIS_EXPECTED
 from landerd.flightlog.reader import read_images
 from landerd.geometry import Vec3
 from landerd.messages import Frame, Sightings
@@ -27,7 +28,6 @@ from landerd.vision.draw import draw
 NO_PLOTS = "Without plots: they need matplotlib (pip install matplotlib)."
 NEAR_S = 1.0  # a recorded picture this close to a change of phase shows it
 _WIDTH_IN = 10.0  # of all plots
-NIS_EXPECTED = 3.0  # of three coordinates
 
 
 class _Plot(NamedTuple):

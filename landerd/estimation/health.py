@@ -10,6 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 
 WINDOW_S = 2.0
+NIS_EXPECTED = 3.0  # of three coordinates
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +18,7 @@ class Health:
     """Figures of some sightings in a row."""
 
     sightings: int  # that could be compared with what was expected
-    nis: float  # mean, 3 where all is well; each counts for the limit at most
+    nis: float  # mean, NIS_EXPECTED where all is well; each counts for the limit at most
     refused: float  # share of them
     picture_age_s: float  # mean, from exposure to the first control step that knew of the picture
 

@@ -110,13 +110,13 @@ class Aim:
             course = None
         if direction is not None:
             self._point(direction, dt)
-        elif course is not None and self._seen_t == -math.inf:
+            return
+        was_seen = self._seen_t > -math.inf
+        waited = now - max(self._began, self._seen_t) >= self._search_after_s
+        if course is not None and (waited or not was_seen):
             self._look_along(course, dt)
-        elif now - max(self._began, self._seen_t) >= self._search_after_s:
-            if course is not None:
-                self._look_along(course, dt)
-            else:
-                self._sweep_round(dt)
+        elif waited:
+            self._sweep_round(dt)
 
     def _point(self, direction: Vec3, dt: float) -> None:
         """Take the direction, as far as the pad lies off the middle of the picture.

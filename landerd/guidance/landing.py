@@ -23,7 +23,7 @@ from landerd.guidance.touchdown import Touchdown
 from landerd.messages import Command, Landed, Phase, PressDown, Setpoint, Severity
 from landerd.pad import PadLayout
 
-# A wave-off that nobody watches any more, s: at climb_mps it gains less than 0.5 m (rule 1b).
+# A wave-off that nobody watches any more, s: at climb_mps it gains a metre at most (rule 1b).
 BLIND_WAVE_OFF_S = 1.0
 TIPPED = math.radians(30.0)  # of lean on the ground: no pad lies so steep (pad_filter.MAX_TILT)
 

@@ -49,9 +49,8 @@ def read_sensors(path: Path) -> LastFlight | None:
         values = json.loads(path.read_text(encoding="utf-8"))
         health = values["health"] and Health(**values["health"])
         flight = LastFlight(SensorErrors(**values["sensors"]), health)
-        numbers = dataclasses.astuple(flight.sensors) + dataclasses.astuple(
-            health or Health(0, 0, 0, 0)
-        )
+        parts: list[SensorErrors | Health] = [flight.sensors, *([health] if health else [])]
+        numbers = [x for part in parts for x in dataclasses.astuple(part)]
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return flight if all(isinstance(x, float | int) and math.isfinite(x) for x in numbers) else None

@@ -10,14 +10,13 @@ import numpy as np
 from hw.sim.judge.monitor import Worst
 from hw.sim.judge.score import Score
 from landerd.analysis.picture import Trace
+from landerd.estimation.health import NIS_EXPECTED
 from landerd.lander import Lander
 from landerd.messages import Phase
 from landerd.pad import PadLayout
 from landerd.simulation.faults import Faults
 from landerd.simulation.recording import Recording
 from landerd.vision.draw import draw
-
-NIS_EXPECTED = 3.0  # of the pad filter: three coordinates
 
 
 @dataclass(frozen=True)

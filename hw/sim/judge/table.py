@@ -198,9 +198,9 @@ def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _does_not_ride(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    since = e.aside_since
-    rides = _pressed(e, o) and not o.level and since is not None
-    return rides and o.t - max(since or 0.0, e.touching_since) > RIDES_S
+    if e.aside_since is None or o.level or not _pressed(e, o):
+        return False
+    return o.t - max(e.aside_since, e.touching_since) > RIDES_S
 
 
 def _climbs_from_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
