@@ -59,7 +59,7 @@ class Search:
         self._min_ring_px = min_ring_px
         self._detectors = detectors
         self._state = policy.SearchState()
-        self._refuses_bare = self._saw_bare = False
+        self._refuses_bare = self._saw_bare = self._vouched = False
         self._ring_work = {ring: RingWork() for ring in layout.rings}
 
     @property
@@ -75,6 +75,7 @@ class Search:
         *,
         holds_heading: bool,
         refuses_bare: bool = False,
+        vouched: bool = False,
     ) -> tuple[list[FoundRing], list[FoundSquare]]:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
 
@@ -86,8 +87,9 @@ class Search:
                 without a square.
             refuses_bare: whether rings are another's that lack the white round the pad's other
                 markers; the search goes on behind them.
+            vouched: whether those where the pad is expected are its own all the same.
         """
-        self._refuses_bare, self._saw_bare = refuses_bare, False
+        self._refuses_bare, self._saw_bare, self._vouched = refuses_bare, False, vouched
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
         ring_only = False
@@ -160,7 +162,7 @@ class Search:
             window=window,
             down=down,
             expected_diameter_px=size,
-            refuses=self._refusal(image, ring),
+            refuses=None if self._vouched else self._refusal(image, ring),
         )
 
     def _refusal(self, image: Image, ring: Ring) -> Refusal | None:

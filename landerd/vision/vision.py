@@ -25,6 +25,8 @@ from landerd.vision.whycode import FoundCode
 
 _SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SAME_SOLUTION_COS`)
 _BESIDE = "beside"  # stage of a square by `SquareBeside`
+# So long after it was seen a pad's plate counts as seen, s: glare, leaf shade and blur hide it.
+_PLATE_HELD_S = 2.0
 _AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
 
 
@@ -76,6 +78,7 @@ class Vision:
         self._shutter = RollingShutter(camera, options.readout_s)
         self._last: SeenPad | None = None
         self._drift: dict[Marker, F64] = {}  # see `Expected`
+        self._plate_t = -math.inf  # when a ring last had the pad's plate beside it
         self._found: list[Measurement] = []  # of the last frame, each marker once
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
@@ -91,6 +94,8 @@ class Vision:
         image = _checked(frame.image, self._whole)[y0:y1, x0:x1]
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._focal)
+        # A pad whose plate was just seen is not given up for a picture that does not show it.
+        vouched = prior.pad is not None and frame.t - self._plate_t < _PLATE_HELD_S
         if expected is not None:
             expected = replace(expected, drift=self._drift)
         rings, squares = self._search.find(
@@ -99,6 +104,7 @@ class Vision:
             prior.down,
             holds_heading=prior.pad is not None,
             refuses_bare=_is_heading_open(prior),
+            vouched=vouched,
         )
         candidates = [self._ring(frame.t, ring, sighting) for ring, sighting in rings]
         normal = self._last_normal(frame.t)
@@ -110,7 +116,7 @@ class Vision:
         codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
         if _is_heading_open(prior):
-            candidates = self._with_plate(image, candidates)
+            candidates = self._with_plate(frame.t, image, candidates, expected if vouched else None)
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         self._found = _once(_placed([*chosen, *candidates])) if poses else []
@@ -147,18 +153,26 @@ class Vision:
         measured = ring_measurement(number, ring.position_m, sighting.solutions)
         return Candidate(ring, sighting, measured)
 
-    def _with_plate(self, image: Image, candidates: list[Candidate]) -> list[Candidate]:
-        """Return the candidates without rings that are bare where the pad has other markers."""
+    def _with_plate(
+        self, t: float, image: Image, candidates: list[Candidate], vouched: Expected | None
+    ) -> list[Candidate]:
+        """Return the candidates without rings that are bare where the pad has other markers.
+
+        But those where a pad is expected whose plate was just seen.
+        """
         if any(c.sighting.id is not None for c in candidates):
+            self._plate_t = t
             return candidates
-        return [
-            c
-            for c in candidates
-            if not (
-                isinstance(c.marker, Ring)
-                and self._detectors.lacks_plate(image, c.marker, c.sighting)
-            )
-        ]
+        kept = []
+        for c in candidates:
+            ring = c.marker
+            if isinstance(ring, Ring) and self._detectors.lacks_plate(image, ring, c.sighting):
+                if not _is_at(vouched, ring, c.sighting):
+                    continue
+            else:
+                self._plate_t = t
+            kept.append(c)
+        return kept
 
     def _square(
         self, t: float, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
@@ -246,6 +260,17 @@ def _checked(image: Image, camera: CameraModel) -> Image:
             f"the camera is calibrated for {camera.width}x{camera.height}"
         )
     return image
+
+
+def _is_at(expected: Expected | None, ring: Ring, sighting: MarkerSighting) -> bool:
+    """Tell whether a ring is within its own radius of where it is expected."""
+    centre = None if expected is None else expected.centre(ring)
+    if centre is None:
+        return False
+    at = np.array(sighting.solutions[0].position)
+    # Across the line of sight: the range of a small ring errs by more.
+    off = at * (centre[2] / at[2]) - centre
+    return bool(np.linalg.norm(off) < ring.radius_m)
 
 
 def _is_heading_open(prior: Prior) -> bool:
