@@ -78,6 +78,10 @@ class PoseSolution:
     systematic: SystematicError | None = None  # part of the above; None: none
 
 
+# What a `MarkerSighting` was fitted to.
+GREY, EDGES, BESIDE = "grey", "edges", "beside"
+
+
 @dataclass(frozen=True, slots=True)
 class MarkerSighting:
     """One marker found in one frame."""
@@ -89,7 +93,7 @@ class MarkerSighting:
     # What the pose was fitted to: "grey" levels, or the places of "edges" alone where a tone curve,
     # clipped white, shade or dirt leaves the levels unexplained: less exact, and sigma says so.
     # A square's "beside": only its heading was found, round a ring that tells the place.
-    stage: str = "grey"
+    stage: str = GREY
 
 
 CLIPPED_LEVEL = 248.0  # from here on a grey level says only that it is too bright

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
-from landerd.messages import Light, MarkerSighting, PoseSolution
+from landerd.messages import BESIDE, Light, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.expected import Expected
 from landerd.vision.metering import Meter
@@ -28,6 +28,7 @@ from landerd.vision.square import (
     printed_cells,
 )
 from landerd.vision.square_beside import SquareBeside
+from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
@@ -59,7 +60,9 @@ class Detectors(Protocol):
         """See `whycon.find_rings`."""
         ...
 
-    def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
+    def track_square(
+        self, image: Image, square: Square, expected: Pose
+    ) -> Fit | SquareEdgeFit | None:
         """See `SquarePrint.track`."""
         ...
 
@@ -87,7 +90,7 @@ class Detectors(Protocol):
 
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
-    ) -> list[Pose]:
+    ) -> tuple[list[Pose], str]:
         """See `SquarePrint.poses`."""
         ...
 
@@ -160,7 +163,9 @@ class PixelDetectors:
             refuses=refuses,
         )
 
-    def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
+    def track_square(
+        self, image: Image, square: Square, expected: Pose
+    ) -> Fit | SquareEdgeFit | None:
         """See `SquarePrint.track`."""
         return self._prints[square].track(image, self._camera, expected)
 
@@ -194,10 +199,10 @@ class PixelDetectors:
 
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
-    ) -> list[Pose]:
+    ) -> tuple[list[Pose], str]:
         """See `SquarePrint.poses`."""
         if found.beside is not None:
-            return [found.beside]
+            return [found.beside], BESIDE
         return self._prints[found.square].poses(
             image, self._camera, found.corners, down, normal, found.fit
         )

@@ -101,6 +101,22 @@ def on_plane(rays: F64, pose: Pose) -> tuple[F64, F64]:
     return q[0] / q[2], q[1] / q[2]
 
 
+def pose_slope(out: F64, pose: Pose, north: F64, east: F64, slope_n: F64, slope_e: F64) -> None:
+    """Write the derivative (6, n) of grey levels by (dt, w), both on the marker's own axes.
+
+    At a fixed ray a plane moved by m = dt + w x arm carries the point -g . m along its axis r,
+    g = r - normal (r . ray) / (normal . ray); in the marker's axes g and arm are plain.
+    """
+    t = pose.R.T @ pose.t
+    lift = (slope_n * (north + t[0]) + slope_e * (east + t[1])) / t[2]
+    np.negative(slope_n, out=out[0])
+    np.negative(slope_e, out=out[1])
+    out[2] = lift
+    np.multiply(east, lift, out=out[3])
+    np.multiply(north, -lift, out=out[4])
+    np.subtract(east * slope_n, north * slope_e, out=out[5])
+
+
 def on_plate(plate: Plate, points: F64) -> Mask:
     """Tell which points (n, 2) of the pad, its own axes, m, lie on its plate."""
     north, east = points.T

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.vision.blurred_print import BlurredPrint
-from landerd.vision.patch import Image, Patch, marker_patch, on_plane
+from landerd.vision.patch import Image, Patch, marker_patch, on_plane, pose_slope
 from landerd.vision.pose import Pose
 from landerd.vision.square_pose import corner_information, square_points
 from landerd.vision.tone import LINEAR, TONE_SIGMA, TONES, bounded, edge_shift, toned
@@ -39,7 +39,7 @@ _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
 _LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
-_AS_PRINTED, _TURNED = 0.2, 0.6  # of the contrast: a residual below, and above
+_TURNED = 0.6  # of the contrast: a residual above it
 _MAX_CORRELATION = 0.95  # of neighbouring residuals: what they tell is never nothing
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
@@ -62,9 +62,6 @@ class Fit:
     # Share of what tells the print from others that is white for black, or black for white,
     # whichever is less: what hides a print does one of the two, another print both.
     contradicted: float
-    # Of a fit that cuts out what hides the print: the share of it that is as printed, of that part
-    # which is least so. None: of a fit to the whole print.
-    shown: float | None = None
 
 
 @dataclass
@@ -76,7 +73,6 @@ class _Estimate:
     light: F64  # black, contrast, gradients: (4,)
     tone: F64  # (2,)
     is_toned: bool  # else the tone is held: most information, where the camera is linear
-    is_hidden: bool  # in part: what hides the print is cut out, and the tone not sought in it
 
     @property
     def rows(self) -> int:
@@ -146,21 +142,17 @@ class MarkerPrint:
         start: Pose,
         *,
         has_rival: bool = True,
-        is_hidden: bool = False,
     ) -> Fit | None:
         """Return the pose that explains the pixels round a start near it; None if none does.
 
         With a rival it will be compared with another fit by how well each explains the pixels.
-        Where the print is hidden in part, what does not fit is cut out.
         """
         patch = marker_patch(image, camera, start, self._reach, self._is_used)
         if patch is None:
             return None
         blur = max(patch.blur, self._blur * patch.blur)
         was_toned = bool(self._tone.any())
-        estimate = _Estimate(
-            start, blur, _first_light(patch.grey), self._tone, was_toned, is_hidden
-        )
+        estimate = _Estimate(start, blur, _first_light(patch.grey), self._tone, was_toned)
         equations = self._descended(patch, estimate, has_rival)
         if equations is None:
             return None
@@ -192,7 +184,7 @@ class MarkerPrint:
         equations = None
         for _ in range(_MAX_STEPS):
             residual = self._linearise(patch, estimate, J)
-            equations = _normal_equations(J, residual, estimate.tone, estimate.is_hidden)
+            equations = _normal_equations(J, residual, estimate.tone)
             try:
                 step = equations.step(estimate.rows)
             except np.linalg.LinAlgError:
@@ -203,7 +195,7 @@ class MarkerPrint:
                 return None
             # Not of the blur: its step has no effect until the print is blurred anew.
             reduction = float(step @ equations.gradient - step[_BLUR] * equations.gradient[_BLUR])
-            if motion_px < _LEARN_BLUR_PX and not (estimate.is_toned or estimate.is_hidden):
+            if motion_px < _LEARN_BLUR_PX and not estimate.is_toned:
                 estimate.is_toned = equations.tone_gain() > _TONE_CHI2
                 if estimate.is_toned:
                     continue
@@ -225,7 +217,7 @@ class MarkerPrint:
         contrast = light[1] * shade
         J[_TONE] = contrast * by_tone
         contrast = contrast * slope
-        _pose_slope(J[_POSE], pose, north, east, contrast * slope_n, contrast * slope_e)
+        pose_slope(J[_POSE], pose, north, east, contrast * slope_n, contrast * slope_e)
         J[_BLUR] *= contrast
         black, difference, along_x, along_y = J[_LIGHT]
         black[:] = shade
@@ -276,30 +268,18 @@ class MarkerPrint:
         explained = 1.0 - squares / max(_scatter(patch, weight), 1e-9)
         is_seen = estimate.is_toned and equations.tone_loss(estimate.tone) > _TONE_CHI2
         tone = estimate.tone if is_seen else LINEAR
-        shown, contradicted = self._shown(patch, estimate, equations.residual)
-        if not estimate.is_hidden:
-            return Fit(fitted, explained, squares, variance, correlation, tone, contradicted)
-        squares = float(np.sqrt(weight) @ equations.residual**2)  # what is cut out costs, too
-        return Fit(fitted, explained, squares, variance, correlation, tone, contradicted, shown)
+        contradicted = self._contradicted(patch, estimate, equations.residual)
+        return Fit(fitted, explained, squares, variance, correlation, tone, contradicted)
 
-    def _shown(self, patch: Patch, estimate: _Estimate, residual: F64) -> tuple[float, float]:
-        """Return the share of the print that is as printed, and that which is contradicted.
-
-        The first is of that part which is least so: black, white or what tells the print.
-        """
+    def _contradicted(self, patch: Patch, estimate: _Estimate, residual: F64) -> float:
+        """Return the share of what tells the print that is turned, see `Fit`."""
+        telling = self._is_telling(*on_plane(patch.rays, estimate.pose))
+        if not telling.any():
+            return 0.0
         light = estimate.light
         shade = 1.0 + light[2] * patch.x + light[3] * patch.y
-        off = residual / np.maximum(light[1] * shade, 1e-9)
-        is_white = patch.grey - residual > (light[0] + 0.5 * light[1]) * shade
-        # White under glare is white yet.
-        is_as_printed = np.where(is_white, -off, off) < _AS_PRINTED
-        telling = self._is_telling(*on_plane(patch.rays, estimate.pose))
-        parts = [is_as_printed[part] for part in (is_white, ~is_white, telling)]
-        shown = min(float(part.mean()) if len(part) else 0.0 for part in parts)
-        if not telling.any():
-            return shown, 0.0
-        turned = (off[telling] > _TURNED, off[telling] < -_TURNED)
-        return shown, min(float(part.mean()) for part in turned)
+        off = residual[telling] / np.maximum(light[1] * shade[telling], 1e-9)
+        return min(float((off > _TURNED).mean()), float((off < -_TURNED).mean()))
 
     def _information(
         self, matrix: F64, variance: float, pose: Pose, bias: float, shift: float
@@ -343,14 +323,11 @@ def _first_light(grey: F64) -> F64:
     return np.array([dark, bright - dark, 0.0, 0.0])
 
 
-def _normal_equations(J: F64, residual: F64, tone: F64, is_hidden: bool) -> _NormalEquations:
+def _normal_equations(J: F64, residual: F64, tone: F64) -> _NormalEquations:
     n = len(residual)
     size = np.abs(residual)
     sigma = max(_READ_NOISE, _SIGMA_PER_MAD * float(np.partition(size, n // 2)[n // 2]))
-    if is_hidden:  # Geman and McClure's weights: far residuals count nothing
-        weight = (1.0 + (size / (_ROBUST_SIGMAS * sigma)) ** 2) ** -2
-    else:
-        weight = np.minimum(1.0, _ROBUST_SIGMAS * sigma / np.maximum(size, 1e-9))
+    weight = np.minimum(1.0, _ROBUST_SIGMAS * sigma / np.maximum(size, 1e-9))
     JW = J * weight
     matrix = JW @ J.T
     gradient = JW @ residual
@@ -379,19 +356,3 @@ def _on_print(per_ray: float, pose: Pose) -> F64:
     ) * (per_ray * float(pose.t[2]))
     spread: F64 = A @ A.T
     return spread
-
-
-def _pose_slope(out: F64, pose: Pose, north: F64, east: F64, slope_n: F64, slope_e: F64) -> None:
-    """Write the derivative (6, n) of grey levels by (dt, w), both on the marker's own axes.
-
-    At a fixed ray a plane moved by m = dt + w x arm carries the point -g . m along its axis r,
-    g = r - normal (r . ray) / (normal . ray); in the marker's axes g and arm are plain.
-    """
-    t = pose.R.T @ pose.t
-    lift = (slope_n * (north + t[0]) + slope_e * (east + t[1])) / t[2]
-    np.negative(slope_n, out=out[0])
-    np.negative(slope_e, out=out[1])
-    out[2] = lift
-    np.multiply(east, lift, out=out[3])
-    np.multiply(north, -lift, out=out[4])
-    np.subtract(east * slope_n, north * slope_e, out=out[5])

@@ -82,6 +82,9 @@ class EdgeFit:
     dependence: float  # how many times fewer edges than rays there are
     covariance: F64  # (5, 5) of centre and tilt on the plane's axes, m^2, m rad, rad^2
     levels: tuple[float, float, float]  # inside, black, outside
+    # Of white over the black beside it, edge by edge, whatever the light: outer and inner ones.
+    contrast: tuple[float, float]  # grey levels
+    depth: tuple[float, float]  # share of the white
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,7 @@ def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit
         if not _MIN_RADIUS_PX < radius_px < 4.0 * max(image.shape):
             return None
         is_last = i == _COARSE_ROUNDS + _FINE_ROUNDS - 1
-        if is_last or (not is_coarse and _moved_px(before, pose, radius_px, ring) < _SETTLED_PX):
+        if is_last or (not is_coarse and moved_px(camera, ring, before, pose) < _SETTLED_PX):
             return _judged(image, camera, ring, pose, shift, noise, edges, equations)
     return None
 
@@ -142,15 +145,20 @@ def edge_cost(fit: EdgeFit, noise_px: float) -> float:
     return _ROBUST_SIGMAS**2 * float(robust.sum()) / fit.dependence
 
 
-def _moved_px(before: Pose, after: Pose, radius_px: float, ring: Ring) -> float:
+def moved_px(camera: CameraModel, ring: Ring, before: Pose, after: Pose) -> float:
     """Return about how far the edges were moved in the image from one pose to another."""
-    way = (after[0] - before[0]) * (radius_px / ring.radius_m)
+    way = (after[0] - before[0]) * (_radius_px(camera, ring, after) / ring.radius_m)
     way[2] *= ring.radius_m / float(after[0][2])
     return float(np.sqrt(way @ way))
 
 
 def _radius_px(camera: CameraModel, ring: Ring, pose: Pose) -> float:
     return math.sqrt(camera.fx * camera.fy) * ring.radius_m / max(float(pose[0][2]), 1e-6)
+
+
+def points_on(ring: Ring, pose: Pose) -> F64:
+    """Return points (n, 3) of the outer edge, camera frame, m."""
+    return _points(ring, pose, np.full(_RAYS, ring.radius_m))
 
 
 def _points(ring: Ring, pose: Pose, radii: F64) -> F64:
@@ -340,14 +348,15 @@ def _judged(
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
     inverse = np.asarray(np.linalg.inv(equations.H), dtype=np.float64)
     covariance = inverse * max(equations.scale, 0.3) * few
-    levels = [
-        float(np.median(level[there])) if there.any() else 0.0
-        for level, there in (
-            (edges.levels[1, 1], edges.seen[_RAYS:]),
-            (edges.levels[:, 0].ravel(), edges.seen),
-            (edges.levels[0, 1], edges.seen[:_RAYS]),
-        )
-    ]
+    seen = edges.seen.reshape(2, _RAYS)
+    levels = (
+        _median(edges.levels[1, 1], seen[1]),
+        _median(edges.levels[:, 0], seen),
+        _median(edges.levels[0, 1], seen[0]),
+    )
+    beside = [(*edges.levels[i], seen[i]) for i in (0, 1)]
+    contrast = [_median(white - black, there) for black, white, there in beside]
+    depth = [_median(1.0 - black / np.maximum(white, 1.0), there) for black, white, there in beside]
     return EdgeFit(
         position=pose[0],
         normal=pose[1],
@@ -366,8 +375,14 @@ def _judged(
         residual=np.where(edges.seen, equations.residual, np.nan),
         dependence=few,
         covariance=covariance[:5, :5],
-        levels=(levels[0], levels[1], levels[2]),
+        levels=levels,
+        contrast=(contrast[0], contrast[1]),
+        depth=(depth[0], depth[1]),
     )
+
+
+def _median(values: F64, where: Mask) -> float:
+    return float(np.median(values[where])) if where.any() else 0.0
 
 
 def _dependence(equations: _Equations, radius_px: float) -> float:
@@ -418,9 +433,11 @@ def _areas(
     seen = inside[black].all(axis=0)
     if not seen.any():
         return dark, bright, 1.0
-    level = np.median(grey[black][:, seen], axis=1)
+    # Over the black beside either edge, that a shadow across the stroke is no ridge.
+    beside = edges.levels[:, 0].max(axis=0)[seen]
+    contrast = (edges.levels[:, 1].max(axis=0)[seen] - beside).clip(min=1.0)
+    level = np.median((grey[black][:, seen] - beside) / contrast, axis=1)
     before = np.minimum.accumulate(level)
     after = np.minimum.accumulate(level[::-1])[::-1]
-    contrast = 2.0 * float(np.median(inner) - level.min())
-    ridge = float((level - np.maximum(before, after)).max()) / max(contrast, 1.0)
+    ridge = float((level - np.maximum(before, after)).max())
     return dark, bright, ridge

@@ -163,7 +163,10 @@ def response_fits(image: U8, camera: CameraModel, ring: Ring, plain: RingFit) ->
 
 
 def expected_poses(ring: Ring, expected: Pose, down: Vec3 | None) -> list[Pose]:
-    """Return an expected pose and, if a pad could lie so, the other one of the same ellipse."""
+    """Return an expected pose and, if a pad could lie so, the other one of the same ellipse.
+
+    Where gravity is known (unit vector, camera frame) pads do not lean much.
+    """
     other = mirrored(*expected, ring.radius_m)
     if other is None or not (down is None or float(other[1] @ np.array(down)) > MAX_TILT_COS):
         return [expected]
@@ -174,16 +177,13 @@ def tracked_fits(
     image: U8,
     camera: CameraModel,
     ring: Ring,
-    expected: Pose,
-    down: Vec3 | None,
+    starts: list[Pose],
     response: F64 | None,
 ) -> list[RingFit]:
-    """Return the fits near an expected pose, the better first; empty if they fail.
+    """Return the fits near `expected_poses`, the better first; empty if they fail.
 
-    With gravity known (unit vector, camera frame) the mirrored pose is left out if no pad could lie
-    so. `response` is a first one of the camera's; None: it is linear.
+    `response` is a first one of the camera's; None: it is linear.
     """
-    starts = expected_poses(ring, expected, down)
     return _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX, response)
 
 

@@ -11,6 +11,7 @@ from landerd.camera_model import F64
 from landerd.pad import PadLayout, Square
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
+from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]
@@ -39,7 +40,9 @@ class FoundSquare:
 
     square: Square
     corners: F64  # (4, 2) px, top left first, clockwise as its makers print it
-    fit: Fit | None = None  # that found it where it was expected; None: it was detected
+    fit: Fit | SquareEdgeFit | None = (
+        None  # that found it where it was expected; None: it was detected
+    )
     beside: Pose | None = None  # by `SquareBeside`: nothing but its heading is of the square
 
 

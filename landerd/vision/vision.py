@@ -8,7 +8,7 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel, used_part
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3
-from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior, Sightings
+from landerd.messages import BESIDE, GREY, Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.detectors import Detectors, PixelDetectors
@@ -24,7 +24,6 @@ from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode
 
 _SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SAME_SOLUTION_COS`)
-_BESIDE = "beside"  # stage of a square by `SquareBeside`
 # So long after it was seen a pad's plate counts as seen, s: glare, leaf shade and blur hide it.
 _PLATE_HELD_S = 2.0
 _AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
@@ -179,8 +178,7 @@ class Vision:
     ) -> Candidate | None:
         """Return a square with its pose; None if that is too uncertain."""
         square = found.square
-        poses = self._detectors.square_poses(image, found, prior.down, normal)
-        stage = "grey" if found.beside is None else _BESIDE
+        poses, stage = self._detectors.square_poses(image, found, prior.down, normal)
         return self._decoded(t, square, poses, square_points(square.size_m), prior, stage)
 
     def _code(self, t: float, found: FoundCode, prior: Prior) -> Candidate | None:
@@ -195,7 +193,7 @@ class Vision:
         poses: list[Pose],
         outline: F64,
         prior: Prior,
-        stage: str = "grey",
+        stage: str = GREY,
     ) -> Candidate | None:
         """Return a marker that tells its id and heading; None if its pose is too uncertain."""
         poses = [self._shutter.of_pose(t, p, outline) for p in poses]
@@ -235,7 +233,7 @@ def _drift(seen: list[Candidate], expected: Expected | None) -> dict[Marker, F64
 
 def _placed(candidates: list[Candidate]) -> list[Measurement]:
     """Return what tells the place of a marker; that of a square beside a ring is the ring's."""
-    return [c.measurement for c in candidates if c.sighting.stage != _BESIDE]
+    return [c.measurement for c in candidates if c.sighting.stage != BESIDE]
 
 
 def _once(measured: list[Measurement]) -> list[Measurement]:

@@ -9,16 +9,18 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
+from landerd.vision.patch import whole_in_picture
 from landerd.vision.pyramid import SMALL_PX, Level, levels
+from landerd.vision.ring_edges import moved_px, points_on
 from landerd.vision.ring_explained import edge_fits
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, remember
-from landerd.vision.ring_pose import F64
+from landerd.vision.ring_pose import F64, Pose
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Refusal, RingSearch
 from landerd.vision.ring_segment import Segmentation, dark_by_mean, dark_by_range
 from landerd.vision.ring_sighting import ring_sighting
-from landerd.vision.ring_stages import expected_poses, tracked_fits
+from landerd.vision.ring_stages import TRACKED_BAND_PX, expected_poses, tracked_fits
 from landerd.vision.ring_work import RingWork
 from landerd.vision.window import Window
 
@@ -110,13 +112,34 @@ def track_ring(
     """
     response = response or CameraResponse()
     expected = (position, normal)
+    starts = expected_poses(ring, expected, down)
     fits: list[RingFit] = []
     if response.pictures_by_edges:
-        fits = edge_fits(image, camera, ring, expected_poses(ring, expected, down))
+        fits = edge_fits(image, camera, ring, starts)
     if not fits:
-        fits = tracked_fits(image, camera, ring, expected, down, response.response)
-        fits = explained_fits(image, camera, ring, fits) if fits else []
+        fits = _by_grey(image, ring, camera, starts, response)
+    if not fits and not response.pictures_by_edges:
+        # Shadows may have led the fit to grey levels away from where the edges are.
+        fits = edge_fits(image, camera, ring, starts)
     if not fits:
         return None
     remember(response, fits[0])
     return ring_sighting(fits, ring, camera, down)
+
+
+def _by_grey(
+    image: U8, ring: Ring, camera: CameraModel, starts: list[Pose], response: CameraResponse
+) -> list[RingFit]:
+    """Return the fits near expected poses, best first; empty if they are no ring's."""
+    fits = tracked_fits(image, camera, ring, starts, response.response)
+    if not fits:
+        return []
+    is_far = moved_px(camera, ring, starts[0], _pose(fits[0])) > TRACKED_BAND_PX
+    if is_far and whole_in_picture(camera, points_on(ring, _pose(fits[0]))) is None:
+        # Of a ring that is cut, few of the pixels that it was fitted to are where it is now.
+        return edge_fits(image, camera, ring, [_pose(f) for f in fits])
+    return explained_fits(image, camera, ring, fits)
+
+
+def _pose(fit: RingFit) -> Pose:
+    return fit.position, fit.normal

@@ -197,6 +197,21 @@ def test_a_ring_cut_by_the_edge_is_tracked_just_over_the_pad() -> None:
     assert math.dist(found.solutions[0].position, view.position) < 0.01
 
 
+def test_a_ring_whose_heart_alone_is_in_the_sun_is_tracked_just_over_the_pad() -> None:
+    """The white round it in the shade is no brighter than its black in the sun."""
+    view = scenes.look(CAMERA, 0.75, math.radians(20.0), pixel=(300.0, 440.0), tilt_towards=4.7)
+    x, y = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
+    dark = 1.0 / (1.0 + np.exp((y + 0.15 * x - 340.0) / 2.0))
+    grey = 0.85 * (1.0 - 0.7 * dark) * (0.4 + 0.6 * light(view))  # faded: black is half as bright
+    near = np.array(view.position) + np.array([0.006, -0.004, 0.008])
+    found = track_ring(picture(grey), RING, CAMERA, near, view.normal)
+    assert found is not None
+    pose = found.solutions[0]
+    error = np.array(pose.position) - view.position
+    assert float(np.linalg.norm(error)) < 0.005
+    assert float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
+
+
 def test_a_target_of_several_rings_is_none_of_ours() -> None:
     """A blurred CCTag's outline and heart have our ratio, but a grey ring lies between."""
     k, size = 8, 80

@@ -81,7 +81,9 @@ def test_fit_to_the_pixels_is_true_and_its_covariance_honest(
     view = look(THESIS_CAMERA, distance, math.radians(40), pixel=(250, 260), heading=0.7)
     image = render(view, THESIS_CAMERA, Optics(), rng, pad_of(square))
     corners = corners_px(view, square) + rng.normal(0.0, 0.3, (4, 2))
-    best = SquarePrint(square, printed_cells(square)).poses(image, THESIS_CAMERA, corners)[0]
+    poses, stage = SquarePrint(square, printed_cells(square)).poses(image, THESIS_CAMERA, corners)
+    assert stage == "grey"
+    best = poses[0]
     error = best.t - np.array(view.position)
     assert np.linalg.norm(error) < error_m
     covariance = np.linalg.inv(best.information)[:3, :3]
@@ -105,7 +107,7 @@ def tracked(number: int, width_px: float, seed: int = 5):  # type: ignore[no-unt
 def test_a_tag_hidden_in_part_is_tracked_by_what_is_left_of_it() -> None:
     fit, view = tracked(0, 18.0)
     assert fit is not None
-    assert fit.shown < 0.9
+    assert fit.support < 0.9
     error = fit.pose.t - np.array(view.position)
     assert np.linalg.norm(error) < 5e-3
     covariance = np.linalg.inv(fit.pose.information)[:3, :3]

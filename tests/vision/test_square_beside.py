@@ -87,7 +87,7 @@ def test_next_picture_is_tracked_though_the_tag_is_hidden_in_part() -> None:
     image = shown(THESIS_PAD)
     first, second = (vision.process(Frame(k / 30.0, k, image)) for k in range(2))
     stages = [{m.kind: m.stage for m in s.markers}["apriltag"] for s in (first, second)]
-    assert stages == ["beside", "grey"]
+    assert stages == ["beside", "edges"]
     north = second.pad[0].north
     assert north is not None
     assert float(np.array(north) @ VIEW.R_camera_pad[:, 0]) > math.cos(math.radians(1.0))

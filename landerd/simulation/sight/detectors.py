@@ -15,7 +15,7 @@ from hw.sim.picture.levels import Levels, Sensitivity
 from hw.sim.picture.numbered import NumberedPictures, View
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3, cross
-from landerd.messages import CLIPPED_LEVEL, Light, MarkerSighting, PoseSolution
+from landerd.messages import CLIPPED_LEVEL, EDGES, GREY, Light, MarkerSighting, PoseSolution
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.simulation.sight import statistics
 from landerd.simulation.sight.edge_fit import SeenEdges, across, fitted
@@ -184,13 +184,13 @@ class ModelledDetectors:
 
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
-    ) -> list[Pose]:
-        """Return the poses that explain a square, best first."""
+    ) -> tuple[list[Pose], str]:
+        """Return the poses that explain a square, best first, and by which stage."""
         sight = self._sight(image, found.square)
         assert sight is not None
         best = sight.pose
         if normal is not None and best.normal @ np.array(normal) > SAME_SOLUTION_COS:
-            return [_with_cost(best, 0.0)]
+            return [_with_cost(best, 0.0)], GREY
         poses = [best]
         rays = best.rays(square_points(found.square.size_m))
         for start, _ in planar_poses(rays, found.square.size_m):
@@ -198,7 +198,7 @@ class ModelledDetectors:
                 other = self._fitted(found.square, sight, start)
                 if other is not None and other.normal @ best.normal < EQUAL_NORMALS_COS:
                     poses.append(other)
-        return _ranked(poses, AMBIGUITY_CHI2)
+        return _ranked(poses, AMBIGUITY_CHI2), GREY
 
     def find_codes(
         self, image: Image, expected: Expected | None, normal: Vec3 | None
@@ -277,7 +277,7 @@ class ModelledDetectors:
             uncertainty=lambda: (of_position, sigma_tilt),
             ratio=1.0,
             sigma_ratio=0.0,
-            stage="edges" if sight.by_edges else "grey",
+            stage=EDGES if sight.by_edges else GREY,
         )
 
     def _code_poses(self, code: WhyCode, sight: _Sight, normal: Vec3 | None) -> tuple[Pose, ...]:

@@ -1,0 +1,281 @@
+"""Fit of a square marker's pose to the edges of its cells, whatever light lies on them.
+
+The fit to grey levels knows one even light. Under a sharp shadow, leaves or glare the edges of the
+cells stay where they are: each is looked for on a line across it, between the black and the white
+beside it, so that any light that is alike on both will do. Edges that a shadow's own edge, dirt or
+a leg takes away are outliers.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64, CameraModel
+from landerd.vision.patch import Image, on_plane, pose_slope
+from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, Pose
+from landerd.vision.square_pose import corner_information
+
+Mask = NDArray[np.bool_]
+
+_ABREAST = np.array([-0.25, 0.0, 0.25])  # lines across one edge that are averaged, in cells
+_SAMPLES = 17  # on each
+_REACH = 0.45  # of a line to either side, in cells
+_FINE_PX = 5.0  # the same once the edges are nearly where they should be, if that is less
+_ENDS = 3  # samples at either end of a line that tell black and white
+_MIN_CELL_PX = 2.0  # smaller cells blur into one another
+_LEAST_STEP = 6.0  # grey levels between black and white beside an edge
+# Over the white beside it: behind gamma a faded print's is two thirds, more where white is clipped.
+_MOST_BLACK, _MOST_BLACK_CLIPPED = 0.8, 0.92
+_CLIPPED = 240.0  # grey level
+_ROUNDS, _STEPS = 3, 3  # looks at the image, and steps to the edges so found
+_ROBUST_SIGMAS = 3.0
+_SIGMA_PER_MAD = 1.4826
+_COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.4, 0.08
+_SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves all edges by, into the black or the white
+_MOST_CORRELATED = 0.95
+_BIAS_PX, _NOISE_BIAS = 0.1, 0.3  # of the corners, that no residual shows; and over the noise
+_SHIFT_BIAS = 0.2  # of the shift
+_NEAR_PX, _NEAR_CELLS = 0.35, 0.05  # an edge is as fitted within the sum of these
+_MIN_SEEN = 0.4  # share of all edges, and of those within the print
+
+
+@dataclass(frozen=True)
+class SquareEdgeFit:
+    """A pose fitted to edges, and how much of the print they show."""
+
+    pose: Pose  # with its information, biases included
+    support: float  # share of the edges in the image that are as fitted: of all, and
+    code_support: float  # of those within the print, which tell it from others
+    turned: float  # share of those within the print that are white for black
+    noise_px: float  # of edges, robust
+    shift_px: float  # of all edges, into the white
+    residual: F64  # (n,), px; nan where none is seen
+    dependence: float  # how many times fewer edges than were looked for are independent
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Where edges were seen in an image."""
+
+    rays: F64  # (3, n), homogeneous
+    seen: Mask  # (n,)
+    in_image: Mask  # (n,)
+    turned: Mask  # (n,): white where black is printed
+    scale: F64  # (n,), px a metre across the edge
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Where steps to edges have led; the rest as of the last step."""
+
+    pose: Pose
+    shift_px: float
+    noise_px: float
+    residual: F64  # (n,), px
+    weight: F64  # (n,)
+    H: F64  # (7, 7): pose on the marker's own axes, shift; over the variance of an edge
+
+
+class SquareEdges:
+    """The edges between the cells of one square marker."""
+
+    def __init__(self, cells: NDArray[np.bool_], size: float) -> None:
+        """Prepare from the print's cells (n, n): True is white, top row first, border included."""
+        n = len(cells)
+        self._cell = size / n
+        self._size = size
+        padded = np.pad(cells, 1, constant_values=True)
+        middle = (np.arange(n + 2) - 0.5) * self._cell - 0.5 * size
+        north, east = np.meshgrid(-middle, middle, indexing="ij")
+        centre = np.stack([north, east], axis=-1)
+        place, way = [], []
+        for here, there in (
+            (np.s_[:-1, 1:-1], np.s_[1:, 1:-1]),  # to the south
+            (np.s_[1:-1, :-1], np.s_[1:-1, 1:]),  # to the east
+        ):
+            is_edge = padded[here] != padded[there]
+            a, b = centre[here][is_edge], centre[there][is_edge]
+            place.append(0.5 * (a + b))
+            way.append(np.where(padded[there][is_edge][:, None], b - a, a - b) / self._cell)
+        self._place: F64 = np.concatenate(place)  # of an edge's middle, m, (n, 2)
+        self._way: F64 = np.concatenate(way)  # across it to the white, (n, 2)
+        self._is_code = np.abs(self._place).max(axis=1) < 0.5 * size - 0.5 * self._cell
+
+    def fit(self, image: Image, camera: CameraModel, start: Pose) -> SquareEdgeFit | None:
+        """Return the pose whose edges are those in the image near a start; None if there is none.
+
+        Args:
+            image: grey image (height, width).
+            camera: the lens.
+            start: a pose under which no edge is off by half a cell.
+        """
+        pose, shift = start, 0.0
+        focal = math.sqrt(camera.fx * camera.fy)
+        fit = None
+        for i in range(_ROUNDS):
+            cell_px = focal * self._cell / float(pose.t[2])
+            reach = _REACH if i == 0 else min(_REACH, _FINE_PX / cell_px)
+            edges = self._look(image, camera, pose, reach) if cell_px > _MIN_CELL_PX else None
+            if edges is None or min(self._shares(edges.seen)) < _MIN_SEEN:
+                return None
+            least = _COARSE_NOISE_PX if i == 0 else _LEAST_NOISE_PX
+            fit = self._descended(edges, pose, shift, least)
+            if fit is None:
+                return None
+            pose, shift = fit.pose, fit.shift_px
+        return None if fit is None or edges is None else self._judged(fit, edges, focal)
+
+    def _shares(self, which: Mask) -> tuple[float, float]:
+        """Return the share of all edges, and of those within the print, for which a mask holds."""
+        return float(which.mean()), float(which[self._is_code].mean())
+
+    def _look(self, image: Image, camera: CameraModel, pose: Pose, reach: float) -> _Seen | None:
+        """Look for all edges across so many cells; None, if the print is behind the lens."""
+        along = np.linspace(-reach, reach, _SAMPLES) * self._cell
+        aside = self._way[:, ::-1] * self._cell
+        flat = (
+            self._place[:, None, None]
+            + aside[:, None, None] * _ABREAST[:, None, None]
+            + self._way[:, None, None] * along[:, None]
+        )
+        points = pose.points(flat.reshape(-1, 2))
+        if float(points[:, 2].min()) < MIN_DEPTH_M:
+            return None
+        px = camera.pixels(points).astype(np.float32).reshape(len(flat), -1, 2)
+        h, w = image.shape
+        in_image = np.asarray(((px >= 0.0) & (px <= (w - 1, h - 1))).all(axis=(1, 2)))
+        lines = cv2.remap(image, px[..., 0], px[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+        grey = lines.reshape(len(flat), len(_ABREAST), _SAMPLES).mean(axis=1)
+        black, white = grey[:, :_ENDS].mean(axis=1), grey[:, -_ENDS:].mean(axis=1)
+        at, is_edge = _crossing(grey, 0.5 * (black + white), along)
+        seen = is_edge & in_image & _is_step(black, white)
+        points = pose.points(self._place + self._way * at[:, None])
+        across = px.reshape(len(flat), len(_ABREAST), _SAMPLES, 2)[:, 1]
+        length = np.linalg.norm(across[:, -1] - across[:, 0], axis=1)
+        return _Seen(
+            (points / points[:, 2:]).T,
+            seen,
+            in_image,
+            in_image & _is_step(white, black),
+            length / (along[-1] - along[0]),
+        )
+
+    def _descended(
+        self, edges: _Seen, pose: Pose, shift: float, least_noise: float
+    ) -> _Fitted | None:
+        """Return what some robust steps to the edges lead to; None: nowhere."""
+        for _ in range(_STEPS):
+            residual, J = self._linearised(edges, pose, shift)
+            typical = float(np.median(np.abs(residual[edges.seen])))
+            noise = max(least_noise, _SIGMA_PER_MAD * typical)
+            weight = edges.seen / (1.0 + (residual / (_ROBUST_SIGMAS * noise)) ** 2) ** 2
+            JW = J * weight / noise**2
+            H, b = JW @ J.T, JW @ residual
+            H[6, 6] += _SHIFT_SIGMA_PX**-2
+            b[6] -= shift / _SHIFT_SIGMA_PX**2
+            try:
+                step = np.linalg.solve(H, b)
+            except np.linalg.LinAlgError:
+                return None
+            pose = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
+            shift += float(step[6])
+            if not np.isfinite(pose.t).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
+                return None
+        return _Fitted(pose, shift, noise, residual, weight, H)
+
+    def _linearised(self, edges: _Seen, pose: Pose, shift: float) -> tuple[F64, F64]:
+        """Return how far edges are from where a pose has them (n,), px, and its slope (7, n)."""
+        north, east = on_plane(edges.rays, pose)
+        off = (self._way * (np.stack([north, east], axis=1) - self._place)).sum(axis=1)
+        J = np.full((7, len(off)), -1.0)
+        slope = (self._way * edges.scale[:, None]).T
+        pose_slope(J[:6], pose, north, east, slope[0], slope[1])
+        return shift - off * edges.scale, J
+
+    def _judged(self, fitted: _Fitted, edges: _Seen, focal: float) -> SquareEdgeFit | None:
+        """Return the fit with what tells whether it is of the print."""
+        pose, shift, noise = fitted.pose, fitted.shift_px, fitted.noise_px
+        cell_px = focal * self._cell / float(pose.t[2])
+        near = edges.seen & (np.abs(fitted.residual) < _NEAR_PX + _NEAR_CELLS * cell_px)
+        code = edges.in_image & self._is_code
+        r, w = fitted.residual, fitted.weight
+        dependence = _dependence(r * np.sqrt(w))
+        left = float(w @ r**2) / max(float(w.sum()) - 7.0, 4.0) / noise**2
+        bias = math.hypot(_BIAS_PX, _NOISE_BIAS * noise) / focal
+        try:
+            of_pose = np.linalg.inv(fitted.H)[:6, :6] * max(left, 0.3) * dependence
+            turn = np.kron(np.eye(2), pose.R)
+            nearer = np.zeros(6)
+            nearer[:3] = 2.0 * _SHIFT_BIAS * shift / focal * pose.t[2] / self._size * pose.t
+            information: F64 = np.linalg.inv(
+                turn @ of_pose @ turn.T
+                + np.linalg.inv(corner_information(pose, self._size, bias))
+                + np.outer(nearer, nearer)
+            )
+        except np.linalg.LinAlgError:
+            return None
+        return SquareEdgeFit(
+            pose=replace(pose, information=information),
+            support=float(near[edges.in_image].mean()),
+            code_support=float(near[code].mean()),
+            turned=float(edges.turned[code].mean()),
+            noise_px=noise,
+            shift_px=shift,
+            residual=np.where(edges.seen, r, np.nan),
+            dependence=dependence,
+        )
+
+
+def ranked_by_edges(fits: list[SquareEdgeFit]) -> list[Pose]:
+    """Return the poses of different solutions, the first fit's among them, best first.
+
+    The cost of the best is 0, another's how much worse it explains the edges.
+    """
+    first, *others = fits
+    fits = [first]
+    fits += [f for f in others if f.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS]
+    noise = min(f.noise_px for f in fits)
+    dependence = max(f.dependence for f in fits)
+    costs = [_cost(f, noise) / dependence for f in fits]
+    poses = [replace(f.pose, cost=c - min(costs)) for f, c in zip(fits, costs, strict=True)]
+    return sorted(poses, key=lambda p: p.cost)
+
+
+def _cost(fit: SquareEdgeFit, noise_px: float) -> float:
+    """Return the robust sum of squared residuals over the noise (px)."""
+    u = (fit.residual / (_ROBUST_SIGMAS * noise_px)) ** 2
+    robust = np.where(np.isnan(u), 1.0, u / (1.0 + u))
+    return _ROBUST_SIGMAS**2 * float(robust.sum())
+
+
+def _crossing(grey: F64, middle: F64, along: F64) -> tuple[F64, Mask]:
+    """Return where lines (n, samples) rise through a level (n,) nearest to their middle."""
+    smooth = grey.copy()
+    smooth[:, 1:-1] = 0.25 * (grey[:, :-2] + grey[:, 2:]) + 0.5 * grey[:, 1:-1]
+    above = smooth >= middle[:, None]
+    rises = ~above[:, :-1] & above[:, 1:]
+    step = np.maximum(smooth[:, 1:] - smooth[:, :-1], 1e-6)
+    share = np.clip((middle[:, None] - smooth[:, :-1]) / step, 0.0, 1.0)
+    at = along[None, :-1] + share * (along[1] - along[0])
+    off = np.where(rises, np.abs(at), np.inf)
+    nearest = np.arange(len(grey)), off.argmin(axis=1)
+    found: F64 = at[nearest]
+    return found, np.isfinite(off[nearest])
+
+
+def _is_step(black: F64, white: F64) -> Mask:
+    """Tell where black beside white is as print and light make it, (n,)."""
+    most_black = np.where(white < _CLIPPED, _MOST_BLACK, _MOST_BLACK_CLIPPED) * white
+    step: Mask = (white - black > _LEAST_STEP) & (black < most_black)
+    return step
+
+
+def _dependence(residual: F64) -> float:
+    """Return how many times fewer residuals are independent: what disturbs one does the next."""
+    total = float(residual @ residual)
+    correlation = float(residual[:-1] @ residual[1:]) / max(total, 1e-12)
+    c = min(max(correlation, 0.0), _MOST_CORRELATED)
+    return (1.0 + c) / (1.0 - c)

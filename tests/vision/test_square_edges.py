@@ -1,0 +1,105 @@
+"""A square in its vehicle's sharp shadow, as the last metre of a landing in the sun shows it."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from landerd.geometry import rotation_vector
+from landerd.pad import PadLayout
+from landerd.vision.pose import Pose
+from landerd.vision.print_fit import Fit
+from landerd.vision.square import printed_cells
+from landerd.vision.square_edges import SquareEdgeFit
+from landerd.vision.square_fit import SquarePrint
+from tests.vision.scenes import THESIS_CAMERA, THESIS_PAD, Optics, View, look, render
+
+CAMERA = THESIS_CAMERA
+TAG = THESIS_PAD.squares[0]
+CENTRE = np.array([*TAG.position_m, 0.0])
+BODY = np.array([-0.03, -0.02])  # its shadow's middle, from the tag's
+CHI2_999 = 16.3  # three degrees of freedom
+LIGHT_LEFT = 0.25  # in the sun's shadow
+
+
+def at(height: float) -> View:
+    """Return a view in which the whole tag and half of the ring are in the picture."""
+    return look(CAMERA, height, math.radians(30.0), pixel=(300.0, 420.0), heading=0.2)
+
+
+def shadow(view: View) -> list[np.ndarray]:  # type: ignore[type-arg]
+    """Return the outlines (n, 2), px, of body and legs on the tag, as a low sun lays them there."""
+    body = 0.11 * np.array([[math.cos(a), math.sin(a)] for a in np.arange(8) * math.pi / 4.0])
+    parts = [body + BODY]
+    for a in (0.4, 2.1, 3.4, 5.2):
+        way, aside = np.array([math.cos(a), math.sin(a)]), np.array([-math.sin(a), math.cos(a)])
+        hip, foot = 0.05 * way + BODY, 0.4 * way + BODY
+        wide = 0.02 * aside
+        parts.append(np.array([hip - wide, hip + wide, foot + 0.5 * wide, foot - 0.5 * wide]))
+    flat = [np.column_stack([p, np.zeros(len(p))]) + CENTRE for p in parts]
+    return [CAMERA.pixels(np.array(view.position) + p @ view.R_camera_pad.T) for p in flat]
+
+
+def shaded(view: View, layout: PadLayout = THESIS_PAD) -> np.ndarray:  # type: ignore[type-arg]
+    """Return a picture of a pad with that shadow on it."""
+    rng = np.random.default_rng(7)
+    lit = render(view, CAMERA, Optics(noise=0.0), rng, layout).astype(np.float64)
+    light = np.ones(lit.shape)
+    for part in shadow(view):
+        cv2.fillPoly(light, [np.rint(part * 16.0).astype(np.int32)], LIGHT_LEFT, shift=4)
+    light = cv2.GaussianBlur(light, None, 0.8)
+    return np.clip(lit * light + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8)
+
+
+def truth(view: View) -> np.ndarray:  # type: ignore[type-arg]
+    return np.array(view.position) + view.R_camera_pad @ CENTRE
+
+
+def tracked(view: View, image: np.ndarray) -> Fit | SquareEdgeFit | None:  # type: ignore[type-arg]
+    """Return the fit from an expectation that is a centimetre and a degree off."""
+    start = Pose(view.R_camera_pad, truth(view), np.zeros((6, 6)), 0.0)
+    near = start.moved(np.array([0.006, -0.005, 0.008, 0.012, -0.01, 0.012]))
+    return SquarePrint(TAG, printed_cells(TAG)).track(image, CAMERA, near)
+
+
+@pytest.mark.parametrize("height", [0.7, 1.0, 1.4])
+def test_a_tag_in_its_vehicles_shadow_is_tracked_to_millimetres(height: float) -> None:
+    view = at(height)
+    fit = tracked(view, shaded(view))
+    assert fit is not None
+    error = fit.pose.t - truth(view)
+    assert np.linalg.norm(error) < 0.004
+    covariance = np.linalg.inv(fit.pose.information)[:3, :3]
+    assert math.sqrt(np.trace(covariance)) < 0.008
+    assert error @ np.linalg.inv(covariance) @ error < CHI2_999
+    turn = rotation_vector((fit.pose.R @ view.R_camera_pad.T).tolist())
+    assert np.linalg.norm(turn) < math.radians(0.7)
+
+
+@pytest.mark.parametrize("number", [7, 316, 417])
+def test_another_tag_in_that_shadow_is_not_taken_for_it(number: int) -> None:
+    view = at(1.0)
+    other = TAG.model_copy(update={"id": number})
+    layout = THESIS_PAD.model_copy(update={"markers": (other,)})
+    assert tracked(view, shaded(view, layout)) is None
+
+
+def test_a_shadow_on_a_plate_that_is_painted_over_is_no_tag() -> None:
+    view = at(1.0)
+    layout = THESIS_PAD.model_copy(update={"markers": THESIS_PAD.rings})
+    assert tracked(view, shaded(view, layout)) is None
+
+
+def test_a_tag_that_is_detected_in_that_shadow_has_an_honest_pose() -> None:
+    view = at(1.0)
+    corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * 0.5 * TAG.size_m
+    corners = np.column_stack([corners, np.zeros(4)]) + CENTRE
+    px = CAMERA.pixels(np.array(view.position) + corners @ view.R_camera_pad.T)
+    px += np.array([[1.5, 0.5], [-1.0, 1.0], [0.5, -1.5], [1.0, 1.0]])  # the decoder's, in shade
+    image = shaded(view)
+    poses, stage = SquarePrint(TAG, printed_cells(TAG)).poses(image, CAMERA, px)
+    assert stage == "edges"
+    error = poses[0].t - truth(view)
+    assert np.linalg.norm(error) < 0.004
+    assert error @ poses[0].information[:3, :3] @ error < 3.0 * CHI2_999
