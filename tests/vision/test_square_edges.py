@@ -5,6 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from landerd.geometry import rotation_vector
 from landerd.pad import PadLayout
@@ -15,6 +16,8 @@ from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.square_fit import SquarePrint
 from tests.vision.scenes import THESIS_CAMERA, THESIS_PAD, Optics, View, look, render
 
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
 CAMERA = THESIS_CAMERA
 TAG = THESIS_PAD.squares[0]
 CENTRE = np.array([*TAG.position_m, 0.0])
@@ -28,7 +31,7 @@ def at(height: float) -> View:
     return look(CAMERA, height, math.radians(30.0), pixel=(300.0, 420.0), heading=0.2)
 
 
-def shadow(view: View) -> list[np.ndarray]:  # type: ignore[type-arg]
+def shadow(view: View) -> list[F64]:
     """Return the outlines (n, 2), px, of body and legs on the tag, as a low sun lays them there."""
     body = 0.11 * np.array([[math.cos(a), math.sin(a)] for a in np.arange(8) * math.pi / 4.0])
     parts = [body + BODY]
@@ -41,22 +44,26 @@ def shadow(view: View) -> list[np.ndarray]:  # type: ignore[type-arg]
     return [CAMERA.pixels(np.array(view.position) + p @ view.R_camera_pad.T) for p in flat]
 
 
-def shaded(view: View, layout: PadLayout = THESIS_PAD) -> np.ndarray:  # type: ignore[type-arg]
+def shaded(view: View, layout: PadLayout = THESIS_PAD) -> U8:
     """Return a picture of a pad with that shadow on it."""
     rng = np.random.default_rng(7)
     lit = render(view, CAMERA, Optics(noise=0.0), rng, layout).astype(np.float64)
     light = np.ones(lit.shape)
     for part in shadow(view):
         cv2.fillPoly(light, [np.rint(part * 16.0).astype(np.int32)], LIGHT_LEFT, shift=4)
-    light = cv2.GaussianBlur(light, None, 0.8)
-    return np.clip(lit * light + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8)
+    light = np.asarray(cv2.GaussianBlur(light, (0, 0), 0.8), dtype=np.float64)
+    noisy = lit * light + rng.normal(0.0, 2.0, lit.shape)
+    image: U8 = np.clip(noisy, 0, 255).astype(np.uint8)
+    return image
 
 
-def truth(view: View) -> np.ndarray:  # type: ignore[type-arg]
-    return np.array(view.position) + view.R_camera_pad @ CENTRE
+def truth(view: View) -> F64:
+    """Return the tag's centre, camera frame, m."""
+    centre: F64 = np.array(view.position) + view.R_camera_pad @ CENTRE
+    return centre
 
 
-def tracked(view: View, image: np.ndarray) -> Fit | SquareEdgeFit | None:  # type: ignore[type-arg]
+def tracked(view: View, image: U8) -> Fit | SquareEdgeFit | None:
     """Return the fit from an expectation that is a centimetre and a degree off."""
     start = Pose(view.R_camera_pad, truth(view), np.zeros((6, 6)), 0.0)
     near = start.moved(np.array([0.006, -0.005, 0.008, 0.012, -0.01, 0.012]))
