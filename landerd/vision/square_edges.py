@@ -51,7 +51,6 @@ class SquareEdgeFit:
     code_support: float  # of those within the print, which tell it from others
     turned: float  # share of those within the print that are white for black
     noise_px: float  # of edges, robust
-    shift_px: float  # of all edges, into the white
     residual: F64  # (n,), px; nan where none is seen
     dependence: float  # how many times fewer edges than were looked for are independent
 
@@ -112,9 +111,8 @@ class SquareEdges:
             camera: the lens.
             start: a pose under which no edge is off by half a cell.
         """
-        pose, shift = start, 0.0
         focal = math.sqrt(camera.fx * camera.fy)
-        fit = None
+        pose, shift = start, 0.0
         for i in range(_ROUNDS):
             cell_px = focal * self._cell / float(pose.t[2])
             reach = _REACH if i == 0 else min(_REACH, _FINE_PX / cell_px)
@@ -122,11 +120,13 @@ class SquareEdges:
             if edges is None or min(self._shares(edges.seen)) < _MIN_SEEN:
                 return None
             least = _COARSE_NOISE_PX if i == 0 else _LEAST_NOISE_PX
-            fit = self._descended(edges, pose, shift, least)
-            if fit is None:
+            fitted = self._descended(edges, pose, shift, least)
+            if fitted is None:
                 return None
-            pose, shift = fit.pose, fit.shift_px
-        return None if fit is None or edges is None else self._judged(fit, edges, focal)
+            if i == _ROUNDS - 1:
+                return self._judged(fitted, edges, focal)
+            pose, shift = fitted.pose, fitted.shift_px
+        return None
 
     def _shares(self, which: Mask) -> tuple[float, float]:
         """Return the share of all edges, and of those within the print, for which a mask holds."""
@@ -223,7 +223,6 @@ class SquareEdges:
             code_support=float(near[code].mean()),
             turned=float(edges.turned[code].mean()),
             noise_px=noise,
-            shift_px=shift,
             residual=np.where(edges.seen, r, np.nan),
             dependence=dependence,
         )
