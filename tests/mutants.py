@@ -244,7 +244,7 @@ MUTANTS = [
     Mutant(
         "4: stands level as soon as it touches",
         TOUCHDOWN,
-        "waited > LEVEL_AFTER_S and now - self._still_since >= STILL_S",
+        "stands and still_s >= LEVEL_STILL_S",
         "waited > 0.0",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),

@@ -37,6 +37,9 @@ _SILENT = (
 _UNDER_ITS_FEET = ("6: said to have landed",)
 # Until it is seen that the pad rises, the vehicle sinks onto it as fast as it did.
 _COMES_UP = ("2: sinking faster than the autopilot",)
+# Where the lens looks is what the gimbal says: some degrees off show the pad as far aside, and a
+# drift is a pad that drives.
+_SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
 # What the wind does to the airframe at once, whatever is ordered.
 _BLOWN = ("accelerates more than the limits",)
 
@@ -82,8 +85,12 @@ FAULTS: Mapping[str, FaultKind] = {
     "gimbal-nan": FaultKind("gimbal", "reports angles that are no numbers"),
     "gimbal-lost": FaultKind("gimbal", "gone from the bus"),
     "gimbal-late": FaultKind("gimbal", "reports are 20 to 300 ms old and do not say so"),
-    "gimbal-offset": FaultKind("gimbal", "reports both angles 1 to 20 degrees too large"),
-    "gimbal-slipping": FaultKind("gimbal", "reports drift off at 0.5 to 10 degrees/s"),
+    "gimbal-offset": FaultKind(
+        "gimbal", "reports both angles 1 to 20 degrees too large", True, _SEEN_ASIDE
+    ),
+    "gimbal-slipping": FaultKind(
+        "gimbal", "reports drift off at 0.5 to 10 degrees/s", True, _SEEN_ASIDE
+    ),
     "gimbal-stuck": FaultKind("gimbal", "the axes do not move"),
     "gimbal-reversed": FaultKind("gimbal", "it turns the other way than ordered"),
     "gimbal-raises": FaultKind("gimbal", "its driver has an error nobody foresaw"),

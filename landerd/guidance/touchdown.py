@@ -41,16 +41,18 @@ MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
 
 # ---- standing level without thrust -------------------------------------------------------------
 # After contact, s: at the earliest; once it has stood still for so long; at the latest. Chosen by
-# trial in wind: levelled earlier, on an edge and with thrust left, it was blown off the pad.
+# trial in wind: levelled earlier, on an edge and with thrust left, it was blown off the pad. What
+# was taken for contact may have been the air cushion, 4 cm up: from the touch on it stands still.
 LEVEL_AFTER_S = 0.6
-STILL_S = 0.3
+LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
 # Or so soon, where it leans by so much more than in the air, rad, on a pad that is seen to take it
 # along: an autopilot that holds its velocity against a pad that brakes tips over on it.
 LEVEL_TIPPING_S, TIPS = 0.3, math.radians(5.0)
-# What counts as standing still; chosen by trial with these.
+# What counts as standing still, and for how long, s; chosen by trial with these.
+STILL_S = 0.3
 MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
-# over STILL_S it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
+# meanwhile it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
 SETTLES_M = 0.01
 PAD_SPEED_ERROR_SHARE = 0.05  # of a fast pad's speed may be an error
 MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet, but one may be
@@ -238,9 +240,10 @@ class Touchdown:
         elif self._still_since == math.inf or down - self._still_down > SETTLES_M:
             self._still_since, self._still_down = now, down
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
-        stands = waited > LEVEL_AFTER_S and now - self._still_since >= STILL_S
-        stands = stands or (tips and waited > LEVEL_TIPPING_S)
-        late = stands or waited > LEVEL_AT_LATEST_S
+        still_s = now - self._still_since
+        tips_over = tips and waited > LEVEL_TIPPING_S
+        stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
+        late = waited > LEVEL_AT_LATEST_S or tips_over or (stands and still_s >= LEVEL_STILL_S)
         due = self._level or (late and landed is not Landed.ON_GROUND)
         self._level = due and now - self._slow_since >= CONTACT_S
         self.stands = stands or self._level or self._confirmed(now, landed)

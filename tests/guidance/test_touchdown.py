@@ -268,8 +268,15 @@ def test_level_it_is_carried_by_a_deck_that_nobody_looks_at_any_more() -> None:
 def test_it_is_levelled_once_it_has_stood_still_for_a_moment() -> None:
     standing = Standing()
     standing.level(1.2, slip=0.5)
-    assert not any(standing.level(0.25))
+    assert not any(standing.level(0.5))
     assert all(standing.level(0.5)[4:])
+
+
+def test_it_stands_still_from_the_touch_on_not_from_what_was_taken_for_contact() -> None:
+    standing = Standing()
+    standing.level(0.3, sinks=0.15, sink_rate=0.1)  # slowed by the air cushion
+    assert not any(standing.level(0.45))
+    assert all(standing.level(0.5)[6:])
 
 
 def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time() -> None:

@@ -12,12 +12,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.sim.judge.bounds import ZERO, RuleBounds
 from hw.sim.judge.truth import Truth
-from landerd.geometry import Vec3, add, horizontal, scale, sub
+from landerd.geometry import Vec3, add, horizontal, scale, sub, wrap
 
 BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, _STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
 _NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
-_KEEP_S, _COURSE_S = 2.0, 0.1  # where the pad was is kept for; and its velocity is told from
+_KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is told from
 _RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
 
 
@@ -94,6 +94,7 @@ class Evidence:
         missing_since: since when it sinks onto a pad that it will miss.
         released_t: the last order while landerd might not fly on.
         aside_since: since when all orders go across the pad, not with it.
+        climbs_since: since when all orders climb.
         landing_since: since when it flies without having come to commit.
         low_since: since when it is below the commit height.
     """
@@ -122,6 +123,7 @@ class Evidence:
         self.missing_since: float | None = None
         self.released_t = -math.inf
         self.aside_since: float | None = None
+        self.climbs_since: float | None = None
         self.landing_since: float | None = None
         self.low_since: float | None = None
         self._beat_t = self._rc_t = -math.inf
@@ -130,7 +132,7 @@ class Evidence:
         self._boot_of: dict[int, float] = {}  # of the newest message of each kind
         self._content: dict[str, object] = {}
         self._measured: dict[str, float] = {}
-        self._landing_points: deque[tuple[float, Vec3]] = deque()  # of the orders lately
+        self._lately: deque[Order] = deque()
         self._still_since: float | None = None
         self._released: _Release | None = None
         self._climbed_away_t = -math.inf  # the last order of a wave-off after the release
@@ -208,7 +210,7 @@ class Evidence:
         """landerd's process is killed; an order may be on its way."""
         self.latched, self.authority_lost_t = True, t
         self.flown_t = self.stops_since = self.landing_since = None
-        self.blind_since = self.missing_since = self.aside_since = None
+        self.blind_since = self.missing_since = self.aside_since = self.climbs_since = None
         self.free_t = t
 
     # ---- what follows from it ------------------------------------------------------------------
@@ -243,13 +245,34 @@ class Evidence:
 
         From noticed_s before the exposure of the last sighting, as landerd can know of it.
         """
-        seen = [each for each in self._landing_points if each[0] <= self.sighting_t - noticed_s]
-        before = [each for each in seen if each[0] <= seen[-1][0] - _COURSE_S]
-        if not before:
+        course = self._course(noticed_s)
+        if course is None:
             return 0.0
-        (t0, p0), (t1, p1) = before[-1], seen[-1]
-        ahead = scale(sub(p1, p0), (order.t - t1) / (t1 - t0))
-        return horizontal(sub(order.truth.landing_point, add(p1, ahead)))
+        before, last = course
+        point = last.truth.landing_point
+        way = sub(point, before.truth.landing_point)
+        ahead = scale(way, (order.t - last.t) / (last.t - before.t))
+        return horizontal(sub(order.truth.landing_point, add(point, ahead)))
+
+    def surprise_rad(self, order: Order, noticed_s: float) -> float:
+        """Return how far the pad is from the heading it would have had it turned on so, rad."""
+        course = self._course(noticed_s)
+        if course is None:
+            return 0.0
+        before, last = course
+        heading = last.truth.pad_heading
+        turned = wrap(heading - before.truth.pad_heading)
+        ahead = turned * (order.t - last.t) / (last.t - before.t)
+        return abs(wrap(order.truth.pad_heading - heading - ahead))
+
+    def _course(self, noticed_s: float) -> tuple[Order, Order] | None:
+        """Return two orders: noticed_s before the exposure of the last sighting, and before that.
+
+        None: it has not flown for so long.
+        """
+        seen = [each for each in self._lately if each.t <= self.sighting_t - noticed_s]
+        before = [each for each in seen if each.t <= seen[-1].t - _COURSE_S]
+        return (before[-1], seen[-1]) if before else None
 
     def sighting_limit_s(self, truth: Truth) -> float:
         """Return how old the last sighting may be."""
@@ -326,13 +349,17 @@ class Evidence:
 
     def _note_pad(self, order: Order) -> None:
         t = order.t
-        self._landing_points.append((t, order.truth.landing_point))
-        while self._landing_points[0][0] < t - _KEEP_S:
-            self._landing_points.popleft()
+        self._lately.append(order)
+        while self._lately[0].t < t - _KEEP_S:
+            self._lately.popleft()
         if order.level or order.aside_mps <= self._b.ride_mps:
             self.aside_since = None
         elif self.aside_since is None:
             self.aside_since = t
+        if not order.climbs:
+            self.climbs_since = None
+        elif self.climbs_since is None:
+            self.climbs_since = t
 
     def _note_contact(self, order: Order) -> None:
         t, truth = order.t, order.truth

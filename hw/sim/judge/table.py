@@ -136,8 +136,11 @@ def _outside_region(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _heading_off(e: Evidence, o: Order, b: RuleBounds) -> bool:
     low = b.commit_height_m <= o.truth.height < b.alignment_height_m
-    off = b.has_heading and abs(o.truth.heading_error) > b.heading
-    return _sinks(e, o) and low and off
+    off = abs(o.truth.heading_error)
+    if not (_sinks(e, o) and low and b.has_heading and off > b.heading):
+        return False
+    # As of a pad that moves on otherwise, so of one that turns.
+    return off - e.surprise_rad(o, MISS_S) > b.heading
 
 
 def _dies_hard(e: Evidence, o: Order, b: RuleBounds) -> bool:
@@ -190,10 +193,16 @@ def _pressed(e: Evidence, o: Order) -> bool:
     return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.granted(o.t)
 
 
+def _goes_around(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    """Tell whether it was told to climb before it touched: it brushes the pad till thrust comes."""
+    since = e.climbs_since
+    return since is not None and since < e.touching_since and o.t - since <= b.wave_off_s
+
+
 def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
     waiting = _pressed(e, o) and o.t - e.touching_since < b.settle_s
     # What is blown off the pad, its feet brushing it, is to climb away (2).
-    away = o.climbs and o.truth.misses
+    away = (o.climbs and o.truth.misses) or _goes_around(e, o, b)
     return waiting and not away and not o.level and o.velocity[2] <= ZERO
 
 

@@ -19,7 +19,7 @@ class Truth:
     t: float
     distance: float  # centre of the feet to the landing point, horizontal, m
     height: float  # of the feet's centre over the landing point, m
-    heading_error: float  # pad minus vehicle, rad
+    heading_error: float  # vehicle minus pad, rad
     yaw: float  # rad
     pad_velocity: Vec3  # of the plate where the feet's centre is over it, m/s
     feet_down: int
@@ -27,6 +27,11 @@ class Truth:
     misses: bool = False  # going on like this it touches with a foot beside the plate
     on_plate: bool = False  # all four feet stand on it
     landing_point: Vec3 = (0.0, 0.0, 0.0)  # local, m
+
+    @property
+    def pad_heading(self) -> float:
+        """Heading of the pad, local, rad."""
+        return self.yaw - self.heading_error
 
 
 class Feet:

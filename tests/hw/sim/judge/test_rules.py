@@ -421,6 +421,35 @@ def test_2_no_descent_with_the_heading_off(height_m: float, off_rad: float, brok
 
 
 @pytest.mark.parametrize(
+    ("turned_before", "late_s", "broken"),
+    [
+        (False, 0.2, False),  # nobody can know of it yet
+        (False, 0.5, True),
+        (True, 0.2, True),  # it turned so all the time
+    ],
+)
+def test_2_how_a_pad_turns_that_no_picture_has_shown_yet_nobody_can_know(
+    turned_before: bool, late_s: float, broken: bool
+) -> None:
+    """It turns by 30 degrees a second; the vehicle turned with it, and does so no more."""
+    court = Court()
+
+    def fly(seconds: float, pad_turns: bool, vehicle_turns: bool) -> None:
+        step = math.radians(30.0) * 0.025
+        for _ in range(round(seconds / 0.025)):
+            yaw = court.truth.yaw + step * vehicle_turns
+            off = court.truth.heading_error + step * (vehicle_turns - pad_turns)
+            court.truth = replace(court.truth, yaw=yaw, heading_error=off)
+            court.order(SINK)
+
+    court.truth = replace(OVER_PAD, height=1.5)
+    fly(1.0, turned_before, turned_before)
+    fly(late_s, True, False)
+    rule = "2: a downward set-point with the heading off"
+    assert court.broken == ([rule] if broken else [])
+
+
+@pytest.mark.parametrize(
     ("timeout_s", "height_m", "sink_mps", "broken"),
     [
         (1.0, 0.5, 0.45, False),  # slow enough to touch so
@@ -562,6 +591,19 @@ def test_4_once_a_foot_was_down_descent_must_be_ordered(
         bounces = i in (2, 3)
         court.truth = replace(ON_PAD, feet_down=0 if bounces else 1, misses=misses)
         court.order(order)
+    rule = "4: no descent ordered after contact"
+    assert court.broken == ([rule] if broken else [])
+
+
+@pytest.mark.parametrize(("brushes_s", "broken"), [(0.75, False), (0.95, True)])
+def test_4_what_was_told_to_climb_may_brush_the_pad_until_its_thrust_comes(
+    brushes_s: float, broken: bool
+) -> None:
+    court = Court()
+    court.truth = LOW
+    court.fly(0.2, CLIMB)
+    court.truth = replace(ON_PAD, feet_down=1)
+    court.fly(brushes_s, CLIMB)
     rule = "4: no descent ordered after contact"
     assert court.broken == ([rule] if broken else [])
 
