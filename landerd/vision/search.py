@@ -17,6 +17,7 @@ from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image
+from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.square_pose import square_points
 from landerd.vision.window import Window
 
@@ -328,7 +329,12 @@ class Search:
 
 
 def _telling_side_px(found: FoundSquare) -> float:
-    """Return the shortest side of a square in the image; 0 if its fit leaves much open."""
+    """Return the shortest side of a square in the image; 0 if its fit leaves much open.
+
+    What has made the edges tell more than the grey levels disturbs a ring less.
+    """
+    if isinstance(found.fit, SquareEdgeFit):
+        return 0.0
     if found.fit is not None:
         pose = found.fit.pose
         covariance = np.linalg.inv(pose.information)[:3, :3]

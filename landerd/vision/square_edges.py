@@ -39,7 +39,7 @@ _MOST_CORRELATED = 0.95
 _BIAS_PX, _NOISE_BIAS = 0.1, 0.3  # of the corners, that no residual shows; and over the noise
 _SHIFT_BIAS = 0.2  # of the shift
 _NEAR_PX, _NEAR_CELLS = 0.35, 0.05  # an edge is as fitted within the sum of these
-_MIN_SEEN = 0.4  # share of all edges, and of those within the print
+_MIN_SEEN, _MIN_CODE_SEEN = 0.4, 0.15  # share of all edges, and of those within the print
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class SquareEdgeFit:
 
     pose: Pose  # with its information, biases included
     support: float  # share of the edges in the image that are as fitted: of all, and
+    outline_support: float  # of those of its border, and
     code_support: float  # of those within the print, which tell it from others
     turned: float  # share of those within the print that are white for black
     noise_px: float  # of edges, robust
@@ -117,7 +118,7 @@ class SquareEdges:
             cell_px = focal * self._cell / float(pose.t[2])
             reach = _REACH if i == 0 else min(_REACH, _FINE_PX / cell_px)
             edges = self._look(image, camera, pose, reach) if cell_px > _MIN_CELL_PX else None
-            if edges is None or min(self._shares(edges.seen)) < _MIN_SEEN:
+            if edges is None or not self._shows_print(edges.seen):
                 return None
             least = _COARSE_NOISE_PX if i == 0 else _LEAST_NOISE_PX
             fitted = self._descended(edges, pose, shift, least)
@@ -128,9 +129,9 @@ class SquareEdges:
             pose, shift = fitted.pose, fitted.shift_px
         return None
 
-    def _shares(self, which: Mask) -> tuple[float, float]:
-        """Return the share of all edges, and of those within the print, for which a mask holds."""
-        return float(which.mean()), float(which[self._is_code].mean())
+    def _shows_print(self, seen: Mask) -> bool:
+        """Tell whether enough edges are seen (n,) for a print to be there, hidden in part."""
+        return bool(seen.mean() >= _MIN_SEEN and seen[self._is_code].mean() >= _MIN_CODE_SEEN)
 
     def _look(self, image: Image, camera: CameraModel, pose: Pose, reach: float) -> _Seen | None:
         """Look for all edges across so many cells; None, if the print is behind the lens."""
@@ -200,7 +201,7 @@ class SquareEdges:
         pose, shift, noise = fitted.pose, fitted.shift_px, fitted.noise_px
         cell_px = focal * self._cell / float(pose.t[2])
         near = edges.seen & (np.abs(fitted.residual) < _NEAR_PX + _NEAR_CELLS * cell_px)
-        code = edges.in_image & self._is_code
+        code, outline = edges.in_image & self._is_code, edges.in_image & ~self._is_code
         r, w = fitted.residual, fitted.weight
         dependence = _dependence(r * np.sqrt(w))
         left = float(w @ r**2) / max(float(w.sum()) - 7.0, 4.0) / noise**2
@@ -220,6 +221,7 @@ class SquareEdges:
         return SquareEdgeFit(
             pose=replace(pose, information=information),
             support=float(near[edges.in_image].mean()),
+            outline_support=float(near[outline].mean()),
             code_support=float(near[code].mean()),
             turned=float(edges.turned[code].mean()),
             noise_px=noise,

@@ -37,6 +37,9 @@ _MIN_NEAR_EXPLAINED = 0.3
 # place, and of the code's that are turned. Of 300 tags in their vehicle's shadow all but a few had
 # 0.65, 0.53 and none; another code's tag in its place 0.7, 0.42 and 0.07, texture none.
 _MIN_SUPPORT, _MIN_CODE_SUPPORT, _MAX_TURNED = 0.6, 0.5, 0.05
+# The same of a print that is hidden in part, by dirt, and where it is seen contradicts nothing: of
+# its border, and of its code.
+_MIN_OUTLINE_SUPPORT, _MIN_SHOWN_SUPPORT = 0.85, 0.15
 # Gravity alone tells two solutions apart where one is so level and the other leans so much: pads
 # lean by 15 degrees at most.
 _LEVEL_COS = math.cos(math.radians(6.0))
@@ -120,16 +123,24 @@ class SquarePrint(MarkerPrint):
             return None
         if fit.explained > _MIN_TRACKED_EXPLAINED:
             return fit
-        by_edges = self._by_edges(image, camera, fit.pose)
+        # Nothing of it is another print's: what is not as printed may be hidden.
+        by_edges = self._by_edges(image, camera, fit.pose, may_be_hidden=True)
         return by_edges or self._by_edges(image, camera, expected)
 
-    def _by_edges(self, image: Image, camera: CameraModel, start: Pose) -> SquareEdgeFit | None:
-        """Return the fit to edges near a start; None if they are not the print's."""
+    def _by_edges(
+        self, image: Image, camera: CameraModel, start: Pose, *, may_be_hidden: bool = False
+    ) -> SquareEdgeFit | None:
+        """Return the fit to edges near a start; None if they are not the print's.
+
+        Where it may be hidden its border must be seen, and some of its code.
+        """
         fit = self._edges.fit(image, camera, start)
         if fit is None or fit.turned > _MAX_TURNED:
             return None
         is_print = fit.support > _MIN_SUPPORT and fit.code_support > _MIN_CODE_SUPPORT
-        return fit if is_print else None
+        is_border = fit.outline_support > _MIN_OUTLINE_SUPPORT
+        is_shown = is_border and fit.code_support > _MIN_SHOWN_SUPPORT
+        return fit if is_print or (may_be_hidden and is_shown) else None
 
     def _is_telling(self, north: F64, east: F64) -> NDArray[np.bool_]:
         reach = self._code_reach

@@ -78,6 +78,7 @@ class Vision:
         self._last: SeenPad | None = None
         self._drift: dict[Marker, F64] = {}  # see `Expected`
         self._plate_t = -math.inf  # when a ring last had the pad's plate beside it
+        self._was_read = False  # a marker with an id of the pad that is known
         self._found: list[Measurement] = []  # of the last frame, each marker once
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
@@ -93,8 +94,7 @@ class Vision:
         image = _checked(frame.image, self._whole)[y0:y1, x0:x1]
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._focal)
-        # A pad whose plate was just seen is not given up for a picture that does not show it.
-        vouched = prior.pad is not None and frame.t - self._plate_t < _PLATE_HELD_S
+        vouched = self._is_vouched(frame.t, prior)
         if expected is not None:
             expected = replace(expected, drift=self._drift)
         rings, squares = self._search.find(
@@ -126,6 +126,7 @@ class Vision:
             self._last = SeenPad(frame.t, pad[0])
             self._shutter.saw(frame.t, np.array(pad[0].position))
             self._drift = _drift(chosen, expected)
+            self._was_read = self._was_read or any(c.sighting.id is not None for c in chosen)
             learn(_placed(chosen), self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
         shown = self._detectors.light(image, seen, prior.down) if self._meters else None
@@ -152,6 +153,14 @@ class Vision:
         measured = ring_measurement(number, ring.position_m, sighting.solutions)
         return Candidate(ring, sighting, measured)
 
+    def _is_vouched(self, t: float, prior: Prior) -> bool:
+        """Tell whether a ring where the pad is expected is its own, with or without a plate.
+
+        It is while the pad is known of which another marker was read, or the plate just seen.
+        """
+        self._was_read = self._was_read and (prior.pad or prior.maybe) is not None
+        return self._was_read or (prior.pad is not None and t - self._plate_t < _PLATE_HELD_S)
+
     def _with_plate(
         self, t: float, image: Image, candidates: list[Candidate], vouched: Expected | None
     ) -> list[Candidate]:
@@ -160,7 +169,6 @@ class Vision:
         But those where a pad is expected whose plate was just seen.
         """
         if any(c.sighting.id is not None for c in candidates):
-            self._plate_t = t
             return candidates
         kept = []
         for c in candidates:

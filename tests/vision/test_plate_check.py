@@ -232,3 +232,19 @@ def test_nor_is_one_with_white_alike_on_four_sides() -> None:
     solution = PoseSolution(at.position, (0.0, 0.0, 1.0), None, ((0.0,) * 3,) * 3, None, 0.1, 1.0)
     seen = MarkerSighting("whycon", None, (solution,), ())
     assert PlateCheck(THESIS_PAD, IDEAL_CAMERA).contradicts(blurred, ring, seen)
+
+
+def test_a_ring_alone_tells_the_pad_after_its_tag_was_seen_a_little_out_of_place() -> None:
+    """What was learned of how the markers lie to one another must not lose a ring by itself."""
+    at, grass = view(2.5, 0.3), Optics(background="grass")
+    moved = tuple(
+        m.model_copy(update={"position_m": (0.757, 0.004)}) if isinstance(m, Square) else m
+        for m in THESIS_PAD.markers
+    )
+    printed = THESIS_PAD.model_copy(update={"markers": moved})
+    rng = np.random.default_rng(2)
+    both, ring = (render(at, IDEAL_CAMERA, grass, rng, pad) for pad in (printed, UNREADABLE))
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    assert all(vision.process(Frame(0.1 * i, i, both)).pad for i in range(10))
+    unturned = Prior(pad=PadPrior(at.position, sigma_m=0.1, north=None))
+    assert vision.process(Frame(4.0, 40, ring), unturned).pad

@@ -92,6 +92,31 @@ def test_another_tag_in_that_shadow_is_not_taken_for_it(number: int) -> None:
     assert tracked(view, shaded(view, layout)) is None
 
 
+def dirty(view: View, layout: PadLayout = THESIS_PAD) -> U8:
+    """Return a picture of a pad with dirt on the middle of its tag, as dark as its print."""
+    image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
+    angles = np.arange(24) * math.pi / 12.0
+    blot = 0.1 * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(24)]) + CENTRE
+    px = CAMERA.pixels(np.array(view.position) + blot @ view.R_camera_pad.T)
+    cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 45.0, shift=4)
+    return image
+
+
+@pytest.mark.parametrize("height", [0.7, 1.4])
+def test_a_tag_with_dirt_on_its_code_is_tracked_by_its_border(height: float) -> None:
+    view = at(height)
+    fit = tracked(view, dirty(view))
+    assert fit is not None
+    assert np.linalg.norm(fit.pose.t - truth(view)) < 0.01
+
+
+@pytest.mark.parametrize("number", [7, 316, 417])
+def test_another_tag_under_that_dirt_is_not_taken_for_it(number: int) -> None:
+    other = TAG.model_copy(update={"id": number})
+    layout = THESIS_PAD.model_copy(update={"markers": (other,)})
+    assert tracked(at(1.0), dirty(at(1.0), layout)) is None
+
+
 def test_a_shadow_on_a_plate_that_is_painted_over_is_no_tag() -> None:
     view = at(1.0)
     layout = THESIS_PAD.model_copy(update={"markers": THESIS_PAD.rings})
