@@ -30,9 +30,9 @@ from landerd.vision.pose import (
 
 _MAX_STEPS = 5
 _CONVERGED = 1e-4  # reduction of chi-square by a step: a hundredth of a sigma
-# 1/rad^2, of a heading that nobody knows: it is uniform over the circle. Less would put a ring that
-# is known to lie 2 mm beside its place metres off.
-_MIN_YAW_INFORMATION = 3.0 / math.pi**2
+# 1/rad^2, of a heading that nobody knows: a ring 0.2 m beside the landing point tells nothing of
+# that. Less would put a ring metres off that is known to lie 2 mm beside its place.
+_MIN_YAW_INFORMATION = 1.0 / 5.0**2
 _PRIOR_NORTH_SIGMA = math.radians(5.0)
 # A solution is dropped whose chi-square is above the best one's by more: of the pad; and of a ring
 # by itself, which the other markers cannot make up for.
