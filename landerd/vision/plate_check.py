@@ -18,7 +18,7 @@ from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at, on_plate
-from landerd.vision.plate_template import PlateTemplate
+from landerd.vision.plate_template import PlateTemplate, mean_seen, share_seen
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_2d, rotation_from
 from landerd.vision.square_pose import square_points
 
@@ -149,14 +149,12 @@ class PlateCheck:
 
 def _is_seen(levels: F64) -> NDArray[np.bool_]:
     """Tell for which headings enough of the points (headings, n) are in the picture."""
-    return np.asarray((~np.isnan(levels)).mean(axis=1) >= _LEAST_SEEN)
+    return np.asarray(share_seen(levels) >= _LEAST_SEEN)
 
 
 def _mean(levels: F64) -> F64:
     """Return the mean levels (headings,) of points (headings, n); NaN: too few are seen."""
-    seen = ~np.isnan(levels)
-    means = np.where(seen, levels, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-    return np.where(_is_seen(levels), means, np.nan)
+    return np.where(_is_seen(levels), mean_seen(levels), np.nan)
 
 
 def _lower(levels: F64) -> F64:

@@ -67,11 +67,11 @@ class PlateTemplate:
         white, printed, ground = (levels[at] for at in (self._white, self._printed, self._ground))
         median = _quantile(white, 0.5)
         spread = _quantile(np.abs(white - median[:, None]), _SPREAD)
-        step = 2.0 * (median - _mean(printed))
+        step = 2.0 * (median - mean_seen(printed))
         # White over full scale hides how bright the ground is.
-        step = np.where(median < _CLIPPED, np.minimum(step, median - _mean(ground)), step)
+        step = np.where(median < _CLIPPED, np.minimum(step, median - mean_seen(ground)), step)
         fits: F64 = step / (spread + _NOISE_SHARE * max(contrast, 1.0))
-        is_seen = [_share_seen(kind) >= _LEAST_SEEN for kind in (white, printed, ground)]
+        is_seen = [share_seen(kind) >= _LEAST_SEEN for kind in (white, printed, ground)]
         return np.where(np.all(is_seen, axis=0), fits, np.nan)
 
 
@@ -110,13 +110,14 @@ def _quantile(levels: F64, share: float) -> F64:
     return quantile
 
 
-def _mean(levels: F64) -> F64:
+def mean_seen(levels: F64) -> F64:
     """Return the mean (headings,) of the levels (headings, n) that are seen."""
     seen = ~np.isnan(levels)
     mean: F64 = np.where(seen, levels, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
     return mean
 
 
-def _share_seen(levels: F64) -> F64:
+def share_seen(levels: F64) -> F64:
+    """Return the share (headings,) of the points (headings, n) that are in the picture."""
     share: F64 = (~np.isnan(levels)).mean(axis=1)
     return share

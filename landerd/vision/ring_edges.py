@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.pad import Ring
+from landerd.vision.edge_profile import ROBUST_SIGMAS, SIGMA_PER_MAD, Mask, crossing, is_step
 from landerd.vision.ring_pixels import F32, PlaneView, plane_axes
 from landerd.vision.ring_pose import F64, Pose
 
 U8 = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 INTERP = cv2.INTER_CUBIC
 _RAYS = 64
@@ -39,15 +39,8 @@ _SETTLED_PX = 0.1  # a round that moves the edges by less is the last
 # rings in all kinds of light gave 0.65 and more, half of the textures less than 0.6.
 _COARSE_SUPPORT, _COARSE_NEAR = 0.6, 0.09
 _END = 5  # samples at either end of a band that tell black and white
-_LEAST_STEP = 6.0  # grey levels between black and white beside an edge
-# Over the white beside it: behind gamma a faded print's is two thirds, more where white is clipped.
-_MOST_BLACK, _MOST_BLACK_CLIPPED = 0.8, 0.92
-_CLIPPED = 240.0  # grey level
 _LEVEL_RAYS = 2  # to either side, of which black and white are medians
 _BESIDE = (np.arange(_RAYS)[:, None] + np.arange(-_LEVEL_RAYS, _LEVEL_RAYS + 1)) % _RAYS
-_BANDS, _RAY = np.ogrid[:2, :_RAYS]
-_SIGMA_PER_MAD = 1.4826
-_ROBUST_SIGMAS = 3.0
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
 _SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
 _CLIPPED_SHIFT_BLURS = 1.3  # white that is 2.5 to 5 times over full scale moves an edge so far
@@ -138,13 +131,6 @@ def _has_support(edges: _Edges, equations: "_Equations", radius_px: float) -> bo
     return bool(np.count_nonzero(near) > _COARSE_SUPPORT * np.count_nonzero(edges.in_image))
 
 
-def edge_cost(fit: EdgeFit, noise_px: float) -> float:
-    """Return the robust sum of squared residuals over the noise (px) of independent edges."""
-    u = (fit.residual / (_ROBUST_SIGMAS * noise_px)) ** 2
-    robust = np.where(np.isnan(u), 1.0, u / (1.0 + u))
-    return _ROBUST_SIGMAS**2 * float(robust.sum()) / fit.dependence
-
-
 def moved_px(camera: CameraModel, ring: Ring, before: Pose, after: Pose) -> float:
     """Return about how far the edges were moved in the image from one pose to another."""
     way = (after[0] - before[0]) * (_radius_px(camera, ring, after) / ring.radius_m)
@@ -213,24 +199,12 @@ def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float)
         return None
     grey, inside, px = sampled
     black, white = _beside(grey[:, :_END].mean(axis=1)), _beside(grey[:, -_END:].mean(axis=1))
-    middle = 0.5 * (black + white)
-    smooth = grey.copy()
-    smooth[:, 1:-1] = 0.25 * (grey[:, :-2] + grey[:, 2:]) + 0.5 * grey[:, 1:-1]
-    above = smooth >= middle[:, None]
-    rises = ~above[:, :-1] & above[:, 1:]
-    step = np.maximum(smooth[:, 1:] - smooth[:, :-1], 1e-6)
-    share = np.clip((middle[:, None] - smooth[:, :-1]) / step, 0.0, 1.0)
-    at = along[None, :-1, None] + share * (along[1] - along[0])
-    off = np.where(rises, np.abs(at), np.inf)
-    nearest = _BANDS, off.argmin(axis=1), _RAY
-    found = at[nearest]
-    is_edge = np.isfinite(off[nearest])
+    found, rise, is_edge = crossing(grey, 0.5 * (black + white), along)
     in_image = inside.all(axis=1)
-    most_black = np.where(white < _CLIPPED, _MOST_BLACK, _MOST_BLACK_CLIPPED) * white
-    seen = is_edge & in_image & (white - black > _LEAST_STEP) & (black < most_black)
+    seen = is_edge & in_image & is_step(black, white)
     across = px[:, -1] - px[:, 0]
     spacing = np.sqrt((across * across).sum(axis=-1)) / (_SAMPLES - 1)
-    slope = step[nearest] / np.maximum(spacing, 1e-3)
+    slope = rise / np.maximum(spacing, 1e-3)
     blurs = np.sort(((white - black) / slope)[seen]) / math.sqrt(2.0 * math.pi)
     n = len(blurs)
     blur, broad = (float(blurs[n // 2]), float(blurs[3 * n // 4])) if n else (0.0, 0.0)
@@ -308,8 +282,8 @@ def _normal_equations(
     J[5] = -inwards
     off = np.abs(residual[edges.seen])
     middle = len(off) // 2
-    noise = max(least_noise, _SIGMA_PER_MAD * float(np.partition(off, middle)[middle]))
-    u = (residual / (_ROBUST_SIGMAS * noise)) ** 2
+    noise = max(least_noise, SIGMA_PER_MAD * float(np.partition(off, middle)[middle]))
+    u = (residual / (ROBUST_SIGMAS * noise)) ** 2
     weight = edges.seen / (1.0 + u) ** 2
     H = (J * weight) @ J.T / noise**2
     b = (J * weight) @ residual / noise**2

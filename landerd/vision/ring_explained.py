@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
+from landerd.messages import EDGES
 from landerd.pad import Ring
+from landerd.vision.edge_profile import edge_cost
 from landerd.vision.ring_covariance import frontal_inflation
-from landerd.vision.ring_edges import EdgeFit, edge_cost, edge_fit
+from landerd.vision.ring_edges import EdgeFit, edge_fit
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import F64, Pose, mirrored
@@ -140,7 +142,7 @@ def _best_first(fits: list[EdgeFit]) -> tuple[list[EdgeFit], float]:
     noise = min(e.noise_px for e in fits)
     dependence = max(e.dependence for e in fits)
     fits = [replace(e, dependence=dependence) for e in fits]
-    return sorted(fits, key=lambda e: edge_cost(e, noise)), noise
+    return sorted(fits, key=lambda e: edge_cost(e.residual, noise, e.dependence)), noise
 
 
 def _is_shifted(e: EdgeFit) -> bool:
@@ -263,10 +265,10 @@ def _ring_fit(e: EdgeFit, ring: Ring, camera: CameraModel, noise_px: float) -> R
         black=black,
         outside=outside,
         noise=e.noise_px,
-        cost=edge_cost(e, noise_px),
+        cost=edge_cost(e.residual, noise_px, e.dependence),
         inliers=min(e.support),
         uncertainty=lambda: (covariance, sigma_tilt),
         ratio=ring.inner_ratio,
         sigma_ratio=0.0,
-        stage="edges",
+        stage=EDGES,
     )

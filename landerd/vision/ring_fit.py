@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.messages import GREY
 from landerd.pad import Ring
 from landerd.vision.ring_covariance import pose_uncertainty, shift_covariance
 from landerd.vision.ring_model import (
@@ -76,7 +77,7 @@ class RingFit:
     residual: F32 | None = None  # (n,), grey levels
     response: F64 | None = None  # the camera's, as `ring_response` has it; None: not fitted
     coherent: float = math.inf  # `ring_residuals.coherent_residual`, where it was worked out
-    stage: str = "grey"  # fitted to grey levels; "edges": to the places of the edges alone
+    stage: str = GREY  # fitted to grey levels; EDGES: to the places of the edges alone
     inflation: float = 1.0  # of the covariance, by what is alike from pixel to pixel
 
     @property

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
+from landerd.messages import EDGES
 from landerd.pad import Ring
 from landerd.vision.ring_explained import explained, has_rings_within, is_toned
 from landerd.vision.ring_fit import RingFit
@@ -60,7 +61,7 @@ def fits_behind_response(image: U8, camera: CameraModel, ring: Ring, fit: RingFi
 
 def remember(response: CameraResponse, fit: RingFit) -> None:
     """Remember the curve of a fit that could show one."""
-    if fit.stage == "edges":
+    if fit.stage == EDGES:
         response.learn_edges()
     elif not np.any(fit.motion_px):
         response.learn(fit.response, fit.response_chi2)

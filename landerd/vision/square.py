@@ -40,9 +40,8 @@ class FoundSquare:
 
     square: Square
     corners: F64  # (4, 2) px, top left first, clockwise as its makers print it
-    fit: Fit | SquareEdgeFit | None = (
-        None  # that found it where it was expected; None: it was detected
-    )
+    # That found it where it was expected; None: it was detected.
+    fit: Fit | SquareEdgeFit | None = None
     beside: Pose | None = None  # by `SquareBeside`: nothing but its heading is of the square
 
 

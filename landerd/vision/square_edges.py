@@ -14,11 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
+from landerd.vision.edge_profile import (
+    ROBUST_SIGMAS,
+    SIGMA_PER_MAD,
+    Mask,
+    crossing,
+    edge_cost,
+    is_step,
+)
 from landerd.vision.patch import Image, on_plane, pose_slope
 from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, Pose
 from landerd.vision.square_pose import corner_information
-
-Mask = NDArray[np.bool_]
 
 _ABREAST = np.array([-0.25, 0.0, 0.25])  # lines across one edge that are averaged, in cells
 _SAMPLES = 17  # on each
@@ -26,13 +32,7 @@ _REACH = 0.45  # of a line to either side, in cells
 _FINE_PX = 5.0  # the same once the edges are nearly where they should be, if that is less
 _ENDS = 3  # samples at either end of a line that tell black and white
 _MIN_CELL_PX = 2.0  # smaller cells blur into one another
-_LEAST_STEP = 6.0  # grey levels between black and white beside an edge
-# Over the white beside it: behind gamma a faded print's is two thirds, more where white is clipped.
-_MOST_BLACK, _MOST_BLACK_CLIPPED = 0.8, 0.92
-_CLIPPED = 240.0  # grey level
 _ROUNDS, _STEPS = 3, 3  # looks at the image, and steps to the edges so found
-_ROBUST_SIGMAS = 3.0
-_SIGMA_PER_MAD = 1.4826
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.4, 0.08
 _SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves all edges by, into the black or the white
 _MOST_CORRELATED = 0.95
@@ -151,8 +151,8 @@ class SquareEdges:
         lines = cv2.remap(image, px[..., 0], px[..., 1], cv2.INTER_LINEAR).astype(np.float64)
         grey = lines.reshape(len(flat), len(_ABREAST), _SAMPLES).mean(axis=1)
         black, white = grey[:, :_ENDS].mean(axis=1), grey[:, -_ENDS:].mean(axis=1)
-        at, is_edge = _crossing(grey, 0.5 * (black + white), along)
-        seen = is_edge & in_image & _is_step(black, white)
+        at, _, is_edge = crossing(grey, 0.5 * (black + white), along)
+        seen = is_edge & in_image & is_step(black, white)
         points = pose.points(self._place + self._way * at[:, None])
         across = px.reshape(len(flat), len(_ABREAST), _SAMPLES, 2)[:, 1]
         length = np.linalg.norm(across[:, -1] - across[:, 0], axis=1)
@@ -160,7 +160,7 @@ class SquareEdges:
             (points / points[:, 2:]).T,
             seen,
             in_image,
-            in_image & _is_step(white, black),
+            in_image & is_step(white, black),
             length / (along[-1] - along[0]),
         )
 
@@ -171,8 +171,8 @@ class SquareEdges:
         for _ in range(_STEPS):
             residual, J = self._linearised(edges, pose, shift)
             typical = float(np.median(np.abs(residual[edges.seen])))
-            noise = max(least_noise, _SIGMA_PER_MAD * typical)
-            weight = edges.seen / (1.0 + (residual / (_ROBUST_SIGMAS * noise)) ** 2) ** 2
+            noise = max(least_noise, SIGMA_PER_MAD * typical)
+            weight = edges.seen / (1.0 + (residual / (ROBUST_SIGMAS * noise)) ** 2) ** 2
             JW = J * weight / noise**2
             H, b = JW @ J.T, JW @ residual
             H[6, 6] += _SHIFT_SIGMA_PX**-2
@@ -240,38 +240,9 @@ def ranked_by_edges(fits: list[SquareEdgeFit]) -> list[Pose]:
     fits += [f for f in others if f.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS]
     noise = min(f.noise_px for f in fits)
     dependence = max(f.dependence for f in fits)
-    costs = [_cost(f, noise) / dependence for f in fits]
+    costs = [edge_cost(f.residual, noise, dependence) for f in fits]
     poses = [replace(f.pose, cost=c - min(costs)) for f, c in zip(fits, costs, strict=True)]
     return sorted(poses, key=lambda p: p.cost)
-
-
-def _cost(fit: SquareEdgeFit, noise_px: float) -> float:
-    """Return the robust sum of squared residuals over the noise (px)."""
-    u = (fit.residual / (_ROBUST_SIGMAS * noise_px)) ** 2
-    robust = np.where(np.isnan(u), 1.0, u / (1.0 + u))
-    return _ROBUST_SIGMAS**2 * float(robust.sum())
-
-
-def _crossing(grey: F64, middle: F64, along: F64) -> tuple[F64, Mask]:
-    """Return where lines (n, samples) rise through a level (n,) nearest to their middle."""
-    smooth = grey.copy()
-    smooth[:, 1:-1] = 0.25 * (grey[:, :-2] + grey[:, 2:]) + 0.5 * grey[:, 1:-1]
-    above = smooth >= middle[:, None]
-    rises = ~above[:, :-1] & above[:, 1:]
-    step = np.maximum(smooth[:, 1:] - smooth[:, :-1], 1e-6)
-    share = np.clip((middle[:, None] - smooth[:, :-1]) / step, 0.0, 1.0)
-    at = along[None, :-1] + share * (along[1] - along[0])
-    off = np.where(rises, np.abs(at), np.inf)
-    nearest = np.arange(len(grey)), off.argmin(axis=1)
-    found: F64 = at[nearest]
-    return found, np.isfinite(off[nearest])
-
-
-def _is_step(black: F64, white: F64) -> Mask:
-    """Tell where black beside white is as print and light make it, (n,)."""
-    most_black = np.where(white < _CLIPPED, _MOST_BLACK, _MOST_BLACK_CLIPPED) * white
-    step: Mask = (white - black > _LEAST_STEP) & (black < most_black)
-    return step
 
 
 def _dependence(residual: F64) -> float:

@@ -94,6 +94,8 @@ class Vision:
         image = _checked(frame.image, self._whole)[y0:y1, x0:x1]
         prior = prior or Prior()
         expected = expected_pad(frame.t, prior, self._last, self._focal)
+        if prior.pad is None and prior.maybe is None:
+            self._was_read = False
         vouched = self._is_vouched(frame.t, prior)
         if expected is not None:
             expected = replace(expected, drift=self._drift)
@@ -158,7 +160,6 @@ class Vision:
 
         It is while the pad is known of which another marker was read, or the plate just seen.
         """
-        self._was_read = self._was_read and (prior.pad or prior.maybe) is not None
         return self._was_read or (prior.pad is not None and t - self._plate_t < _PLATE_HELD_S)
 
     def _with_plate(
@@ -166,7 +167,7 @@ class Vision:
     ) -> list[Candidate]:
         """Return the candidates without rings that are bare where the pad has other markers.
 
-        But those where a pad is expected whose plate was just seen.
+        But those where a pad is `vouched` for: where it is expected then.
         """
         if any(c.sighting.id is not None for c in candidates):
             return candidates
