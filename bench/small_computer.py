@@ -2,6 +2,7 @@
 
     python -m bench.small_computer                # a quarter of one core, then without limit
     python -m bench.small_computer --shares 0.5
+    python -m bench.small_computer --shares 1 --viewer    # with the status page, and one who looks
 
 A simulated vehicle lands with `landerd run` in a process of its own: MAVLink over UDP, 30 pictures
 of 640x480 a second through a socket. That process, with all its threads, may use so much of one
@@ -26,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -48,7 +50,7 @@ from tests.devices.outside import SocketCamera, flying
 SHARES = (0.25, 1.0)  # of one core; 1: no limit
 PERIOD_US = 10_000
 CGROUPS = Path("/sys/fs/cgroup")
-PORT = 14_592
+PORT, PAGE_PORT = 14_592, 14_593
 CONFIG = f"""\
 include: [{config_dir()}/default.yaml, {config_dir()}/scenarios/hover.yaml]
 autopilot: {{url: "udpin:127.0.0.1:{PORT}"}}
@@ -56,6 +58,9 @@ gimbal: {{driver: mavlink}}
 aim: {{idle_pitch_deg: -30.0}}
 camera: {{exposure: fixed}}
 sim: {{start: {{position_m: [-0.8, 0.4], altitude_m: 10.0, spread_m: 0.0}}}}
+"""
+PAGE = f"""\
+web: {{listen: "127.0.0.1:{PAGE_PORT}"}}
 """
 LOW_US, HIGH_US = 1100, 1900
 LONGEST_S = 90.0
@@ -195,9 +200,28 @@ def compiled(folder: Path) -> dict[str, str]:
     return env
 
 
-async def landing(share: float, folder: Path) -> dict[str, float]:
+async def look() -> None:
+    """Ask for what the status page shows, as often as the page itself does."""
+    seen = 0
+    while True:
+        began = time.monotonic()
+        address = f"http://127.0.0.1:{PAGE_PORT}/view?seen={seen}"
+        with contextlib.suppress(OSError):  # not served yet
+            view = json.loads(await asyncio.to_thread(fetched, address))
+            seen = (view.get("picture") or {"seq": seen})["seq"]
+        await asyncio.sleep(max(0.02, 0.2 - (time.monotonic() - began)))
+
+
+def fetched(address: str) -> bytes:
+    """Return what stands there. Raises OSError."""
+    with urllib.request.urlopen(address, timeout=4.0) as answer:
+        data: bytes = answer.read()
+    return data
+
+
+async def landing(share: float, folder: Path, is_looked_at: bool) -> dict[str, float]:
     """Let a vehicle land; return what was measured."""
-    (folder / "landerd.yaml").write_text(CONFIG, encoding="utf-8")
+    (folder / "landerd.yaml").write_text(CONFIG + PAGE * is_looked_at, encoding="utf-8")
     SocketCamera.path = folder / "pictures"
     outside = Outside()
     async with flying(folder / "landerd.yaml", f"udpout:127.0.0.1:{PORT}") as simulation:
@@ -209,7 +233,9 @@ async def landing(share: float, folder: Path) -> dict[str, float]:
             command = [*before, sys.executable, "-m", "bench.small_computer", "--inside"]
             said = (folder / "said").open("w+", encoding="utf-8")
             process = subprocess.Popen([*command, str(folder)], stderr=said, env=env)
-            watching = asyncio.create_task(outside.own_pauses())
+            tasks = [asyncio.create_task(outside.own_pauses())]
+            if is_looked_at:
+                tasks.append(asyncio.create_task(look()))
             try:
                 await until(lambda: outside.first_byte is not None)
                 await asyncio.sleep(5.0)
@@ -225,7 +251,8 @@ async def landing(share: float, folder: Path) -> dict[str, float]:
                     + (folder / "said").read_text(encoding="utf-8")
                 ) from None
             finally:
-                watching.cancel()
+                for task in tasks:
+                    task.cancel()
                 process.terminate()
                 await asyncio.to_thread(process.wait)
     notes = Notes(**{k: v for k, v in read(folder / "notes.json").items() if k != "_last"})
@@ -277,6 +304,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line for each share of a core."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--shares", nargs="+", type=float, default=list(SHARES))
+    parser.add_argument("--viewer", action="store_true", help="one who looks at the status page")
     parser.add_argument("--inside", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args(arguments)
     if args.inside is not None:
@@ -285,7 +313,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for share in args.shares:
         try:
             with tempfile.TemporaryDirectory() as name:
-                found = run_realtime(landing(share, Path(name)))
+                found = run_realtime(landing(share, Path(name), args.viewer))
         except NotLimitedError as e:
             print(f"{share:g} of a core: not measured: {e}")
             continue
