@@ -18,7 +18,13 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_pose import F64, poses_through
 from landerd.vision.ring_response import CameraResponse
-from landerd.vision.ring_segment import Candidate, Look, Segmentation, ring_candidates
+from landerd.vision.ring_segment import (
+    Candidate,
+    Look,
+    Segmentation,
+    hole_candidates,
+    ring_candidates,
+)
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import (
     full_fits,
@@ -42,6 +48,7 @@ from landerd.vision.ring_work import (
 
 U8 = NDArray[np.uint8]
 Refusal = Callable[[MarkerSighting], bool]
+_Find = Callable[[Sequence[Look], float], list[list[Candidate]]]
 
 # Share of the spokes from which an outline is fitted before all levels are searched: plain rings
 # gave 1.0, and 0.1 of the outlines in a photograph of the ground.
@@ -102,8 +109,15 @@ class RingSearch:
 
         The rest is left for later.
         """
+        return self._find_clear_by(looks, ring_candidates)
+
+    def find_holes(self, looks: Sequence[tuple[Level, Segmentation]]) -> bool:
+        """Do the same with what may be the hole of a ring whose outer edge is broken."""
+        return self._find_clear_by(looks, hole_candidates)
+
+    def _find_clear_by(self, looks: Sequence[tuple[Level, Segmentation]], find: _Find) -> bool:
         ratio = self._ring.inner_ratio
-        of_looks = ring_candidates([Look(v.image, s, v.largest_px) for v, s in looks], ratio)
+        of_looks = find([Look(v.image, s, v.largest_px) for v, s in looks], ratio)
         return any(
             self._find_clear(level, candidates)
             for (level, _), candidates in zip(looks, of_looks, strict=True)

@@ -43,6 +43,10 @@ _MAX_EXTENT = 0.9  # longer axis over the image's: what fills a level is no ring
 # Area over root of the second moments' determinant, over a ring's; true ones gave at most 1.09, but
 # 2 % gave less than 0.7 with the lower threshold: larger than the local mean, or below 15 px.
 _MIN_COMPACTNESS, _MAX_COMPACTNESS = 0.7, 1.3
+# Of what may be a hole: compactness over a disc's, and its shorter axis.
+_MIN_DISC_COMPACTNESS, _MAX_DISC_COMPACTNESS = 0.85, 1.15
+_MIN_HOLE_PX = 3.0
+_MIN_HOLE_SHARE, _MIN_HOLE_SCORE = 0.7, 1.5
 # Clipped white spreads into the black from both sides and leaves a thinner stroke about the same
 # middle line: of such rings this is the least, a ratio of 0.85, and the grey level of the white.
 _MIN_BLOOMED_COMPACTNESS, _CLIPPED = 0.16, 240.0
@@ -146,22 +150,62 @@ def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
     """
     if not looks:
         return []
-    found: list[list[Candidate]] = [[] for _ in looks]
     is_near = np.array([math.isinf(k.largest_px) for k in looks])
     holed_px = np.where(is_near, _HOLED_AREA_PX, math.inf)
-    largest_px = np.array([min(k.largest_px, _MAX_EXTENT * max(k.image.shape)) for k in looks])
     mosaic = Mosaic([k.image for k in looks], [k.segment(k.image) for k in looks])
-    components = mosaic.components(float(largest_px.max()), holed_px)
-    c = _ring_like(mosaic, components, inner_ratio, largest_px)
-    if not len(c.area):
-        return found
+    components = mosaic.components(_largest_px(looks).max(), holed_px)
+    c = _ring_like(mosaic, components, inner_ratio, _largest_px(looks))
     ratio = _ratios(c, inner_ratio)
-    is_bloomed = ratio != inner_ratio
     c, aside = _in_perspective(mosaic, c, ratio, holed_px)
     axes = _axes(c, ratio)
+    return _likeliest(mosaic, c, aside, axes, ratio, inner_ratio)
+
+
+def hole_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Candidate]]:
+    """Return for each look what looks like the hole of a dark ring, the likeliest first.
+
+    Dirt, a leg or a shadow that crosses the outer edge joins a ring to what is dark about it, so
+    that it is no component of its own any more: its hole is still closed.
+
+    Args:
+        looks: as in `ring_candidates`.
+        inner_ratio: the ring's inner over outer diameter.
+    """
+    if not looks:
+        return []
+    mosaic = Mosaic([k.image for k in looks], [~k.segment(k.image) for k in looks])
+    largest_px = inner_ratio * _largest_px(looks)
+    anywhere = np.zeros(len(looks))
+    c = _disc_like(mosaic.components(largest_px.max(), anywhere), largest_px)
+    ratio = np.full(len(c.area), inner_ratio)
+    axes = _axes(c, np.zeros(len(c.area))) / inner_ratio
+    aside = np.zeros((len(c.area), 2))
+    found = _likeliest(mosaic, c, aside, axes, ratio, inner_ratio)
+    return [
+        [k for k in of if k.share >= _MIN_HOLE_SHARE and k.score >= _MIN_HOLE_SCORE] for of in found
+    ]
+
+
+def _largest_px(looks: Sequence[Look]) -> F64:
+    """Return the diameter of the largest ring wanted of each look, (looks,)."""
+    return np.array([min(k.largest_px, _MAX_EXTENT * max(k.image.shape)) for k in looks])
+
+
+def _likeliest(
+    mosaic: Mosaic, c: Components, aside: F64, axes: F64, ratio: F64, inner_ratio: float
+) -> list[list[Candidate]]:
+    """Return for each image which outlines spokes speak for.
+
+    Components and `aside` are as `_in_perspective` has them; of the outlines `axes` (n, 2, 2) and
+    ratio (n,), which is not `inner_ratio` where clipped white has spread.
+    """
+    found: list[list[Candidate]] = [[] for _ in mosaic.heights]
+    if not len(c.area):
+        return found
+    is_bloomed = ratio != inner_ratio
     share, score, white, roughness = _spokes(mosaic, c, aside, axes, ratio)
     centre = np.stack([c.x, c.y], axis=1) + aside
-    axes *= ((1.0 + ratio) / (1.0 + inner_ratio))[:, None, None]
+    axes = axes * ((1.0 + ratio) / (1.0 + inner_ratio))[:, None, None]
     is_shown = (share >= _CLEAR_SHARE) | (score >= _MIN_SCORE)
     is_shown &= ~is_bloomed | (white > _CLIPPED)
     good = np.flatnonzero((share >= _MIN_SHARE) & is_shown & (roughness < _MAX_ROUGHNESS))
@@ -175,6 +219,35 @@ def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
     return found
 
 
+def _disc_like(c: Components, largest_px: F64) -> Components:
+    """Return the components with the shape of a disc below its look's diameter, largest first."""
+    compactness = _compactness(c, 0.0)
+    longer, shorter = _diameters(c, 0.0)
+    good = (
+        (compactness > _MIN_DISC_COMPACTNESS)
+        & (compactness < _MAX_DISC_COMPACTNESS)
+        & (shorter >= _MIN_HOLE_PX)
+        & (shorter * _MAX_ASPECT >= longer)
+        & (longer < largest_px[c.part])
+    )
+    return _largest(c, good)
+
+
+def _diameters(c: Components, k: float) -> tuple[F64, F64]:
+    """Return longer and shorter axes of rings of a ratio with such second moments, (n,), px."""
+    middle, off = 0.5 * (c.xx + c.yy), np.hypot(0.5 * (c.xx - c.yy), c.xy)
+    scale = 16.0 / (1.0 + k * k)
+    longer: F64 = np.sqrt(scale * (middle + off))
+    shorter: F64 = np.sqrt(scale * np.maximum(middle - off, 0.0))
+    return longer, shorter
+
+
+def _largest(c: Components, good: Mask) -> Components:
+    picked = np.flatnonzero(good)
+    largest_first = picked[np.argsort(-c.area[picked], kind="stable")]
+    return c.at(largest_first[:_MAX_COMPONENTS])
+
+
 def _ring_like(mosaic: Mosaic, c: Components, k: float, largest_px: F64) -> Components:
     """Return the components with the shape of a ring below its look's diameter, largest first.
 
@@ -183,10 +256,7 @@ def _ring_like(mosaic: Mosaic, c: Components, k: float, largest_px: F64) -> Comp
     from discs and bars.
     """
     compactness = _compactness(c, k)
-    middle, off = 0.5 * (c.xx + c.yy), np.hypot(0.5 * (c.xx - c.yy), c.xy)
-    scale = 16.0 / (1.0 + k * k)
-    longer = np.sqrt(scale * (middle + off))
-    shorter = np.sqrt(scale * np.maximum(middle - off, 0.0))
+    longer, shorter = _diameters(c, k)
     rows, columns = np.rint(c.y).astype(np.intp), np.rint(c.x).astype(np.intp)
     grey = mosaic.grey(c.part, rows, columns)
     is_bloomed = (compactness > _MIN_BLOOMED_COMPACTNESS) & (grey > _CLIPPED)
@@ -197,9 +267,7 @@ def _ring_like(mosaic: Mosaic, c: Components, k: float, largest_px: F64) -> Comp
         & (shorter * _MAX_ASPECT >= longer)
         & (longer < largest_px[c.part])
     )
-    picked = np.flatnonzero(good)
-    largest_first = picked[np.argsort(-c.area[picked], kind="stable")]
-    return c.at(largest_first[:_MAX_COMPONENTS])
+    return _largest(c, good)
 
 
 def _root(c: Components) -> F64:

@@ -66,6 +66,8 @@ def find_rings(
     ways = _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]
     if any(search.find_clear(looks) for looks in _looks(parts, ways)):
         return search.nearest_first()
+    if search.find_holes([(level, ways[0]) for level in parts[:-1] or parts]):
+        return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
         search.find_hard()

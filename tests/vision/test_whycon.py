@@ -176,6 +176,19 @@ def test_a_thin_leg_across_the_ring(level: float) -> None:
     assert error_m(found[0], view) < 0.02
 
 
+def test_dirt_that_joins_the_ring_to_dark_ground() -> None:
+    view = look(9.0, 20, (320.0, 300.0))
+    image = shot(view, scenes.Optics(black=65.0, background="asphalt"))
+    edge = scenes.outline(view, CAMERA, RING)
+    middle = edge.mean(axis=0)
+    for at in edge[5::30]:
+        ends = [np.rint(middle + k * (at - middle)).astype(int).tolist() for k in (0.95, 1.7)]
+        cv2.line(image, ends[0], ends[1], 75, 7, cv2.LINE_AA)
+    found = find_rings(image, RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.2
+
+
 def test_nothing_is_found_where_nothing_is() -> None:
     rng = np.random.default_rng(3)
     for background in ("fractal", "grass", "asphalt", "plain"):
