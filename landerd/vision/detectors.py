@@ -17,7 +17,7 @@ from landerd.vision.plate_check import PlateCheck
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
-from landerd.vision.ring_search import Refusal
+from landerd.vision.ring_search import Beside, Refusal
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import (
     MIN_SIDE_PX,
@@ -134,7 +134,14 @@ class PixelDetectors:
     ) -> MarkerSighting | None:
         """See `whycon.track_ring`."""
         return track_ring(
-            image, ring, self._camera, position, normal, down=down, response=self._response
+            image,
+            ring,
+            self._camera,
+            position,
+            normal,
+            down=down,
+            response=self._response,
+            vouches=self._plate.voucher(image, ring),
         )
 
     def find_rings(
@@ -160,7 +167,7 @@ class PixelDetectors:
             thorough=thorough,
             work=work,
             response=self._response,
-            refuses=refuses,
+            beside=Beside(refuses, self._plate.voucher(image, ring)),
         )
 
     def track_square(

@@ -20,6 +20,7 @@ from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at, on_plate
 from landerd.vision.plate_template import PlateTemplate, mean_seen, share_seen
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_2d, rotation_from
+from landerd.vision.ring_explained import Vouches
 from landerd.vision.square_pose import square_points
 
 U8 = NDArray[np.uint8]
@@ -89,6 +90,18 @@ class PlateCheck:
             self._is_bare(image, ring, np.array(s.position), np.array(s.normal))
             for s in sighting.solutions
         )
+
+    def voucher(self, image: U8, ring: Ring) -> Vouches | None:
+        """Return what tells whether the whole plate is seen about a ring; None: it cannot be."""
+        template = self._templates.get(ring)
+        if template is None:
+            return None
+
+        def vouches(t: F64, normal: F64, contrast: float) -> bool:
+            axes = rotation_from(normal, any_across(normal))[:, :2]
+            return bool((template.fits(image, self._camera, t, axes, contrast) > _LEAST_FIT).any())
+
+        return vouches
 
     def _is_bare(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool:
         """Tell whether there is no heading under which a ring's pose has the plate beside it."""

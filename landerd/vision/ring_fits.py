@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
-from landerd.vision.ring_explained import explained, has_rings_within, is_toned
+from landerd.vision.ring_explained import Vouches, explained, has_rings_within, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_stages import (
@@ -31,7 +31,11 @@ def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
 
 
 def explained_fits(
-    image: U8, camera: CameraModel, ring: Ring, fits: list[RingFit]
+    image: U8,
+    camera: CameraModel,
+    ring: Ring,
+    fits: list[RingFit],
+    vouches: Vouches | None = None,
 ) -> list[RingFit]:
     """Return the fits of what may be a ring, others where a curve or foreign things hide it.
 
@@ -44,7 +48,7 @@ def explained_fits(
     behind_response = fits_behind_response(image, camera, ring, fit)
     if behind_response:
         return behind_response
-    by_edges = explained(image, camera, ring, fits)
+    by_edges = explained(image, camera, ring, fits, vouches)
     if by_edges is not None:
         return by_edges.fits
     return fits if is_told else []

@@ -13,7 +13,7 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.pyramid import Level
-from landerd.vision.ring_explained import Explained, edge_fits, explained
+from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_pose import F64, poses_through
@@ -47,7 +47,7 @@ from landerd.vision.ring_work import (
 )
 
 U8 = NDArray[np.uint8]
-Refusal = Callable[[MarkerSighting], bool]
+Refusal = Callable[[MarkerSighting], bool]  # tells that a ring is another's
 _Find = Callable[[Sequence[Look], float], list[list[Candidate]]]
 
 # Share of the spokes from which an outline is fitted before all levels are searched: plain rings
@@ -58,6 +58,14 @@ _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows 
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
 _HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
 _EDGE_SHARE = 0.5  # from which edges are looked at
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What lies beside a ring: whether it speaks against it, or for it where its edges do not."""
+
+    refuses: Refusal | None = None
+    vouches: Vouches | None = None
 
 
 @dataclass(frozen=True)
@@ -90,10 +98,11 @@ class RingSearch:
         down: Vec3 | None,
         work: RingWork,
         response: CameraResponse,
-        refuses: Refusal | None,
+        beside: Beside,
     ) -> None:
         self._image, self._ring, self._camera, self._down = image, ring, camera, down
-        self._work, self._response, self._refuses = work, response, refuses
+        self._work, self._response = work, response
+        self._refuses, self._vouches = beside.refuses, beside.vouches
         self._later: list[_Try] = []
         self._doubtful: list[_Doubtful] = []
         self._level_found: Level | None = None
@@ -173,7 +182,7 @@ class RingSearch:
             if not fits:
                 if not self._work.affords(EDGE_COST):
                     break
-                by_edges = explained(self._image, self._camera, self._ring, one.fits)
+                by_edges = explained(self._image, self._camera, self._ring, one.fits, self._vouches)
                 self._work.leave_unexplained(one.place)
                 unclear = unclear or by_edges
                 fits = by_edges.fits if by_edges is not None and by_edges.is_toned else []
@@ -255,7 +264,7 @@ class RingSearch:
         response = self._response.response
         fits = full_fits(self._image, self._camera, self._ring, rough, reduction, response)
         if fits and is_ours(self._image, self._camera, self._ring, fits[0]):
-            fits = explained_fits(self._image, self._camera, self._ring, fits)
+            fits = explained_fits(self._image, self._camera, self._ring, fits, self._vouches)
             return self._reported(one, fits)
         is_dark = bool(fits) and is_dark_in_white(fits[0])
         if is_dark and tells_ratio(fits[0], self._ring):
@@ -283,7 +292,7 @@ class RingSearch:
             return False
         rays = one.level.camera.rays(one.candidate.outline.points())
         starts = poses_through(rays, self._ring.radius_m)
-        fits = edge_fits(self._image, self._camera, self._ring, starts or [])
+        fits = edge_fits(self._image, self._camera, self._ring, starts or [], self._vouches)
         return self._reported(one, fits)
 
     def _clearly_hidden(self, place: Place, fits: list[RingFit]) -> list[RingFit]:
@@ -293,7 +302,7 @@ class RingSearch:
             return self._behind_response(fits[0])
         if not self._work.affords(EDGE_COST):
             return []
-        by_edges = explained(self._image, self._camera, self._ring, fits)
+        by_edges = explained(self._image, self._camera, self._ring, fits, self._vouches)
         if by_edges is None:
             self._work.leave_unexplained(place)
         return [] if by_edges is None else by_edges.fits

@@ -1,6 +1,6 @@
 """WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ from landerd.pad import Ring
 from landerd.vision.patch import whole_in_picture
 from landerd.vision.pyramid import SMALL_PX, Level, levels
 from landerd.vision.ring_edges import moved_px, points_on
-from landerd.vision.ring_explained import edge_fits
+from landerd.vision.ring_explained import Vouches, edge_fits
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, remember
 from landerd.vision.ring_pose import F64, Pose
 from landerd.vision.ring_response import CameraResponse
-from landerd.vision.ring_search import Refusal, RingSearch
+from landerd.vision.ring_search import Beside, RingSearch
 from landerd.vision.ring_segment import Segmentation, dark_by_mean, dark_by_range
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import TRACKED_BAND_PX, expected_poses, tracked_fits
@@ -27,8 +27,11 @@ from landerd.vision.window import Window
 U8 = NDArray[np.uint8]
 
 # How a search looks for what is dark: at first the way that sees most rings, in a thorough one the
-# others too, where they are cheap (rings from 48 px on the finest level's side).
-_SEGMENTATIONS = (dark_by_range, dark_by_mean(0.86), dark_by_mean(0.55))
+# others too, where they are cheap (rings from 48 px on the finest level's side). The largest rings
+# need a wide mean; in leaf shade as fine as the stroke a narrow one shows more.
+_FIRST = dark_by_range
+_OTHERS_LARGEST = (dark_by_mean(0.86), dark_by_mean(0.55))
+_OTHERS = (dark_by_mean(0.9, 13), dark_by_mean(0.55))
 
 
 def find_rings(
@@ -42,7 +45,7 @@ def find_rings(
     thorough: bool = True,
     work: RingWork | None = None,
     response: CameraResponse | None = None,
-    refuses: Refusal | None = None,
+    beside: Beside | None = None,
 ) -> list[MarkerSighting]:
     """Return the rings seen in an image, or in a window of it, nearest first.
 
@@ -57,16 +60,17 @@ def find_rings(
         thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
         work: what remembers where the search of the image before was cut short; None: nothing does.
         response: what remembers the camera's; None: nothing does.
-        refuses: tells that a ring is another's; the search then goes on.
+        beside: tells that a ring is another's, the search then goes on, or that the pad's plate is
+            about one whose edges alone do not tell it; None: nothing does.
     """
     work = work or RingWork()
     work.begin()
-    search = RingSearch(image, ring, camera, down, work, response or CameraResponse(), refuses)
+    response = response or CameraResponse()
+    search = RingSearch(image, ring, camera, down, work, response, beside or Beside())
     parts = list(levels(image, camera, window, expected_diameter_px))
-    ways = _SEGMENTATIONS if thorough else _SEGMENTATIONS[:1]
-    if any(search.find_clear(looks) for looks in _looks(parts, ways)):
+    if any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough)):
         return search.nearest_first()
-    if search.find_holes([(level, ways[0]) for level in parts[:-1] or parts]):
+    if search.find_holes([(level, _FIRST) for level in parts[:-1] or parts]):
         return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
@@ -74,18 +78,17 @@ def find_rings(
     return search.nearest_first()
 
 
-def _looks(
-    parts: list[Level], ways: Sequence[Segmentation]
-) -> Iterator[list[tuple[Level, Segmentation]]]:
+def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:
     """Yield what is looked at at once, the cheapest first: no more than shows a ring is."""
-    first, *others = ways
     # All ways in the coarsest level take less time than one in the finest.
-    yield [(level, first) for level in parts[:1]]
-    yield [(level, way) for way in others for level in parts[:1]]
+    yield [(level, _FIRST) for level in parts[:1]]
+    if thorough:
+        yield [(level, way) for way in _OTHERS_LARGEST for level in parts[:1]]
     coarse = [level for level in parts[1:] if level.largest_px > SMALL_PX]
-    yield [(level, first) for level in coarse]
-    yield [(level, first) for level in parts[1:] if level.largest_px <= SMALL_PX]
-    yield [(level, way) for way in others for level in coarse]
+    yield [(level, _FIRST) for level in coarse]
+    yield [(level, _FIRST) for level in parts[1:] if level.largest_px <= SMALL_PX]
+    if thorough:
+        yield [(level, way) for way in _OTHERS for level in coarse]
 
 
 def track_ring(
@@ -97,6 +100,7 @@ def track_ring(
     *,
     down: Vec3 | None = None,
     response: CameraResponse | None = None,
+    vouches: Vouches | None = None,
 ) -> MarkerSighting | None:
     """Return the ring that is where it was expected, to a few pixels; None if it is not there.
 
@@ -111,18 +115,19 @@ def track_ring(
         normal: into the pad, unit vector, camera frame, (3,).
         down: unit vector of gravity, camera frame.
         response: what remembers the camera's; None: nothing does.
+        vouches: tells that the pad's plate is about a ring whose edges alone do not tell it.
     """
     response = response or CameraResponse()
     expected = (position, normal)
     starts = expected_poses(ring, expected, down)
     fits: list[RingFit] = []
     if response.pictures_by_edges:
-        fits = edge_fits(image, camera, ring, starts)
+        fits = edge_fits(image, camera, ring, starts, vouches)
     if not fits:
-        fits = _by_grey(image, ring, camera, starts, response)
+        fits = _by_grey(image, ring, camera, starts, response, vouches)
     if not fits and not response.pictures_by_edges:
         # Shadows may have led the fit to grey levels away from where the edges are.
-        fits = edge_fits(image, camera, ring, starts)
+        fits = edge_fits(image, camera, ring, starts, vouches)
     if not fits:
         return None
     remember(response, fits[0])
@@ -130,7 +135,12 @@ def track_ring(
 
 
 def _by_grey(
-    image: U8, ring: Ring, camera: CameraModel, starts: list[Pose], response: CameraResponse
+    image: U8,
+    ring: Ring,
+    camera: CameraModel,
+    starts: list[Pose],
+    response: CameraResponse,
+    vouches: Vouches | None,
 ) -> list[RingFit]:
     """Return the fits near expected poses, best first; empty if they are no ring's."""
     fits = tracked_fits(image, camera, ring, starts, response.response)
@@ -139,8 +149,8 @@ def _by_grey(
     is_far = moved_px(camera, ring, starts[0], _pose(fits[0])) > TRACKED_BAND_PX
     if is_far and whole_in_picture(camera, points_on(ring, _pose(fits[0]))) is None:
         # Of a ring that is cut, few of the pixels that it was fitted to are where it is now.
-        return edge_fits(image, camera, ring, [_pose(f) for f in fits])
-    return explained_fits(image, camera, ring, fits)
+        return edge_fits(image, camera, ring, [_pose(f) for f in fits], vouches)
+    return explained_fits(image, camera, ring, fits, vouches)
 
 
 def _pose(fit: RingFit) -> Pose:
