@@ -78,6 +78,7 @@ class EdgeFit:
     # Of white over the black beside it, edge by edge, whatever the light: outer and inner ones.
     contrast: tuple[float, float]  # grey levels
     depth: tuple[float, float]  # share of the white
+    uneven: float  # how much the light changes about the ring: four fifths of the white, over it
 
 
 @dataclass(frozen=True)
@@ -352,7 +353,16 @@ def _judged(
         levels=levels,
         contrast=(contrast[0], contrast[1]),
         depth=(depth[0], depth[1]),
+        uneven=_uneven(edges.levels[0, 1][seen[0]]),
     )
+
+
+def _uneven(white: F64) -> float:
+    """Return how far four fifths of some levels reach, over their middle."""
+    if not len(white):
+        return 0.0
+    low, middle, high = np.percentile(white, (10.0, 50.0, 90.0))
+    return float(high - low) / max(float(middle), 1.0)
 
 
 def _median(values: F64, where: Mask) -> float:

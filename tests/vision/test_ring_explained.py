@@ -225,3 +225,23 @@ def test_a_target_of_several_rings_is_none_of_ours() -> None:
     image = np.full((CAMERA.height, CAMERA.width), 235, np.uint8)
     image[100:300, 200:400] = small
     assert find_rings(image, RING, CAMERA) == []
+
+
+def test_a_soft_shadow_moves_edges_by_no_more_than_sigma_tells() -> None:
+    inside = 0
+    for seed in range(12):
+        rng = np.random.default_rng([7, seed])
+        view = scenes.random_view(rng, CAMERA, rng.uniform(7.0, 12.0), rng.uniform(0, 0.7), RING)
+        assert view is not None
+        x, y = CAMERA.pixels(np.array([view.position]))[0]
+        turn = rng.uniform(0.0, 2.0 * math.pi)
+        px_per_m = CAMERA.fx / view.position[2]
+        rows, columns = np.mgrid[: CAMERA.height, : CAMERA.width]
+        across = (columns - x) * math.cos(turn) + (rows - y) * math.sin(turn)
+        shadow = 0.2 + 0.8 / (1.0 + np.exp(-(across / px_per_m + 0.25) / 0.1))
+        found = find_rings(picture(light(view) * shadow), RING, CAMERA)
+        assert len(found) == 1
+        pose = found[0].solutions[0]
+        error = np.array(pose.position) - view.position
+        inside += float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
+    assert inside >= 11
