@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import IDENTITY, Vec3, add, matscale
+from landerd.geometry import IDENTITY, Vec3, add, matscale, sub
 from landerd.guidance.states import State
 from landerd.messages import Attitude, LocalPosition, Phase, Setpoint
 from landerd.pad import PadLayout
@@ -205,6 +205,41 @@ def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
     assert len(flight.setpoints) == flown
     assert len(flight.pressed) > levelled + 20
     assert flight.pressed[-1].heading == pytest.approx(0.6, abs=0.01)
+
+
+def test_levelled_after_a_release_it_stays_so_as_it_rocks() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pulse_us = LOW
+    flight.pitch_rate = 0.8
+    flight.run(0.4)
+    flight.pitch_rate = 0.0
+    while not flight.pressed:
+        assert flight.lander.state is State.STANDING
+        flight.tick()
+    flown = len(flight.setpoints)
+    flight.pitch_rate = 0.8  # as its thrust goes; given back, it threw the vehicle off its feet
+    flight.run(0.1)
+    flight.pitch_rate = 0.0
+    flight.run(0.2)
+    assert len(flight.setpoints) == flown
+
+
+@pytest.mark.parametrize("heave", [-0.3, 0.3])
+def test_released_as_it_stands_on_a_fast_deck_that_heaves_it_stays_there(heave: float) -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, heave))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pulse_us = LOW
+    feet_over_pad = sub(flight.position, flight.pad)
+    while flight.lander.state is not State.STANDING:
+        assert flight.lander.state in (State.ON_PAD, State.LEAVING)
+        flight.tick()
+        # Told to climb, its thrust is not there yet.
+        flight.position, flight.velocity = add(flight.pad, feet_over_pad), flight.pad_velocity
+    flight.run(0.5)
+    assert flight.pressed
 
 
 def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
