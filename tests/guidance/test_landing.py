@@ -351,6 +351,25 @@ def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m:
     assert flight.phases[-1] is Phase.LANDED
 
 
+def test_a_landing_that_begins_on_a_pad_just_come_in_sight_does_not_take_off() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.armed = False
+    to(flight, State.SILENT)
+    flight.armed = True
+    flight.visible = False
+    flight.pulse_us = LOW
+    flight.run(3.0)
+    flight.pulse_us = HIGH
+    flight.run(0.5)
+    flight.visible = True
+    begun = len(flight.setpoints)
+    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    flight.run(0.5)
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+
+
 @pytest.mark.parametrize("brake_mps2", [2.0, 4.0])
 def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     brake_mps2: float,
