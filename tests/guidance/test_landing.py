@@ -7,7 +7,7 @@ import pytest
 from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import IDENTITY, Vec3, add, matscale, sub
 from landerd.guidance.states import State
-from landerd.messages import Attitude, LocalPosition, Phase, Setpoint
+from landerd.messages import Attitude, LocalPosition, Phase, PressDown, Setpoint
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -175,6 +175,20 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     flight.run(0.5)
     assert len(flight.setpoints) == climbs
     assert len(flight.pressed) > levelled
+
+
+def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8
+    flight.run(0.4)
+    flight.pitch_rate = 0.0
+    while not flight.pressed:
+        flight.tick()
+        orders = flight.lander.last_orders
+        assert orders is not None
+        assert orders.away is not None or orders.then == PressDown(flight.yaw)
 
 
 def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() -> None:
