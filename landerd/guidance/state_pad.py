@@ -343,6 +343,8 @@ def _level_due(
         v_north, v_east, sink_rate = vehicle.velocity
         slip = math.hypot(v_north - north, v_east - east)
         roll_pitch_rate = vehicle.roll_pitch_rate
+        if touchdown.is_level and roll_pitch_rate > MAX_ROLL_PITCH_RATE:
+            sink_rate = 0.0  # it falls onto its other feet, about those that stand
         tips = context.is_carried and touchdown.leans_more(vehicle.tilt)
     return touchdown.level_due(
         step.now,

@@ -221,6 +221,27 @@ def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
     assert flight.pressed[-1].heading == pytest.approx(0.6, abs=0.01)
 
 
+def test_levelled_on_an_edge_it_falls_onto_its_feet_without_thrust() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    while not flight.pressed:
+        flight.tick()
+    middle = add(flight.position, (0.0, 0.0, -0.04))
+
+    def sinks(seconds: float) -> list[Setpoint]:
+        flown = len(flight.setpoints)
+        for _ in range(round(seconds / DT)):
+            flight.position, flight.velocity = middle, (0.0, 0.0, 0.3)
+            flight.tick()
+        return [setpoint for _, setpoint in flight.setpoints[flown:]]
+
+    flight.pitch_rate = 2.0
+    assert sinks(0.1) == []
+    flight.pitch_rate = 0.0
+    assert sinks(0.1) != []  # what sinks without turning is in the air
+
+
 def test_levelled_after_a_release_it_stays_so_as_it_rocks() -> None:
     flight = Flight()
     flight.detects_landing = False
