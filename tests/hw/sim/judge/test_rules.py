@@ -719,10 +719,15 @@ def test_4_it_stands_level_only_on_the_pad_and_not_at_once(
     assert [text[: len(rule or "")] for text in court.broken] == ([rule] if rule else [])
 
 
-@pytest.mark.parametrize(("slip_mps", "broken"), [(0.2, False), (0.4, True)])
-def test_4_it_stands_level_only_when_it_does_not_slide(slip_mps: float, broken: bool) -> None:
+@pytest.mark.parametrize(
+    ("slip_mps", "foot_mps", "broken"),
+    [(0.2, 0.2, False), (0.4, 0.4, True), (0.4, 0.0, False)],  # the last falls onto its feet
+)
+def test_4_it_stands_level_only_when_it_does_not_slide(
+    slip_mps: float, foot_mps: float, broken: bool
+) -> None:
     court = Court()
-    court.truth = replace(ON_PAD, slip=slip_mps)
+    court.truth = replace(ON_PAD, slip=slip_mps, foot_slip=foot_mps)
     court.fly(0.7, SINK)
     court.level(0.1)
     rule = "4: level and without thrust while it slides"
