@@ -18,7 +18,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import Searching, Tracking
 from landerd.guidance.state_pad import Committed, Leaving, OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
-from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
+from landerd.guidance.states import HAND_BACKS, LANDED, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
 from landerd.messages import Command, Landed, Phase, PressDown, Setpoint, Severity
 from landerd.pad import PadLayout
@@ -176,7 +176,9 @@ class Landing:
         state = TRANSITIONS[self.state].get(event)
         if state is None:
             return step
-        if event in OUTCOMES:
+        if event in LANDED:  # also where that was confirmed late
+            self._context.outcome = OUTCOMES[event]
+        elif event in OUTCOMES:
             self._context.finish(OUTCOMES[event])
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:
