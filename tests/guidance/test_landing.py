@@ -6,6 +6,7 @@ import pytest
 
 from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import IDENTITY, Vec3, add, matscale, sub
+from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
 from landerd.messages import Attitude, LocalPosition, Phase, PressDown, Setpoint
 from landerd.pad import PadLayout
@@ -134,6 +135,18 @@ def test_it_sinks_no_faster_than_a_gentle_autopilot_can_stop_should_landerd_die(
         sinks = flight.setpoints[-1][1].velocity[2]
         left_m = max(0.0, flight.height - sinks * config.autopilot.guided_timeout_s)
         assert sinks**2 - 2.0 * 0.4 * left_m < 0.5**2  # design rule 2
+
+
+def test_it_leaves_room_for_a_deck_that_may_come_up_as_far_as_is_known() -> None:
+    autopilot = {"guided_timeout_s": 1.0, "vertical_acceleration_mps2": 1.0}
+    config = Config.model_validate({"autopilot": autopilot})
+    flight = Flight(config=config, position=(0.2, 0.0, -5.0))
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    flight.engaged()
+    while flight.height > 0.5:
+        flight.tick()
+        safe = safe_sink_rate(flight.height, 0.0, 1.0, 1.0)  # over one that surely stands
+        assert flight.height > 2.0 or flight.setpoints[-1][1].velocity[2] < safe - 0.05
 
 
 def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:
