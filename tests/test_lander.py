@@ -565,6 +565,10 @@ def test_without_on_ground_it_stands_level_and_the_pilot_is_told() -> None:
     assert flight.run(2.0) == []
     assert len(flight.pressed) == 80  # at the rate of set-points
     assert flight.pressed[-1].heading == pytest.approx(flight.yaw, abs=0.01)
+    flight.detects_landing = True  # late, as after a pad that braked for seconds
+    flight.run(1.0)
+    assert flight.lander.outcome == "landed"
+    assert said(flight, "landed and disarmed")
 
 
 @pytest.mark.parametrize("pad_velocity", [(0.0, 0.0, 0.0), (2.0, 1.0, 0.0)])

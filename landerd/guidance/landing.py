@@ -18,7 +18,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.state_flying import Searching, Tracking
 from landerd.guidance.state_pad import Committed, Leaving, OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
-from landerd.guidance.states import HAND_BACKS, OUTCOMES, TRANSITIONS, Event, State
+from landerd.guidance.states import HAND_BACKS, LANDED, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
 from landerd.messages import Command, Landed, Phase, PressDown, Setpoint, Severity
 from landerd.pad import PadLayout
@@ -134,6 +134,9 @@ class Landing:
         release_s = self._context.options.release_s
         if isinstance(ordered[-1], PressDown):
             return LastOrders(None, 0.0, ordered[-1], release_s)
+        attitude = self._context.estimator.poses.attitude.newest
+        if self.stands and attitude is not None:  # as STANDING has it
+            return LastOrders(None, 0.0, PressDown(attitude[1][2]), release_s)
         away = None
         if self._must_leave():
             north, east, _ = ordered[-1].velocity  # the pad's, and no jump to it
@@ -173,7 +176,9 @@ class Landing:
         state = TRANSITIONS[self.state].get(event)
         if state is None:
             return step
-        if event in OUTCOMES:
+        if event in LANDED:  # also where that was confirmed late
+            self._context.outcome = OUTCOMES[event]
+        elif event in OUTCOMES:
             self._context.finish(OUTCOMES[event])
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:

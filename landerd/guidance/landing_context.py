@@ -179,6 +179,13 @@ class LandingContext:
         """Tell whether it is seen to have rested on the pad for some time."""
         return now - self._rests_since >= RESTS_S
 
+    def may_rest(self, now: float) -> bool:
+        """Tell whether it may rest on the pad, seen so for too short a time to know.
+
+        A landing does not begin yet then: taken to fly low over the pad, it was told to climb.
+        """
+        return self._rests_since < math.inf and not self.rests(now)
+
     def stands(self, now: float) -> bool:
         """Tell whether it rests so and was not told to climb: its thrust comes late.
 

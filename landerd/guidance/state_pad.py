@@ -244,7 +244,7 @@ class Leaving:
         self._in_sight = in_sight
         self._waving_off = WavingOff(context)
         self._began = -math.inf
-        self._rests_since = math.inf  # neither sinks nor climbs
+        self._rests_since = math.inf  # goes with the pad
 
     def enter(self, step: ControlStep) -> None:
         """Begin to climb."""
@@ -263,12 +263,12 @@ class Leaving:
         return Event.STANDS if stands else self._waving_off.order(step)
 
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
-        """Tell whether it neither sinks nor climbs, nor slides across the pad as last known."""
+        """Tell whether it goes with the pad as last known: neither up nor down nor across."""
         pad = self._context.estimator.pad(now)
         below = pad.velocity if pad is not None else self._context.pad_velocity
-        slip = horizontal(sub(vehicle.velocity, below))
-        slides = slip > self._context.options.descent.commit_slip_mps
-        return abs(vehicle.velocity[2]) < RESTS_MPS and not slides
+        over = sub(vehicle.velocity, below)
+        slides = horizontal(over) > self._context.options.descent.commit_slip_mps
+        return abs(over[2]) < RESTS_MPS and not slides
 
     def _note_contact(self, now: float, vehicle: VehicleState) -> None:
         context = self._context
@@ -315,19 +315,24 @@ def _stand_level(
         # What stands there stays: to give it thrust for want of data threw it off a fast pad.
         context.orders.stand_level(None, context.pad_velocity)
         return True
-    level = _level_due(context, touchdown, step, vehicle)
+    level = _level_due(context, touchdown, step, vehicle, released=released)
     if vehicle is None:
         return False
     if not touchdown.stands:
         context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
-    if not (level or (released and touchdown.stands)):
+    if not level:
         return False
     context.orders.stand_level(vehicle.yaw, context.pad_velocity)
     return True
 
 
 def _level_due(
-    context: LandingContext, touchdown: Touchdown, step: ControlStep, vehicle: VehicleState | None
+    context: LandingContext,
+    touchdown: Touchdown,
+    step: ControlStep,
+    vehicle: VehicleState | None,
+    *,
+    released: bool = False,
 ) -> bool:
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
     down = sink_rate = slip = roll_pitch_rate = math.inf
@@ -338,6 +343,8 @@ def _level_due(
         v_north, v_east, sink_rate = vehicle.velocity
         slip = math.hypot(v_north - north, v_east - east)
         roll_pitch_rate = vehicle.roll_pitch_rate
+        if touchdown.is_level and roll_pitch_rate > MAX_ROLL_PITCH_RATE:
+            sink_rate = 0.0  # it falls onto its other feet, about those that stand
         tips = context.is_carried and touchdown.leans_more(vehicle.tilt)
     return touchdown.level_due(
         step.now,
@@ -349,4 +356,5 @@ def _level_due(
         context.heave(step.now),
         context.landed,
         tips=tips,
+        released=released,
     )

@@ -20,7 +20,7 @@ class Silent:
         """Order nothing, and say why."""
         context = self._context
         if step.granted and context.sight(step) is not None:
-            return Event.PAD_IN_SIGHT
+            return None if context.may_rest(step.now) else Event.PAD_IN_SIGHT
         why = context.why_blind(step.now) if step.granted else step.why
         context.orders.enter(Phase.NOT_LANDING, why)
         return None

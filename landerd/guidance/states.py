@@ -62,6 +62,8 @@ HAND_BACKS = (
     Event.TOOK_TOO_LONG,
 )
 
+LANDED = (Event.DISARMED, Event.DISARMED_OFF_PAD, Event.DISARMED_TIPPED)
+
 # Whatever it flies: released, it stops first, where need be after leaving the pad; silenced, not
 # even that may be sent (rule 1a).
 _FLYING = {
@@ -142,7 +144,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
 }
 
 # How a landing ends by an event. The first outcome of a landing is kept: what follows (after a
-# hand-back the release) is its consequence. `touchdown_unconfirmed` is no end: see OnPad.
+# hand-back the release) is its consequence. `touchdown_unconfirmed` is no end (see OnPad): it may
+# be confirmed yet.
 OUTCOMES: Mapping[Event, str] = {
     Event.DISARMED: "landed",
     Event.DISARMED_OFF_PAD: "landed_off_pad",

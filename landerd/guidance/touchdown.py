@@ -207,6 +207,7 @@ class Touchdown:
         landed: Landed,
         *,
         tips: bool = False,
+        released: bool = False,
     ) -> bool:
         """Tell whether to stand level without thrust rather than to go with the pad.
 
@@ -226,6 +227,7 @@ class Touchdown:
             heave: of the pad downward as far as is known, and its standard deviation, m/s.
             landed: what the autopilot's land detector says.
             tips: the pad takes it along, and thrust tips it over.
+            released: landerd may not fly on, and what stands is pressed down no longer.
         """
         sinks, sigma = heave
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
@@ -243,8 +245,9 @@ class Touchdown:
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
-        late = waited > LEVEL_AT_LATEST_S or tips_over or (stands and still_s >= LEVEL_STILL_S)
-        due = self._level or (late and landed is not Landed.ON_GROUND)
+        stays = stands and (released or still_s >= LEVEL_STILL_S)
+        late = waited > LEVEL_AT_LATEST_S or tips_over or stays
+        due = self._level or (late and (released or landed is not Landed.ON_GROUND))
         self._level = due and now - self._slow_since >= CONTACT_S
         self.stands = stands or self._level or self._confirmed(now, landed)
         return self._level

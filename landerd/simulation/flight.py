@@ -304,7 +304,8 @@ class Simulation:
         over_t = self.score.disarm_t
         if over_t is None:
             return False
-        return bool(self.daemon.lander.outcome) or now > over_t + AFTER_LANDING_S
+        is_told = self.daemon.lander.outcome not in (None, "touchdown_unconfirmed")
+        return is_told or now > over_t + AFTER_LANDING_S
 
     def flown(self) -> Flown:
         """Return what the result is made of, once the flight is over."""

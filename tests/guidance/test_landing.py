@@ -5,9 +5,10 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import IDENTITY, Vec3, add, matscale
+from landerd.geometry import IDENTITY, Vec3, add, matscale, sub
+from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
-from landerd.messages import Attitude, LocalPosition, Phase, Setpoint
+from landerd.messages import Attitude, LocalPosition, Phase, PressDown, Setpoint
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -136,6 +137,18 @@ def test_it_sinks_no_faster_than_a_gentle_autopilot_can_stop_should_landerd_die(
         assert sinks**2 - 2.0 * 0.4 * left_m < 0.5**2  # design rule 2
 
 
+def test_it_leaves_room_for_a_deck_that_may_come_up_as_far_as_is_known() -> None:
+    autopilot = {"guided_timeout_s": 1.0, "vertical_acceleration_mps2": 1.0}
+    config = Config.model_validate({"autopilot": autopilot})
+    flight = Flight(config=config, position=(0.2, 0.0, -5.0))
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    flight.engaged()
+    while flight.height > 0.5:
+        flight.tick()
+        safe = safe_sink_rate(flight.height, 0.0, 1.0, 1.0)  # over one that surely stands
+        assert flight.height > 2.0 or flight.setpoints[-1][1].velocity[2] < safe - 0.05
+
+
 def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
@@ -177,6 +190,20 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
+def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8
+    flight.run(0.4)
+    flight.pitch_rate = 0.0
+    while not flight.pressed:
+        flight.tick()
+        orders = flight.lander.last_orders
+        assert orders is not None
+        assert orders.away is not None or orders.then == PressDown(flight.yaw)
+
+
 def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() -> None:
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
     to(flight, State.COMMITTED)
@@ -205,6 +232,62 @@ def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
     assert len(flight.setpoints) == flown
     assert len(flight.pressed) > levelled + 20
     assert flight.pressed[-1].heading == pytest.approx(0.6, abs=0.01)
+
+
+def test_levelled_on_an_edge_it_falls_onto_its_feet_without_thrust() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    while not flight.pressed:
+        flight.tick()
+    middle = add(flight.position, (0.0, 0.0, -0.04))
+
+    def sinks(seconds: float) -> list[Setpoint]:
+        flown = len(flight.setpoints)
+        for _ in range(round(seconds / DT)):
+            flight.position, flight.velocity = middle, (0.0, 0.0, 0.3)
+            flight.tick()
+        return [setpoint for _, setpoint in flight.setpoints[flown:]]
+
+    flight.pitch_rate = 2.0
+    assert sinks(0.1) == []
+    flight.pitch_rate = 0.0
+    assert sinks(0.1) != []  # what sinks without turning is in the air
+
+
+def test_levelled_after_a_release_it_stays_so_as_it_rocks() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pulse_us = LOW
+    flight.pitch_rate = 0.8
+    flight.run(0.4)
+    flight.pitch_rate = 0.0
+    while not flight.pressed:
+        assert flight.lander.state is State.STANDING
+        flight.tick()
+    flown = len(flight.setpoints)
+    flight.pitch_rate = 0.8  # as its thrust goes; given back, it threw the vehicle off its feet
+    flight.run(0.1)
+    flight.pitch_rate = 0.0
+    flight.run(0.2)
+    assert len(flight.setpoints) == flown
+
+
+@pytest.mark.parametrize("heave", [-0.3, 0.3])
+def test_released_as_it_stands_on_a_fast_deck_that_heaves_it_stays_there(heave: float) -> None:
+    flight = Flight(pad_velocity=(1.0, 0.0, heave))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pulse_us = LOW
+    feet_over_pad = sub(flight.position, flight.pad)
+    while flight.lander.state is not State.STANDING:
+        assert flight.lander.state in (State.ON_PAD, State.LEAVING)
+        flight.tick()
+        # Told to climb, its thrust is not there yet.
+        flight.position, flight.velocity = add(flight.pad, feet_over_pad), flight.pad_velocity
+    flight.run(0.5)
+    assert flight.pressed
 
 
 def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
@@ -314,6 +397,25 @@ def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m:
     flight.run(0.5)
     assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
     assert flight.phases[-1] is Phase.LANDED
+
+
+def test_a_landing_that_begins_on_a_pad_just_come_in_sight_does_not_take_off() -> None:
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.armed = False
+    to(flight, State.SILENT)
+    flight.armed = True
+    flight.visible = False
+    flight.pulse_us = LOW
+    flight.run(3.0)
+    flight.pulse_us = HIGH
+    flight.run(0.5)
+    flight.visible = True
+    begun = len(flight.setpoints)
+    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    flight.run(0.5)
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
 
 
 @pytest.mark.parametrize("brake_mps2", [2.0, 4.0])

@@ -87,7 +87,7 @@ class Evidence:
         touching_since: since when but for bounces.
         touches_now: this order is the first one since the touch.
         levelled: landerd has ordered to stand level since the touch.
-        on_ground_t: when the autopilot first said ON_GROUND since it last flew.
+        on_ground_t: since when the autopilot says ON_GROUND.
         disarm_t: the last order to disarm.
         blind_since: since when sight or data are too old to fly on.
         stale_t: when data were last too old to fly on, or frozen.
@@ -195,9 +195,11 @@ class Evidence:
             self._content[what] = content
             self._measured[what] = max(t, self._measured.get(what, -math.inf))
 
-    def on_ground(self, t: float) -> None:
-        """The autopilot says ON_GROUND."""
-        if self.on_ground_t is None:
+    def on_landed_state(self, t: float, *, on_ground: bool) -> None:
+        """The autopilot says ON_GROUND, or takes it back."""
+        if not on_ground:
+            self.on_ground_t = None
+        elif self.on_ground_t is None:
             self.on_ground_t = t
 
     def tell(self, t: float, text: str) -> None:

@@ -111,11 +111,9 @@ class Rules:
             evidence.on_measured("gimbal", left_t, left_t)
         elif kind == mavlink.MAVLINK_MSG_ID_TIMESYNC and m.tc1:
             evidence.on_boot_time(t, 1e-9 * m.tc1)
-        elif (
-            kind == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
-            and m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
-        ):
-            evidence.on_ground(t)
+        elif kind == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+            on_ground = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+            evidence.on_landed_state(t, on_ground=on_ground)
         if "time_boot_ms" in m.fieldnames:
             evidence.on_boot_time(t, 1e-3 * m.time_boot_ms)
 

@@ -227,7 +227,9 @@ def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _level_sliding(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return o.level and bool(o.truth.feet_down) and o.truth.slip > b.ride_mps
+    # What falls from an edge onto its other feet turns about a foot that stands.
+    slip = min(o.truth.slip, o.truth.foot_slip)
+    return o.level and bool(o.truth.feet_down) and slip > b.ride_mps
 
 
 def _not_level(e: Evidence, o: Order, b: RuleBounds) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from hw.sim.physics.response import STEP_S
 from hw.sim.physics.world import Airframe, World
-from landerd.geometry import Vec3, add, cross, rot_zyx, rotate, scale, sub
+from landerd.geometry import Vec3, add, cross, horizontal, rot_zyx, rotate, scale, sub
 from landerd.pad import Plate
 
 STANDS_M = 0.01  # so close to the plate a foot stands on it: gusts take the load off some by turns
@@ -24,6 +24,7 @@ class Truth:
     pad_velocity: Vec3  # of the plate where the feet's centre is over it, m/s
     feet_down: int
     slip: float = 0.0  # speed of the vehicle across the plate, m/s
+    foot_slip: float = 0.0  # of its lowest foot, about which it may turn meanwhile, m/s
     misses: bool = False  # going on like this it touches with a foot beside the plate
     on_plate: bool = False  # all four feet stand on it
     landing_point: Vec3 = (0.0, 0.0, 0.0)  # local, m
@@ -90,6 +91,7 @@ class Feet:
             pad_velocity=world.pad.velocity_at(world.footprint_centre),
             feet_down=sum(world.vehicle.feet),
             slip=math.hypot(across[0], across[1]),
+            foot_slip=horizontal(self.touching_velocity()),
             misses=not self.over_plate(ahead=ahead),
             on_plate=self.over_plate(STANDS_M),
             landing_point=world.pad.position,

@@ -719,10 +719,15 @@ def test_4_it_stands_level_only_on_the_pad_and_not_at_once(
     assert [text[: len(rule or "")] for text in court.broken] == ([rule] if rule else [])
 
 
-@pytest.mark.parametrize(("slip_mps", "broken"), [(0.2, False), (0.4, True)])
-def test_4_it_stands_level_only_when_it_does_not_slide(slip_mps: float, broken: bool) -> None:
+@pytest.mark.parametrize(
+    ("slip_mps", "foot_mps", "broken"),
+    [(0.2, 0.2, False), (0.4, 0.4, True), (0.4, 0.0, False)],  # the last falls onto its feet
+)
+def test_4_it_stands_level_only_when_it_does_not_slide(
+    slip_mps: float, foot_mps: float, broken: bool
+) -> None:
     court = Court()
-    court.truth = replace(ON_PAD, slip=slip_mps)
+    court.truth = replace(ON_PAD, slip=slip_mps, foot_slip=foot_mps)
     court.fly(0.7, SINK)
     court.level(0.1)
     rule = "4: level and without thrust while it slides"
@@ -739,7 +744,14 @@ def test_an_order_on_its_way_when_the_motors_stop_is_no_touch_down() -> None:
     assert court.broken == []
 
 
-def lands(c: Court, *, says: bool = True, disarms_after_s: float = 0.2, feet: int = 4) -> None:
+def lands(
+    c: Court,
+    *,
+    says: bool = True,
+    disarms_after_s: float = 0.2,
+    feet: int = 4,
+    disarms: bool = True,
+) -> None:
     c.truth = ON_PAD
     c.fly(0.7, SINK)
     c.level(0.5)
@@ -748,7 +760,8 @@ def lands(c: Court, *, says: bool = True, disarms_after_s: float = 0.2, feet: in
     if feet < 4:
         c.truth = replace(OVER_PAD, height=0.15)
         c.fly(0.3, SINK)
-    c.disarm()
+    if disarms:
+        c.disarm()
 
 
 @pytest.mark.parametrize(
@@ -765,6 +778,17 @@ def test_4_it_disarms_on_the_ground_and_not_before(trace: Trace, rule: str | Non
     court = Court()
     trace(court)
     assert court.broken == ([rule] if rule else [])
+
+
+def test_4_on_ground_that_was_said_in_the_air_and_taken_back_asks_for_no_disarm() -> None:
+    court = Court()
+    court.truth = LOW
+    court.on_ground = True
+    court.fly(0.3, SINK)
+    court.on_ground = False
+    lands(court, says=False, disarms=False)
+    court.level(1.0)
+    assert court.broken == []
 
 
 def test_1a_no_disarm_out_of_guided() -> None:
