@@ -25,7 +25,9 @@ from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
 from landerd.vision.draw import draw
 
-_MOST_SEARCHES = 30  # of a still
+# Of a still. Squares in texture are looked for with one threshold a thorough search, in turn: with
+# all three after the first of these.
+_LEAST_SEARCHES, _MOST_SEARCHES = 12, 30
 _READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 
@@ -141,8 +143,8 @@ def _detect(
 def _searched(vision: Vision, frame: Frame, picture: Picture) -> Sightings:
     """Search a frame; what a film would show again in the next one is searched for in a still."""
     sightings = vision.process(frame)
-    for _ in range(_MOST_SEARCHES if picture.is_still else 0):
-        if sightings.pad or not vision.was_cut:
+    for searches in range(1, _MOST_SEARCHES if picture.is_still else 1):
+        if sightings.pad or (searches >= _LEAST_SEARCHES and not vision.was_cut):
             break
         sightings = vision.process(frame)
     return sightings

@@ -194,8 +194,14 @@ def is_ring_by_edges(e: EdgeFit, share: float = 1.0) -> bool:
         _has_edges(e)
         and e.visible > _MIN_VISIBLE
         and e.visible * _edges_in_place(e) > share * (_MIN_PRODUCT + _PRODUCT_PX / _shorter_px(e))
-        and not is_dim_within(*e.levels)
+        and not _is_dim_within(e)
     )
+
+
+def _is_dim_within(e: EdgeFit) -> bool:
+    """Tell whether the hole is not of the same white: of none around, wherever a shadow lies."""
+    inside, black, outside = e.levels
+    return is_dim_within(inside, black, outside) and is_dim_within(inside, black, e.shaded)
 
 
 def _is_vouched(e: EdgeFit, vouches: Vouches | None) -> bool:

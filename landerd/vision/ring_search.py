@@ -13,6 +13,7 @@ from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.pyramid import Level
+from landerd.vision.ring_cut import cut_rings
 from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
@@ -58,6 +59,7 @@ _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows 
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
 _HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
 _EDGE_SHARE = 0.5  # from which edges are looked at
+_MOST_CUT = 2  # rings that the image's edge may cut
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,20 @@ class RingSearch:
             else:
                 self._later.append(one)
         return bool(self.found)
+
+    def find_cut(self, level: Level) -> bool:
+        """Fit the edges of what the edge of a level, the coarsest of the whole image, cuts.
+
+        Once in a search: it goes on in the next image with what else there is.
+        """
+        cut = [] if self._work.is_continued else cut_rings(level, self._ring)
+        for poses in cut[:_MOST_CUT]:
+            if not self._work.affords(EDGE_COST):
+                break
+            fits = edge_fits(self._image, self._camera, self._ring, poses, self._vouches)
+            if fits and self._report(fits, level):
+                return True
+        return False
 
     def find_doubtful(self) -> None:
         """Fit what was left, the likeliest first, until a level shows a ring or work is over."""

@@ -171,9 +171,13 @@ class Search:
             return None
 
         def is_bare(sighting: MarkerSighting) -> bool:
-            lacks_plate = self._detectors.lacks_plate(image, ring, sighting)
-            self._saw_bare = self._saw_bare or lacks_plate
-            return lacks_plate
+            if not self._detectors.lacks_plate(image, ring, sighting):
+                return False
+            # On ground as bright as the plate the print of a square tells what white does not.
+            if self._detectors.squares_beside(image, ring, sighting):
+                return False
+            self._saw_bare = True
+            return True
 
         return is_bare
 

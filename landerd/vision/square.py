@@ -26,7 +26,7 @@ _WINDOW_MEANS_PX = ((7, 7, 1), (21, 21, 1))
 # A whole image gets OpenCV's own three at once; one full of texture one a search, in turn. Alone
 # the first showed 285 of 286 tags of 21 to 318 px, half of them in noise; the three, 283.
 _WHOLE_MEANS_PX = ((3, 23, 10),)
-_TEXTURE_MEANS_PX = ((17, 17, 1), (7, 7, 1), (23, 23, 1))
+_TEXTURE_MEANS_PX = ((17, 17, 1), (7, 7, 1), (51, 51, 1))
 # Share of an image's pixels at which black meets white under a threshold: the time goes with it.
 # Above it the image is full of texture.
 _MAX_EDGE_SHARE = 0.04

@@ -154,14 +154,13 @@ class SquarePrint(MarkerPrint):
         if known_normal is not None and pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS:
             return []
         focal = 0.5 * (camera.fx + camera.fy)
+        # Where another pose is known to be near, blurred or bloomed corners are no reason to doubt.
+        most_px = _MAX_RIVAL_ERROR_PX if known_normal is None else math.inf
         rivals = []
         for start, error in planar_poses(self.corner_rays(pose), self._size):
             if down is not None and _is_settled_by_gravity(pose, start, np.array(down)):
                 continue
-            if (
-                float(start.normal @ pose.normal) < EQUAL_NORMALS_COS
-                and error * focal < _MAX_RIVAL_ERROR_PX
-            ):
+            if float(start.normal @ pose.normal) < EQUAL_NORMALS_COS and error * focal < most_px:
                 rivals.append(start)
         return rivals
 

@@ -70,6 +70,8 @@ def find_rings(
     parts = list(levels(image, camera, window, expected_diameter_px))
     if any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough)):
         return search.nearest_first()
+    if thorough and window is None and search.find_cut(parts[0]):
+        return search.nearest_first()
     if search.find_holes([(level, _FIRST) for level in parts[:-1] or parts]):
         return search.nearest_first()
     search.find_doubtful()

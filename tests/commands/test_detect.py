@@ -53,6 +53,19 @@ def test_json_is_one_object_an_image(folder: Path, capsys: pytest.CaptureFixture
     assert (second["markers"], second["pad"]) == ([], None)
 
 
+def test_tags_in_texture_are_looked_for_in_a_still_with_all_thresholds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = CONFIG / "pads" / "bundle.yaml"
+    view = look(THESIS_CAMERA, 8.5, 0.2, pixel=(300, 240), heading=0.5)
+    optics = Optics(background="grass", noise=8.0, motion_px=(3.0, 1.0))
+    image = render(view, THESIS_CAMERA, optics, np.random.default_rng(3), load_pad(file))
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    assert main(["detect", str(tmp_path / "a.png"), *FILES[:3], str(file), "--json"]) == 0
+    seen = json.loads(capsys.readouterr().out)
+    assert math.dist(seen["pad"]["position_m"], view.position) < 0.5
+
+
 def test_a_whycode_is_printed_with_number_and_yaw(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

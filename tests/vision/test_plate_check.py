@@ -157,6 +157,25 @@ def test_the_pad_is_seen_on_ground_as_bright_as_its_plate() -> None:
     assert any(vision.process(Frame(i / 30.0, i, shown)).pad for i in range(4))
 
 
+def test_on_ground_as_bright_as_its_paper_the_print_of_its_tag_tells_the_pad() -> None:
+    def is_seen_on_white(painted: PadLayout) -> bool:
+        at, rng = view(9.0, 0.3), np.random.default_rng(2)
+        image = render(at, IDEAL_CAMERA, Optics(background="plain"), rng, painted)
+        plate = painted.plate
+        corners = np.array([(plate.north_m, plate.east_m), (plate.north_m, -plate.west_m)])
+        opposite = [(-plate.south_m, -plate.west_m), (-plate.south_m, plate.east_m)]
+        points = np.concatenate([corners, opposite]) * 0.99
+        px = IDEAL_CAMERA.pixels(np.array(at.position) + points @ at.R_camera_pad[:, :2].T)
+        mask = cv2.fillConvexPoly(np.zeros_like(image), np.rint(px).astype(np.int32), 1)
+        pale = np.clip(205.0 + rng.normal(0.0, 4.0, image.shape), 0.0, 255.0).astype(np.uint8)
+        vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+        shown = np.where(mask == 1, image, pale)
+        return any(vision.process(Frame(i / 30.0, i, shown)).pad for i in range(4))
+
+    assert is_seen_on_white(THESIS_PAD)
+    assert not is_seen_on_white(BARE)
+
+
 @pytest.mark.parametrize("distance", [10.0, 14.0])
 def test_where_all_is_blown_out_what_is_left_of_a_print_tells_the_pad(distance: float) -> None:
     """White and ground are over full scale, as are the white cells of the tag's."""

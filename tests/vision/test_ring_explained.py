@@ -245,3 +245,14 @@ def test_a_soft_shadow_moves_edges_by_no_more_than_sigma_tells() -> None:
         error = np.array(pose.position) - view.position
         inside += float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
     assert inside >= 11
+
+
+def test_a_ring_whose_hole_lies_in_the_shadow_of_a_beam_is_seen() -> None:
+    """The shadow crosses the plate, too: what is dim is light, not the hub of a wheel."""
+    view = seen(4.0, 20.0)
+    x, y = CAMERA.pixels(np.array([view.position]))[0]
+    half = 0.15 * CAMERA.fx / view.position[2]
+    rows, columns = np.mgrid[:480, :640]
+    across = (columns - x) * math.cos(1.1) + (rows - y) * math.sin(1.1)
+    sun = np.clip(0.5 + (np.abs(across) - half) / 2.0, 0.3, 1.0)
+    check(picture(light(view) * sun), view, 0.005)

@@ -72,6 +72,21 @@ def test_both_solutions_of_the_planar_ambiguity() -> None:
     assert 40.0 < between < 70.0
 
 
+def test_a_ring_s_normal_undoes_the_mirrored_pose_that_corners_led_to() -> None:
+    """Blurred or bloomed corners may lie nearer to the wrong one, by more than they should."""
+    square = tag()
+    view = look(IDEAL_CAMERA, 3.0, math.radians(25), pixel=(180, 260), tilt_towards=2.0)
+    image = render(view, IDEAL_CAMERA, Optics(), np.random.default_rng(4), pad_of(square))
+    exact = corners_px(view, square, IDEAL_CAMERA)
+    wrong = poses_from_corners(exact, square.size_m, IDEAL_CAMERA, 0.3)[1]
+    corners = IDEAL_CAMERA.pixels(wrong.points(square_points(square.size_m)))
+    poses, _ = SquarePrint(square, printed_cells(square)).poses(
+        image, IDEAL_CAMERA, corners, known_normal=vec3(view.normal)
+    )
+    assert np.linalg.norm(poses[0].t - view.position) < 0.01
+    assert float(poses[0].normal @ view.normal) > math.cos(math.radians(3.0))
+
+
 @pytest.mark.parametrize(("distance", "error_m"), [(1.0, 1e-3), (2.0, 2e-3), (5.0, 2.5e-2)])
 def test_fit_to_the_pixels_is_true_and_its_covariance_honest(
     distance: float, error_m: float

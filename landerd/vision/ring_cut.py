@@ -1,0 +1,105 @@
+"""Rings that the image's edge cuts, as just over the pad: an arc of an edge tells where they are.
+
+What is left of such a ring has no ring's moments. But its outline, and its hole's, is still that of
+an ellipse wherever it does not run along the image's edge: a cone of sight, and with it two poses,
+near enough for a fit to the edges.
+"""
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import CameraModel
+from landerd.pad import Ring
+from landerd.vision.pyramid import Level
+from landerd.vision.ring_edges import points_on
+from landerd.vision.ring_pose import F64, Pose, cone_through, poses_of_cone
+from landerd.vision.ring_segment import dark_by_mean
+
+U8 = NDArray[np.uint8]
+
+_DARK_SHARE = 0.86  # of the local mean
+_LEAST_ARC = 32  # pixels of the level; of 90 arcs of rings of which 0.3 and more was seen: 33
+# From the conic, rms, px of the level: those arcs gave 0.22 to 0.35, pixels being whole.
+_MAX_OFF_PX = 0.42
+_CONVEX = 0.85  # area between an arc and its chord, over that of its convex hull
+_INWARDS_PX = 2.0  # from an edge, where it is black or white
+# Times the radius: what the image's edge leaves so much of is found whole, and better where motion
+# makes it look larger than it is.
+_CUT_SHARE = 0.93
+_BORDER_PX = 2  # of the level: what is dark there ends where the image does
+
+
+def cut_rings(level: Level, ring: Ring) -> list[tuple[Pose, Pose]]:
+    """Return both poses of what may be a ring that the image's edge cuts, the longest arc first.
+
+    Args:
+        level: the whole image, so much reduced that the largest rings are small.
+        ring: its true size and ratio.
+    """
+    dark = dark_by_mean(_DARK_SHARE)(level.image)
+    found = []
+    for arc in sorted(_arcs(dark), key=len, reverse=True):
+        poses = _poses(dark, level.camera, ring, arc)
+        if poses is not None and _is_cut(level.camera, ring, poses[0]):
+            found.append(poses)
+    return found
+
+
+def _arcs(dark: U8) -> Iterator[F64]:
+    """Yield the parts (n, 2) of outlines of what is dark that do not run along the image's edge."""
+    contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    most = np.array(dark.shape[::-1]) - _BORDER_PX
+    for contour in contours:
+        if len(contour) < _LEAST_ARC:
+            continue
+        x, y, w, h = cv2.boundingRect(contour)
+        if min(x, y) >= _BORDER_PX and x + w <= most[0] and y + h <= most[1]:
+            continue
+        at = contour[:, 0]
+        is_border = np.asarray(((at < _BORDER_PX) | (at >= most)).any(axis=1))
+        # Begun at the image's edge, that no arc is in two parts.
+        first = int(is_border.argmax())
+        around = np.concatenate([contour[first:], contour[:first]])
+        border = np.flatnonzero(np.concatenate([is_border[first:], is_border[:first], [True]]))
+        for k in np.flatnonzero(np.diff(border) > _LEAST_ARC):
+            arc = around[border[k] + 1 : border[k + 1]]
+            if _is_convex(arc):
+                yield arc[:, 0].astype(np.float64)
+
+
+def _is_convex(arc: "cv2.typing.MatLike") -> bool:
+    """Tell whether an arc (n, 1, 2) bends one way only: of what texture outlines little does."""
+    return cv2.contourArea(arc) > _CONVEX * cv2.contourArea(cv2.convexHull(arc))
+
+
+def _poses(dark: U8, camera: CameraModel, ring: Ring, arc: F64) -> tuple[Pose, Pose] | None:
+    """Return both poses of a ring of which an edge is an arc (n, 2), px; None: it is no ellipse."""
+    rays = camera.rays(arc)
+    cone = cone_through(rays)
+    poses = None if cone is None else poses_of_cone(cone, 1.0)
+    if cone is None or poses is None or min(t[2] for t, _ in poses) <= 0.0:
+        return None
+    v = np.column_stack([rays, np.ones(len(rays))])
+    across = v @ cone
+    off = (across * v).sum(axis=1) / (2.0 * np.hypot(across[:, 0], across[:, 1]))
+    if np.sqrt(np.mean(off * off)) * camera.fx > _MAX_OFF_PX:
+        return None
+    inwards = camera.pixels(poses[0][0][None])[0] - arc
+    inwards *= _INWARDS_PX / np.maximum(np.hypot(*inwards.T), 1e-9)[:, None]
+    x, y = np.rint(arc + inwards).astype(np.intp).T
+    h, w = dark.shape
+    is_outline = np.mean(dark[np.clip(y, 0, h - 1), np.clip(x, 0, w - 1)] > 0) > 0.5
+    radius = ring.radius_m * (1.0 if is_outline else ring.inner_ratio)
+    (t, n), (other_t, other_n) = poses
+    return (radius * t, n), (radius * other_t, other_n)
+
+
+def _is_cut(camera: CameraModel, ring: Ring, pose: Pose) -> bool:
+    points = pose[0] + _CUT_SHARE * (points_on(ring, pose) - pose[0])
+    if float(points[:, 2].min()) <= 0.0:
+        return True
+    px = camera.pixels(points)
+    return bool((px < 0.0).any() or (px > (camera.width - 1, camera.height - 1)).any())
