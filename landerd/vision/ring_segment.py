@@ -46,7 +46,7 @@ _MIN_COMPACTNESS, _MAX_COMPACTNESS = 0.7, 1.3
 # Of what may be a hole: compactness over a disc's, and its shorter axis.
 _MIN_DISC_COMPACTNESS, _MAX_DISC_COMPACTNESS = 0.85, 1.15
 _MIN_HOLE_PX = 3.0
-_MIN_HOLE_SHARE, _MIN_HOLE_SCORE = 0.7, 1.5
+_MIN_HOLE_SHARE, _MIN_HOLE_SCORE = 0.7, 2.2  # a pebble in a dark rim gave 1.8
 # Clipped white spreads into the black from both sides and leaves a thinner stroke about the same
 # middle line: of such rings this is the least, a ratio of 0.85, and the grey level of the white.
 _MIN_BLOOMED_COMPACTNESS, _CLIPPED = 0.16, 240.0
