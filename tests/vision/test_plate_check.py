@@ -272,13 +272,13 @@ def test_a_ring_alone_tells_the_pad_after_its_tag_was_seen_a_little_out_of_place
     assert vision.process(Frame(4.0, 40, ring), unturned).pad
 
 
-def in_leaf_shade(seed: int, painted: PadLayout) -> tuple[View, U8]:
+def in_leaf_shade(seed: int) -> tuple[View, U8]:
     """Return a view of a pad, 11 m away, and its picture: shade as fine as the ring's stroke."""
     rng = np.random.default_rng([5, seed])
     at = random_view(rng, THESIS_CAMERA, 11.0, rng.uniform(0.17, 0.7), RING)
     assert at is not None
     optics = Optics(background="asphalt", black=50.0, blur_px=0.9)
-    image = render(at, THESIS_CAMERA, optics, rng, painted)
+    image = render(at, THESIS_CAMERA, optics, rng)
     leaves = rng.uniform(size=(161, 214)).astype(np.float32)
     sunny = cv2.resize(leaves, image.shape[::-1], interpolation=cv2.INTER_CUBIC) > 0.5
     light = cv2.GaussianBlur(np.where(sunny, 1.0, 0.45), (0, 0), 0.7)
@@ -287,7 +287,7 @@ def in_leaf_shade(seed: int, painted: PadLayout) -> tuple[View, U8]:
 
 def test_in_fine_leaf_shade_the_plate_vouches_for_a_ring_whose_edges_are_broken() -> None:
     for seed in (4, 9, 23):
-        at, image = in_leaf_shade(seed, THESIS_PAD)
+        at, image = in_leaf_shade(seed)
         assert find_rings(image, RING, THESIS_CAMERA) == []
         seen = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
         assert len(seen.pad) > 0
