@@ -2,7 +2,9 @@
 
 A decoder needs a square's whole border and code. Where a ring of the pad tells place and tilt, only
 the heading is open: the picture is sampled in polar coordinates on the pad's plane about the ring's
-centre, where a heading is a shift in angle, and compared with the print at each.
+centre, where a heading is a shift in angle, and compared with the print at each. Where dirt hides
+the code, or a glare lies on it, the place of the square tells the heading, and the edges between
+its cells, as far as they are seen, that it is the pad's and no other.
 """
 
 import math
@@ -17,6 +19,7 @@ from landerd.pad import Ring, Square
 from landerd.vision.expected import any_across
 from landerd.vision.patch import Image, levels_at
 from landerd.vision.pose import Pose, rotation_2d, rotation_from
+from landerd.vision.square_edges import SquareEdges
 
 _STEP_CELLS = 0.5  # between samples, along radii and, at the square, between them
 _MARGIN_CELLS = 1.0  # of the white round the print that is compared
@@ -30,6 +33,8 @@ _MIN_SCATTER = 4.0  # grey levels, rms: less is noise
 _MIN_CORRELATION = 0.57
 _MIN_LEAD = 0.15
 _NEXT = math.radians(12.0)
+# Of a print whose code is hidden in part: its edges tell the rest, and lie in the ring's plane.
+_MIN_WHOLE, _SAME_PLANE_COS = 0.35, math.cos(math.radians(10.0))
 # How surely the pose is known besides the heading. All of that is the ring's, which is counted
 # already: a cell and a share of the range that the print was compared to, as good as nothing.
 _RANGE_SHARE, _TILT_SIGMA = 0.05, 0.3
@@ -56,6 +61,7 @@ class SquareBeside:
         print_ = _sampled(cells, at / self._cell)
         off = np.abs(at).max(axis=-1)
         code = 0.5 * square.size_m - self._cell
+        self._edges = SquareEdges(cells, square.size_m)
         self._kernels = [
             _kernels(print_, self._radii[:, None] * (off < limit)) for limit in (half, code)
         ]
@@ -98,8 +104,8 @@ class SquareBeside:
         spectra = [
             np.fft.rfft(x.reshape(shape), axis=1) for x in (is_seen.astype(float), grey, grey**2)
         ]
-        scores = np.minimum(*(_correlations(k, spectra, shape[1]) for k in self._kernels))
-        return self._peak(scores)
+        whole, code = (_correlations(k, spectra, shape[1]) for k in self._kernels)
+        return self._peak(np.minimum(whole, code)) or self._hidden(image, camera, t, R, whole)
 
     def _peak(self, scores: F64) -> tuple[float, float] | None:
         k = int(np.argmax(scores))
@@ -111,6 +117,26 @@ class SquareBeside:
         bend = 2.0 * top - before - after
         step = self._angles[1] * 0.5 * (after - before) / max(bend, 1e-9)
         return top, float(self._angles[k]) + step
+
+    def _hidden(
+        self, image: Image, camera: CameraModel, t: F64, R: F64, whole: F64
+    ) -> tuple[float, float] | None:
+        """Return the same where the edges between cells must tell whose print it is."""
+        k = int(np.argmax(whole))
+        if whole[k] < _MIN_WHOLE:
+            return None
+        north = R[:, :2] @ rotation_2d(float(self._angles[k]))
+        start = self._square(R[:, 2], t, north, np.zeros((6, 6)))
+        found = self._edges.find_hidden(image, camera, start)
+        if found is None or float(found.normal @ R[:, 2]) < _SAME_PLANE_COS:
+            return None
+        top = R[:, :2].T @ found.R[:, 0]
+        return float(whole[k]), math.atan2(top[1], top[0]) - self._heading
+
+    def _square(self, normal: F64, t: F64, north: F64, information: F64) -> Pose:
+        """Return the square's pose beside a ring at t, under axes north (3, 2) of the pad."""
+        top = north @ rotation_2d(self._heading)[:, 0]
+        return Pose(rotation_from(normal, top), t + north @ self._place, information, 0.0)
 
     def _pose(self, ring: PoseSolution, R: F64, heading: float) -> Pose:
         """Return the square's pose beside a ring whose axes R (3, 3) the pad is turned against."""
@@ -124,9 +150,7 @@ class SquareBeside:
         across = np.eye(3) - np.outer(normal, normal)
         sigma = float(self._angles[1])
         C[3:, 3:] = across * _TILT_SIGMA**2 + np.outer(normal, normal) * sigma**2
-        top = north @ rotation_2d(self._heading)[:, 0]
-        information: F64 = np.asarray(np.linalg.inv(C), dtype=np.float64)
-        return Pose(rotation_from(normal, top), t + north @ self._place, information, 0.0)
+        return self._square(normal, t, north, np.asarray(np.linalg.inv(C), dtype=np.float64))
 
 
 def _sampled(cells: NDArray[np.bool_], at: F64) -> F64:

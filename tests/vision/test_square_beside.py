@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -80,6 +81,37 @@ def test_no_heading_without_the_pads_own_tag(pad: PadLayout) -> None:
     found, _ = seen(image)
     assert {m.kind for m in found.markers} == {"whycon"}
     assert found.pad[0].north is None
+
+
+NEAR_VIEW = look(THESIS_CAMERA, 2.2, 0.3, pixel=(300.0, 240.0), heading=2.5)
+# Cells of the tag from its middle, to its top and right.
+MUD = [(0.8, -1.3), (-2.6, -2.7), (1.8, 2.3), (0.6, 1.3), (0.2, 2.4), (1.8, -2.8)]
+
+
+def muddy(pad: PadLayout) -> U8:
+    """Return a picture of a pad with spots of mud, as dark as its black, on most of its code."""
+    image = render(NEAR_VIEW, THESIS_CAMERA, Optics(), np.random.default_rng(1), pad)
+    tag = THESIS_PAD.squares[0]
+    cell = 0.125 * tag.size_m
+    around = np.linspace(0.0, 2.0 * math.pi, 24)
+    for top, right in MUD:
+        spot = cell * np.stack(
+            [top + 1.25 * np.cos(around), right + 1.25 * np.sin(around), 0.0 * around], axis=1
+        )
+        points = (spot + np.array([*tag.position_m, 0.0])) @ NEAR_VIEW.R_camera_pad.T
+        px = THESIS_CAMERA.pixels(np.array(NEAR_VIEW.position) + points)
+        cv2.fillPoly(image, [np.rint(px).astype(np.int32)], int(Optics().black))
+    return image
+
+
+@pytest.mark.parametrize(("shown_id", "told"), [(0, True), (5, False)])
+def test_what_mud_leaves_of_a_code_tells_heading_and_id(shown_id: int, *, told: bool) -> None:
+    vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    pose = vision.process(Frame(0.0, 0, muddy(with_tag(id=shown_id)))).pad[0]
+    assert (pose.north is not None) == told
+    if pose.north is not None:
+        to_north = float(np.array(pose.north) @ NEAR_VIEW.R_camera_pad[:, 0])
+        assert to_north > math.cos(math.radians(3.0))
 
 
 def test_next_picture_is_tracked_though_the_tag_is_hidden_in_part() -> None:
