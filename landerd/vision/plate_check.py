@@ -5,7 +5,8 @@ a ring of the right ratio that is somebody else's. But where the pad has a squar
 round it, which is seen long before the square can be read. No heading need be known: a ring is
 refused if there is none under which that white stands out from the ground behind it or, on ground
 as bright as white, a print from the white; and under which the whole plate, evenly white, stands
-out from ground and prints (`PlateTemplate`): texture stands out somewhere, but not evenly.
+out from ground and prints (`PlateTemplate`): texture stands out somewhere, but not evenly. Where a
+shadow's edge lies across the plate its outlines tell it (`PlateOutline`).
 """
 
 import math
@@ -18,6 +19,7 @@ from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at, on_plate
+from landerd.vision.plate_outline import PlateOutline
 from landerd.vision.plate_template import PlateTemplate, mean_seen, share_seen
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_2d, rotation_from
 from landerd.vision.ring_explained import Vouches
@@ -73,6 +75,7 @@ class PlateCheck:
         self._templates = {
             ring: PlateTemplate(layout, ring) for ring, white in self._white.items() if len(white)
         }
+        self._outlines = {ring: PlateOutline(layout, ring) for ring in self._templates}
         self._ground = {ring: _ground_behind(layout, ring) for ring in layout.rings}
         self._prints = {ring: _prints_beside(layout, ring) for ring in layout.rings}
 
@@ -114,6 +117,20 @@ class PlateCheck:
         own = self._own_levels(image, ring, t, axes)
         if own is None:
             return False
+        if not self._lacks_white(image, ring, t, axes, own, radius_px):
+            return False
+        return not self._outlines[ring].is_seen(image, self._camera, t, axes)
+
+    def _lacks_white(
+        self,
+        image: U8,
+        ring: Ring,
+        t: F64,
+        axes: F64,
+        own: tuple[float, float, float, bool],
+        radius_px: float,
+    ) -> bool:
+        """Tell whether under no heading the plate's white stands out, evenly; see `_own_levels`."""
         black, white, brightest, is_even = own
         behind = _mean(self._turned(image, self._ground[ring], t, axes))
         plate = _lower(self._turned(image, self._white[ring], t, axes))

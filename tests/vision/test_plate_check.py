@@ -79,6 +79,22 @@ def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
     assert is_seen(UNREADABLE, view(distance, 0.3), blurred)
 
 
+@pytest.mark.parametrize("distance", [12.0, 15.0])
+def test_a_shadow_across_the_pad_does_not_hide_its_plate(distance: float) -> None:
+    """Ground in the sun is as bright as white in the shade."""
+    at = look(THESIS_CAMERA, distance, 0.4, pixel=(300.0, 230.0), heading=2.5)
+    shadow = Shadow(0.2, (302.0, 226.0), (math.cos(1.9), math.sin(1.9)))
+    shaded = Optics(background="grass", shadow=shadow)
+
+    def is_seen_shaded(painted: PadLayout) -> bool:
+        image = render(at, THESIS_CAMERA, shaded, np.random.default_rng(2), painted)
+        vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+        return bool(vision.process(Frame(0.0, 0, image)).pad)
+
+    assert is_seen_shaded(UNREADABLE)
+    assert not is_seen_shaded(BARE)
+
+
 def ring_on_clouds(ground: float, depth: float, size_px: float, margin: float, seed: int) -> U8:
     """Paint a ring, white 140 to `margin` radii, on ground that is bright and dark in patches."""
     soft = cv2.GaussianBlur(
