@@ -34,10 +34,18 @@ _SILENT = (
     "motion on a set-point older",
 )
 
-# Once it stands on the pad nothing is looked at any more.
-_UNDER_ITS_FEET = ("6: said to have landed",)
+# Once it stands on the pad nothing is looked at any more; what is pulled away from under the first
+# foot leaves it on the ground.
+_UNDER_ITS_FEET = (
+    "6: said to have landed",
+    "4: not going with",
+    "4: level and without thrust while it slides",
+    "descends below",
+)
 # Until it is seen that the pad rises, the vehicle sinks onto it as fast as it did.
 _COMES_UP = ("2: sinking faster than the autopilot",)
+# To go along with what is no place to land on any more is as good as to leave it.
+_CARRIED = (*_COMES_UP, "4: no descent", "4: not going with", "4: a climb ordered")
 # Where the lens looks is what the gimbal says: some degrees off show the pad as far aside, and a
 # drift is a pad that drives.
 _SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
@@ -80,7 +88,7 @@ FAULTS: Mapping[str, FaultKind] = {
         "pad", "it rises by 0.1 to 1 m at 0.5 m/s", False, _COMES_UP, in_sitl=False
     ),
     "pad-carried-away": FaultKind(
-        "pad", "it rises by 1 m and goes off at 1 to 5 m/s", ends=False, lands=False, in_sitl=False
+        "pad", "it rises by 1 m and goes off at 1 to 5 m/s", False, _CARRIED, False, in_sitl=False
     ),
     # -- gimbal ------------------------------------------------------------------------------------
     "gimbal-silent": FaultKind("gimbal", "reports no angles"),

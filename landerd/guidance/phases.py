@@ -31,6 +31,7 @@ MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
 # two. Levelled without thrust as soon as the pad had levelled it, more did.
 MAX_LEAN, UPRIGHT_LEAN = math.radians(31.0), math.radians(27.0)
 LEAN_S = 2.0
+LEANS_BELOW = 2.0  # alignment heights: room to stop sinking
 
 
 def descent_radius(options: DescentSection, height: float) -> float:
@@ -96,16 +97,18 @@ class Phases:
         may_land = self._aligned and not self.leans
         return 0.0 if may_land else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
-    def watch_lean(self, tilt: float, dt: float) -> None:
+    def watch_lean(self, tilt: float, height: float, dt: float) -> None:
         """See in each step, before `step`, how far the airframe leans.
 
         Args:
             tilt: of the airframe from level, rad.
+            height: over the pad, m; higher up it may be braking.
             dt: since the last step, s.
         """
         last = tilt if self._lean is None else self._lean
         self._lean = last + min(1.0, dt / LEAN_S) * (tilt - last)
-        self.leans = self._lean > (UPRIGHT_LEAN if self.leans else MAX_LEAN)
+        leans = self._lean > (UPRIGHT_LEAN if self.leans else MAX_LEAN)
+        self.leans = leans and height < LEANS_BELOW * self._options.alignment_height_m
 
     def step(
         self, relative: RelativeState, sighting_age: float = 0.0, *, may_land: bool = True

@@ -64,7 +64,9 @@ def _stops_on_moving_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _gets_up(e: Evidence, o: Order, b: RuleBounds) -> bool:
     released = o.t - e.closed_t(o.t) > b.tick_s and e.flown_t is not None
-    return released and not o.level and e.stands(o.t)
+    # That it stands cannot be known of stale data, unless it was known before.
+    knows = e.levelled or not e.stale(o.t)
+    return released and knows and not o.level and e.stands(o.t)
 
 
 def _latched(e: Evidence, o: Order, b: RuleBounds) -> bool:

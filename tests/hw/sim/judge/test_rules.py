@@ -148,6 +148,16 @@ def gate_low_on_the_pad(c: Court, gets_up: bool) -> None:
     c.wait(1.0)
 
 
+def gate_low_on_the_pad_unknown(c: Court) -> None:
+    c.truth = ON_PAD
+    c.fly(0.3, SINK)
+    c.mute |= {ATTITUDE, POSITION}
+    c.fly(0.9, SINK)
+    c.pulse = 1100
+    c.fly(0.9, STOP)
+    c.wait(1.0)
+
+
 WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: leaves_guided(c, 0.025), None),
     (lambda c: leaves_guided(c, 0.1), NOT_GUIDED),
@@ -176,6 +186,7 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (gate_low_as_it_slides, None),
     (lambda c: gate_low_on_the_pad(c, gets_up=False), None),
     (lambda c: gate_low_on_the_pad(c, gets_up=True), GETS_UP),
+    (gate_low_on_the_pad_unknown, None),
     (lambda c: back_in_guided(c, low=True), None),
     (lambda c: back_in_guided(c, low=False), LATCHED),
 ]
