@@ -989,3 +989,14 @@ def test_every_rule_has_a_number() -> None:
     texts = [rule.text for rule in (*ORDER_RULES, *TIME_RULES)]
     assert len(set(texts)) == len(texts)
     assert all(text[0] in "1234567" and ": " in text[:4] for text in texts)
+
+
+@pytest.mark.parametrize("x", [math.nan, math.inf, 1e30])
+def test_5_a_position_that_is_no_number_is_none(x: float) -> None:
+    court = Court()
+    court.mute.add(POSITION)
+    for _ in range(20):
+        ms = int(1e3 * (court.t + court.boot_s))
+        court.hear(mavlink.MAVLink_local_position_ned_message(ms, x, *(0.0,) * 5))
+        court.fly(0.025, SINK)
+    assert court.broken == ["5: descending on stale or frozen data"]
