@@ -82,6 +82,7 @@ class Flight:
         self.silent: set[type] = set()  # kinds of messages that do not come
         self.detects_landing = True
         self.pitch = self.pitch_rate = 0.0  # what the autopilot says; pictures are taken level
+        self.lean = 0.0  # of the airframe really, rad; its camera leans with it
         self.skids = 0.0  # m/s across the pad once it touches
         self.pulse_us = LOW
         self.armed, self.mode = True, "GUIDED"
@@ -114,7 +115,8 @@ class Flight:
 
     @property
     def feet(self) -> Vec3:
-        return add(self.position, (0.0, 0.0, self.config.vehicle.gear_height_m))
+        down = (0.0, 0.0, self.config.vehicle.gear_height_m)
+        return add(self.position, rotate(rot_zyx(self.yaw, self.lean, 0.0), down))
 
     @property
     def distance(self) -> float:
@@ -192,7 +194,7 @@ class Flight:
     def sighting(self) -> Sightings:
         """What a picture exposed now shows."""
         R = transpose(self.R_local_camera())
-        offset = rotate(rot_zyx(self.yaw, 0.0, 0.0), self.config.vehicle.camera_offset_m)
+        offset = rotate(rot_zyx(self.yaw, self.lean, 0.0), self.config.vehicle.camera_offset_m)
         position = rotate(R, sub(self.pad, add(self.position, offset)))
         north = rotate(R, (math.cos(self.pad_heading), math.sin(self.pad_heading), 0.0))
         turned = self.layout.has_heading
@@ -209,7 +211,7 @@ class Flight:
         return Sightings(self.t, self._ticks, (marker,), (self.distort(true),))
 
     def R_local_camera(self) -> Mat3:  # noqa: N802 - rotates camera to local
-        body = rot_zyx(self.yaw, 0.0, 0.0)
+        body = rot_zyx(self.yaw, self.lean, 0.0)
         gimbal = rot_zyx(self.gimbal.yaw, self.gimbal.pitch, 0.0)
         return matmul(matmul(body, gimbal), R_GIMBAL_CAMERA)
 
@@ -235,7 +237,9 @@ class Flight:
         t = self.t
         messages: list[Input] = [
             LocalPosition(t, self.position, self.velocity),
-            Attitude(t, 0.0, self.pitch, self.yaw, (0.0, self.pitch_rate, self.yaw_rate)),
+            Attitude(
+                t, 0.0, self.lean + self.pitch, self.yaw, (0.0, self.pitch_rate, self.yaw_rate)
+            ),
             GimbalState(t, self.gimbal.yaw, self.gimbal.pitch, 0.0, Reference.BODY),
         ]
         if self._ticks % 2 == 0:

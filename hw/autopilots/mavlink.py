@@ -35,7 +35,9 @@ log = logging.getLogger(__name__)
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 
 _TIMESYNC_PERIOD_S = 0.2
-_RESTART_S = 1.0  # boot time going back by more than this is a restart
+# Boot time going back by more than this is a restart, and one so far off fits no other: a stamp may
+# be wrong once. Two in a row are believed, and a TIMESYNC that answers us.
+_RESTART_S = 1.0
 _HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
 _STATUSTEXT_LENGTH = 50
 # What the core needs to know of the autopilot's parameters: its key, the unit in SI, and the values
@@ -137,6 +139,8 @@ class MavlinkAutopilot:
         self._disarmed_until = -math.inf
         self._clock = BootClock()
         self._last_boot_s = -math.inf
+        self._last_boot_t = -math.inf  # when that was heard
+        self._suspected: float | None = None  # boot time less loop time, that did not fit; s
         self._last_t: dict[int, float] = {}  # by message id
         self._timesync_sent: deque[int] = deque(maxlen=10)  # ns, the newest requests
         self._timesync_due = self._ask_due = 0.0
@@ -254,7 +258,8 @@ class MavlinkAutopilot:
             self.send(mavlink.MAVLink_timesync_message(_nanoseconds(now), m.ts1))
         elif m.ts1 in self._timesync_sent:  # not the answer to somebody else
             boot_s = 1e-9 * m.tc1
-            self._watch_restart(boot_s, now)
+            if not self._watch_restart(boot_s, now, is_answer=True):
+                return
             self._clock.exchanged(1e-9 * m.ts1, boot_s, now)
             uncertainty_s = self._clock.uncertainty_s
             if uncertainty_s is not None:
@@ -312,9 +317,13 @@ class MavlinkAutopilot:
     # ---- time ----
 
     def _place(self, m: Message, now: float) -> float | None:
-        """Return the loop time of a stamped message; None: not newer than the last of its kind."""
+        """Return the loop time of a stamped message; None: not newer than the last of its kind.
+
+        Nor is it where its stamp is not believed.
+        """
         boot_s = self._clock.unwrapped(m.time_boot_ms, now)
-        self._watch_restart(boot_s, now)
+        if not self._watch_restart(boot_s, now):
+            return None
         t = self._clock.place(boot_s, now)
         if t <= self._last_t.get(m.get_msgId(), -math.inf):
             self._drop("out of order", now)
@@ -322,8 +331,24 @@ class MavlinkAutopilot:
         self._last_t[m.get_msgId()] = t
         return t
 
-    def _watch_restart(self, boot_s: float, now: float) -> None:
-        if boot_s < self._last_boot_s - _RESTART_S:
+    def _watch_restart(self, boot_s: float, now: float, *, is_answer: bool = False) -> bool:
+        """Note a boot time (s) and whether it is a restart's; tell whether it is believed.
+
+        Args:
+            boot_s: that is heard.
+            now: s.
+            is_answer: to our own TIMESYNC.
+        """
+        is_back = boot_s < self._last_boot_s - _RESTART_S
+        expected = self._last_boot_s + now - self._last_boot_t
+        is_ahead = math.isfinite(expected) and boot_s > expected + _RESTART_S
+        if is_ahead or (is_back and not is_answer):
+            suspected, self._suspected = self._suspected, boot_s - now
+            if suspected is None or abs(self._suspected - suspected) > _RESTART_S:
+                self._drop("a boot time that does not fit", now)
+                return False
+        self._suspected = None
+        if is_back:
             log.warning("the autopilot has restarted")
             self._pending.append(AutopilotRestarted(now))
             self._clock = BootClock()
@@ -331,8 +356,10 @@ class MavlinkAutopilot:
             self._refusals.restart()
             self.vehicle_parameters.clear()
             self._last_boot_s = boot_s
-        self._last_boot_s = max(self._last_boot_s, boot_s)
+        if boot_s >= self._last_boot_s:
+            self._last_boot_s, self._last_boot_t = boot_s, now
         self._clock.heard(boot_s, now)
+        return True
 
     def _request_missing(self, now: float) -> None:
         """Ask for the time when it is due, and for the streams that do not come."""

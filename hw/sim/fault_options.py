@@ -24,6 +24,7 @@ class FaultKind(NamedTuple):
     excuses: tuple[str, ...] = ()
     lands: bool = True  # false: no landing is to be expected any more
     in_sitl: bool = True  # false: only the stand-in and its world have it
+    stays: bool = False  # what it has done is there until the flight ends
 
 
 # A process that stands still, is gone or cannot send, sends nothing.
@@ -33,13 +34,23 @@ _SILENT = (
     "motion on a set-point older",
 )
 
-# Once it stands on the pad nothing is looked at any more.
-_UNDER_ITS_FEET = ("6: said to have landed",)
+# Once it stands on the pad nothing is looked at any more; what is pulled away from under the first
+# foot leaves it on the ground.
+_UNDER_ITS_FEET = (
+    "6: said to have landed",
+    "4: not going with",
+    "4: level and without thrust while it slides",
+    "descends below",
+)
 # Until it is seen that the pad rises, the vehicle sinks onto it as fast as it did.
 _COMES_UP = ("2: sinking faster than the autopilot",)
+# To go along with what is no place to land on any more is as good as to leave it.
+_CARRIED = (*_COMES_UP, "4: no descent", "4: not going with", "4: a climb ordered")
 # Where the lens looks is what the gimbal says: some degrees off show the pad as far aside, and a
 # drift is a pad that drives.
 _SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
+# Nothing that is ordered arrives.
+_UNHEARD = ("ground contact off the pad",)
 # What the wind does to the airframe at once, whatever is ordered.
 _BLOWN = ("accelerates more than the limits",)
 
@@ -77,7 +88,7 @@ FAULTS: Mapping[str, FaultKind] = {
         "pad", "it rises by 0.1 to 1 m at 0.5 m/s", False, _COMES_UP, in_sitl=False
     ),
     "pad-carried-away": FaultKind(
-        "pad", "it rises by 1 m and goes off at 1 to 5 m/s", ends=False, lands=False, in_sitl=False
+        "pad", "it rises by 1 m and goes off at 1 to 5 m/s", False, _CARRIED, False, in_sitl=False
     ),
     # -- gimbal ------------------------------------------------------------------------------------
     "gimbal-silent": FaultKind("gimbal", "reports no angles"),
@@ -89,7 +100,7 @@ FAULTS: Mapping[str, FaultKind] = {
         "gimbal", "reports both angles 1 to 20 degrees too large", True, _SEEN_ASIDE
     ),
     "gimbal-slipping": FaultKind(
-        "gimbal", "reports drift off at 0.5 to 10 degrees/s", True, _SEEN_ASIDE
+        "gimbal", "reports drift off at 0.5 to 10 degrees/s", True, _SEEN_ASIDE, stays=True
     ),
     "gimbal-stuck": FaultKind("gimbal", "the axes do not move"),
     "gimbal-reversed": FaultKind("gimbal", "it turns the other way than ordered"),
@@ -98,7 +109,9 @@ FAULTS: Mapping[str, FaultKind] = {
     "attitude-lost": FaultKind("telemetry", "no ATTITUDE"),
     "attitude-late": FaultKind("telemetry", "ATTITUDE comes 50 to 500 ms late"),
     "attitude-frozen": FaultKind("telemetry", "ATTITUDE repeats itself with new times"),
-    "attitude-biased": FaultKind("telemetry", "roll and pitch are 1 to 10 degrees too large"),
+    "attitude-biased": FaultKind(
+        "telemetry", "roll and pitch are 1 to 10 degrees too large", True, _SEEN_ASIDE
+    ),
     "attitude-jumping": FaultKind("telemetry", "the heading jumps by up to 3 to 30 degrees"),
     "position-lost": FaultKind("telemetry", "no LOCAL_POSITION_NED"),
     "position-late": FaultKind("telemetry", "LOCAL_POSITION_NED comes 50 to 500 ms late"),
@@ -127,8 +140,8 @@ FAULTS: Mapping[str, FaultKind] = {
     "timesync-lost": FaultKind("telemetry", "no answer to TIMESYNC"),
     "timesync-late": FaultKind("telemetry", "answers to TIMESYNC come 20 to 400 ms late"),
     # -- link --------------------------------------------------------------------------------------
-    "link-cut": FaultKind("link", "the device is gone", True, _SILENT),
-    "link-dead-up": FaultKind("link", "nothing reaches the autopilot"),
+    "link-cut": FaultKind("link", "the device is gone", True, (*_SILENT, *_UNHEARD)),
+    "link-dead-up": FaultKind("link", "nothing reaches the autopilot", True, _UNHEARD),
     "link-dead-down": FaultKind("link", "nothing comes from the autopilot"),
     "link-lossy": FaultKind("link", "2 to 50 % is lost, either way"),
     "link-corrupted": FaultKind("link", "0.1 to 2 % of the bytes are changed, either way"),
@@ -207,4 +220,7 @@ class FaultOptions(Section):
     @property
     def lasts_s(self) -> float | None:
         """How long it is there; 0: it is done in a moment, None: until the flight ends."""
-        return self.for_s if FAULTS[self.fault].ends else 0.0
+        kind = FAULTS[self.fault]
+        if kind.stays:
+            return None
+        return self.for_s if kind.ends else 0.0

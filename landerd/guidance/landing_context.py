@@ -66,6 +66,7 @@ class Sight:
     relative: RelativeState
     age: float  # since the exposure of the last accepted sighting, s
     heading: float | None  # of the pad, local, rad; None: not known
+    tilt: float  # of the airframe from level, rad
 
 
 class LandingContext:
@@ -104,6 +105,7 @@ class LandingContext:
         self._footing = Footing()
         self._just_over_pad = False
         self._rests_since = math.inf  # on the pad, as far as is seen, s
+        self._may_rest = False  # there, for all that is known of its velocities
         self._began = math.inf  # this landing, without having come to commit since, s
         self._sigma_bearing = math.radians(config.estimation.gimbal_sigma_deg)
         self._descents_broken_off = 0
@@ -125,7 +127,7 @@ class LandingContext:
         limit = self.options.lost.after_s - step.dt
         if vehicle is None or pad is None or not age < limit:
             return None
-        return Sight(self.relative(vehicle, pad), age, pad.heading)
+        return Sight(self.relative(vehicle, pad), age, pad.heading, vehicle.tilt)
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""
@@ -161,17 +163,23 @@ class LandingContext:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
         sight = self.sight(step)
         if sight is None:
-            self._rests_since = math.inf
+            self._rests_since, self._may_rest = math.inf, False
             return
         relative, o = sight.relative, self.options
-        rests = (
-            abs(relative.error_rate[2]) < RESTS_MPS
-            and horizontal(relative.error_rate) < o.descent.commit_slip_mps
-            and relative.height <= MAX_CONTACT_HEIGHT_M
+        is_there = (
+            relative.height <= MAX_CONTACT_HEIGHT_M
             and relative.height - 2.0 * relative.sigma_height <= BUILD_ERROR_M
             and not self.foothold.will_miss(
                 relative, sight.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
             )
+        )
+        up, across = abs(relative.error_rate[2]), horizontal(relative.error_rate)
+        rests = is_there and up < RESTS_MPS and across < o.descent.commit_slip_mps
+        # The first pictures after a while without any tell little of the pad's velocity.
+        self._may_rest = (
+            is_there
+            and up < RESTS_MPS + 2.0 * relative.sigma_heave
+            and across < o.descent.commit_slip_mps + 2.0 * relative.sigma_velocity
         )
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
 
@@ -180,11 +188,11 @@ class LandingContext:
         return now - self._rests_since >= RESTS_S
 
     def may_rest(self, now: float) -> bool:
-        """Tell whether it may rest on the pad, seen so for too short a time to know.
+        """Tell whether it may rest on the pad, seen so for too short a time, or too badly, to know.
 
         A landing does not begin yet then: taken to fly low over the pad, it was told to climb.
         """
-        return self._rests_since < math.inf and not self.rests(now)
+        return self._may_rest and not self.rests(now)
 
     def stands(self, now: float) -> bool:
         """Tell whether it rests so and was not told to climb: its thrust comes late.

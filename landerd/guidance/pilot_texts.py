@@ -61,6 +61,7 @@ UNDER_WAY = "{distance:.1f} m away, {height:.1f} m up"
 HOLDING_OVER = "holding over the marker, switch to land"
 NO_HEADING = "pad's heading not seen"
 NO_HEADING_CLIMBING = "pad's heading not seen, climbing again"
+LEANS = "leans too far: {lean:.0f} degrees"
 OFF_CLIMBING = "off by {distance:.2f} m, climbing again"
 
 # Before it matters: the words say where to look.

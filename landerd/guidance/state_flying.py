@@ -40,14 +40,15 @@ class Tracking:
 
     While the pilot asks to hold it stays over the pad at guidance.hold.height_m, for as long as he
     does, and climbs there from below. Leaves when sight is lost, to commit, or to hand back: after
-    too many refused descents, or when the pad's heading stays unseen.
+    too many refused descents, or when the pad's heading stays unseen, or it leans too far for long.
     """
 
     def __init__(self, context: LandingContext, phases: Phases, method: Method) -> None:
         self._context = context
         self._phases = phases
         self._method = method
-        self._heading_t = 0.0  # when the landing last did not wait for the pad's heading, s
+        # When the landing last waited neither for the pad's heading nor for a lull, s.
+        self._heading_t = 0.0
         self._holds = False  # where the pilot asked to, and he was told
         self._outside_t = -math.inf  # when it was last seen outside the descent region, s
         self._seen_from = 0.0  # in sight without a break since then, s
@@ -121,6 +122,7 @@ class Tracking:
         if context.takes_too_long(step.now):
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
+        phases.watch_lean(sight.tilt, relative.height, step.dt)
         phase, why = phases.step(relative, sight.age, may_land=not context.hold_asked)
         context.orders.enter(phase, why)
         self._tell_of_hold(phase, relative)
@@ -132,10 +134,10 @@ class Tracking:
         if not context.hold_asked:
             context.begin_landing(step.now)
         waits = phase is Phase.YAW_CORRECTION and not context.hold_asked
-        if not waits or relative.heading_error is not None:
+        if not waits or (relative.heading_error is not None and not phases.leans):
             self._heading_t = step.now
         elif step.now - self._heading_t > context.options.lost.give_up_s:
-            return Event.HEADING_NOT_SEEN
+            return Event.NO_LANDING_POSSIBLE if phases.leans else Event.HEADING_NOT_SEEN
         return Event.COMMITS if phase is Phase.LANDED else None
 
     def _tell_of_hold(self, phase: Phase, relative: RelativeState) -> None:

@@ -52,7 +52,7 @@ class Releasing:
         if not step.granted:
             self._blind_t = step.now
         else:
-            if context.sight(step) is not None:
+            if context.sight(step) is not None and not context.may_rest(step.now):
                 return Event.PAD_IN_SIGHT
             if step.now - self._blind_t > context.options.lost.give_up_s:
                 return Event.PAD_NOT_FOUND

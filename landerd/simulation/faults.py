@@ -73,7 +73,8 @@ class Faults:
         with EFFECTS[fault.fault](bench, fault.severity):
             if FAULTS[fault.fault].ends:
                 await asyncio.sleep(float("inf") if fault.for_s is None else fault.for_s)
-        note.ended = loop.time() - self._began
+        if not FAULTS[fault.fault].stays:
+            note.ended = loop.time() - self._began
 
     async def _onset(self, at: OnsetOptions, bench: Bench) -> None:
         if at.time_s is not None:

@@ -13,14 +13,11 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.pad import Ring
-from landerd.vision.pyramid import Level
 from landerd.vision.ring_edges import points_on
 from landerd.vision.ring_pose import F64, Pose, cone_through, poses_of_cone
-from landerd.vision.ring_segment import dark_by_mean
 
 U8 = NDArray[np.uint8]
 
-_DARK_SHARE = 0.86  # of the local mean
 _LEAST_ARC = 32  # pixels of the level; of 90 arcs of rings of which 0.3 and more was seen: 33
 # From the conic, rms, px of the level: those arcs gave 0.22 to 0.35, pixels being whole.
 _MAX_OFF_PX = 0.42
@@ -32,18 +29,19 @@ _CUT_SHARE = 0.93
 _BORDER_PX = 2  # of the level: what is dark there ends where the image does
 
 
-def cut_rings(level: Level, ring: Ring) -> list[tuple[Pose, Pose]]:
+def cut_rings(dark: U8, camera: CameraModel, ring: Ring) -> list[tuple[Pose, Pose]]:
     """Return both poses of what may be a ring that the image's edge cuts, the longest arc first.
 
     Args:
-        level: the whole image, so much reduced that the largest rings are small.
+        dark: (height, width), 255 where the whole image is dark, else 0; it is so much reduced
+            that the largest rings are small.
+        camera: that would see the image at this size.
         ring: its true size and ratio.
     """
-    dark = dark_by_mean(_DARK_SHARE)(level.image)
     found = []
     for arc in sorted(_arcs(dark), key=len, reverse=True):
-        poses = _poses(dark, level.camera, ring, arc)
-        if poses is not None and _is_cut(level.camera, ring, poses[0]):
+        poses = _poses(dark, camera, ring, arc)
+        if poses is not None and _is_cut(camera, ring, poses[0]):
             found.append(poses)
     return found
 

@@ -128,7 +128,7 @@ def explained(
             return None
     found, noise = _best_first(found)
     edges = found[0]
-    if not (is_ring_by_edges(edges) or _is_vouched(edges, vouches)):
+    if not _is_told(edges, vouches):
         return None
     toned = (
         edges.noise_px < _CLEAR_NOISE_PX + _CLEAR_NOISE_SHARE * edges.radius_px
@@ -154,8 +154,7 @@ def edge_fits(
     if not found:
         return []
     found, noise = _best_first(found)
-    best = found[0]
-    if not (is_ring_by_edges(best) or _is_expected_ring(best) or _is_vouched(best, vouches)):
+    if not (_is_expected_ring(found[0]) or _is_told(found[0], vouches)):
         return []
     return [_ring_fit(e, ring, camera, noise) for e in found]
 
@@ -204,8 +203,10 @@ def _is_dim_within(e: EdgeFit) -> bool:
     return is_dim_within(inside, black, outside) and is_dim_within(inside, black, e.shaded)
 
 
-def _is_vouched(e: EdgeFit, vouches: Vouches | None) -> bool:
-    """Tell whether edges are nearly a ring's, and the pad's plate is seen about it."""
+def _is_told(e: EdgeFit, vouches: Vouches | None) -> bool:
+    """Tell whether edges are a ring's, or nearly so and the pad's plate is seen about it."""
+    if is_ring_by_edges(e):
+        return True
     if vouches is None or not is_ring_by_edges(e, _VOUCHED):
         return False
     return vouches(e.position, e.normal, min(e.contrast))

@@ -108,6 +108,7 @@ class RingSearch:
         self._later: list[_Try] = []
         self._doubtful: list[_Doubtful] = []
         self._level_found: Level | None = None
+        self._darks: dict[tuple[float, Segmentation], U8] = {}  # of levels, by their reduction
         self._has_tried_hidden = False
         self.found: list[MarkerSighting] = []
 
@@ -128,11 +129,18 @@ class RingSearch:
 
     def _find_clear_by(self, looks: Sequence[tuple[Level, Segmentation]], find: _Find) -> bool:
         ratio = self._ring.inner_ratio
-        of_looks = find([Look(v.image, s, v.largest_px) for v, s in looks], ratio)
+        of_looks = find([Look(v.image, self._dark(v, s), v.largest_px) for v, s in looks], ratio)
         return any(
             self._find_clear(level, candidates)
             for (level, _), candidates in zip(looks, of_looks, strict=True)
         )
+
+    def _dark(self, level: Level, segment: Segmentation) -> U8:
+        """Return what is dark in a level, worked out once."""
+        key = level.reduction, segment
+        if key not in self._darks:
+            self._darks[key] = segment(level.image)
+        return self._darks[key]
 
     def _find_clear(self, level: Level, candidates: list[Candidate]) -> bool:
         for candidate in candidates:
@@ -146,12 +154,14 @@ class RingSearch:
                 self._later.append(one)
         return bool(self.found)
 
-    def find_cut(self, level: Level) -> bool:
-        """Fit the edges of what the edge of a level, the coarsest of the whole image, cuts.
+    def find_cut(self, level: Level, segment: Segmentation) -> bool:
+        """Fit the edges of what is dark and the edge of a level cuts, the coarsest of the image.
 
         Once in a search: it goes on in the next image with what else there is.
         """
-        cut = [] if self._work.is_continued else cut_rings(level, self._ring)
+        if self._work.is_continued:
+            return False
+        cut = cut_rings(self._dark(level, segment), level.camera, self._ring)
         for poses in cut[:_MOST_CUT]:
             if not self._work.affords(EDGE_COST):
                 break

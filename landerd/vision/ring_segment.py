@@ -136,7 +136,7 @@ class Look:
     """One way to look at an image."""
 
     image: U8  # grey, (height, width)
-    segment: Segmentation  # tells what is dark
+    dark: U8  # (height, width), 255 where it is dark, else 0
     # Diameter of the largest ring wanted; infinity: those just over the pad, too.
     largest_px: float = math.inf
 
@@ -152,9 +152,9 @@ def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
         return []
     is_near = np.array([math.isinf(k.largest_px) for k in looks])
     holed_px = np.where(is_near, _HOLED_AREA_PX, math.inf)
-    mosaic = Mosaic([k.image for k in looks], [k.segment(k.image) for k in looks])
-    components = mosaic.components(_largest_px(looks).max(), holed_px)
-    c = _ring_like(mosaic, components, inner_ratio, _largest_px(looks))
+    mosaic = Mosaic([k.image for k in looks], [k.dark for k in looks])
+    largest_px = _largest_px(looks)
+    c = _ring_like(mosaic, mosaic.components(largest_px.max(), holed_px), inner_ratio, largest_px)
     ratio = _ratios(c, inner_ratio)
     c, aside = _in_perspective(mosaic, c, ratio, holed_px)
     axes = _axes(c, ratio)
@@ -173,7 +173,7 @@ def hole_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
     """
     if not looks:
         return []
-    mosaic = Mosaic([k.image for k in looks], [~k.segment(k.image) for k in looks])
+    mosaic = Mosaic([k.image for k in looks], [~k.dark for k in looks])
     largest_px = inner_ratio * _largest_px(looks)
     anywhere = np.zeros(len(looks))
     c = _disc_like(mosaic.components(largest_px.max(), anywhere), largest_px)

@@ -121,7 +121,7 @@ class WhyCodeFinder:
         # The largest image takes most of the time, and the higher threshold shows more.
         first, second = _SEGMENTATIONS
         for some, segment in ((coarse, first), (coarse, second), (fine, second)):
-            looks = [Look(level.image, segment, level.largest_px) for level in some]
+            looks = [Look(level.image, segment(level.image), level.largest_px) for level in some]
             of_looks = ring_candidates(looks, _PLAIN_RATIO)
             for level, candidates in zip(some, of_looks, strict=True):
                 clear = []

@@ -30,8 +30,9 @@ U8 = NDArray[np.uint8]
 # others too, where they are cheap (rings from 48 px on the finest level's side). The largest rings
 # need a wide mean; in leaf shade as fine as the stroke a narrow one shows more.
 _FIRST = dark_by_range
-_OTHERS_LARGEST = (dark_by_mean(0.86), dark_by_mean(0.55))
-_OTHERS = (dark_by_mean(0.9, 13), dark_by_mean(0.55))
+_WIDE, _SHADOWED = dark_by_mean(0.86), dark_by_mean(0.55)
+_OTHERS_LARGEST = (_WIDE, _SHADOWED)
+_OTHERS = (dark_by_mean(0.9, 13), _SHADOWED)
 
 
 def find_rings(
@@ -70,7 +71,7 @@ def find_rings(
     parts = list(levels(image, camera, window, expected_diameter_px))
     if any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough)):
         return search.nearest_first()
-    if thorough and window is None and search.find_cut(parts[0]):
+    if thorough and window is None and search.find_cut(parts[0], _WIDE):
         return search.nearest_first()
     if search.find_holes([(level, _FIRST) for level in parts[:-1] or parts]):
         return search.nearest_first()

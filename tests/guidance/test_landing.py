@@ -1,5 +1,6 @@
 """The states as they are gone through in flight: each event of the table, and what is ordered."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -8,7 +9,7 @@ from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import IDENTITY, Vec3, add, matscale, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
-from landerd.messages import Attitude, LocalPosition, Phase, PressDown, Setpoint
+from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -147,6 +148,55 @@ def test_it_leaves_room_for_a_deck_that_may_come_up_as_far_as_is_known() -> None
         flight.tick()
         safe = safe_sink_rate(flight.height, 0.0, 1.0, 1.0)  # over one that surely stands
         assert flight.height > 2.0 or flight.setpoints[-1][1].velocity[2] < safe - 0.05
+
+
+def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back() -> (
+    None
+):
+    """Over a 10 m/s pad with wind ahead all that touched with more than 31 degrees tipped over."""
+    config = Config.model_validate({"guidance": {"lost": {"give_up_s": 4.0}}})
+    flight = Flight(config=config)
+    flight.lean = math.radians(-33.0)
+    flight.engaged()
+    lowest = flight.height
+    while flight.lander.state is State.TRACKING:
+        flight.tick()
+        lowest = min(lowest, flight.height)
+        assert flight.t < 160.0
+    assert lowest > config.guidance.descent.alignment_height_m
+    assert "landerd: yaw correction: leans too far: 33 degrees" in flight.texts
+    assert "landerd: no landing possible: pilot, take over" in flight.texts
+
+
+def test_in_a_lull_it_lands_that_leaned_too_far() -> None:
+    flight = Flight()
+    flight.lean = math.radians(-33.0)
+    flight.engaged()
+    flight.run(15.0)
+    assert flight.lander.state is State.TRACKING
+    flight.lean = math.radians(-25.0)
+    to(flight, State.COMMITTED)
+
+
+def test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known() -> None:
+    """After a while without telemetry little is known of the pad's velocity: it was lifted off."""
+    flight = Flight(position=(0.0, 0.0, -Config().vehicle.gear_height_m))
+    flight.contact_t, flight.detects_landing = 0.0, False
+
+    def noisy(true: PoseSolution) -> PoseSolution:
+        """Refractions and an askew lens: alike from picture to picture."""
+        error = (0.06 * math.sin(6.0 * flight.t), 0.0, 0.06 * math.sin(9.0 * flight.t))
+        covariance = matscale(IDENTITY, 0.05**2)
+        return replace(true, position=add(true.position, error), covariance=covariance)
+
+    flight.distort = noisy
+    flight.pulse_us = LOW
+    flight.run(1.1)
+    flight.visible = False
+    flight.run(2.0)
+    flight.pulse_us, flight.visible = HIGH, True
+    to(flight, State.ON_PAD)
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints)
 
 
 def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -> None:

@@ -11,6 +11,7 @@ WIDEST = {
     "channel": 18,
     "distance": 99.94,
     "height": 99.94,
+    "lean": 59.9,
     "what": pilot_texts.SEARCHING,
 }
 BLIND_REASONS = (

@@ -28,8 +28,12 @@ def picture(stroke: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.rint(WHITE + share * (stroke - WHITE)).astype(np.uint8)
 
 
+def looked(image: NDArray[np.uint8], segment: Segmentation) -> Look:
+    return Look(image, segment(image))
+
+
 def candidates(image: NDArray[np.uint8], segment: Segmentation) -> list[Candidate]:
-    return ring_candidates([Look(image, segment)], RATIO)[0]
+    return ring_candidates([looked(image, segment)], RATIO)[0]
 
 
 def test_a_ring_of_even_ink_is_proposed_with_its_outline() -> None:
@@ -56,7 +60,7 @@ def test_texture_that_happens_to_be_round_is_not_proposed() -> None:
 
 def test_what_images_show_does_not_depend_on_what_is_looked_at_with_them() -> None:
     shown = picture(np.full((100, 120), BLACK))
-    looks = [Look(shown[:, :90], dark_by_range), Look(shown[20:], dark_by_mean(0.86))]
+    looks = [looked(shown[:, :90], dark_by_range), looked(shown[20:], dark_by_mean(0.86))]
     alone = [ring_candidates([look], RATIO)[0] for look in looks]
     together = ring_candidates(looks, RATIO)
     assert [len(some) for some in together] == [1, 1]

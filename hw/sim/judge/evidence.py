@@ -15,7 +15,7 @@ from hw.sim.judge.truth import Truth
 from landerd.geometry import Vec3, add, horizontal, scale, sub, wrap
 
 BOUNCE_S = 0.2  # feet up for longer than this end a contact
-_STILL_MPS, _STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
+_STILL_MPS, STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
 _NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
 _KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is told from
 _RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
@@ -128,7 +128,8 @@ class Evidence:
         self.low_since: float | None = None
         self._beat_t = self._rc_t = -math.inf
         self._ended_t = math.inf  # handed back, told to stop, or the autopilot has restarted
-        self._boot_s = -math.inf
+        self._boot_s = self._boot_t = -math.inf
+        self._suspected_s: float | None = None  # boot time less t, that did not fit
         self._boot_of: dict[int, float] = {}  # of the newest message of each kind
         self._content: dict[str, object] = {}
         self._measured: dict[str, float] = {}
@@ -171,12 +172,22 @@ class Evidence:
             self.gate_low_t = t
         self._rc_t = max(self._rc_t, measured_t)
 
-    def on_boot_time(self, t: float, boot_s: float) -> None:
-        """The autopilot says how long it has run: one that restarted says less than before."""
-        if _RESTART_S < self._boot_s - boot_s < _WRAP_S:
+    def on_boot_time(self, t: float, boot_s: float, *, is_answer: bool = False) -> None:
+        """The autopilot says how long it has run: one that restarted says less than before.
+
+        That may be wrong once; two in a row are believed, and an answer to TIMESYNC.
+        """
+        is_back = _RESTART_S < self._boot_s - boot_s < _WRAP_S
+        is_ahead = boot_s > self._boot_s + t - self._boot_t + _RESTART_S
+        if (is_back and not is_answer) or (is_ahead and self._boot_s > -math.inf):
+            suspected, self._suspected_s = self._suspected_s, boot_s - t
+            if suspected is None or abs(self._suspected_s - suspected) > _RESTART_S:
+                return
+        self._suspected_s = None
+        if is_back:
             self.latched = True
             self._ended_t = min(self._ended_t, t)
-        self._boot_s = boot_s
+        self._boot_s, self._boot_t = boot_s, t
 
     def held_back_s(self, kind: int, boot_s: float) -> float:
         """Return how long a message was held back before it left, s: others had passed it by then.
@@ -283,7 +294,7 @@ class Evidence:
 
     def stands(self, t: float) -> bool:
         """Tell whether the vehicle stands on the pad, or landerd has ordered it to."""
-        still = self._still_since is not None and t - self._still_since > _STILL_S
+        still = self._still_since is not None and t - self._still_since > STILL_S
         return self.touched and (self.levelled or still)
 
     def must_climb_away(self, t: float, truth: Truth) -> bool:

@@ -30,6 +30,7 @@ _ASKS = {
 _ANSWERS = (mavlink.MAVLINK_MSG_ID_PARAM_VALUE, mavlink.MAVLINK_MSG_ID_COMMAND_ACK)
 _ANSWERS_S = 10.0  # the list of all parameters takes so long
 _LANDED_NEWS = "landed and disarmed"
+_MOST = 1e6  # m, m/s or rad: beyond, and not finite, is no measurement
 
 
 class Rules:
@@ -104,13 +105,13 @@ class Rules:
             evidence.on_rc(t, left_t, m)
         elif kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
             angles = (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
-            evidence.on_measured("attitude", left_t, angles)
+            _measured(evidence, "attitude", left_t, angles)
         elif kind == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
-            evidence.on_measured("position", left_t, left_t)
+            _measured(evidence, "position", left_t, (m.x, m.y, m.z, m.vx, m.vy, m.vz))
         elif kind in GIMBAL_REPORTS:
             evidence.on_measured("gimbal", left_t, left_t)
         elif kind == mavlink.MAVLINK_MSG_ID_TIMESYNC and m.tc1:
-            evidence.on_boot_time(t, 1e-9 * m.tc1)
+            evidence.on_boot_time(t, 1e-9 * m.tc1, is_answer=True)
         elif kind == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
             on_ground = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
             evidence.on_landed_state(t, on_ground=on_ground)
@@ -210,3 +211,9 @@ class Rules:
 
     def _break(self, t: float, rule: str) -> None:
         self.broken.setdefault(rule, t)
+
+
+def _measured(evidence: Evidence, what: str, t: float, numbers: tuple[float, ...]) -> None:
+    """Take a report of time t (s), unless it is one that nobody can calculate with."""
+    if all(abs(x) < _MOST for x in numbers):
+        evidence.on_measured(what, t, numbers)

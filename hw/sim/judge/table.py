@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from hw.sim.judge.bounds import ZERO, RuleBounds
-from hw.sim.judge.evidence import BOUNCE_S, Evidence, Order
+from hw.sim.judge.evidence import BOUNCE_S, STILL_S, Evidence, Order
 from landerd.geometry import horizontal
 
 CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
@@ -62,9 +62,14 @@ def _stops_on_moving_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
     return o.zero and e.must_climb_away(o.t, o.truth)
 
 
+def _knows_to_stand(e: Evidence, o: Order) -> bool:
+    """Tell whether it stands: of stale data it cannot know, unless it did before."""
+    return e.stands(o.t) and (e.levelled or o.t - e.stale_t > STILL_S)
+
+
 def _gets_up(e: Evidence, o: Order, b: RuleBounds) -> bool:
     released = o.t - e.closed_t(o.t) > b.tick_s and e.flown_t is not None
-    return released and not o.level and e.stands(o.t)
+    return released and not o.level and _knows_to_stand(e, o)
 
 
 def _latched(e: Evidence, o: Order, b: RuleBounds) -> bool:
@@ -213,7 +218,7 @@ def _does_not_ride(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _climbs_from_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return bool(o.truth.feet_down) and o.climbs and e.stands(o.t)
+    return bool(o.truth.feet_down) and o.climbs and _knows_to_stand(e, o)
 
 
 def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:

@@ -176,6 +176,25 @@ def test_an_overtaken_message_is_dropped() -> None:
     assert driver.counters["out of order"] == 1
 
 
+@pytest.mark.parametrize("wrong_ms", [0, 2**32 - 1, 400_000])
+def test_one_stamp_that_does_not_fit_is_no_restart(wrong_ms: int) -> None:
+    """It was, and every message after one from far ahead; then it waited for the pilot's switch."""
+    got, driver = received_bytes(
+        lambda codec: b"".join(
+            codec.encode(attitude(ms)) for ms in (90_000, 90_020, wrong_ms, 90_040, 90_060)
+        )
+    )
+    assert not any(isinstance(m, AutopilotRestarted) for m in got)
+    assert driver.counters["a boot time that does not fit"] == 1
+
+
+def test_two_stamps_that_fit_each_other_are_a_restart() -> None:
+    got, _ = received_bytes(
+        lambda codec: b"".join(codec.encode(attitude(ms)) for ms in (90_000, 90_020, 300, 320))
+    )
+    assert len([m for m in got if isinstance(m, AutopilotRestarted)]) == 1
+
+
 def test_a_restart_of_the_autopilot_is_told_and_its_streams_come_back() -> None:
     async def scene(f: Flight) -> None:
         assert not f.got(AutopilotRestarted)

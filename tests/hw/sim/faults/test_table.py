@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.sim.fault_options import FAULTS
+from hw.sim.fault_options import FAULTS, FaultOptions, OnsetOptions
 from hw.sim.faults.draw import as_setting, draw_faults
 from hw.sim.faults.strangers import PARAMETERS
 from hw.sim.faults.table import EFFECTS
@@ -33,3 +33,9 @@ def test_every_fault_is_drawn_alone_and_in_pairs() -> None:
 
 def test_the_false_ground_station_changes_parameters_that_there_are() -> None:
     assert {name.decode() for name in PARAMETERS} <= parameters().keys()
+
+
+def test_what_a_fault_leaves_behind_is_never_over() -> None:
+    at = OnsetOptions(time_s=1.0)
+    assert FaultOptions(fault="gimbal-slipping", at=at, for_s=0.5).lasts_s is None
+    assert FaultOptions(fault="gimbal-offset", at=at, for_s=0.5).lasts_s == 0.5

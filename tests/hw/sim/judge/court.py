@@ -118,7 +118,7 @@ class Court:
             mavlink.MAVLink_heartbeat_message(2, 3, mode, self.mode, 4, 3),
             mavlink.MAVLink_rc_channels_message(rc_ms, 16, *channels, 255),
             mavlink.MAVLink_attitude_message(ms, roll, *(0.0,) * 5),
-            mavlink.MAVLink_local_position_ned_message(ms, *(0.0,) * 6),
+            mavlink.MAVLink_local_position_ned_message(ms, roll, *(0.0,) * 5),
             mavlink.MAVLink_extended_sys_state_message(0, landed),
         )
 

@@ -62,6 +62,14 @@ def test_a_gap_is_no_step() -> None:
     assert broken((0.1, 0.0, 0.0), (3.0, 0.0, 0.0), dt=0.6) == []
 
 
+def test_what_a_cut_link_has_swallowed_may_have_been_an_order_to_stop() -> None:
+    rules: list[str] = []
+    limits = SetpointLimits(BOUNDS, lambda t, rule: rules.append(rule))
+    for t, down in ((0.0, 0.8), (0.3, 0.01), (0.6, 0.9)):
+        limits.check(t, (0.0, 0.0, down), 0.0)
+        assert rules == ([] if t < 0.6 else ["3: vertical acceleration"])
+
+
 def test_after_a_step_in_which_nothing_was_ordered_no_jerk_is_told() -> None:
     # Released for one control step: taken over two, the first acceleration seems half as large.
     rules: list[str] = []

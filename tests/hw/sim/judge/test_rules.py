@@ -148,6 +148,16 @@ def gate_low_on_the_pad(c: Court, gets_up: bool) -> None:
     c.wait(1.0)
 
 
+def gate_low_on_the_pad_unknown(c: Court) -> None:
+    c.truth = ON_PAD
+    c.fly(0.3, SINK)
+    c.mute |= {ATTITUDE, POSITION}
+    c.fly(0.9, SINK)
+    c.pulse = 1100
+    c.fly(0.9, STOP)
+    c.wait(1.0)
+
+
 WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: leaves_guided(c, 0.025), None),
     (lambda c: leaves_guided(c, 0.1), NOT_GUIDED),
@@ -176,6 +186,7 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (gate_low_as_it_slides, None),
     (lambda c: gate_low_on_the_pad(c, gets_up=False), None),
     (lambda c: gate_low_on_the_pad(c, gets_up=True), GETS_UP),
+    (gate_low_on_the_pad_unknown, None),
     (lambda c: back_in_guided(c, low=True), None),
     (lambda c: back_in_guided(c, low=False), LATCHED),
 ]
@@ -978,3 +989,14 @@ def test_every_rule_has_a_number() -> None:
     texts = [rule.text for rule in (*ORDER_RULES, *TIME_RULES)]
     assert len(set(texts)) == len(texts)
     assert all(text[0] in "1234567" and ": " in text[:4] for text in texts)
+
+
+@pytest.mark.parametrize("x", [math.nan, math.inf, 1e30])
+def test_5_a_position_that_is_no_number_is_none(x: float) -> None:
+    court = Court()
+    court.mute.add(POSITION)
+    for _ in range(20):
+        ms = int(1e3 * (court.t + court.boot_s))
+        court.hear(mavlink.MAVLink_local_position_ned_message(ms, x, *(0.0,) * 5))
+        court.fly(0.025, SINK)
+    assert court.broken == ["5: descending on stale or frozen data"]
