@@ -57,15 +57,24 @@ class Joint:
     errors: F64  # (7 k,)
     information: F64  # (6 + 7 k, 6 + 7 k), of the picture and of what was known
     seen: F64  # that of the picture alone
+    # Of each marker what the errors that all share pull the joint pose by: over P, (6 + 7 k, n).
+    pulls: tuple[F64, ...]
 
 
 def ring_measurement(
-    marker: int, place: tuple[float, float], solutions: tuple[PoseSolution, ...]
+    marker: int,
+    place: tuple[float, float],
+    solutions: tuple[PoseSolution, ...],
+    shared: tuple[F64, ...] = (),
 ) -> Measurement:
-    """Return what a ring's sighting says: position and normal, no heading."""
+    """Return what a ring's sighting says: position and normal, no heading.
+
+    `shared` are the solutions' errors that other markers share, none if empty; see `Pose`.
+    """
     poses = []
     best = min(s.cost for s in solutions)
-    for s in solutions:
+    none = (np.zeros((6, 0)),) * len(solutions)
+    for s, errors in zip(solutions, shared or none, strict=True):
         if s.cost > best + _MAX_RING_CHI2_ABOVE_BEST:
             continue
         n = np.array(s.normal)
@@ -73,7 +82,7 @@ def ring_measurement(
         information[:3, :3] = np.linalg.inv(np.array(s.covariance))
         information[3:, 3:] = (np.eye(3) - np.outer(n, n)) / s.sigma_tilt**2
         R = rotation_from(n, np.array([0.0, -1.0, 0.0]) if abs(n[1]) < 0.9 else np.eye(3)[0])
-        poses.append(Pose(R, np.array(s.position), information, s.cost - best))
+        poses.append(Pose(R, np.array(s.position), information, s.cost - best, errors))
     return Measurement(marker, np.array([*place, 0.0]), None, tuple(poses))
 
 
@@ -149,7 +158,7 @@ def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: Pose
     mean, before = errors.of(markers)
     R = rotation_from(np.array(pad.normal), np.array(pad.north))
     pose = Pose(R, np.array(pad.position), np.zeros((6, 6)), 0.0)
-    seen, gradient, _ = _normal_equations(measured, pose, mean)
+    seen, gradient, *_ = _normal_equations(measured, pose, mean)
     known = np.zeros_like(seen)
     known[6:, 6:] = before
     n = pose.normal
@@ -171,8 +180,12 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
         P: F64 = np.asarray(np.linalg.inv(joint.information), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
-    noise = (P @ joint.seen @ P)[:6, :6]
-    total = P[:6, :6].copy()
+    # Errors that the markers share count once, not as independent ones of each.
+    parts = [P[:6] @ pull for pull in joint.pulls]
+    together = np.sum(parts, axis=0)
+    alike = together @ together.T - np.sum([part @ part.T for part in parts], axis=0)
+    noise = (P @ joint.seen @ P)[:6, :6] + alike
+    total = P[:6, :6] + alike
     total[:3, :3] += errors.scale_sigma**2 * np.outer(pose.t, pose.t)
     total[2, 2] += (errors.focal_sigma * pose.t[2]) ** 2
     information: F64 = np.asarray(np.linalg.inv(total), dtype=np.float64)
@@ -238,7 +251,7 @@ def _joint(
     if prior_north is not None and not _has_north(measured):
         yaw_information = 1.0 / _PRIOR_NORTH_SIGMA**2
     for _ in range(_MAX_STEPS):
-        seen, gradient, cost = _normal_equations(measured, pose, errors)
+        seen, gradient, cost, pulls = _normal_equations(measured, pose, errors)
         n = pose.normal
         seen[3:6, 3:6] += yaw_information * np.outer(n, n)
         information = seen.copy()
@@ -253,13 +266,17 @@ def _joint(
         pose, errors = replace(pose, cost=cost).moved(step[:6]), errors + step[6:]
         if float(gradient @ step) < _CONVERGED:
             break
-    return Joint(pose, errors, information, seen) if np.isfinite(pose.t).all() else None
+    return Joint(pose, errors, information, seen, pulls) if np.isfinite(pose.t).all() else None
 
 
 def _normal_equations(
     measured: list[Measurement], pose: Pose, errors: F64
-) -> tuple[F64, F64, float]:
-    """Return information, gradient and cost of k markers at a pose of the pad and their errors."""
+) -> tuple[F64, F64, float, tuple[F64, ...]]:
+    """Return information, gradient and cost of k markers at a pose of the pad and their errors.
+
+    And by what the errors that all share pull at each; see `Joint`.
+    """
+    pulls = []
     size = 6 + ERRORS * len(measured)
     information, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
     for i, m in enumerate(measured):
@@ -273,8 +290,10 @@ def _normal_equations(
         information[own, own] = both[6:, 6:]
         gradient[:6] += pull[:6]
         gradient[own] = pull[6:]
+        pulls.append(np.zeros((size, chosen.shared.shape[1])))
+        pulls[-1][:6], pulls[-1][own] = np.split(weighted @ chosen.shared, [6])
         cost += chosen.cost + float(residual @ chosen.information @ residual)
-    return information, gradient, cost
+    return information, gradient, cost, tuple(pulls)
 
 
 def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 | None) -> F64:

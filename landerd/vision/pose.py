@@ -6,7 +6,7 @@ origin moved by dt, the axes turned by the rotation vector w.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import cv2
@@ -36,6 +36,9 @@ class Pose:
     t: F64  # origin, m, (3,)
     information: F64  # inverse covariance of (dt, w), (6, 6); singular where nothing is known
     cost: float  # chi-square of the fit
+    # What one sigma of independent errors that all markers of the picture share, the motion during
+    # a rolling shutter's readout, does to (dt, w), (6, k); it is in the information, too.
+    shared: F64 = field(default_factory=lambda: np.zeros((6, 0)))
 
     @property
     def normal(self) -> F64:

@@ -3,7 +3,8 @@
 Rows are exposed one after another. What moves in the image meanwhile is sheared or stretched by its
 motion during the readout, which no single picture can tell from a tilt and another distance. How
 fast the pad moves in the image is told by the frames before; the error that this may mean is added
-to the covariance of each marker's pose.
+to the covariance of each marker's pose. It is one motion that bends all markers of a picture, and
+shifts those above the landing point the other way than those below.
 """
 
 import math
@@ -50,41 +51,53 @@ class RollingShutter:
         known = before is not None and 0.0 < past < _KNOWN_FOR_S
         self._rate = (at - before[1]) / past if known and before is not None else None
 
-    def of_pose(self, t: float, pose: Pose, outline: F64) -> Pose:
+    def of_pose(self, t: float, pose: Pose, outline: F64, origin: F64) -> Pose:
         """Return a pose seen at a time t, s, with what the shutter may have done to it.
 
-        `outline` (n, 2) are points of the marker, m.
+        Args:
+            t: of the picture, s.
+            pose: of the marker.
+            outline: points (n, 2) of the marker, m.
+            origin: (3,), camera frame, m; the pose is that as its row is exposed.
         """
         moved = self._moved(t)
         if moved is None:
             return pose
-        change = self._change(pose, outline, moved, is_round=False)
+        change = self._change(pose, outline, moved, origin, is_round=False)
+        shared = change[:, : moved.shape[1]]
         try:
             covariance = np.linalg.inv(pose.information) + change @ change.T
             information: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         except np.linalg.LinAlgError:
-            return pose
-        return replace(pose, information=information)
+            return replace(pose, shared=np.zeros_like(shared))
+        return replace(pose, information=information, shared=shared)
 
-    def of_ring(self, t: float, ring: Ring, sighting: MarkerSighting) -> MarkerSighting:
-        """Return a ring seen at a time t, s, with what the shutter may have done to its poses."""
+    def of_ring(
+        self, t: float, ring: Ring, sighting: MarkerSighting
+    ) -> tuple[MarkerSighting, tuple[F64, ...]]:
+        """Return a ring seen at a time t, s, with what the shutter may have done to its poses.
+
+        And for each of them, in their order, what all markers share of that; see `Pose`.
+        """
         moved = self._moved(t)
         if moved is None:
-            return sighting
-        solutions = tuple(self._of_solution(s, ring, moved) for s in sighting.solutions)
-        return replace(sighting, solutions=solutions)
+            return sighting, (np.zeros((6, 0)),) * len(sighting.solutions)
+        changed = [self._of_solution(s, ring, moved) for s in sighting.solutions]
+        solutions, shared = tuple(s for s, _ in changed), tuple(c for _, c in changed)
+        return replace(sighting, solutions=solutions), shared
 
-    def _of_solution(self, s: PoseSolution, ring: Ring, moved: F64) -> PoseSolution:
+    def _of_solution(self, s: PoseSolution, ring: Ring, moved: F64) -> tuple[PoseSolution, F64]:
         normal = np.array(s.normal)
         pose = Pose(
             rotation_from(normal, any_across(normal)), np.array(s.position), np.zeros((6, 6)), 0.0
         )
         inner = circle(ring.inner_ratio * ring.radius_m)
         outline = np.vstack([circle(ring.radius_m), inner])
-        change = self._change(pose, outline, moved, is_round=True)
+        change = self._change(pose, outline, moved, pose.t, is_round=True)
         covariance = np.array(s.covariance) + change[:3] @ change[:3].T
         tilt = math.hypot(s.sigma_tilt, math.sqrt(0.5) * float(np.linalg.norm(change[3:])))
-        return replace(s, covariance=mat3(covariance), sigma_tilt=tilt)
+        changed = replace(s, covariance=mat3(covariance), sigma_tilt=tilt)
+        return changed, change[:, : moved.shape[1]]
 
     def _moved(self, t: float) -> F64 | None:
         """Return by what the image may have moved during the readout, rad.
@@ -98,11 +111,11 @@ class RollingShutter:
         sigma = _RATE_SIGMA + _RATE_SHARE * float(np.linalg.norm(self._rate))
         return self._readout_s * np.column_stack([self._rate, sigma * np.eye(2)])
 
-    def _change(self, pose: Pose, outline: F64, moved: F64, *, is_round: bool) -> F64:
+    def _change(self, pose: Pose, outline: F64, moved: F64, origin: F64, *, is_round: bool) -> F64:
         """Return what motions (2, k) do to a pose's (dt, w) by least squares, (6, k + 3)."""
         J = ray_derivative(outline, pose)
         rays = pose.rays(outline)
-        below = (rays[:, 1] - pose.t[1] / pose.t[2]) * self._per_ray
+        below = (rays[:, 1] - origin[1] / origin[2]) * self._per_ray
         shift = below[:, None, None] * moved  # (n, 2, k)
         if is_round:
             # Of a circle only what is across its outline is seen.

@@ -16,7 +16,7 @@ from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import Expected, SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
-from landerd.vision.pose import Pose, circle, solution
+from landerd.vision.pose import Pose, circle, solution, turned_about_normal
 from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image
@@ -151,8 +151,8 @@ class Vision:
 
     def _ring(self, t: float, ring: Ring, sighting: MarkerSighting) -> Candidate:
         number = self._layout.markers.index(ring)
-        sighting = self._shutter.of_ring(t, ring, sighting)
-        measured = ring_measurement(number, ring.position_m, sighting.solutions)
+        sighting, shared = self._shutter.of_ring(t, ring, sighting)
+        measured = ring_measurement(number, ring.position_m, sighting.solutions, shared)
         return Candidate(ring, sighting, measured)
 
     def _is_vouched(self, t: float, prior: Prior) -> bool:
@@ -205,7 +205,11 @@ class Vision:
         stage: str = GREY,
     ) -> Candidate | None:
         """Return a marker that tells its id and heading; None if its pose is too uncertain."""
-        poses = [self._shutter.of_pose(t, p, outline) for p in poses]
+        place, heading = np.array([*marker.position_m, 0.0]), math.radians(marker.heading_deg)
+        origins = (p.t - turned_about_normal(p.R, -heading) @ place for p in poses)
+        poses = [
+            self._shutter.of_pose(t, p, outline, o) for p, o in zip(poses, origins, strict=True)
+        ]
         level = sorted((with_gravity(p, prior.down) for p in poses), key=lambda p: p.cost)
         solutions = tuple(s for p in level if (s := solution(p)) and self._is_certain(s))
         if not solutions:
@@ -214,7 +218,6 @@ class Vision:
         polygon = tuple((float(x), float(y)) for x, y in self._camera.pixels(points))
         sighting = MarkerSighting(marker.kind, marker.id, solutions, polygon, stage)
         number = self._layout.markers.index(marker)
-        place, heading = np.array([*marker.position_m, 0.0]), math.radians(marker.heading_deg)
         return Candidate(marker, sighting, Measurement(number, place, heading, tuple(poses)))
 
     def _in_whole(self, sighting: MarkerSighting) -> MarkerSighting:
