@@ -6,7 +6,8 @@ round it, which is seen long before the square can be read. No heading need be k
 refused if there is none under which that white stands out from the ground behind it or, on ground
 as bright as white, a print from the white; and under which the whole plate, evenly white, stands
 out from ground and prints (`PlateTemplate`): texture stands out somewhere, but not evenly. Where a
-shadow's edge lies across the plate its outlines tell it (`PlateOutline`).
+shadow's edge lies across the plate its outlines tell it (`PlateOutline`). Of larger rings a part of
+these must be seen in any light: spots of light on the ground are as white, but not as straight.
 """
 
 import math
@@ -117,9 +118,13 @@ class PlateCheck:
         own = self._own_levels(image, ring, t, axes)
         if own is None:
             return False
-        if not self._lacks_white(image, ring, t, axes, own, radius_px):
-            return False
-        return not self._outlines[ring].is_seen(image, self._camera, t, axes)
+        outline = self._outlines[ring]
+        if self._lacks_white(image, ring, t, axes, own, radius_px):
+            return not outline.is_seen(image, self._camera, t, axes)
+        # White over full scale hides its outlines.
+        white = own[1]
+        is_clipped = white > _CLIPPED
+        return not is_clipped and outline.is_missing(image, self._camera, t, axes, radius_px)
 
     def _lacks_white(
         self,
