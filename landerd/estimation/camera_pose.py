@@ -41,7 +41,7 @@ POSITION_TIME_CONSTANT_S = 20.0
 # No vehicle is faster from one report to the next, m/s^2, and by a knock, m/s; nor turns otherwise
 # than its rate says, rad/s^2, and what noise adds, rad. Chosen by hand, well above what flies.
 FASTEST_MPS2, KNOCK_MPS = 50.0, 1.0
-FASTEST_TURN, HEADING_NOISE = math.radians(2000.0), math.radians(3.0)
+FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
 LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
 
 
