@@ -180,8 +180,8 @@ MUTANTS = [
     Mutant(
         "2: descends with the heading off",
         PHASES,
-        "return 0.0 if self._aligned else self._options.alignment_height_m + ALIGNMENT_MARGIN_M",
-        "return 0.0",
+        "may_land = self._aligned and not self.leans",
+        "may_land = True",
         "test_2_no_descent_below_the_alignment_height_with_the_heading_off",
     ),
     Mutant(
@@ -654,9 +654,47 @@ MUTANTS = [
     Mutant(
         "4: gives thrust again to what stands level when data are stale",
         PAD,
-        "if vehicle is None and touchdown.is_level:",
+        "if vehicle is None and stays:",
         "if False:",
         "guidance/test_landing.py::test_levelled_on_the_pad_it_stays_so_when_data_are_stale",
+    ),
+    Mutant(
+        "1b: leaves a moving pad that it was pressed onto for long, for want of data",
+        LANDING,
+        "return self._context.over_fast_pad and not stands",
+        "return self._context.over_fast_pad and not self._touchdown.stands",
+        "guidance/test_landing.py::"
+        "test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad",
+    ),
+    Mutant(
+        "2: comes down however far it leans",
+        PHASES,
+        "self.leans = leans and height",
+        "self.leans = False and height",
+        "guidance/test_landing.py::"
+        "test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back",
+    ),
+    Mutant(
+        "4: a landing begins on a pad that it may stand on",
+        CONTEXT,
+        "return self._may_rest and not self.rests(now)",
+        "return False",
+        "guidance/test_landing.py::"
+        "test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known",
+    ),
+    Mutant(
+        "5: believes a velocity that jumps as none can",
+        "landerd/estimation/spikes.py",
+        "return suspected is None or norm(sub(value, suspected)) > most",
+        "return False",
+        "estimation/test_camera_pose.py::test_what_jumps_once_as_nothing_can_is_not_taken",
+    ),
+    Mutant(
+        "1b: one boot time that does not fit is a restart",
+        "hw/autopilots/mavlink.py",
+        "if is_ahead or (is_back and not is_answer):",
+        "if False:",
+        "hw/autopilots/test_mavlink.py::test_one_stamp_that_does_not_fit_is_no_restart",
     ),
 ]
 

@@ -119,15 +119,29 @@ FAULTS: Mapping[str, FaultKind] = {
     "position-biased": FaultKind("telemetry", "velocities are 0.2 to 2 m/s too large"),
     "position-jumping": FaultKind("telemetry", "positions jump by up to 0.5 to 20 m"),
     "position-nan": FaultKind("telemetry", "positions are no numbers"),
+    "position-reset": FaultKind(
+        "telemetry", "the position is set anew, 0.4 to 10 m off, for good", ends=False
+    ),
+    "height-reset": FaultKind("telemetry", "the same of the height, 0.1 to 2 m", ends=False),
+    "heading-reset": FaultKind(
+        "telemetry", "the heading is set anew, 3 to 45 degrees off, for good", ends=False
+    ),
+    "velocity-spikes": FaultKind(
+        "telemetry", "2 to 30 % of velocities are off by up to 20 m/s each way"
+    ),
     "heartbeat-lost": FaultKind("telemetry", "no HEARTBEAT"),
     "heartbeat-late": FaultKind("telemetry", "HEARTBEAT comes 0.3 to 3 s late"),
     "heartbeat-disarmed": FaultKind("telemetry", "HEARTBEAT says disarmed, and it is not so"),
+    "heartbeat-wrong-mode": FaultKind("telemetry", "HEARTBEAT says LOITER, and it is not so"),
     "rc-missing": FaultKind("telemetry", "no RC_CHANNELS"),
     "rc-late": FaultKind("telemetry", "RC_CHANNELS comes 0.1 to 1 s late"),
     "rc-frozen": FaultKind("telemetry", "RC_CHANNELS repeats itself with new times"),
+    "rc-no-signal": FaultKind("telemetry", "all channels are 0 or 65535"),
     "landed-missing": FaultKind("telemetry", "no EXTENDED_SYS_STATE"),
+    "landed-late": FaultKind("telemetry", "EXTENDED_SYS_STATE comes 0.2 to 2 s late"),
     "landed-false": FaultKind("telemetry", "EXTENDED_SYS_STATE says ON_GROUND"),
     "landed-never": FaultKind("telemetry", "EXTENDED_SYS_STATE says IN_AIR"),
+    "landed-flickers": FaultKind("telemetry", "10 to 90 % of EXTENDED_SYS_STATE say ON_GROUND"),
     "clock-back": FaultKind(
         "telemetry", "the boot clock goes back by 0.1 to 20 s", False, in_sitl=False
     ),
@@ -137,7 +151,14 @@ FAULTS: Mapping[str, FaultKind] = {
     "clock-wrapped": FaultKind(
         "telemetry", "the boot clock's milliseconds wrap", False, in_sitl=False
     ),
+    "clock-drifts": FaultKind(
+        "telemetry", "the boot clock is 0.1 to 2 % fast or slow", in_sitl=False
+    ),
+    "clock-outliers": FaultKind("telemetry", "2 to 30 % of messages have any boot time"),
     "timesync-lost": FaultKind("telemetry", "no answer to TIMESYNC"),
+    "timesync-jumping": FaultKind(
+        "telemetry", "answers to TIMESYNC jump by up to 10 to 500 ms either way"
+    ),
     "timesync-late": FaultKind("telemetry", "answers to TIMESYNC come 20 to 400 ms late"),
     # -- link --------------------------------------------------------------------------------------
     "link-cut": FaultKind("link", "the device is gone", True, (*_SILENT, *_UNHEARD)),
@@ -150,6 +171,7 @@ FAULTS: Mapping[str, FaultKind] = {
     # -- who else is on it -------------------------------------------------------------------------
     "stranger-noise": FaultKind("strangers", "bytes without sense, 20 a second"),
     "stranger-autopilot": FaultKind("strangers", "another autopilot's heartbeats and states"),
+    "stranger-flood": FaultKind("strangers", "500 to 5000 messages without meaning a second"),
     "stranger-station": FaultKind("strangers", "a false ground station changes parameters"),
     # -- pilot, and the autopilot's own decisions --------------------------------------------------
     "switch-low": FaultKind("pilot", "the pilot has the switch low"),
@@ -161,6 +183,9 @@ FAULTS: Mapping[str, FaultKind] = {
     "mode-land": FaultKind("pilot", "LAND, and then GUIDED again", lands=False),
     "disarm-refused": FaultKind(
         "pilot", "the autopilot does not disarm when asked to", in_sitl=False
+    ),
+    "disarm-asked": FaultKind(
+        "pilot", "a ground station asks the autopilot to disarm, again and again", in_sitl=False
     ),
     "autopilot-restarts": FaultKind(
         "pilot", "the autopilot restarts in flight", False, in_sitl=False

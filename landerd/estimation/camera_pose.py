@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from landerd import gimbal_frames
 from landerd.config.models import Config
 from landerd.estimation.history import History
+from landerd.estimation.spikes import Spikes
 from landerd.geometry import (
     Mat3,
     Vec3,
@@ -37,6 +38,10 @@ FRAME_JUMP_M = 0.3
 # off by a constant, the one that is flown is too, and only a pad that is seen from what goes by it
 # is flown to without an error. With 2 s it touched down 4 cm off from low over the pad.
 POSITION_TIME_CONSTANT_S = 20.0
+# No vehicle is faster from one report to the next, m/s^2, and by a knock, m/s; nor turns otherwise
+# than its rate says, rad/s^2, and what noise adds, rad. Chosen by hand, well above what flies.
+FASTEST_MPS2, KNOCK_MPS = 50.0, 1.0
+FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
 LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
 
 
@@ -71,9 +76,12 @@ class PoseHistory:
         self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
         self._reference = Reference.BODY
         self._measured: Vec3 = (0.0, 0.0, 0.0)  # the newest position as it was told, m
+        self._velocities, self._headings = Spikes(), Spikes()
 
     def add(self, message: LocalPosition | Attitude | GimbalState) -> Vec3 | None:
         """Take a measurement in; one that is not newer than its predecessor is dropped.
+
+        So is one that jumps as nothing can, unless the next one says the same.
 
         Returns:
             by how much the local frame jumped, m; None if it did not. What was known is moved
@@ -82,13 +90,30 @@ class PoseHistory:
         if isinstance(message, LocalPosition):
             return self._add_position(message)
         if isinstance(message, Attitude):
-            angles = (message.roll, message.pitch, message.yaw)
-            self.attitude.add(message.t, (*angles, *message.rates))
+            if not self._turns_too_fast(message):
+                angles = (message.roll, message.pitch, message.yaw)
+                self.attitude.add(message.t, (*angles, *message.rates))
         else:
             self._reference = message.reference
             pitch = message.pitch if message.pitch_measured else self._lagged_pitch(message)
             self.gimbal.add(message.t, (message.yaw, pitch, message.roll))
         return None
+
+    def _turns_too_fast(self, new: Attitude) -> bool:
+        last = self.attitude.newest
+        if last is None or not 0.0 < new.t - last[0] <= self.attitude.max_gap_s:
+            return False
+        dt, yaw, rate = new.t - last[0], last[1][2], last[1][5]
+        most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
+        return self._headings.is_one(_bearing(new.yaw), _bearing(yaw + rate * dt), most)
+
+    def _speeds_up_too_fast(self, new: LocalPosition) -> bool:
+        last = self.position.newest
+        if last is None or not 0.0 < new.t - last[0] <= self.position.max_gap_s:
+            return False
+        u, v, w = last[1][3:]
+        most = KNOCK_MPS + FASTEST_MPS2 * (new.t - last[0])
+        return self._velocities.is_one(new.velocity, (u, v, w), most)
 
     def _lagged_pitch(self, ordered: GimbalState) -> float:
         """Return the pitch of a gimbal that only tells its order: a first-order lag, rad."""
@@ -101,7 +126,7 @@ class PoseHistory:
     def _add_position(self, new: LocalPosition) -> Vec3 | None:
         """Take a position in by a complementary filter; return how far the frame jumped, if so."""
         last = self.position.newest
-        if last is not None and new.t <= last[0]:
+        if last is not None and (new.t <= last[0] or self._speeds_up_too_fast(new)):
             return None
         moved = self._moved(new)
         position, jump = new.position, None
@@ -212,3 +237,7 @@ def _euler_rates(attitude: tuple[float, ...]) -> tuple[float, ...]:
     across = math.sin(roll) * q + math.cos(roll) * r
     yaw = across / max(math.cos(pitch), LEAST_COS_PITCH)
     return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw
+
+
+def _bearing(yaw: float) -> Vec3:
+    return (math.cos(yaw), math.sin(yaw), 0.0)

@@ -61,6 +61,7 @@ class Landing:
             State.STANDING: Standing(context, self._touchdown),
         }
         self.state = State.SILENT
+        self._now = -math.inf  # of the last control step, s
 
     def configure(self, config: Config) -> None:
         """Go on with changed parameters."""
@@ -109,6 +110,7 @@ class Landing:
 
     def step(self, now: float, dt: float) -> list[Command]:
         """Return the orders of the control step at time now, dt (> 0) after the last, s."""
+        self._now = now
         self._orders.begin(now, dt)
         if self._context.options.output == "landing_target":
             self._orders.enter(Phase.NOT_LANDING, pilot_texts.PRECISION_LANDING)
@@ -168,7 +170,8 @@ class Landing:
     def _must_leave(self) -> bool:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
         if self.state is State.ON_PAD:
-            return self._context.over_fast_pad and not self._touchdown.stands
+            stands = self._touchdown.stands or self._touchdown.has_settled(self._now)
+            return self._context.over_fast_pad and not stands
         return self._context.just_over_fast_pad
 
     def _follow(self, event: Event, step: ControlStep) -> ControlStep:

@@ -311,9 +311,12 @@ def _stand_level(
         released: landerd may not fly on: what stands is pressed down no longer.
     """
     vehicle = context.estimator.fresh_vehicle(step.now)
-    if vehicle is None and touchdown.is_level:
+    stays = touchdown.is_level or (released and touchdown.has_settled(step.now))
+    if vehicle is None and stays:
         # What stands there stays: to give it thrust for want of data threw it off a fast pad.
-        context.orders.stand_level(None, context.pad_velocity)
+        last = context.estimator.vehicle(step.now)
+        heading = last.yaw if last is not None and not touchdown.is_level else None
+        context.orders.stand_level(heading, context.pad_velocity)
         return True
     level = _level_due(context, touchdown, step, vehicle, released=released)
     if vehicle is None:

@@ -175,6 +175,10 @@ class Touchdown:
         """Whether the vehicle was to stand level without thrust when that was looked at last."""
         return self._level
 
+    def has_settled(self, now: float) -> bool:
+        """Tell whether it was pressed down for so long that it stands, for all that is known."""
+        return self._contact_t is not None and now - self._contact_t > LEVEL_AT_LATEST_S
+
     @property
     def may_touch(self) -> bool:
         """Whether the sinking is so slow that the feet may touch; called until contact."""

@@ -22,6 +22,8 @@ _POSE = slice(CENTRE.start, TILT.stop)
 # A tilt so many sigmas from the line of sight is no frontal view: with this the stated sigmas of
 # nearly frontal views are as large as their errors.
 _DISTINCT_TILT_SIGMAS = 7.0
+# Of the path that the image moved during the exposure: what of it no straight even motion explains.
+_PATH_BIAS = 0.001
 
 
 def pose_uncertainty(
@@ -42,7 +44,7 @@ def pose_uncertainty(
         derivative: (rows - 1, n), of grey levels: the ratio, which the fit held, is left out.
         weighted: (n,), residuals times their weights.
         rays: (2, n), of the pixels, z = 1.
-        shift: what an unexplained shift of both edges adds.
+        shift: what else adds to that of the position: an unexplained shift of both edges, motion.
     """
     t, axes = plane
     gain = C[_POSE, 1:] - np.outer(C[_POSE, RATIO], C[RATIO, 1:] / C[RATIO, RATIO])
@@ -98,6 +100,20 @@ def shift_covariance(position: F64, ratio: float, off: float, sigma: float) -> F
     """
     share = (1.0 - ratio) / (1.0 + ratio**3)
     return np.outer(position, position) * (share * share * max(0.0, off * off - sigma * sigma))
+
+
+def motion_covariance(position: F64, radius: float, path: float) -> F64:
+    """Return what motion during the exposure adds to a position's covariance (3, 3), m^2.
+
+    Args:
+        position: of the ring's centre, camera frame, m, (3,).
+        radius: of the ring, m.
+        path: of the image, rad.
+    """
+    off = _PATH_BIAS * path
+    distance = float(np.linalg.norm(position))
+    along = np.outer(position, position) * (off * distance / radius) ** 2
+    return along + np.eye(3) * (off * distance) ** 2
 
 
 def frontal_inflation(covariance: F64, sight: F64) -> F64:

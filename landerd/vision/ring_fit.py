@@ -17,7 +17,11 @@ from numpy.typing import NDArray
 
 from landerd.messages import GREY
 from landerd.pad import Ring
-from landerd.vision.ring_covariance import pose_uncertainty, shift_covariance
+from landerd.vision.ring_covariance import (
+    motion_covariance,
+    pose_uncertainty,
+    shift_covariance,
+)
 from landerd.vision.ring_model import (
     BLUR,
     HEIGHTS,
@@ -347,6 +351,8 @@ def _ring_fit(
     ratio = model.ring.inner_ratio
     off = float(C[RATIO] @ equations.b[k]) / radius
     sigma_off = math.sqrt(max(0.0, scale * float(C[RATIO, RATIO]))) / radius
+    motion = parameters[MOTION] if model.is_moving else np.zeros(2)
+    path = float(np.linalg.norm(motion)) / model.pixels.focal
     uncertainty = partial(
         pose_uncertainty,
         C,
@@ -355,13 +361,13 @@ def _ring_fit(
         equations.derivative[k, 1:],
         equations.weight[k] * equations.residual[k],
         model.pixels.rays[:2],
-        partial(shift_covariance, t, ratio, off, sigma_off),
+        lambda: shift_covariance(t, ratio, off, sigma_off) + motion_covariance(t, radius, path),
     )
     return RingFit(
         position=t,
         normal=estimate.normal[k],
         blur_px=math.sqrt(float(parameters[BLUR])),
-        motion_px=parameters[MOTION] if model.is_moving else np.zeros(2),
+        motion_px=motion,
         inside=inside,
         black=black,
         outside=outside,

@@ -24,6 +24,29 @@ def test_when_the_local_frame_jumps_the_past_goes_along() -> None:
     assert camera.position == pytest.approx((2.05, -1.0, 0.5))
 
 
+def told(made: PoseHistory, velocities: list[float], yaws: list[float]) -> tuple[float, float]:
+    """Return velocity (m/s) and heading (rad) as known after these reports, 50 a second."""
+    for i, (velocity, yaw) in enumerate(zip(velocities, yaws, strict=True)):
+        made.add(LocalPosition(1.0 + 0.02 * i, (0.0, 0.0, 0.0), (velocity, 0.0, 0.0)))
+        made.add(Attitude(1.0 + 0.02 * i, 0.0, 0.0, yaw, (0.0, 0.0, 0.5)))
+    position, attitude = made.position.newest, made.attitude.newest
+    assert position is not None
+    assert attitude is not None
+    return position[1][3], attitude[1][2]
+
+
+def test_what_jumps_once_as_nothing_can_is_not_taken() -> None:
+    turning = [0.0, 0.01, 0.4, 0.03, -2.9]
+    assert told(PoseHistory(AT_ORIGIN), [1.0, 1.1, 20.0, 1.2, -9.0], turning) == (1.2, 0.03)
+
+
+def test_what_is_said_twice_is_so_and_a_hard_knock_and_turn_are_no_jumps() -> None:
+    made = PoseHistory(AT_ORIGIN)
+    assert told(made, [1.0, 1.1, 20.0, 20.3], [0.0, 0.01, 0.4, 0.41]) == (20.3, 0.41)
+    made = PoseHistory(AT_ORIGIN)
+    assert told(made, [1.0, 1.0, -0.5], [3.12, 3.13, -3.12]) == (-0.5, -3.12)
+
+
 def tumbling(seconds: float, step_s: float = 0.001) -> list[tuple[Vec3, Vec3]]:
     """Roll, pitch and yaw (rad) of an airframe that swings about all axes, and its body rates."""
     R, flown = rot_zyx(0.4, -0.3, 0.5), []

@@ -240,6 +240,21 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
+def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad() -> None:
+    """It climbed away after 12 s on the pad, and tipped over in the stop that followed."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.silent.add(Attitude)
+    flight.run(3.0)
+    assert flight.lander.state is State.ON_PAD
+    climbs = len(flight.setpoints)
+    flight.pulse_us = LOW
+    to(flight, State.SILENT, at_most_s=2.0)
+    assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[climbs:])
+    assert len(flight.pressed) > 30
+
+
 def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() -> None:
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
     flight.detects_landing = False

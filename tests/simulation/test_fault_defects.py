@@ -57,6 +57,12 @@ MENDED = [
         2,
         id="the core failed just over a fast pad: stopped after 0.5 s of climbing, it tipped over",
     ),
+    pytest.param(
+        "{fault: velocity-spikes, at: {height_m: 0}, for_s: 2, severity: 0.9}",
+        2.0,
+        2,
+        id="spikes of the velocity: sightings were refused, and it climbed where it stood",
+    ),
 ]
 
 

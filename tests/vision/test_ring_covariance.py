@@ -2,6 +2,9 @@ import math
 
 import numpy as np
 
+from landerd.config.models import VisionSection
+from landerd.messages import Frame
+from landerd.vision import Vision
 from landerd.vision.whycon import find_rings
 from tests.vision import scenes
 
@@ -24,3 +27,24 @@ def test_a_range_that_a_mild_tone_curve_has_moved_is_stated_to_be_as_wrong() -> 
         error = np.array(best.position) - view.position
         inside += bool(error @ np.linalg.solve(np.array(best.covariance), error) < CHI2_95)
     assert inside >= 17
+
+
+def test_where_the_image_moves_far_during_the_exposure_sigma_says_what_that_does() -> None:
+    pad = scenes.alone(RING)
+    found = inside = 0
+    for k in range(10):
+        rng = np.random.default_rng([0, k])
+        distance = (7.0, 15.0)[k % 2]
+        view = None
+        while view is None:
+            view = scenes.random_view(rng, CAMERA, distance, rng.uniform(0.0, 0.7), RING)
+        way, path = rng.uniform(0.0, 2.0 * math.pi), min(15.0, 0.4 * CAMERA.fx / distance)
+        optics = scenes.Optics(motion_px=(path * math.cos(way), path * math.sin(way)))
+        image = scenes.render(view, CAMERA, optics, rng, pad)
+        seen = Vision(pad, CAMERA, VisionSection(focal_sigma=0.0)).process(Frame(0.0, 0, image)).pad
+        if seen:
+            error = np.array(seen[0].position) - view.position
+            found += 1
+            inside += bool(error @ np.linalg.solve(np.array(seen[0].covariance), error) < CHI2_95)
+    assert found >= 9
+    assert inside >= found - 1

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Literal
+from weakref import WeakKeyDictionary
 
 from hw.links.memory import LinkFaults, MemoryLink
 from hw.sim.faults.bench import Bench, Effect
@@ -21,18 +22,38 @@ def _with(way: Way, settings: Callable[[float], dict[str, Any]]) -> Effect:
             "down": [bench.vehicle.far],
             "both": [bench.vehicle.near, bench.vehicle.far],
         }[way]
-        before = [end.faults for end in ends]
+        layer = settings(severity)
         for end in ends:
-            end.faults = _worse(end.faults, settings(severity))
+            _LAYERS.setdefault(end, _Layers(end.faults)).begin(end, layer)
         yield
-        for end, faults in zip(ends, before, strict=True):
-            end.faults = faults
+        for end in ends:
+            _LAYERS[end].end(end, layer)
 
     return effect
 
 
-def _worse(faults: LinkFaults, settings: dict[str, Any]) -> LinkFaults:
-    return replace(faults, **settings)
+class _Layers:
+    """The faults of one end, one upon the other: what began first need not end last."""
+
+    def __init__(self, sound: LinkFaults) -> None:
+        self._sound = sound
+        self._layers: list[dict[str, Any]] = []
+
+    def begin(self, end: MemoryLink, layer: dict[str, Any]) -> None:
+        self._layers.append(layer)
+        self._apply(end)
+
+    def end(self, end: MemoryLink, layer: dict[str, Any]) -> None:
+        self._layers = [each for each in self._layers if each is not layer]
+        self._apply(end)
+
+    def _apply(self, end: MemoryLink) -> None:
+        end.faults = replace(
+            self._sound, **{k: v for each in self._layers for k, v in each.items()}
+        )
+
+
+_LAYERS: WeakKeyDictionary[MemoryLink, _Layers] = WeakKeyDictionary()
 
 
 @contextmanager

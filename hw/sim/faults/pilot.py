@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from hw.autopilots.arducopter import Mode
 from hw.sim.faults.bench import Bench, Effect, stand_in
 
+_ASKS_EVERY_S = 0.2
+
 
 @contextmanager
 def _low(bench: Bench, severity: float) -> Iterator[None]:
@@ -65,6 +67,18 @@ def _disarm_refused(bench: Bench, severity: float) -> Iterator[None]:
 
 
 @contextmanager
+def _disarm_asked(bench: Bench, severity: float) -> Iterator[None]:
+    async def ask() -> None:
+        while True:
+            stand_in(bench).copter.disarm()  # refused in the air
+            await asyncio.sleep(_ASKS_EVERY_S)
+
+    asking = asyncio.create_task(ask())
+    yield
+    asking.cancel()
+
+
+@contextmanager
 def _restarts(bench: Bench, severity: float) -> Iterator[None]:
     stand_in(bench).reboot()
     yield
@@ -79,5 +93,6 @@ FAULTS: Mapping[str, Effect] = {
     "mode-rtl": _mode(Mode.RTL),
     "mode-land": _mode(Mode.LAND),
     "disarm-refused": _disarm_refused,
+    "disarm-asked": _disarm_asked,
     "autopilot-restarts": _restarts,
 }

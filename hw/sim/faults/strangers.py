@@ -51,6 +51,11 @@ def _autopilot(bench: Bench, codec: MavlinkCodec, severity: float) -> bytes:
     return b"".join(codec.encode(message) for message in messages)
 
 
+def _flood(bench: Bench, codec: MavlinkCodec, severity: float) -> bytes:
+    text = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, b"x" * 50)
+    return codec.encode(text) * round(bench.between(25, 250, severity))
+
+
 def _station(bench: Bench, codec: MavlinkCodec, severity: float) -> bytes:
     real = mavlink.MAV_PARAM_TYPE_REAL32
     messages = [
@@ -65,5 +70,6 @@ def _station(bench: Bench, codec: MavlinkCodec, severity: float) -> bytes:
 FAULTS: Mapping[str, Effect] = {
     "stranger-noise": _talking(_noise, _SYSTEM),
     "stranger-autopilot": _talking(_autopilot, _SYSTEM),
+    "stranger-flood": _talking(_flood, 1),
     "stranger-station": _talking(_station, _STATION),
 }

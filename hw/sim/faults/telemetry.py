@@ -4,7 +4,7 @@ import asyncio
 import copy
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -15,6 +15,8 @@ from landerd.geometry import wrap
 
 _WRAP_S = 2.0**32 / 1e3
 _WRAPS_AFTER_S = 0.3
+_DRIFTS_EVERY_S = 0.1
+_NO_PULSE = 0xFFFF  # of a channel that the receiver does not have
 
 _ATTITUDE: int = mavlink.MAVLINK_MSG_ID_ATTITUDE
 _POSITION: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -101,6 +103,36 @@ def _no_number(bench: Bench, severity: float, m: Message) -> None:
     m.x = m.y = m.z = math.nan
 
 
+def _spike(bench: Bench, severity: float, m: Message) -> None:
+    if bench.rng.random() < bench.between(0.02, 0.3, severity):
+        m.vx, m.vy, m.vz = (v + bench.rng.uniform(-20.0, 20.0) for v in (m.vx, m.vy, m.vz))
+
+
+def _no_signal(bench: Bench, severity: float, m: Message) -> None:
+    for channel in range(1, 19):
+        setattr(m, f"chan{channel}_raw", 0 if severity < 0.5 else _NO_PULSE)
+
+
+def _elsewhere(bench: Bench, severity: float, m: Message) -> None:
+    m.custom_mode = mavlink.COPTER_MODE_LOITER
+
+
+def _now_and_then(bench: Bench, severity: float, m: Message) -> None:
+    if bench.rng.random() < bench.between(0.1, 0.9, severity):
+        m.landed_state = mavlink.MAV_LANDED_STATE_ON_GROUND
+
+
+def _wrong_stamp(bench: Bench, severity: float, m: Message) -> None:
+    if bench.rng.random() < bench.between(0.02, 0.3, severity):
+        m.time_boot_ms = bench.rng.randrange(2**32)
+
+
+def _wrong_answer(bench: Bench, severity: float, m: Message) -> None:
+    most_s = bench.between(0.01, 0.5, severity)
+    if m.tc1:
+        m.tc1 = max(1, m.tc1 + round(1e9 * bench.rng.uniform(-most_s, most_s)))
+
+
 def _disarmed(bench: Bench, severity: float, m: Message) -> None:
     m.base_mode &= ~mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 
@@ -116,6 +148,49 @@ def _clock(ahead_s: Callable[[Bench, float], float]) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
         stand_in(bench).shift_clock(ahead_s(bench, severity))
+        yield
+
+    return effect
+
+
+@contextmanager
+def _drifts(bench: Bench, severity: float) -> Iterator[None]:
+    rate = bench.between(1e-3, 2e-2, severity) * bench.rng.choice((-1.0, 1.0))
+
+    async def drift() -> None:
+        while True:
+            await asyncio.sleep(_DRIFTS_EVERY_S)
+            stand_in(bench).shift_clock(rate * _DRIFTS_EVERY_S)
+
+    drifting = asyncio.create_task(drift())
+    yield
+    drifting.cancel()
+
+
+@contextmanager
+def _stamps_wrong(bench: Bench, severity: float) -> Iterator[None]:
+    kinds = (_ATTITUDE, _POSITION, _RC)
+    with ExitStack() as effects:
+        for kind in kinds:
+            effects.enter_context(_changed(kind, _wrong_stamp)(bench, severity))
+        yield
+
+
+def _reset(kind: int, name: str, least: float, most: float) -> Effect:
+    """Return the fault after which these fields of a message are off by as much for good."""
+
+    @contextmanager
+    def effect(bench: Bench, severity: float) -> Iterator[None]:
+        off = bench.between(least, most, severity) * bench.rng.choice((-1.0, 1.0))
+
+        def send_off(message: Message, send: Callable[[Message], None]) -> None:
+            message = copy.copy(message)
+            for field in name.split():
+                value = getattr(message, field) + off
+                setattr(message, field, wrap(value) if field == "yaw" else value)
+            send(message)
+
+        bench.vehicle.tamper[kind] = send_off
         yield
 
     return effect
@@ -138,18 +213,29 @@ FAULTS: Mapping[str, Effect] = {
     "position-biased": _changed(_POSITION, _drift),
     "position-jumping": _changed(_POSITION, _jump),
     "position-nan": _changed(_POSITION, _no_number),
+    "position-reset": _reset(_POSITION, "x y", 0.3, 7.0),
+    "height-reset": _reset(_POSITION, "z", 0.1, 2.0),
+    "heading-reset": _reset(_ATTITUDE, "yaw", math.radians(3.0), math.radians(45.0)),
+    "velocity-spikes": _changed(_POSITION, _spike),
     "heartbeat-lost": _lost(_HEARTBEAT),
     "heartbeat-late": _late(_HEARTBEAT, 0.3, 3.0),
     "heartbeat-disarmed": _changed(_HEARTBEAT, _disarmed),
+    "heartbeat-wrong-mode": _changed(_HEARTBEAT, _elsewhere),
     "rc-missing": _lost(_RC),
     "rc-late": _late(_RC, 0.1, 1.0),
     "rc-frozen": _frozen(_RC),
+    "rc-no-signal": _changed(_RC, _no_signal),
     "landed-missing": _lost(_LANDED),
+    "landed-late": _late(_LANDED, 0.2, 2.0),
     "landed-false": _says(mavlink.MAV_LANDED_STATE_ON_GROUND),
     "landed-never": _says(mavlink.MAV_LANDED_STATE_IN_AIR),
+    "landed-flickers": _changed(_LANDED, _now_and_then),
     "clock-back": _clock(lambda bench, s: -bench.between(0.1, 20.0, s)),
     "clock-ahead": _clock(lambda bench, s: bench.between(0.1, 20.0, s)),
     "clock-wrapped": _clock(_until_wrap),
+    "clock-drifts": _drifts,
+    "clock-outliers": _stamps_wrong,
     "timesync-lost": _lost(_TIMESYNC),
+    "timesync-jumping": _changed(_TIMESYNC, _wrong_answer),
     "timesync-late": _late(_TIMESYNC, 0.02, 0.4),
 }

@@ -172,22 +172,24 @@ class Evidence:
             self.gate_low_t = t
         self._rc_t = max(self._rc_t, measured_t)
 
-    def on_boot_time(self, t: float, boot_s: float, *, is_answer: bool = False) -> None:
+    def on_boot_time(self, t: float, boot_s: float, *, is_answer: bool = False) -> bool:
         """The autopilot says how long it has run: one that restarted says less than before.
 
-        That may be wrong once; two in a row are believed, and an answer to TIMESYNC.
+        That may be wrong once; two in a row are believed, and an answer to TIMESYNC. Returns
+        whether it is.
         """
         is_back = _RESTART_S < self._boot_s - boot_s < _WRAP_S
         is_ahead = boot_s > self._boot_s + t - self._boot_t + _RESTART_S
         if (is_back and not is_answer) or (is_ahead and self._boot_s > -math.inf):
             suspected, self._suspected_s = self._suspected_s, boot_s - t
             if suspected is None or abs(self._suspected_s - suspected) > _RESTART_S:
-                return
+                return False
         self._suspected_s = None
         if is_back:
             self.latched = True
             self._ended_t = min(self._ended_t, t)
         self._boot_s, self._boot_t = boot_s, t
+        return True
 
     def held_back_s(self, kind: int, boot_s: float) -> float:
         """Return how long a message was held back before it left, s: others had passed it by then.

@@ -98,6 +98,8 @@ class Rules:
     def _of_autopilot(self, t: float, left_t: float, m: mavlink.MAVLink_message) -> None:
         evidence, kind = self._evidence, m.get_msgId()
         if "time_boot_ms" in m.fieldnames:
+            if not evidence.on_boot_time(t, 1e-3 * m.time_boot_ms):
+                return  # it is flown on by nobody
             left_t -= evidence.held_back_s(kind, 1e-3 * m.time_boot_ms)
         if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             evidence.on_heartbeat(t, m)
@@ -115,8 +117,6 @@ class Rules:
         elif kind == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
             on_ground = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
             evidence.on_landed_state(t, on_ground=on_ground)
-        if "time_boot_ms" in m.fieldnames:
-            evidence.on_boot_time(t, 1e-3 * m.time_boot_ms)
 
     def from_landerd(self, t: float, data: bytes) -> None:
         """Bytes of landerd leave for the autopilot."""
