@@ -32,7 +32,7 @@ def test_a_range_that_a_mild_tone_curve_has_moved_is_stated_to_be_as_wrong() -> 
 def test_where_the_image_moves_far_during_the_exposure_sigma_says_what_that_does() -> None:
     pad = scenes.alone(RING)
     found = inside = 0
-    for k in range(10):
+    for k in range(6):
         rng = np.random.default_rng([0, k])
         distance = (7.0, 15.0)[k % 2]
         view = None
@@ -46,5 +46,5 @@ def test_where_the_image_moves_far_during_the_exposure_sigma_says_what_that_does
             error = np.array(seen[0].position) - view.position
             found += 1
             inside += bool(error @ np.linalg.solve(np.array(seen[0].covariance), error) < CHI2_95)
-    assert found >= 9
-    assert inside >= found - 1
+    assert found >= 5
+    assert inside == found
