@@ -11,6 +11,7 @@ these must be seen in any light: spots of light on the ground are as white, but 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,15 @@ _BEHIND = (0.3, 0.45, 0.6)  # times the ring's radius, the plate's edge
 _FAR_BESIDE = 1.7  # times the ring's radius: beyond the corners of another ring's own plate
 
 _TURNS = [rotation_2d(2.0 * math.pi * k / _HEADINGS).T for k in range(_HEADINGS)]
+
+
+class _OwnLevels(NamedTuple):
+    """Grey levels of a ring and of the white about it."""
+
+    black: float
+    white: float
+    brightest: float  # of the white
+    is_even: bool  # the white, all around
 
 
 class PlateCheck:
@@ -121,10 +131,9 @@ class PlateCheck:
         outline = self._outlines[ring]
         if self._lacks_white(image, ring, t, axes, own, radius_px):
             return not outline.is_seen(image, self._camera, t, axes)
-        # White over full scale hides its outlines.
-        white = own[1]
-        is_clipped = white > _CLIPPED
-        return not is_clipped and outline.is_missing(image, self._camera, t, axes, radius_px)
+        if own.white > _CLIPPED:  # over full scale, which hides its outlines
+            return False
+        return outline.is_missing(image, self._camera, t, axes, radius_px)
 
     def _lacks_white(
         self,
@@ -132,10 +141,10 @@ class PlateCheck:
         ring: Ring,
         t: F64,
         axes: F64,
-        own: tuple[float, float, float, bool],
+        own: _OwnLevels,
         radius_px: float,
     ) -> bool:
-        """Tell whether under no heading the plate's white stands out, evenly; see `_own_levels`."""
+        """Tell whether under no heading the plate's white stands out, evenly."""
         black, white, brightest, is_even = own
         behind = _mean(self._turned(image, self._ground[ring], t, axes))
         plate = _lower(self._turned(image, self._white[ring], t, axes))
@@ -158,13 +167,8 @@ class PlateCheck:
         least_fit = _LEAST_FIT if is_clear else _LEAST_UNEVEN_FIT
         return bool((fits < least_fit).all())  # NaN, where too little is seen, is not
 
-    def _own_levels(
-        self, image: U8, ring: Ring, t: F64, axes: F64
-    ) -> tuple[float, float, float, bool] | None:
-        """Return a ring's black, white and brightest white, and whether that is even all around.
-
-        None: not all of it is seen.
-        """
+    def _own_levels(self, image: U8, ring: Ring, t: F64, axes: F64) -> _OwnLevels | None:
+        """Return a ring's own levels; None: not all of it is seen."""
         scales = (0.5 * (1.0 + ring.inner_ratio), _OWN_WHITE, *_BEYOND)
         rims = np.concatenate([circle(scale) for scale in scales])
         levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
@@ -174,7 +178,7 @@ class PlateCheck:
         black, white = float(np.median(stroke)), float(np.median(around))
         is_even = np.percentile(around, _EVEN_PERCENTILE) >= black + _EVEN_SHARE * (white - black)
         brightest = float(np.percentile(np.concatenate([around, *beyond]), _BRIGHTEST))
-        return black, white, brightest, bool(is_even)
+        return _OwnLevels(black, white, brightest, bool(is_even))
 
     def _turned(self, image: U8, points: F64, t: F64, axes: F64) -> F64:
         """Return grey levels (headings, n) at points (n, 2) about a ring's centre."""

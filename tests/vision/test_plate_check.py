@@ -121,7 +121,8 @@ def test_a_ring_on_bright_ground_without_any_print_beside_it_is_none(seed: int) 
 
 
 @pytest.mark.parametrize(
-    ("depth", "size_px", "margin"), [(300.0, 8.0, 1.3), (600.0, 12.0, 1.15), (900.0, 16.0, 1.3)]
+    ("depth", "size_px", "margin"),
+    [(300.0, 8.0, 1.15), (300.0, 8.0, 1.3), (600.0, 12.0, 1.15), (900.0, 16.0, 1.3)],
 )
 def test_a_tyre_on_patchy_concrete_or_in_leaf_shade_is_not_the_pad(
     depth: float, size_px: float, margin: float

@@ -1,7 +1,8 @@
 """What faults may lay hands on, and what a fault is."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+import asyncio
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from random import Random
 from typing import Protocol
@@ -83,3 +84,11 @@ def stand_in(bench: Bench) -> SimAutopilot:
     """Return the autopilot that is in this process."""
     assert bench.vehicle.stand_in is not None, "checked with the command line"
     return bench.vehicle.stand_in
+
+
+@contextmanager
+def goes_on(work: Coroutine[None, None, None]) -> Iterator[None]:
+    """Do work that has no end of its own for as long as a fault lasts."""
+    task = asyncio.create_task(work)
+    yield
+    task.cancel()

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from hw.sim.faults.bench import Bench, Effect
+from hw.sim.faults.bench import Bench, Effect, goes_on
 from hw.sim.gimbals.sim import GimbalFault, SimGimbal
 
 _SLIPS_EVERY_S = 0.02
@@ -53,9 +53,8 @@ def _slipping(bench: Bench, severity: float) -> Iterator[None]:
             yaw, pitch = bench.mount.slipped
             bench.mount.slipped = (yaw, pitch + rate * _SLIPS_EVERY_S)
 
-    slipping = asyncio.create_task(slip())
-    yield
-    slipping.cancel()  # it stays where it has slipped to
+    with goes_on(slip()):  # it stays where it has slipped to
+        yield
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from hw.autopilots.arducopter import Mode
-from hw.sim.faults.bench import Bench, Effect, stand_in
+from hw.sim.faults.bench import Bench, Effect, goes_on, stand_in
 
 _ASKS_EVERY_S = 0.2
 
@@ -28,9 +28,8 @@ def _flapping(bench: Bench, severity: float) -> Iterator[None]:
             bench.vehicle.switch.set(high=True)
             await asyncio.sleep(period_s)
 
-    flapping = asyncio.create_task(flap())
-    yield
-    flapping.cancel()
+    with goes_on(flap()):
+        yield
     bench.vehicle.switch.set(high=True)
 
 
@@ -73,9 +72,8 @@ def _disarm_asked(bench: Bench, severity: float) -> Iterator[None]:
             stand_in(bench).copter.disarm()  # refused in the air
             await asyncio.sleep(_ASKS_EVERY_S)
 
-    asking = asyncio.create_task(ask())
-    yield
-    asking.cancel()
+    with goes_on(ask()):
+        yield
 
 
 @contextmanager

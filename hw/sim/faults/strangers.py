@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec
-from hw.sim.faults.bench import Bench, Effect
+from hw.sim.faults.bench import Bench, Effect, goes_on
 
 _EVERY_S = 0.05
 _SYSTEM, _STATION = 7, 253  # neither is configured
@@ -26,9 +26,8 @@ def _talking(say: Callable[[Bench, MavlinkCodec, float], bytes], system: int) ->
                 bench.vehicle.far.write(say(bench, codec, severity))
                 await asyncio.sleep(_EVERY_S)
 
-        talking = asyncio.create_task(talk())
-        yield
-        talking.cancel()
+        with goes_on(talk()):
+            yield
 
     return effect
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import Message
 from hw.sim.cable import Tamper
-from hw.sim.faults.bench import Bench, Effect, stand_in
+from hw.sim.faults.bench import Bench, Effect, goes_on, stand_in
 from landerd.geometry import wrap
 
 _WRAP_S = 2.0**32 / 1e3
@@ -162,9 +162,8 @@ def _drifts(bench: Bench, severity: float) -> Iterator[None]:
             await asyncio.sleep(_DRIFTS_EVERY_S)
             stand_in(bench).shift_clock(rate * _DRIFTS_EVERY_S)
 
-    drifting = asyncio.create_task(drift())
-    yield
-    drifting.cancel()
+    with goes_on(drift()):
+        yield
 
 
 @contextmanager
