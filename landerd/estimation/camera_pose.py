@@ -100,19 +100,19 @@ class PoseHistory:
         return None
 
     def _turns_too_fast(self, new: Attitude) -> bool:
-        last = self.attitude.newest
-        if last is None or not 0.0 < new.t - last[0] <= self.attitude.max_gap_s:
+        before = self.attitude.just_before(new.t)
+        if before is None:
             return False
-        dt, yaw, rate = new.t - last[0], last[1][2], last[1][5]
+        dt, (_, _, yaw, _, _, rate) = before
         most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
         return self._headings.is_one(_bearing(new.yaw), _bearing(yaw + rate * dt), most)
 
     def _speeds_up_too_fast(self, new: LocalPosition) -> bool:
-        last = self.position.newest
-        if last is None or not 0.0 < new.t - last[0] <= self.position.max_gap_s:
+        before = self.position.just_before(new.t)
+        if before is None:
             return False
-        u, v, w = last[1][3:]
-        most = KNOCK_MPS + FASTEST_MPS2 * (new.t - last[0])
+        dt, (_, _, _, u, v, w) = before
+        most = KNOCK_MPS + FASTEST_MPS2 * dt
         return self._velocities.is_one(new.velocity, (u, v, w), most)
 
     def _lagged_pitch(self, ordered: GimbalState) -> float:
@@ -149,11 +149,11 @@ class PoseHistory:
 
     def _moved(self, new: LocalPosition) -> Vec3 | None:
         """Return how far it has moved since the newest position by velocity, m; None: too long."""
-        last = self.position.newest
-        if last is None or not 0.0 < new.t - last[0] <= self.position.max_gap_s:
+        before = self.position.just_before(new.t)
+        if before is None:
             return None
-        u, v, w = last[1][3:]
-        return scale(add((u, v, w), new.velocity), 0.5 * (new.t - last[0]))
+        dt, (_, _, _, u, v, w) = before
+        return scale(add((u, v, w), new.velocity), 0.5 * dt)
 
     def forget_autopilot(self) -> None:
         """Drop all that came from the autopilot: it restarted, its frame may be another."""

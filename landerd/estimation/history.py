@@ -54,6 +54,14 @@ class History:
         """Time and values of the newest measurement."""
         return (self._times[-1], self._values[-1]) if self._times else None
 
+    def just_before(self, t: float) -> tuple[float, Values] | None:
+        """Return how much older than t the newest measurement is, s, and its values.
+
+        None where it is not older, or older than may be interpolated over.
+        """
+        dt = self.age(t)
+        return (dt, self._values[-1]) if 0.0 < dt <= self.max_gap_s else None
+
     def since(self, t: float) -> list[tuple[float, tuple[float, ...]]]:
         """Return time and values of the measurements after t, as far back as they are kept."""
         first = bisect_right(self._times, t)
