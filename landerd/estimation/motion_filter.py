@@ -206,8 +206,16 @@ class MotionFilter:
         vector = sub(sub(measured, self.position), self._shown(B))
         return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug))
 
-    def correct(self, innovation: Innovation) -> None:
-        """Take a measurement in."""
+    def correct(self, innovation: Innovation, coloured: Mat3) -> None:
+        """Take a measurement in.
+
+        Args:
+            innovation: of it.
+            coloured: covariance of white noise that would tell as little of the pictures' clock as
+                the noise does that stays alike for a while, m^2. That clock's gain alone allows
+                for it; by Joseph's form all covariances but the clock's own variance are those of
+                the best gain.
+        """
         vector, S_inverse = innovation.vector, innovation.S_inverse
         Up, Uv, Ub, Ug = innovation.PHt
         Kp, Kv = matmul(Up, S_inverse), matmul(Uv, S_inverse)
@@ -215,14 +223,19 @@ class MotionFilter:
         self.position = add(self.position, rotate(Kp, vector))
         self.velocity = add(self.velocity, rotate(Kv, vector))
         b, g = self.biases
-        self.biases = add(b, rotate(Kb, vector)), add(g, rotate(Kg, vector))
+        K_clock = rotate(inverse(matadd(innovation.S, coloured)), Ub[2])
+        clock = b[2] + dot(K_clock, vector)
+        clock_variance = self.Pbb[2][2] - dot(K_clock, Ub[2])
+        about_x, about_y, _ = add(b, rotate(Kb, vector))
+        self.biases = (about_x, about_y, clock), add(g, rotate(Kg, vector))
         Up, Uv, Ub, Ug = transpose(Up), transpose(Uv), transpose(Ub), transpose(Ug)
         self.Ppp = _symmetric(_minus(self.Ppp, matmul(Kp, Up)))
         self.Ppv = _minus(self.Ppv, matmul(Kp, Uv))
         self.Pvv = _symmetric(_minus(self.Pvv, matmul(Kv, Uv)))
         self._Ppb = _minus(self._Ppb, matmul(Kp, Ub))
         self._Pvb = _minus(self._Pvb, matmul(Kv, Ub))
-        self.Pbb = _symmetric(_minus(self.Pbb, matmul(Kb, Ub)))
+        x, y, z = _symmetric(_minus(self.Pbb, matmul(Kb, Ub)))
+        self.Pbb = (x, y, (z[0], z[1], clock_variance))
         self._Ppg = _minus(self._Ppg, matmul(Kp, Ug))
         self._Pvg = _minus(self._Pvg, matmul(Kv, Ug))
         self._Pbg = _minus(self._Pbg, matmul(Kb, Ug))

@@ -251,6 +251,31 @@ def test_a_lens_that_points_off_moves_a_pad_no_longer_when_the_vehicle_has_stopp
     assert norm(found.velocity) < 0.02
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_what_shows_the_pad_aside_and_is_flown_after_is_not_taken_for_a_late_clock(
+    seed: int,
+) -> None:
+    # Hovering 1 m over the pad, shown 5 mm to and fro by what stays alike for half a second.
+    noise = random.Random(seed)
+    pad_filter = PadFilter(EstimationSection(clock_sigma_s=0.03))
+    covariance = matscale(IDENTITY, 0.001**2)
+    keeps = math.exp(-1.0 / (0.5 * RATE))
+    shown, vehicle, velocity = 0.0, 0.0, 0.0
+    for t in times(1200):
+        shown = keeps * shown + math.sqrt(1.0 - keeps * keeps) * noise.gauss(0.0, 0.005)
+        seen = (shown + noise.gauss(0.0, 0.001), noise.gauss(0.0, 0.001), 1.0)
+        by_clock = ((0.0, 0.0, velocity), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        pad_filter.update(
+            [sighting(t, seen, covariance=covariance, bias_jacobian=by_clock, range_m=1.0)]
+        )
+        found = pad_filter.estimate(t)
+        if found is not None:
+            velocity = 1.5 * (found.position[0] - vehicle)
+            vehicle += velocity / RATE
+    errors = pad_filter.sensor_errors
+    assert abs(errors.clock_s) < 2.0 * errors.sigma_clock_s
+
+
 def test_a_pad_on_a_curve_is_predicted_along_it() -> None:
     pad_filter = PadFilter(OPTIONS)
     rate, speed = math.radians(20.0), 3.0
