@@ -710,7 +710,7 @@ def test_long_out_of_sight_the_prior_tells_gravity_only() -> None:
     flight.run(2.0)
     prior = flight.lander.prior(flight.t)
     down: Vec3 = rotate(transpose(flight.R_local_camera()), (0.0, 0.0, 1.0))
-    assert prior.down == pytest.approx(down, abs=1e-6)
+    assert prior.down == pytest.approx(down, abs=1e-4)
     assert prior.pad is None
 
 
