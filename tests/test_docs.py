@@ -121,8 +121,9 @@ def lighter(arguments: list[str]) -> list[str]:
         case ["bench-test", *_]:
             own = [w.replace("/etc/landerd/landerd.yaml", "config/default.yaml") for w in arguments]
             return [*own, "--pictures", "3", "--set", "sim.camera.fps=10"]
-        case ["sim", *_]:
-            settings = (*ABOVE, SEEN) if "--log" in arguments else ABOVE
+        case ["sim", scenario, *_]:
+            low = () if scenario == "hold" else ("sim.start.altitude_m=1.6",)
+            settings = (*ABOVE, *low, SEEN) if "--log" in arguments else (*ABOVE, *low)
             return [*arguments, *(word for setting in settings for word in ("--set", setting))]
         case ["dry-run", *_]:
             return [*arguments, "--fps", "3"]
