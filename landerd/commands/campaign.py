@@ -33,6 +33,7 @@ from landerd.commands.shared import (
     config_path,
     print_json,
     refusing,
+    tell,
     whole_number,
 )
 from landerd.config.files import ConfigError, Loaded, config_files
@@ -95,7 +96,9 @@ def _settings(name: str, loaded: Iterable[Loaded]) -> str:
 def _fly(args: argparse.Namespace, parts: Sequence[_Part], journal: Journal | None) -> int:
     started = time.monotonic()
     flown, missed = [], False
-    for part in parts:
+    for number, part in enumerate(parts, start=1):
+        if len(parts) > 1:
+            tell(f"{part.name}: {number} of {len(parts)} campaigns")
         campaign = part.campaign
         seeds = range(1, (args.runs or campaign.runs) + 1)
         # Seed by seed: what is stopped early has flown as much of every row.

@@ -83,6 +83,16 @@ def test_a_long_campaign_says_in_a_log_how_far_it_is(
     assert lines[0] == "4 of 40, 0 failed, 0 min left"
 
 
+def test_of_several_campaigns_it_says_which_is_flown(
+    flown: dict[Task, Run | BaseException], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    several = tmp_path / "both.yaml"
+    several.write_text("campaigns: [turning, stationary]\n")
+    assert main(["campaign", str(several), "--runs", "1"]) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "campaigns" in line]
+    assert told == ["turning: 1 of 2 campaigns", "stationary: 2 of 2 campaigns"]
+
+
 def test_ctrl_c_shows_what_was_flown(
     flown: dict[Task, Run | BaseException], capsys: pytest.CaptureFixture[str]
 ) -> None:
