@@ -13,6 +13,7 @@ from landerd.messages import BESIDE, Light, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.expected import Expected
 from landerd.vision.metering import Meter
+from landerd.vision.other_ids import OtherIds
 from landerd.vision.plate_check import PlateCheck
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
@@ -104,6 +105,10 @@ class Detectors(Protocol):
         """See `PlateCheck.contradicts`."""
         ...
 
+    def has_other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `OtherIds.are_beside`."""
+        ...
+
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """See `Meter.light`."""
         ...
@@ -126,6 +131,7 @@ class PixelDetectors:
             for s in layout.squares
         }
         self._squares = SquareFinder(layout)
+        self._other_ids = OtherIds(layout, camera, self._squares)
         self._codes = WhyCodeFinder(layout, camera)
         self._response = CameraResponse()
 
@@ -223,6 +229,10 @@ class PixelDetectors:
     def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """See `PlateCheck.contradicts`."""
         return self._plate.contradicts(image, ring, sighting)
+
+    def has_other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `OtherIds.are_beside`."""
+        return self._other_ids.are_beside(image, ring, sighting)
 
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """See `Meter.light`."""

@@ -103,6 +103,39 @@ class SquareFinder:
                 found.append(FoundSquare(squares[number], np.roll(px, turn, axis=0)))
         return found
 
+    def find_others(
+        self, image: Image, dictionary: str, window: Window, scale: float, smallest_px: float
+    ) -> list[F64]:
+        """Return the corners (4, 2), px, of squares with other ids than the pad's.
+
+        Only those whose cells are read without a single error: of a pad's own tag, hidden in part,
+        another id is not far.
+
+        Args:
+            image: as of `find`, and what follows.
+            dictionary: of the ids.
+            window: the part to search.
+            scale: enlargement.
+            smallest_px: shortest mean side.
+        """
+        part = image[window.y0 : window.y1, window.x0 : window.x1]
+        if min(part.shape) < MIN_SIDE_PX:
+            return []
+        part = _enlarged(part, scale)
+        own = {
+            s.id for _, squares, _ in self._detectors for s in squares if s.dictionary == dictionary
+        }
+        parameters = _parameters(4.0 * smallest_px / max(part.shape), _WINDOW_MEANS_PX[1])
+        parameters.errorCorrectionRate = 0.0
+        detector = cv2.aruco.ArucoDetector(_dictionary(dictionary), parameters)
+        quads, ids, _ = detector.detectMarkers(part)
+        numbers = [] if ids is None else ids.reshape(-1).tolist()
+        return [
+            (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (window.x0, window.y0)
+            for quad, number in zip(quads, numbers, strict=True)
+            if number not in own
+        ]
+
     def _whole_means_px(self, image: Image) -> Sequence[tuple[int, int, int]]:
         """Return the thresholds for a whole image: for one full of texture one, each in turn."""
         if not is_textured(image):

@@ -26,6 +26,8 @@ from landerd.vision.whycode import FoundCode
 _SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SAME_SOLUTION_COS`)
 # So long after it was seen a pad's plate counts as seen, s: glare, leaf shade and blur hide it.
 _PLATE_HELD_S = 2.0
+# So long after another pad's id was read beside a ring, s: until the estimate has forgotten it.
+_OTHER_HELD_S = 2.5
 _AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
 
 
@@ -78,6 +80,7 @@ class Vision:
         self._last: SeenPad | None = None
         self._drift: dict[Marker, F64] = {}  # see `Expected`
         self._plate_t = -math.inf  # when a ring last had the pad's plate beside it
+        self._other_t = -math.inf  # when a ring last had another pad's id beside it
         self._was_read = False  # a marker with an id of the pad that is known
         self._found: list[Measurement] = []  # of the last frame, each marker once
 
@@ -118,6 +121,7 @@ class Vision:
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
         if _is_heading_open(prior):
             candidates = self._with_plate(frame.t, image, candidates, expected if vouched else None)
+            candidates = self._of_no_other(frame.t, image, candidates, expected)
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         self._found = _once(_placed([*chosen, *candidates])) if poses else []
@@ -179,6 +183,27 @@ class Vision:
                     continue
             else:
                 self._plate_t = t
+            kept.append(c)
+        return kept
+
+    def _of_no_other(
+        self, t: float, image: Image, candidates: list[Candidate], expected: Expected | None
+    ) -> list[Candidate]:
+        """Return the candidates without rings beside which another pad's id is, or just was, read.
+
+        It is not read in every frame.
+        """
+        if any(c.sighting.id is not None for c in candidates):
+            return candidates
+        kept = []
+        for c in candidates:
+            ring = c.marker
+            if isinstance(ring, Ring):
+                if self._detectors.has_other_id(image, ring, c.sighting):
+                    self._other_t = t
+                    continue
+                if t - self._other_t < _OTHER_HELD_S and _is_at(expected, ring, c.sighting):
+                    continue
             kept.append(c)
         return kept
 

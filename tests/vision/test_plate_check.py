@@ -37,7 +37,9 @@ BARE = PadLayout(
 UNREADABLE = THESIS_PAD.model_copy(
     update={
         "markers": tuple(
-            m.model_copy(update={"id": 7}) if isinstance(m, Square) else m
+            m.model_copy(update={"dictionary": "APRILTAG_36h10", "id": 1})
+            if isinstance(m, Square)
+            else m
             for m in THESIS_PAD.markers
         )
     }

@@ -1,0 +1,78 @@
+"""Whether a ring is another pad's, by the id of the tag that lies where the pad has its own.
+
+Landing pads of one print stand side by side and differ by nothing else. From 14 px on an id is
+read; only one without an error counts, where and as large as the pad's own would be.
+"""
+
+import math
+
+import numpy as np
+
+from landerd.camera_model import F64, CameraModel
+from landerd.messages import MarkerSighting
+from landerd.pad import PadLayout, Ring
+from landerd.vision.expected import any_across
+from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
+from landerd.vision.square import Image, SquareFinder
+from landerd.vision.window import Window
+
+_MIN_SIDE_PX, _READ_AT_PX = 14.0, 40.0  # of a tag: smaller ones are enlarged to the second
+_LEAST_SIDE = 0.6  # of it in the picture: what is smaller is not looked at
+_SIZE_OFF, _PLACE_OFF = 0.25, 0.2  # share by which side and distance from the ring may be off
+
+
+class OtherIds:
+    """Looks for squares of other ids about the rings of one pad."""
+
+    def __init__(self, layout: PadLayout, camera: CameraModel, squares: SquareFinder) -> None:
+        """Prepare for one camera."""
+        self._layout = layout
+        self._camera = camera
+        self._finder = squares
+        self._focal = math.sqrt(camera.fx * camera.fy)
+
+    def are_beside(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """Tell whether a square of another id lies beside a ring as one of the pad's would.
+
+        Args:
+            image: grey image (height, width).
+            ring: of the pad.
+            sighting: what was taken for it.
+        """
+        best = sighting.solutions[0]
+        t, normal = np.array(best.position), np.array(best.normal)
+        slant = abs(float(normal @ t)) / float(np.linalg.norm(t))
+        px_per_m = self._focal * slant / max(float(t[2]), MIN_DEPTH_M)
+        axes = rotation_from(normal, any_across(normal))[:, :2]
+        for square in self._layout.squares:
+            side_px = px_per_m * square.size_m
+            distance = math.dist(square.position_m, ring.position_m)
+            window = self._window(t + circle(distance + 0.75 * square.size_m) @ axes.T)
+            if side_px < _MIN_SIDE_PX or window is None:
+                continue
+            scale = max(1.0, _READ_AT_PX / side_px)
+            least_px = _LEAST_SIDE * scale * side_px
+            others = self._finder.find_others(image, square.dictionary, window, scale, least_px)
+            for corners in others:
+                side, away = self._on_plane(corners, t, normal)
+                if abs(side - square.size_m) < _SIZE_OFF * square.size_m and abs(
+                    away - distance
+                ) < _PLACE_OFF * max(distance, square.size_m):
+                    return True
+        return False
+
+    def _window(self, points: F64) -> Window | None:
+        """Return the part of the picture that holds points (n, 3); None: one is behind it."""
+        if float(points[:, 2].min()) < MIN_DEPTH_M:
+            return None
+        px = self._camera.pixels(points)
+        (x0, y0), (x1, y1) = px.min(axis=0), px.max(axis=0)
+        window = Window(math.floor(x0), math.floor(y0), math.ceil(x1) + 1, math.ceil(y1) + 1)
+        return window.within(self._camera.width, self._camera.height)
+
+    def _on_plane(self, corners: F64, t: F64, normal: F64) -> tuple[float, float]:
+        """Return side and distance from t, m, of a square in its plane, seen at corners (4, 2)."""
+        rays = np.column_stack([self._camera.rays(corners), np.ones(4)])
+        points = rays * (float(normal @ t) / (rays @ normal))[:, None]
+        side = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).mean())
+        return side, float(np.linalg.norm(points.mean(axis=0) - t))

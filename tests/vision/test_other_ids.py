@@ -1,0 +1,48 @@
+"""Another pad of the same print: nothing but the id of its tag tells it from the pad."""
+
+import numpy as np
+import pytest
+
+from landerd.config.models import VisionSection
+from landerd.messages import Frame, PadPrior, Prior
+from landerd.pad import PadLayout, Square
+from landerd.vision import Vision
+from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, look, render
+
+GRASS = Optics(background="grass", blur_px=0.8)
+SMEARED = Optics(background="grass", blur_px=3.0)  # its id cannot be read
+OTHER = THESIS_PAD.model_copy(
+    update={
+        "markers": tuple(
+            m.model_copy(update={"id": 7}) if isinstance(m, Square) else m
+            for m in THESIS_PAD.markers
+        )
+    }
+)
+
+
+def pictures(pad: PadLayout, distance: float, optics: Optics = GRASS) -> list[Frame]:
+    image = render(at(distance), IDEAL_CAMERA, optics, np.random.default_rng(2), pad)
+    return [Frame(i / 30.0, i, image) for i in range(4)]
+
+
+def at(distance: float) -> View:
+    return look(IDEAL_CAMERA, distance, 0.3, pixel=(300.0, 230.0), tilt_towards=1.0, heading=0.9)
+
+
+@pytest.mark.parametrize("distance", [1.5, 3.0, 5.0])
+def test_a_pad_whose_tag_has_another_id_is_not_taken_for_the_pad(distance: float) -> None:
+    others = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    assert not any(others.process(frame).pad for frame in pictures(OTHER, distance))
+    own = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    assert any(own.process(frame).pad for frame in pictures(THESIS_PAD, distance))
+
+
+def test_nor_in_a_picture_that_does_not_show_the_id_just_after_one_that_did() -> None:
+    clear, *_ = pictures(OTHER, 3.0)
+    _, smeared, *_ = pictures(OTHER, 3.0, SMEARED)
+    prior = Prior(pad=PadPrior(at(3.0).position, 0.05, None))
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    assert vision.process(smeared, prior).pad  # by its ring
+    assert not vision.process(Frame(0.1, 3, clear.image), prior).pad
+    assert not vision.process(Frame(0.2, 4, smeared.image), prior).pad
