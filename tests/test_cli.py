@@ -196,12 +196,16 @@ def test_closed_streams_are_no_fault() -> None:
 
 def test_an_interrupted_command_says_that_it_stopped(tmp_path: Path) -> None:
     log = tmp_path / "a.mcap"  # once it is there, it flies
-    process = subprocess.Popen(
-        [sys.executable, "-m", "landerd", "sim", "--realtime", "--log", str(log)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored under nohup or &
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "landerd", "sim", "--realtime", "--log", str(log)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
     while not log.exists():
         assert process.poll() is None
         time.sleep(0.02)
