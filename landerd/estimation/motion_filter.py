@@ -223,7 +223,7 @@ class MotionFilter:
         self.position = add(self.position, rotate(Kp, vector))
         self.velocity = add(self.velocity, rotate(Kv, vector))
         b, g = self.biases
-        K_clock = rotate(inverse(matadd(innovation.S, coloured)), Ub[2])
+        K_clock = rotate(innovation.with_noise(coloured).S_inverse, Ub[2])
         clock = b[2] + dot(K_clock, vector)
         clock_variance = self.Pbb[2][2] - dot(K_clock, Ub[2])
         about_x, about_y, _ = add(b, rotate(Kb, vector))

@@ -12,7 +12,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
 from landerd.vision.expected import any_across
-from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
+from landerd.vision.pose import MIN_DEPTH_M, circle, px_per_m, rotation_from
 from landerd.vision.square import Image, SquareFinder
 from landerd.vision.window import Window
 
@@ -26,10 +26,18 @@ class OtherIds:
 
     def __init__(self, layout: PadLayout, camera: CameraModel, squares: SquareFinder) -> None:
         """Prepare for one camera."""
-        self._layout = layout
+        # Dictionary, side and distance from the ring, m, of its squares; those that are alike once.
+        self._beside = {
+            ring: sorted(
+                {
+                    (s.dictionary, s.size_m, math.dist(s.position_m, ring.position_m))
+                    for s in layout.squares
+                }
+            )
+            for ring in layout.rings
+        }
         self._camera = camera
         self._finder = squares
-        self._focal = math.sqrt(camera.fx * camera.fy)
 
     def are_beside(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """Tell whether a square of another id lies beside a ring as one of the pad's would.
@@ -41,23 +49,20 @@ class OtherIds:
         """
         best = sighting.solutions[0]
         t, normal = np.array(best.position), np.array(best.normal)
-        slant = abs(float(normal @ t)) / float(np.linalg.norm(t))
-        px_per_m = self._focal * slant / max(float(t[2]), MIN_DEPTH_M)
+        scale_px = px_per_m(self._camera, t, normal)
         axes = rotation_from(normal, any_across(normal))[:, :2]
-        for square in self._layout.squares:
-            side_px = px_per_m * square.size_m
-            distance = math.dist(square.position_m, ring.position_m)
-            window = self._window(t + circle(distance + 0.75 * square.size_m) @ axes.T)
+        for dictionary, size, distance in self._beside[ring]:
+            side_px = scale_px * size
+            window = self._window(t + circle(distance + 0.75 * size) @ axes.T)
             if side_px < _MIN_SIDE_PX or window is None:
                 continue
             scale = max(1.0, _READ_AT_PX / side_px)
             least_px = _LEAST_SIDE * scale * side_px
-            others = self._finder.find_others(image, square.dictionary, window, scale, least_px)
+            others = self._finder.find_others(image, dictionary, window, scale, least_px)
             for corners in others:
                 side, away = self._on_plane(corners, t, normal)
-                if abs(side - square.size_m) < _SIZE_OFF * square.size_m and abs(
-                    away - distance
-                ) < _PLACE_OFF * max(distance, square.size_m):
+                is_as_large = abs(side - size) < _SIZE_OFF * size
+                if is_as_large and abs(away - distance) < _PLACE_OFF * max(distance, size):
                     return True
         return False
 

@@ -23,7 +23,7 @@ from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at, on_plate
 from landerd.vision.plate_outline import PlateOutline
 from landerd.vision.plate_template import PlateTemplate, mean_seen, share_seen
-from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_2d, rotation_from
+from landerd.vision.pose import circle, px_per_m, rotation_2d, rotation_from
 from landerd.vision.ring_explained import Vouches
 from landerd.vision.square_pose import square_points
 
@@ -119,9 +119,7 @@ class PlateCheck:
 
     def _is_bare(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool:
         """Tell whether there is no heading under which a ring's pose has the plate beside it."""
-        slant = float(normal @ t) / float(np.linalg.norm(t))
-        px_per_m = math.sqrt(self._camera.fx * self._camera.fy) * slant / max(t[2], MIN_DEPTH_M)
-        radius_px = px_per_m * ring.radius_m
+        radius_px = px_per_m(self._camera, t, normal) * ring.radius_m
         if radius_px < _MIN_RADIUS_PX:
             return False
         axes = rotation_from(normal, any_across(normal))[:, :2]

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.camera_model import F64
+from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Mat3, Vec3, clamp, cross, dot
 from landerd.messages import PoseSolution
 
@@ -113,6 +113,18 @@ def gravity_cost(normal: F64, down: Vec3 | None) -> float:
         return 0.0
     angle = math.acos(clamp(dot(vec3(normal), down), -1.0, 1.0))
     return min((angle / _LEVEL_SIGMA) ** 2, _MAX_GRAVITY_CHI2)
+
+
+def px_per_m(camera: CameraModel, t: F64, normal: F64) -> float:
+    """Return how large a metre of a plane is in the picture where it is seen shortest.
+
+    Args:
+        camera: the lens.
+        t: point (3,) of the plane, camera frame, m.
+        normal: unit vector (3,) into the plane.
+    """
+    slant = float(normal @ t) / float(np.linalg.norm(t))
+    return math.sqrt(camera.fx * camera.fy) * slant / max(float(t[2]), MIN_DEPTH_M)
 
 
 def circle(radius: float, count: int = 16) -> F64:

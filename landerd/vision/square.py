@@ -52,6 +52,8 @@ class SquareFinder:
         """Prepare a detector for each dictionary of the pad."""
         self._whole_searches = 0  # of textured images
         self._detectors: list[tuple[cv2.aruco.ArucoDetector, list[Square], int]] = []
+        # Of all ids of a dictionary, with those of the pad.
+        self._whole: dict[str, tuple[cv2.aruco.ArucoDetector, set[int]]] = {}
         for name in sorted({s.dictionary for s in layout.squares}):
             squares = [s for s in layout.squares if s.dictionary == name]
             whole = _dictionary(name)
@@ -59,6 +61,7 @@ class SquareFinder:
             ids = whole.bytesList[[s.id for s in squares]]
             known = cv2.aruco.Dictionary(ids, whole.markerSize, whole.maxCorrectionBits)
             self._detectors.append((cv2.aruco.ArucoDetector(known), squares, _turns(name)))
+            self._whole[name] = cv2.aruco.ArucoDetector(whole), {s.id for s in squares}
 
     def find(
         self,
@@ -122,12 +125,10 @@ class SquareFinder:
         if min(part.shape) < MIN_SIDE_PX:
             return []
         part = _enlarged(part, scale)
-        own = {
-            s.id for _, squares, _ in self._detectors for s in squares if s.dictionary == dictionary
-        }
         parameters = _parameters(4.0 * smallest_px / max(part.shape), _WINDOW_MEANS_PX[1])
         parameters.errorCorrectionRate = 0.0
-        detector = cv2.aruco.ArucoDetector(_dictionary(dictionary), parameters)
+        detector, own = self._whole[dictionary]
+        detector.setDetectorParameters(parameters)
         quads, ids, _ = detector.detectMarkers(part)
         numbers = [] if ids is None else ids.reshape(-1).tolist()
         return [

@@ -119,7 +119,7 @@ class Vision:
                 candidates.append(candidate)
         codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
-        if _is_heading_open(prior):
+        if _is_heading_open(prior) and all(c.sighting.id is None for c in candidates):
             candidates = self._with_plate(frame.t, image, candidates, expected if vouched else None)
             candidates = self._of_no_other(frame.t, image, candidates, expected)
         where = None if expected is None else expected.position
@@ -173,8 +173,6 @@ class Vision:
 
         But those where a pad is `vouched` for: where it is expected then.
         """
-        if any(c.sighting.id is not None for c in candidates):
-            return candidates
         kept = []
         for c in candidates:
             ring = c.marker
@@ -193,8 +191,6 @@ class Vision:
 
         It is not read in every frame.
         """
-        if any(c.sighting.id is not None for c in candidates):
-            return candidates
         kept = []
         for c in candidates:
             ring = c.marker

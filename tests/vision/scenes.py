@@ -45,6 +45,12 @@ THESIS_PAD = PadLayout(
 )
 
 
+def with_tag(**changes: object) -> PadLayout:
+    """Return the thesis's pad with another tag."""
+    ring, square = THESIS_PAD.markers
+    return THESIS_PAD.model_copy(update={"markers": (ring, square.model_copy(update=changes))})
+
+
 def alone(marker: Marker) -> PadLayout:
     """Return a pad of one marker, made exactly as its file says."""
     return PadLayout(

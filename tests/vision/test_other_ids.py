@@ -5,20 +5,13 @@ import pytest
 
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, PadPrior, Prior
-from landerd.pad import PadLayout, Square
+from landerd.pad import PadLayout
 from landerd.vision import Vision
-from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, look, render
+from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, look, render, with_tag
 
 GRASS = Optics(background="grass", blur_px=0.8)
 SMEARED = Optics(background="grass", blur_px=3.0)  # its id cannot be read
-OTHER = THESIS_PAD.model_copy(
-    update={
-        "markers": tuple(
-            m.model_copy(update={"id": 7}) if isinstance(m, Square) else m
-            for m in THESIS_PAD.markers
-        )
-    }
-)
+OTHER = with_tag(id=7)
 
 
 def pictures(pad: PadLayout, distance: float, optics: Optics = GRASS) -> list[Frame]:

@@ -25,6 +25,7 @@ from tests.vision.scenes import (
     outline,
     random_view,
     render,
+    with_tag,
 )
 
 U8 = NDArray[np.uint8]
@@ -34,16 +35,7 @@ BARE = PadLayout(
     markers=(RING,),
     plate=Plate(north_m=0.62, south_m=0.62, east_m=0.62, west_m=0.62),
 )
-UNREADABLE = THESIS_PAD.model_copy(
-    update={
-        "markers": tuple(
-            m.model_copy(update={"dictionary": "APRILTAG_36h10", "id": 1})
-            if isinstance(m, Square)
-            else m
-            for m in THESIS_PAD.markers
-        )
-    }
-)
+UNREADABLE = with_tag(dictionary="APRILTAG_36h10", id=1)
 
 
 def view(distance: float, heading: float) -> View:
