@@ -119,6 +119,7 @@ class Sightings:
     light: Light | None = None  # None: nobody exposes by it
     sigma_t: float = 0.0  # the frame's
     arrived_t: float | None = None  # when the camera gave the frame, s; None: not told
+    other_id: int | None = None  # of a tag beside a ring of the pad's kind: another pad, left out
 
 
 # ---- from the autopilot ------------------------------------------------------------------------

@@ -272,6 +272,16 @@ def test_out_of_sight_it_slows_to_a_hover_without_turning_or_descending() -> Non
     assert said(flight, "not in sight")
 
 
+def test_another_pad_is_told_as_that() -> None:
+    flight = Flight(position=(-3.0, 0.0, -6.0)).engaged()
+    flight.run(1.0)
+    flight.visible = False
+    for seq in range(20):
+        flight.give(Sightings(flight.t, seq, (), (), other_id=7))
+        flight.run(DT)
+    assert said(flight, "another pad, tag 7, in sight")
+
+
 def test_out_of_sight_a_turn_and_a_descent_end_within_half_a_second() -> None:
     flight = Flight(position=(0.0, 0.0, -6.0))
     flight.pad_heading = 3.0

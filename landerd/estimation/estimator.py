@@ -37,6 +37,7 @@ class Estimator:
         poses: position, attitude and gimbal angles of the last second.
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
         refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
+        other: exposure of the last frame with another pad, s, and its tag's id; None: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
         glimpse: of the newest frame that shows a pad, accepted or not; None: none.
         health: of what was seen so far.
@@ -50,6 +51,7 @@ class Estimator:
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
         self.sighting_t = self.refused_t = -math.inf
+        self.other: tuple[float, int] | None = None
         self.frame_t = -math.inf
         self.glimpse: Glimpse | None = None
         self.health = HealthMonitor(config.estimation.gate_sigma**2)
@@ -83,6 +85,8 @@ class Estimator:
             self._picture_clock_s = sightings.sigma_t
             self._filter.on_clock(math.hypot(self._clock_s, self._picture_clock_s))
         t = sightings.t - self._clock_offset_s
+        if sightings.other_id is not None:
+            self.other = t, sightings.other_id
         clocks = self._filter.clocks
         observations = [
             o

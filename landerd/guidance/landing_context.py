@@ -142,6 +142,9 @@ class LandingContext:
             return pilot_texts.NO_PICTURES
         if now - self.estimator.refused_t <= self.options.lost.after_s:
             return pilot_texts.NOT_BELIEVED
+        other = self.estimator.other
+        if other is not None and now - other[0] <= self.options.lost.after_s:
+            return pilot_texts.OTHER_PAD.format(id=other[1])
         return pilot_texts.NOT_IN_SIGHT
 
     def tell_of_health(self) -> None:

@@ -76,6 +76,7 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
 }
 NO_PICTURES = "no pictures from the camera"
 NOT_IN_SIGHT = "pad not in sight"
+OTHER_PAD = "another pad, tag {id}, in sight"
 NOT_BELIEVED = "pad seen but not believed"  # it would be elsewhere than where it was
 BLIND = "{why}, {what}"  # one of those above, and what is done about it:
 CLIMBING_AWAY = "climbing away"  # so too when it may not fly on, or the pad is missed

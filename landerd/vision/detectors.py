@@ -105,8 +105,8 @@ class Detectors(Protocol):
         """See `PlateCheck.contradicts`."""
         ...
 
-    def has_other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
-        """See `OtherIds.are_beside`."""
+    def other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
+        """See `OtherIds.beside`."""
         ...
 
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
@@ -230,9 +230,9 @@ class PixelDetectors:
         """See `PlateCheck.contradicts`."""
         return self._plate.contradicts(image, ring, sighting)
 
-    def has_other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
-        """See `OtherIds.are_beside`."""
-        return self._other_ids.are_beside(image, ring, sighting)
+    def other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
+        """See `OtherIds.beside`."""
+        return self._other_ids.beside(image, ring, sighting)
 
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """See `Meter.light`."""

@@ -39,8 +39,8 @@ class OtherIds:
         self._camera = camera
         self._finder = squares
 
-    def are_beside(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
-        """Tell whether a square of another id lies beside a ring as one of the pad's would.
+    def beside(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
+        """Return the other id of a square that lies beside a ring as one of the pad's would.
 
         Args:
             image: grey image (height, width).
@@ -59,12 +59,12 @@ class OtherIds:
             scale = max(1.0, _READ_AT_PX / side_px)
             least_px = _LEAST_SIDE * scale * side_px
             others = self._finder.find_others(image, dictionary, window, scale, least_px)
-            for corners in others:
+            for number, corners in others:
                 side, away = self._on_plane(corners, t, normal)
                 is_as_large = abs(side - size) < _SIZE_OFF * size
                 if is_as_large and abs(away - distance) < _PLACE_OFF * max(distance, size):
-                    return True
-        return False
+                    return number
+        return None
 
     def _window(self, points: F64) -> Window | None:
         """Return the part of the picture that holds points (n, 3); None: one is behind it."""

@@ -102,14 +102,14 @@ class SquareFinder:
             perimeter_rate = 4.0 * max(smallest_px, _MIN_CELL_PX * cells) / max(image.shape)
             parameters = [_parameters(perimeter_rate, means) for means in means_px]
             for number, corners in _detected(detector, parameters, image, len(squares)):
-                px = (corners + 0.5) / scale - 0.5 + (x0, y0)
+                px = _in_whole(corners, scale, (x0, y0))
                 found.append(FoundSquare(squares[number], np.roll(px, turn, axis=0)))
         return found
 
     def find_others(
         self, image: Image, dictionary: str, window: Window, scale: float, smallest_px: float
-    ) -> list[F64]:
-        """Return the corners (4, 2), px, of squares with other ids than the pad's.
+    ) -> list[tuple[int, F64]]:
+        """Return ids and corners (4, 2), px, of squares with other ids than the pad's.
 
         Only those whose cells are read without a single error: of a pad's own tag, hidden in part,
         another id is not far.
@@ -128,12 +128,9 @@ class SquareFinder:
         parameters = _parameters(4.0 * smallest_px / max(part.shape), _WINDOW_MEANS_PX[1])
         parameters.errorCorrectionRate = 0.0
         detector, own = self._whole[dictionary]
-        detector.setDetectorParameters(parameters)
-        quads, ids, _ = detector.detectMarkers(part)
-        numbers = [] if ids is None else ids.reshape(-1).tolist()
         return [
-            (quad.reshape(4, 2).astype(np.float64) + 0.5) / scale - 0.5 + (window.x0, window.y0)
-            for quad, number in zip(quads, numbers, strict=True)
+            (number, _in_whole(corners, scale, (window.x0, window.y0)))
+            for number, corners in _detected(detector, [parameters], part, 1)
             if number not in own
         ]
 
@@ -162,6 +159,11 @@ def is_textured(image: Image) -> bool:
     )
     edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
     return edges > _MAX_EDGE_SHARE * image.size
+
+
+def _in_whole(corners: F64, scale: float, offset_px: tuple[int, int]) -> F64:
+    """Return where corners (4, 2) of an enlarged part are in the whole image, px."""
+    return (corners + 0.5) / scale - 0.5 + offset_px
 
 
 def _enlarged(image: Image, scale: float) -> Image:

@@ -80,7 +80,7 @@ class Vision:
         self._last: SeenPad | None = None
         self._drift: dict[Marker, F64] = {}  # see `Expected`
         self._plate_t = -math.inf  # when a ring last had the pad's plate beside it
-        self._other_t = -math.inf  # when a ring last had another pad's id beside it
+        self._other: tuple[float, int] | None = None  # when another pad's id was read beside a ring
         self._was_read = False  # a marker with an id of the pad that is known
         self._found: list[Measurement] = []  # of the last frame, each marker once
 
@@ -119,9 +119,10 @@ class Vision:
                 candidates.append(candidate)
         codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
+        other_id = None
         if _is_heading_open(prior) and all(c.sighting.id is None for c in candidates):
             candidates = self._with_plate(frame.t, image, candidates, expected if vouched else None)
-            candidates = self._of_no_other(frame.t, image, candidates, expected)
+            candidates, other_id = self._of_no_other(frame.t, image, candidates, expected)
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         self._found = _once(_placed([*chosen, *candidates])) if poses else []
@@ -136,7 +137,7 @@ class Vision:
             learn(_placed(chosen), self._errors, frame.t, pad[0])
         seen = pad[0] if pad else None
         shown = self._detectors.light(image, seen, prior.down) if self._meters else None
-        return Sightings(frame.t, frame.seq, markers, pad, shown)
+        return Sightings(frame.t, frame.seq, markers, pad, shown, other_id=other_id)
 
     @property
     def was_cut(self) -> bool:
@@ -186,22 +187,26 @@ class Vision:
 
     def _of_no_other(
         self, t: float, image: Image, candidates: list[Candidate], expected: Expected | None
-    ) -> list[Candidate]:
-        """Return the candidates without rings beside which another pad's id is, or just was, read.
+    ) -> tuple[list[Candidate], int | None]:
+        """Return the candidates without rings of another pad, and the id that tells it.
 
-        It is not read in every frame.
+        It is not read beside them in every frame.
         """
-        kept = []
+        kept, other_id = [], None
         for c in candidates:
             ring = c.marker
             if isinstance(ring, Ring):
-                if self._detectors.has_other_id(image, ring, c.sighting):
-                    self._other_t = t
-                    continue
-                if t - self._other_t < _OTHER_HELD_S and _is_at(expected, ring, c.sighting):
+                number = self._detectors.other_id(image, ring, c.sighting)
+                if number is not None:
+                    self._other = t, number
+                elif self._other is not None and _is_at(expected, ring, c.sighting):
+                    since, number = self._other
+                    number = number if t - since < _OTHER_HELD_S else None
+                if number is not None:
+                    other_id = number
                     continue
             kept.append(c)
-        return kept
+        return kept, other_id
 
     def _square(
         self, t: float, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None

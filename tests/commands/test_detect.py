@@ -13,7 +13,7 @@ from landerd.commands.detect import yaw_deg
 from landerd.geometry import Vec3
 from landerd.pad import load_pad
 from landerd.vision.pose import vec3
-from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render
+from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render, with_tag
 
 CONFIG = Path(__file__).parents[2] / "config"
 FILES = [
@@ -51,6 +51,15 @@ def test_json_is_one_object_an_image(folder: Path, capsys: pytest.CaptureFixture
     assert all(m["yaw_deg"] is None for m in first["markers"] if m["kind"] == "whycon")
     assert first["ms"] > 0
     assert (second["markers"], second["pad"]) == ([], None)
+
+
+def test_another_pad_is_named_by_its_tag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    cv2.imwrite(str(tmp_path / "a.png"), render(VIEW, THESIS_CAMERA, Optics(), rng, with_tag(id=7)))
+    assert main(["detect", str(tmp_path), *FILES]) == 0
+    assert "another pad: tag 7" in capsys.readouterr().out
 
 
 def test_tags_in_texture_are_looked_for_in_a_still_with_all_thresholds(

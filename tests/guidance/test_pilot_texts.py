@@ -12,12 +12,15 @@ WIDEST = {
     "distance": 99.94,
     "height": 99.94,
     "lean": 59.9,
+    "id": 999,
     "what": pilot_texts.SEARCHING,
 }
 BLIND_REASONS = (
     *pilot_texts.STALE.values(),
     pilot_texts.NO_PICTURES,
     pilot_texts.NOT_IN_SIGHT,
+    pilot_texts.NOT_BELIEVED,
+    pilot_texts.OTHER_PAD.format(id=999),
 )
 TEXTS = [
     value

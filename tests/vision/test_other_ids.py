@@ -25,10 +25,14 @@ def at(distance: float) -> View:
 
 @pytest.mark.parametrize("distance", [1.5, 3.0, 5.0])
 def test_a_pad_whose_tag_has_another_id_is_not_taken_for_the_pad(distance: float) -> None:
-    others = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    assert not any(others.process(frame).pad for frame in pictures(OTHER, distance))
-    own = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    assert any(own.process(frame).pad for frame in pictures(THESIS_PAD, distance))
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    others = [vision.process(frame) for frame in pictures(OTHER, distance)]
+    assert not any(seen.pad for seen in others)
+    assert {seen.other_id for seen in others} >= {7}
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    own = [vision.process(frame) for frame in pictures(THESIS_PAD, distance)]
+    assert any(seen.pad for seen in own)
+    assert {seen.other_id for seen in own} == {None}
 
 
 def test_nor_in_a_picture_that_does_not_show_the_id_just_after_one_that_did() -> None:
@@ -38,4 +42,5 @@ def test_nor_in_a_picture_that_does_not_show_the_id_just_after_one_that_did() ->
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
     assert vision.process(smeared, prior).pad  # by its ring
     assert not vision.process(Frame(0.1, 3, clear.image), prior).pad
-    assert not vision.process(Frame(0.2, 4, smeared.image), prior).pad
+    after = vision.process(Frame(0.2, 4, smeared.image), prior)
+    assert (after.pad, after.other_id) == ((), 7)

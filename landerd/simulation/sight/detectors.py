@@ -182,9 +182,9 @@ class ModelledDetectors:
         """Return none: what hides a square's code is not modelled."""
         return []
 
-    def has_other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
-        """Return False: other pads are not modelled."""
-        return False
+    def other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
+        """Return None: other pads are not modelled."""
+        return None
 
     def square_poses(
         self, image: Image, found: FoundSquare, down: Vec3 | None, normal: Vec3 | None
