@@ -41,9 +41,16 @@ class Detectors(Protocol):
     """Finds one pad's markers in one camera's images; what is found where, `Search` decides."""
 
     def track_ring(
-        self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
+        self,
+        image: Image,
+        ring: Ring,
+        position: F64,
+        normal: F64,
+        down: Vec3 | None,
+        *,
+        vouched: bool = False,
     ) -> MarkerSighting | None:
-        """See `whycon.track_ring`."""
+        """See `whycon.track_ring`; vouched: that the pad is there is known without its plate."""
         ...
 
     def find_rings(
@@ -57,8 +64,9 @@ class Detectors(Protocol):
         thorough: bool = True,
         work: RingWork | None = None,
         refuses: Refusal | None = None,
+        vouched: bool = False,
     ) -> list[MarkerSighting]:
-        """See `whycon.find_rings`."""
+        """See `whycon.find_rings`; vouched: as of `track_ring`."""
         ...
 
     def track_square(
@@ -136,7 +144,14 @@ class PixelDetectors:
         self._response = CameraResponse()
 
     def track_ring(
-        self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
+        self,
+        image: Image,
+        ring: Ring,
+        position: F64,
+        normal: F64,
+        down: Vec3 | None,
+        *,
+        vouched: bool = False,
     ) -> MarkerSighting | None:
         """See `whycon.track_ring`."""
         return track_ring(
@@ -147,7 +162,7 @@ class PixelDetectors:
             normal,
             down=down,
             response=self._response,
-            vouches=self._plate.voucher(image, ring),
+            vouches=_known if vouched else self._plate.voucher(image, ring),
         )
 
     def find_rings(
@@ -161,8 +176,10 @@ class PixelDetectors:
         thorough: bool = True,
         work: RingWork | None = None,
         refuses: Refusal | None = None,
+        vouched: bool = False,
     ) -> list[MarkerSighting]:
         """See `whycon.find_rings`."""
+        vouches = _known if vouched else self._plate.voucher(image, ring)
         return find_rings(
             image,
             ring,
@@ -173,7 +190,7 @@ class PixelDetectors:
             thorough=thorough,
             work=work,
             response=self._response,
-            beside=Beside(refuses, self._plate.voucher(image, ring)),
+            beside=Beside(refuses, vouches),
         )
 
     def track_square(
@@ -237,3 +254,8 @@ class PixelDetectors:
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """See `Meter.light`."""
         return self._meter.light(image, pad, down)
+
+
+def _known(position: F64, normal: F64, contrast: float) -> bool:
+    """Vouch for any ring that is where the pad is known to be."""
+    return True

@@ -150,7 +150,9 @@ class Search:
         for start in expected.starts(ring):
             centre = start.centre(ring)
             assert centre is not None
-            tracked = self._detectors.track_ring(image, ring, centre, start.normal, down)
+            tracked = self._detectors.track_ring(
+                image, ring, centre, start.normal, down, vouched=self._vouched
+            )
             if tracked is not None:
                 return [tracked]
         window = self._window(points, expected)
@@ -164,6 +166,7 @@ class Search:
             down=down,
             expected_diameter_px=size,
             refuses=None if self._vouched else self._refusal(image, ring),
+            vouched=self._vouched,
         )
 
     def _refusal(self, image: Image, ring: Ring) -> Refusal | None:

@@ -1,6 +1,7 @@
 """Rings that lack what the pad has beside its own."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -126,27 +127,37 @@ def test_a_tyre_on_patchy_concrete_or_in_leaf_shade_is_not_the_pad(
     assert not any(is_pad_in(ring_on_clouds(118.0, depth, size_px, margin, s)) for s in seeds)
 
 
-def test_a_pad_in_track_stays_seen_while_its_plate_is_hidden() -> None:
-    """For 2 s: in glare or leaf shade. Without a plate seen before that it is another's ring."""
+def shown_for(seconds: float) -> Callable[[float, bool], bool]:
+    """Return what tells, at a time, whether a ring is seen whose plate was seen for so long."""
     at = view(8.0, 0.3)
     pictures = [
         render(at, IDEAL_CAMERA, Optics(background="grass"), np.random.default_rng(2), pad)
-        for pad in (UNREADABLE, BARE)
+        for pad in (BARE, UNREADABLE)
     ]
-    pad = PadPrior(at.position, sigma_m=0.1, north=None)
-
-    def is_seen_at(vision: Vision, t: float, image: U8) -> bool:
-        return bool(vision.process(Frame(t, round(30.0 * t), image), Prior(pad=pad)).pad)
-
+    prior = Prior(pad=PadPrior(at.position, sigma_m=0.1, north=None))
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    assert not is_seen_at(vision, 0.0, pictures[1])
-    assert is_seen_at(vision, 0.1, pictures[0])
-    assert [is_seen_at(vision, t, pictures[1]) for t in (0.5, 1.2, 2.0, 2.2)] == [
-        True,
-        True,
-        True,
-        False,
-    ]
+
+    def is_seen_at(t: float, has_plate: bool) -> bool:
+        return bool(vision.process(Frame(t, round(30.0 * t), pictures[has_plate]), prior).pad)
+
+    for t in np.arange(-seconds, 0.0, 0.1).tolist():
+        assert is_seen_at(t, True)
+    return is_seen_at
+
+
+def test_a_pad_in_track_stays_seen_while_its_plate_is_hidden() -> None:
+    """Twice as long as it was seen, at most 2 s: in glare or leaf shade."""
+    is_seen_at = shown_for(3.0)
+    seen = [is_seen_at(t, False) for t in np.arange(0.0, 2.5, 0.1).tolist()]
+    assert seen == sorted(seen, reverse=True)
+    assert sum(seen) == pytest.approx(20, abs=1)
+
+
+def test_a_ring_that_once_seemed_to_have_a_plate_is_not_followed() -> None:
+    is_seen_at = shown_for(0.0)
+    assert not is_seen_at(0.0, False)
+    assert is_seen_at(0.1, True)
+    assert [is_seen_at(t, False) for t in (0.2, 0.3, 0.4)] == [True, False, False]
 
 
 def test_the_pad_is_seen_on_ground_as_bright_as_its_plate() -> None:

@@ -247,6 +247,28 @@ def test_a_soft_shadow_moves_edges_by_no_more_than_sigma_tells() -> None:
     assert inside >= 11
 
 
+def test_in_leaf_shade_a_pad_that_is_known_is_tracked_by_edges_that_alone_tell_no_ring() -> None:
+    alone, known, inside = 0, 0, 0
+    for seed in range(40):
+        rng = np.random.default_rng([11, seed])
+        view = scenes.random_view(rng, CAMERA, rng.uniform(8.0, 17.0), rng.uniform(0.5, 0.95), RING)
+        assert view is not None
+        leaves = rng.normal(size=(CAMERA.height, CAMERA.width))
+        leaves = cv2.GaussianBlur(leaves, (0, 0), 0.11 * CAMERA.fx / view.position[2])
+        shade = 0.4 + 0.6 / (1.0 + np.exp(-4.0 * leaves / leaves.std()))
+        image = picture(0.7 * (0.25 + 0.75 * light(view, blur_px=2.2)) * shade)
+        near = 1.01 * np.array(view.position)
+        alone += track_ring(image, RING, CAMERA, near, view.normal) is not None
+        found = track_ring(image, RING, CAMERA, near, view.normal, vouches=lambda *_: True)
+        if found is not None:
+            known += 1
+            pose = found.solutions[0]
+            error = np.array(pose.position) - view.position
+            inside += float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
+    assert known >= alone + 5
+    assert inside >= 0.8 * known
+
+
 def test_a_ring_whose_hole_lies_in_the_shadow_of_a_beam_is_seen() -> None:
     """The shadow crosses the plate, too: what is dim is light, not the hub of a wheel."""
     view = seen(4.0, 20.0)

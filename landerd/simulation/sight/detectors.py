@@ -102,7 +102,14 @@ class ModelledDetectors:
     # ---- what vision asks ------------------------------------------------------------------------
 
     def track_ring(
-        self, image: Image, ring: Ring, position: F64, normal: F64, down: Vec3 | None
+        self,
+        image: Image,
+        ring: Ring,
+        position: F64,
+        normal: F64,
+        down: Vec3 | None,
+        *,
+        vouched: bool = False,
     ) -> MarkerSighting | None:
         """Return the ring if its edges are where they are expected, to some pixels."""
         sight = self._sight(image, ring)
@@ -127,6 +134,7 @@ class ModelledDetectors:
         thorough: bool = True,
         work: RingWork | None = None,
         refuses: Refusal | None = None,
+        vouched: bool = False,
     ) -> list[MarkerSighting]:
         """Return the ring if it lies in the window."""
         sight = self._sight(image, ring)
