@@ -249,7 +249,7 @@ def test_a_soft_shadow_moves_edges_by_no_more_than_sigma_tells() -> None:
 
 def test_in_leaf_shade_a_pad_that_is_known_is_tracked_by_edges_that_alone_tell_no_ring() -> None:
     alone, known, inside = 0, 0, 0
-    for seed in range(40):
+    for seed in range(18):
         rng = np.random.default_rng([11, seed])
         view = scenes.random_view(rng, CAMERA, rng.uniform(8.0, 17.0), rng.uniform(0.5, 0.95), RING)
         assert view is not None
@@ -265,7 +265,7 @@ def test_in_leaf_shade_a_pad_that_is_known_is_tracked_by_edges_that_alone_tell_n
             pose = found.solutions[0]
             error = np.array(pose.position) - view.position
             inside += float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
-    assert known >= alone + 5
+    assert known >= alone + 3
     assert inside >= 0.8 * known
 
 
