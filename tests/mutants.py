@@ -110,7 +110,7 @@ MUTANTS = [
     Mutant(
         "5: flies on frozen angles",
         "landerd/runtime/frozen.py",
-        "return not self._may_repeat",
+        "return self._is_restless and not self._is_coarse",
         "return False",
         "test_5_frozen_gimbal_angles_stop_the_landing",
     ),

@@ -27,11 +27,14 @@ class FaultKind(NamedTuple):
     stays: bool = False  # what it has done is there until the flight ends
 
 
-# A process that stands still, is gone or cannot send, sends nothing.
+# A process that stands still, is gone or cannot send, sends nothing. The vehicle sinks on until the
+# autopilot's timeout stops it, just over the pad onto it; and nobody has seen how it got there.
 _SILENT = (
     "3: set-points less often",
     "1b: silent without stop orders",
     "motion on a set-point older",
+    "2: contact too long after the last sighting",
+    "4: no descent ordered after contact",
 )
 
 # Once it stands on the pad nothing is looked at any more; what is pulled away from under the first

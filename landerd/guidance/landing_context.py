@@ -230,11 +230,11 @@ class LandingContext:
         self._known_velocity = rotate(rot_z(self._pad_turn_rate * step.dt), self._known_velocity)
         glimpse, vehicle = self.estimator.glimpse, self.estimator.fresh_vehicle(step.now)
         is_new = glimpse is not None and self._footing.look(glimpse, self._known_velocity)
+        if glimpse is not None and is_new:
+            self.foothold.see(glimpse.to_pad)
         if not self._footing.holds or vehicle is None:
             self.pad_velocity = self._known_velocity
             return
-        if glimpse is not None and is_new:
-            self.foothold.see(glimpse.to_pad)
         self.pad_velocity = (vehicle.velocity[0], vehicle.velocity[1], self._known_velocity[2])
 
     @property

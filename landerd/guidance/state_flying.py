@@ -88,7 +88,8 @@ class Tracking:
         floor_m = max(phases.floor_m, hold_m)
         velocity, yaw_rate = self._method.step(phases.phase, relative, floor_m, step.dt)
         if phases.goes_around:
-            velocity = (velocity[0], velocity[1], -o.lost.climb_mps)
+            # From a deck that comes up it climbs as fast.
+            velocity = (velocity[0], velocity[1], min(0.0, relative.heave) - o.lost.climb_mps)
         elif relative.height < hold_m:
             climb = min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
             velocity = (velocity[0], velocity[1], relative.heave - climb)
@@ -111,7 +112,11 @@ class Tracking:
         is_inside = step.now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
         may_descend = is_inside and is_sure and relative.height > floor_m
-        context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
+        if phases.goes_around and relative.height < o.descent.commit_height_m:
+            # A foot that leans may be all but down.
+            context.orders.climb_away((north, east, -o.limits.climb_mps))
+        else:
+            context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
 
     def _event(self, step: ControlStep, sight: Sight) -> Event | None:
@@ -153,7 +158,7 @@ class Tracking:
 
 
 class WavingOff:
-    """Climbs away from the pad at the pad's velocity as last known, and does not turn.
+    """Climbs away from the pad at the pad's velocity as it is seen, and does not turn.
 
     Just over a pad that moves, or with feet on it, a stop relative to the ground would tip the
     vehicle over. Leaves after WAVE_OFF_S, or WAVE_OFF_M higher.
@@ -179,6 +184,9 @@ class WavingOff:
         if step.now - self._began >= WAVE_OFF_S or self._climbed_m(step.now) >= WAVE_OFF_M:
             return Event.CLEAR_OF_PAD
         context = self._context
+        sight = context.sight(step)
+        if sight is not None:
+            context.note(sight.relative)
         context.orders.enter(Phase.NOT_LANDING, self._why)
         north, east, _ = context.pad_velocity
         context.orders.climb_away((north, east, -context.options.limits.climb_mps))

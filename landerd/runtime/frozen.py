@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 from landerd.messages import Attitude, GimbalState, Input, LocalPosition
 
 # Reports in a row that all differ: what never repeated itself for so long is frozen when it does.
-# Coarse angles, and what stands still without noise, repeat themselves before.
+# Coarse angles repeat themselves before, and may then for ever.
 RESTLESS_REPORTS = 100
+# Attitude and position are an estimator's floats. They repeat themselves while it does not run yet,
+# or stands still without noise: no reason to take them for coarse once they were restless.
+RESTLESS_ESTIMATES = 20
 Report = Attitude | LocalPosition | GimbalState
 SOME_ROWS = 32  # pictures are compared in one row of so many first
 
@@ -25,7 +28,8 @@ class FrozenInput:
         """Tell whether a message is the last of its kind with another time."""
         if not isinstance(message, Report):
             return False
-        return self._reports.setdefault(type(message), _Reports()).repeats(message)
+        is_coarse = isinstance(message, GimbalState)
+        return self._reports.setdefault(type(message), _Reports(is_coarse)).repeats(message)
 
     def picture_repeats(self, image: NDArray[np.uint8]) -> bool:
         """Tell whether a picture is the last one; the camera may use its memory again."""
@@ -38,15 +42,20 @@ class FrozenInput:
 class _Reports:
     """Of one kind."""
 
-    def __init__(self) -> None:
+    def __init__(self, may_be_coarse: bool) -> None:
         self._last: Report | None = None
-        self._restless = 0  # so many in a row have differed
-        self._may_repeat = False  # it has repeated itself before it was known to be restless
+        self._may_be_coarse = may_be_coarse
+        self._differed = 0  # so many in a row
+        self._is_restless = self._is_coarse = False
 
     def repeats(self, message: Report) -> bool:
         last, self._last = self._last, message
         if last is None or replace(last, t=message.t) != message:
-            self._restless += 1
+            self._differed += 1
+            most = RESTLESS_REPORTS if self._may_be_coarse else RESTLESS_ESTIMATES
+            self._is_restless = self._is_restless or self._differed >= most
             return False
-        self._may_repeat = self._may_repeat or self._restless < RESTLESS_REPORTS
-        return not self._may_repeat
+        self._differed = 0
+        # It has repeated itself before it was known to be restless.
+        self._is_coarse = self._is_coarse or (self._may_be_coarse and not self._is_restless)
+        return self._is_restless and not self._is_coarse

@@ -44,6 +44,7 @@ class Judge:
         self.rules.on_text.append(self.monitor.on_text)
         self._world = world
         self._layout = layout
+        self._camera_rotation_deg = loaded.config.gimbal.camera_rotation_deg
         self._frustum = Frustum(camera_model)
         self._link, self._vehicle = around.link, around.vehicle
 
@@ -57,6 +58,7 @@ class Judge:
     def watch(self, mount: SimMount) -> None:
         """Hear from now on when angles of the gimbal reach landerd, and how old they are."""
         mount.reported = self.rules.on_gimbal
+        self.rules.on_mounted(mount.hidden_heading(self._camera_rotation_deg))
 
     def stop_listening(self) -> None:
         """Leave the link alone."""

@@ -217,6 +217,40 @@ def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -
     assert flight.lander.aborts == 1
 
 
+def test_waved_off_from_a_pad_that_drives_off_it_climbs_away_with_it() -> None:
+    """It climbed where it was, its feet on a pad that was carried away: that tipped it over."""
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    flight.pad_velocity = (1.0, 0.0, 0.0)
+    to(flight, State.WAVING_OFF, at_most_s=0.5)
+    for _ in range(24):
+        flight.pad_velocity = add(flight.pad_velocity, (2.0 * DT, 0.0, 0.0))
+        flight.tick()
+    north, _, down = flight.setpoints[-1][1].velocity
+    assert flight.lander.state is State.WAVING_OFF
+    assert north > 1.4
+    assert down < -0.3
+
+
+def test_too_low_to_try_any_longer_it_climbs_at_once() -> None:
+    """A foot of a vehicle that leans may be all but down: climbing gently it dragged it along."""
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit).engaged()
+    while "climbing again" not in flight.lander.reason:
+        flight.tick()
+    assert flight.lander.state is State.TRACKING
+    assert flight.setpoints[-1][1].velocity[2] == -never_fit.guidance.limits.climb_mps
+
+
+def test_too_low_over_a_deck_that_comes_up_it_climbs_faster_than_that() -> None:
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit, pad_velocity=(0.0, 0.0, -0.2)).engaged()
+    while "climbing again" not in flight.lander.reason or flight.height < 0.6:
+        flight.tick()
+    climb = -flight.setpoints[-1][1].velocity[2]
+    assert climb == pytest.approx(never_fit.guidance.lost.climb_mps + 0.2, abs=0.05)
+
+
 def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is_back() -> None:
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
     to(flight, State.COMMITTED)
@@ -514,6 +548,19 @@ def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None
     flight.run(1.0)
     assert flight.pressed == []
     assert flight.order.velocity[0] == pytest.approx(3.0, abs=0.2)
+
+
+def test_what_was_left_behind_by_its_pad_has_not_landed_on_it() -> None:
+    """However little was known of the pad's velocity as it touched."""
+    flight = Flight()
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    to(flight.engaged(), State.ON_PAD)
+    flight.pad_velocity, flight.skids = (0.8, 0.0, 0.0), -0.8
+    flight.run(2.5)
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed_off_pad"
 
 
 def test_nothing_found_it_hands_back_by_way_of_stops() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
-from landerd.runtime.frozen import RESTLESS_REPORTS, FrozenInput
+from landerd.runtime.frozen import RESTLESS_ESTIMATES, RESTLESS_REPORTS, FrozenInput
 
 REPORTS = [
     Attitude(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)),
@@ -37,6 +37,15 @@ def test_what_was_never_still_and_repeats_itself_is_frozen(report: Report) -> No
 def test_what_repeats_itself_from_the_beginning_may(report: Report) -> None:
     frozen = FrozenInput()
     assert not any(frozen.repeats(at(report, i // 2)) for i in range(3 * RESTLESS_REPORTS))
+
+
+@pytest.mark.parametrize("report", REPORTS[:2], ids=lambda report: type(report).__name__)
+def test_what_stood_still_on_the_ground_is_frozen_all_the_same_in_flight(report: Report) -> None:
+    frozen = FrozenInput()
+    assert not any(frozen.repeats(replace(report, t=-1.0 + 0.02 * i)) for i in range(40))
+    assert not any(frozen.repeats(at(report, i)) for i in range(1, RESTLESS_ESTIMATES + 1))
+    last = at(report, RESTLESS_ESTIMATES)
+    assert frozen.repeats(replace(last, t=last.t + 0.02))
 
 
 def test_a_picture_that_differs_in_one_pixel_is_another() -> None:

@@ -7,7 +7,7 @@ from random import Random
 
 from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.world import World
-from landerd.geometry import Mat3, Vec3, angles_zxy, matmul, transpose
+from landerd.geometry import Mat3, Vec3, angles_zxy, camera_mount, matmul, rot_zxy, transpose
 from landerd.messages import Reference
 
 
@@ -65,6 +65,20 @@ class SimMount:
         self._yaw_sign, self._pitch_sign = mount.yaw_sign, mount.pitch_sign
         self._yaw_zero = math.radians(mount.yaw_zero_deg)
         self._pitch_zero = math.radians(mount.pitch_zero_deg)
+
+    def hidden_heading(self, camera_rotation_deg: tuple[float, float, float]) -> float:
+        """Return by how much too large a heading shows below it, rad: no picture tells.
+
+        Args:
+            camera_rotation_deg: how the camera sits on the last axis, as it is said to.
+        """
+        said = matmul(
+            rot_zxy(self.yaw_bias, 0.0, self.pitch_bias - 0.5 * math.pi),
+            camera_mount(camera_rotation_deg),
+        )
+        is_so = matmul(rot_zxy(0.0, 0.0, -0.5 * math.pi), self.plant.R_gimbal_camera)
+        R = matmul(said, transpose(is_so))
+        return math.atan2(R[1][0], R[0][0])
 
     def advance(self) -> None:
         """Let the world go on to the loop's time; done before each order."""

@@ -97,6 +97,8 @@ class Evidence:
         climbs_since: since when all orders climb.
         landing_since: since when it flies without having come to commit.
         low_since: since when it is below the commit height.
+        hidden_heading: by which the pad's heading shows too large, as gimbal and camera are mounted
+            askew, rad.
     """
 
     def __init__(self, bounds: RuleBounds) -> None:
@@ -126,6 +128,7 @@ class Evidence:
         self.climbs_since: float | None = None
         self.landing_since: float | None = None
         self.low_since: float | None = None
+        self.hidden_heading = 0.0
         self._beat_t = self._rc_t = -math.inf
         self._ended_t = math.inf  # handed back, told to stop, or the autopilot has restarted
         self._boot_s = self._boot_t = -math.inf
@@ -178,7 +181,9 @@ class Evidence:
         That may be wrong once; two in a row are believed, and an answer to TIMESYNC. Returns
         whether it is.
         """
-        is_back = _RESTART_S < self._boot_s - boot_s < _WRAP_S
+        # What TIMESYNC says does not wrap.
+        wraps_s = math.inf if is_answer else _WRAP_S
+        is_back = _RESTART_S < self._boot_s - boot_s < wraps_s
         is_ahead = boot_s > self._boot_s + t - self._boot_t + _RESTART_S
         if (is_back and not is_answer) or (is_ahead and self._boot_s > -math.inf):
             suspected, self._suspected_s = self._suspected_s, boot_s - t

@@ -2,13 +2,16 @@
 
 import math
 
-from hw.sim.options import PadOptions, SimOptions
+from hw.sim.options import PadOptions, SimOptions, WindOptions
 from hw.sim.physics.contact import GRAVITY
 from hw.sim.physics.vehicle import DRAG_1, DRAG_2, vehicle_model
 
 RESERVE_MPS2 = 0.8  # of the push that leaning gives: for what steers and brakes relative to the pad
 TURBULENCE_SIGMAS = 2.0  # of turbulence that must be held against
 THESIS_WIND_MPS = 4.4  # 1.4 m/s, a sine of 1 m/s and noise of 1 m/s, at two sigmas
+# A vehicle that leans farther than this against steady air tips over as its first foot levels it
+# (docs/safety.md, what cannot be kept).
+TIPS_AT = math.radians(31.0)
 # A deck's vertical acceleration against the vehicle's: half is for braking the descent
 # (docs/how-it-lands.md, heaving decks).
 HEAVE_SHARE = 0.5
@@ -29,6 +32,10 @@ def infeasible(options: SimOptions) -> str | None:
     push = GRAVITY * math.tan(model.angle_max)
     if drag + level + RESERVE_MPS2 > push:
         return f"airspeed of {airspeed:.1f} m/s takes more lean than the vehicle has"
+    steady = _least_airspeed(options)
+    lean = math.atan(model.drag * (DRAG_1 + DRAG_2 * steady) * steady / GRAVITY)
+    if lean > TIPS_AT:
+        return f"it leans by {math.degrees(lean):.0f} degrees: the touch tips it over"
     heave = _heave_acceleration(pad)
     if heave > HEAVE_SHARE * response.vertical_acceleration_mps2:
         return f"the deck heaves with {heave:.1f} m/s2, more than can be followed"
@@ -43,9 +50,21 @@ def _airspeed(options: SimOptions) -> float:
     unsteady = wind.gust_mps + TURBULENCE_SIGMAS * wind.turbulence_mps
     if wind.from_deg is None or pad.turn_rate_deg_s:
         return pad.speed_mps + wind.speed_mps + unsteady
-    into = math.radians(pad.course_deg - wind.from_deg)
+    return _steady_airspeed(pad, wind, wind.from_deg) + unsteady
+
+
+def _least_airspeed(options: SimOptions) -> float:
+    """Return the air that passes it all the time, without gusts, m/s: a pad may turn out of it."""
+    wind, pad = options.wind, options.pad
+    if wind.from_deg is None or pad.turn_rate_deg_s:
+        return abs(pad.speed_mps - wind.speed_mps)
+    return _steady_airspeed(pad, wind, wind.from_deg)
+
+
+def _steady_airspeed(pad: PadOptions, wind: WindOptions, from_deg: float) -> float:
+    into = math.radians(pad.course_deg - from_deg)
     north = pad.speed_mps + wind.speed_mps * math.cos(into)
-    return math.hypot(north, wind.speed_mps * math.sin(into)) + unsteady
+    return math.hypot(north, wind.speed_mps * math.sin(into))
 
 
 def _heave_acceleration(pad: PadOptions) -> float:

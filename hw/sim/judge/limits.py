@@ -67,8 +67,10 @@ class SetpointLimits:
         )
         was = self._acceleration or a
         stops = (horizontal(velocity) < ZERO, abs(velocity[2]) < ZERO)
-        # What was left out, on a link that was cut, may have been an order to stop.
+        # What was left out, on a link that was cut, may have been an order to stop. It is a mean
+        # then, from which no jerk can be told.
         gap = dt > 1.5 * b.control_period_s
+        was = a if gap else was
         if not stops[0]:
             change = math.hypot(a[0] - was[0], a[1] - was[1])
             jerk = (min(change, horizontal(a)) if self._stopped[0] else change) / dt
@@ -79,7 +81,6 @@ class SetpointLimits:
             jerk = (min(change, abs(a[2])) if self._stopped[1] else change) / dt
             size = min(abs(a[2]), abs(velocity[2]) / dt) if gap else abs(a[2])
             self._check_axes("vertical", t, dt, size, jerk, b.vertical_acceleration_mps2)
-        # It is a mean then, from which no jerk can be told.
         # What follows an order to stop may begin afresh, or go on if zero was only passed.
         self._acceleration, self._stopped = None if gap else a, stops
 

@@ -65,6 +65,10 @@ class Rules:
         """What the pilot was told, with the times."""
         return self._evidence.texts
 
+    def on_mounted(self, hidden_heading: float) -> None:
+        """Gimbal and camera are mounted so that the pad's heading shows as much too large, rad."""
+        self._evidence.hidden_heading = hidden_heading
+
     def on_death(self, t: float) -> None:
         """landerd's process is killed: it owes nothing more, and what follows it is latched."""
         self._evidence.on_death(t)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from hw.sim.judge.bounds import ZERO, RuleBounds
 from hw.sim.judge.evidence import BOUNCE_S, STILL_S, Evidence, Order
-from landerd.geometry import horizontal
+from landerd.geometry import horizontal, wrap
 
 CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
 CONTACT_S = 0.3  # that something is contact is known only after this
@@ -141,7 +141,9 @@ def _outside_region(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _heading_off(e: Evidence, o: Order, b: RuleBounds) -> bool:
     low = b.commit_height_m <= o.truth.height < b.alignment_height_m
-    off = abs(o.truth.heading_error)
+    # What gimbal and camera are mounted askew by no sight shows (docs/safety.md).
+    shown = wrap(o.truth.heading_error - e.hidden_heading)
+    off = min(abs(o.truth.heading_error), abs(shown))
     if not (_sinks(e, o) and low and b.has_heading and off > b.heading):
         return False
     # As of a pad that moves on otherwise, so of one that turns.
@@ -169,7 +171,8 @@ def _sinks_below_hold(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _misses(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return e.missing_since is not None and o.t - e.missing_since > MISS_S
+    # By the pictures that were delivered, of whatever time.
+    return e.missing_since is not None and e.sighting_t - e.missing_since > MISS_S
 
 
 # ---- 3: limits (the others: hw.sim.judge.limits) -----------------------------------------------

@@ -82,6 +82,9 @@ class Feet:
         across, height = world.relative_velocity, world.height
         touches_in_s = max(0.0, height) / max(_SLOWEST_SINK_MPS, across[2])
         ahead = scale((across[0], across[1], 0.0), touches_in_s)
+        # What has come down beside the plate does not slide for the pad's driving on.
+        on_ground = any(world.vehicle.feet) and not world.vehicle.on_pad
+        slip = horizontal(world.vehicle.velocity if on_ground else across)
         return Truth(
             t=world.t,
             distance=math.hypot(*world.offset),
@@ -90,7 +93,7 @@ class Feet:
             yaw=world.vehicle.yaw,
             pad_velocity=world.pad.velocity_at(world.footprint_centre),
             feet_down=sum(world.vehicle.feet),
-            slip=math.hypot(across[0], across[1]),
+            slip=slip,
             foot_slip=horizontal(self.touching_velocity()),
             misses=not self.over_plate(ahead=ahead),
             on_plate=self.over_plate(STANDS_M),

@@ -79,6 +79,15 @@ def test_after_a_step_in_which_nothing_was_ordered_no_jerk_is_told() -> None:
     assert rules == []
 
 
+def test_over_a_step_that_came_late_no_jerk_is_told() -> None:
+    # A limiter that takes a late step for one of 50 ms goes on by less than it may.
+    rules: list[str] = []
+    limits = SetpointLimits(BOUNDS, lambda t, rule: rules.append(rule))
+    for t, north in ((0.0, 0.0), (DT, 0.05), (0.085, 0.11), (0.11, 0.16)):
+        limits.check(t, (1.0 + north, 0.0, 0.0), 0.0)
+    assert rules == []
+
+
 def test_a_wall_clock_that_jitters_is_allowed_for() -> None:
     steps: tuple[Vec3, ...] = ((0.1, 0.0, 0.0), (0.2, 0.0, 0.0))
     assert broken(*steps, jitter_s=0.01) == []

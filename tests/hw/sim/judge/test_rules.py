@@ -95,6 +95,20 @@ def boot_time_wraps(c: Court) -> None:
     c.fly(0.5)
 
 
+def restarts_before_the_wrap(c: Court, stops_s: float) -> None:
+    """Its milliseconds might have wrapped; TIMESYNC tells that they have not."""
+    c.boot_s = 2.0**32 / 1e3 - c.t - 5.0
+    c.pulse = 1100
+    c.wait(0.1)
+    c.pulse = 1900
+    c.fly(0.4)
+    c.boot_s = -c.t
+    c.hear(mavlink.MAVLink_timesync_message(10_000_000, 1))
+    if stops_s:
+        c.fly(stops_s, STOP)
+    c.wait(0.5)
+
+
 def back_in_guided(c: Court, low: bool) -> None:
     c.fly(1.0)
     c.mode = LOITER
@@ -174,6 +188,8 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: restarts(c, 0.95), None),
     (lambda c: restarts(c, 0.0), NO_STOP),
     (boot_time_wraps, None),
+    (lambda c: restarts_before_the_wrap(c, 0.95), None),
+    (lambda c: restarts_before_the_wrap(c, 0.0), NO_STOP),
     (lambda c: handed_back(c, 0.025), None),
     (lambda c: handed_back(c, 0.1), NOT_ZERO),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.0), None),
@@ -431,6 +447,18 @@ def test_2_no_descent_with_the_heading_off(height_m: float, off_rad: float, brok
     assert court.broken == ([rule] if broken else [])
 
 
+@pytest.mark.parametrize(("hidden_rad", "broken"), [(0.04, False), (-0.04, True), (0.25, True)])
+def test_2_a_heading_that_gimbal_and_camera_are_mounted_askew_by_nobody_can_see(
+    hidden_rad: float, broken: bool
+) -> None:
+    court = Court()
+    court.rules.on_mounted(hidden_rad)
+    court.truth = replace(OVER_PAD, height=1.5, heading_error=0.1)
+    court.order(SINK)
+    rule = "2: a downward set-point with the heading off"
+    assert court.broken == ([rule] if broken else [])
+
+
 @pytest.mark.parametrize(
     ("turned_before", "late_s", "broken"),
     [
@@ -533,6 +561,17 @@ def test_2_a_pad_that_will_be_missed_is_waved_off(
     assert court.broken == []  # it must be noticed first
     court.fly(0.2, velocity)
     assert court.broken == ([rule] if rule else [])
+
+
+def test_2_that_a_pad_will_be_missed_must_have_been_in_a_picture() -> None:
+    court = Court()
+    court.fly(0.1, SINK)
+    court.truth, court.sees = replace(LOW, slip=0.45), False
+    court.fly(0.4, SINK)
+    assert court.broken == []
+    court.sees = True
+    court.fly(0.1, SINK)
+    assert court.broken == [MISSED]
 
 
 # ---- 3: limits (see test_limits too) -----------------------------------------------------------

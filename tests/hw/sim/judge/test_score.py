@@ -163,3 +163,15 @@ def test_whether_the_pad_will_be_missed_is_told_from_where_it_drifts(
     assert truth.misses is misses
     assert truth.slip == pytest.approx(abs(north_mps))
     assert not truth.on_plate
+
+
+@pytest.mark.parametrize(("beside", "slip_mps"), [(False, 1.0), (True, 0.0)])
+def test_what_stands_on_the_ground_does_not_slide_across_a_pad_that_drives(
+    beside: bool, slip_mps: float
+) -> None:
+    w = over_pad(pad={"speed_mps": 1.0})
+    vehicle, pad = w.vehicle, w.pad.position
+    vehicle.position = (pad[0], pad[1] + (1.0 if beside else 0.0), pad[2] - GEAR_M)
+    vehicle.velocity = (0.0, 0.0, 0.0)
+    vehicle.feet, vehicle.on_pad = (True,) * 4, not beside
+    assert feet_of(w).truth().slip == pytest.approx(slip_mps)
