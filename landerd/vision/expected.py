@@ -16,6 +16,7 @@ Otherwise it is not expected anywhere.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -67,10 +68,15 @@ class Expected:
         is_centred = place == (0.0, 0.0)
         if self.north is None and not is_centred:
             return None
-        north = self.north if self.north is not None else any_across(self.normal)
-        R = rotation_from(self.normal, north)
-        points: F64 = self.position + (outline + np.array(place)) @ R[:, :2].T
+        points: F64 = self.position + (outline + np.array(place)) @ self._axes.T
         return points
+
+    @cached_property
+    def _axes(self) -> F64:
+        """North and east, (3, 2); any, if the heading is not known."""
+        north = self.north if self.north is not None else any_across(self.normal)
+        axes: F64 = rotation_from(self.normal, north)[:, :2]
+        return axes
 
 
 def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> Expected | None:

@@ -12,11 +12,13 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
 from landerd.vision.expected import any_across
+from landerd.vision.patch import is_any_in_picture
 from landerd.vision.pose import MIN_DEPTH_M, circle, px_per_m, rotation_from
 from landerd.vision.square import Image, SquareFinder
 from landerd.vision.window import Window
 
 _MIN_SIDE_PX, _READ_AT_PX = 14.0, 40.0  # of a tag: smaller ones are enlarged to the second
+_HEADINGS = 32  # under which a tag may lie about the ring
 _LEAST_SIDE = 0.6  # of it in the picture: what is smaller is not looked at
 _SIZE_OFF, _PLACE_OFF = 0.25, 0.2  # share by which side and distance from the ring may be off
 
@@ -55,6 +57,9 @@ class OtherIds:
             side_px = scale_px * size
             window = self._window(t + circle(distance + 0.75 * size) @ axes.T)
             if side_px < _MIN_SIDE_PX or window is None:
+                continue
+            ends = t + circle(distance + 0.5 * size, _HEADINGS) @ axes.T
+            if not is_any_in_picture(self._camera, ends):
                 continue
             scale = max(1.0, _READ_AT_PX / side_px)
             least_px = _LEAST_SIDE * scale * side_px

@@ -23,7 +23,7 @@ from landerd.vision.pose import (
     mat3,
     rotation_from,
     skew,
-    solution,
+    solution_of,
     turned_about_normal,
     vec3,
 )
@@ -36,7 +36,7 @@ _MIN_YAW_INFORMATION = 1.0 / 5.0**2
 _PRIOR_NORTH_SIGMA = math.radians(5.0)
 # A solution is dropped whose chi-square is above the best one's by more: of the pad; and of a ring
 # by itself, which the other markers cannot make up for.
-_MAX_CHI2_ABOVE_BEST, _MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
+_MAX_CHI2_ABOVE_BEST, MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def ring_measurement(
     best = min(s.cost for s in solutions)
     none = (np.zeros((6, 0)),) * len(solutions)
     for s, errors in zip(solutions, shared or none, strict=True):
-        if s.cost > best + _MAX_RING_CHI2_ABOVE_BEST:
+        if s.cost > best + MAX_RING_CHI2_ABOVE_BEST:
             continue
         n = np.array(s.normal)
         information = np.zeros((6, 6))
@@ -188,8 +188,7 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
     total = P[:6, :6] + alike
     total[:3, :3] += errors.scale_sigma**2 * np.outer(pose.t, pose.t)
     total[2, 2] += (errors.focal_sigma * pose.t[2]) ** 2
-    information: F64 = np.asarray(np.linalg.inv(total), dtype=np.float64)
-    found = solution(replace(pose, information=information), has_north)
+    found = solution_of(pose, total, has_north)
     if found is None:
         return None
     systematic = total - noise

@@ -71,7 +71,7 @@ def marker_patch(
     crop = image[low[1] : low[1] + size[1] * reduce, low[0] : low[0] + size[0] * reduce]
     if reduce > 1:
         crop = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    rays = _lens_grid(camera, low, size, reduce)
+    rays = lens_grid(camera, low, size, reduce)
     inside = is_used(*on_plane(rays, pose))
     if np.count_nonzero(inside) < _MIN_COUNT:
         return None
@@ -134,7 +134,13 @@ def whole_in_picture(camera: CameraModel, points: F64) -> F64 | None:
     return px if is_whole else None
 
 
-def _lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int], step: int) -> F64:
+def is_any_in_picture(camera: CameraModel, points: F64) -> bool:
+    """Tell whether one of points (n, 3), camera frame, is in the picture."""
+    px = camera.pixels(points[points[:, 2] > MIN_DEPTH_M])
+    return bool(((px >= 0.0) & (px <= (camera.width - 1, camera.height - 1))).all(axis=1).any())
+
+
+def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int], step: int) -> F64:
     """Return the homogeneous rays (3, rows * columns) of a grid of pixels.
 
     The lens's map is smooth: it is computed at a few nodes and interpolated by polynomials.

@@ -89,6 +89,7 @@ class PlateCheck:
         self._outlines = {ring: PlateOutline(layout, ring) for ring in self._templates}
         self._ground = {ring: _ground_behind(layout, ring) for ring in layout.rings}
         self._prints = {ring: _prints_beside(layout, ring) for ring in layout.rings}
+        self._last: tuple[MarkerSighting, bool] | None = None
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
         """Tell whether a ring cannot be the pad's, as what it should have beside it is not white.
@@ -100,10 +101,13 @@ class PlateCheck:
         """
         if not len(self._white[ring]):
             return False
-        return all(
-            self._is_bare(image, ring, np.array(s.position), np.array(s.normal))
-            for s in sighting.solutions
-        )
+        if self._last is None or self._last[0] is not sighting:  # the search asks, and then vision
+            is_bare = all(
+                self._is_bare(image, ring, np.array(s.position), np.array(s.normal))
+                for s in sighting.solutions
+            )
+            self._last = sighting, is_bare
+        return self._last[1]
 
     def voucher(self, image: U8, ring: Ring) -> Vouches | None:
         """Return what tells whether the whole plate is seen about a ring; None: it cannot be."""
@@ -127,13 +131,14 @@ class PlateCheck:
         if own is None:
             return False
         outline = self._outlines[ring]
-        if self._lacks_white(image, ring, t, axes, own, radius_px):
+        likeliest = self._heading_of_white(image, ring, t, axes, own, radius_px)
+        if likeliest is None:
             return not outline.is_seen(image, self._camera, t, axes)
         if own.white > _CLIPPED:  # over full scale, which hides its outlines
             return False
-        return outline.is_missing(image, self._camera, t, axes, radius_px)
+        return outline.is_missing(image, self._camera, t, axes, radius_px, likeliest)
 
-    def _lacks_white(
+    def _heading_of_white(
         self,
         image: U8,
         ring: Ring,
@@ -141,8 +146,11 @@ class PlateCheck:
         axes: F64,
         own: _OwnLevels,
         radius_px: float,
-    ) -> bool:
-        """Tell whether under no heading the plate's white stands out, evenly."""
+    ) -> int | None:
+        """Return a heading under which the plate's white stands out, evenly; None: there is none.
+
+        That of the template which fits best.
+        """
         black, white, brightest, is_even = own
         behind = _mean(self._turned(image, self._ground[ring], t, axes))
         plate = _lower(self._turned(image, self._white[ring], t, axes))
@@ -159,11 +167,13 @@ class PlateCheck:
             stands_out = may_be & (plate - behind > _PRINT_SHARE * (white - black))
             may_be = np.where(is_bright, is_printed | stands_out, may_be)
         if not may_be.any():
-            return True
+            return None
         is_clear = is_even and radius_px > _CLEAR_RADIUS_PX
         fits = self._templates[ring].fits(image, self._camera, t, axes, white - black)
         least_fit = _LEAST_FIT if is_clear else _LEAST_UNEVEN_FIT
-        return bool((fits < least_fit).all())  # NaN, where too little is seen, is not
+        if (fits < least_fit).all():  # NaN, where too little is seen, is not
+            return None
+        return int(np.argmax(np.where(np.isnan(fits), -np.inf, fits)))
 
     def _own_levels(self, image: U8, ring: Ring, t: F64, axes: F64) -> _OwnLevels | None:
         """Return a ring's own levels; None: not all of it is seen."""

@@ -14,13 +14,12 @@ from landerd.camera_model import F64, CameraModel
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.edge_profile import is_step
 from landerd.vision.patch import levels_at
-from landerd.vision.plate_template import share_seen
+from landerd.vision.plate_template import HEADINGS, share_seen
 from landerd.vision.pose import circle, rotation_2d
 from landerd.vision.square_pose import square_points
 
 U8 = NDArray[np.uint8]
 
-_HEADINGS = 64
 # How far from the outline either side is looked at: of the ring's radius, of a print's side.
 _BESIDE_PLATE, _BESIDE_PRINT = 0.12, 0.16
 _PER_SIDE = 12  # places on each side of an outline
@@ -66,8 +65,8 @@ class PlateOutline:
             beyond.append(places - ways)
         self._count = len(inside[0])  # of places on the plate's outline; the rest are on prints'
         points = np.concatenate([*inside, *beyond]) - middle
-        turns = [rotation_2d(2.0 * math.pi * k / _HEADINGS).T for k in range(_HEADINGS)]
-        self._points: F64 = np.concatenate([points @ turn for turn in turns])
+        turns = [rotation_2d(2.0 * math.pi * k / HEADINGS).T for k in range(HEADINGS)]
+        self._points: F64 = np.stack([points @ turn for turn in turns])  # (headings, n, 2)
 
     def is_seen(self, image: U8, camera: CameraModel, t: F64, axes: F64) -> bool:
         """Tell whether there is a heading under which all outlines are seen.
@@ -78,11 +77,17 @@ class PlateOutline:
             t: the ring's centre (3,), camera frame, m.
             axes: two unit vectors (3, 2) in the ring's plane.
         """
-        plate, prints = self._shares(image, camera, t, axes)
+        plate, prints = self._shares(image, camera, t, axes, self._points)
         return bool(((plate >= _MIN_PLATE) & (prints >= _MIN_PRINTS)).any())
 
     def is_missing(
-        self, image: U8, camera: CameraModel, t: F64, axes: F64, radius_px: float
+        self,
+        image: U8,
+        camera: CameraModel,
+        t: F64,
+        axes: F64,
+        radius_px: float,
+        likeliest: int,
     ) -> bool:
         """Tell whether under no heading as much as a part of an outline is seen.
 
@@ -92,17 +97,26 @@ class PlateOutline:
             t: the ring's centre.
             axes: of the ring's plane.
             radius_px: of the ring; of smaller ones less of the outlines is seen.
+            likeliest: heading of a `PlateTemplate`, tried first: a pad's needs no other.
         """
         if radius_px < _CLEAR_RADIUS_PX:
             return False
         least = min(_LEAST_PART, _PART_PER_PX * radius_px)
-        plate, prints = self._shares(image, camera, t, axes)
-        return bool(((plate < least) & (prints < least)).all())
+        for points in (self._points[[likeliest]], self._points):
+            plate, prints = self._shares(image, camera, t, axes, points)
+            if not ((plate < least) & (prints < least)).all():
+                return False
+        return True
 
-    def _shares(self, image: U8, camera: CameraModel, t: F64, axes: F64) -> tuple[F64, F64]:
-        """Return the shares (headings,) of plate and prints with a step; NaN: too few are seen."""
-        levels = levels_at(image, camera, t + self._points @ axes.T)
-        inside, beyond = np.moveaxis(levels.reshape(_HEADINGS, 2, -1), 1, 0)
+    def _shares(
+        self, image: U8, camera: CameraModel, t: F64, axes: F64, points: F64
+    ) -> tuple[F64, F64]:
+        """Return the shares of plate and prints with a step, each (headings,).
+
+        NaN: too few of the points (headings, n, 2) are in the picture.
+        """
+        levels = levels_at(image, camera, t + points.reshape(-1, 2) @ axes.T)
+        inside, beyond = np.moveaxis(levels.reshape(len(points), 2, -1), 1, 0)
         plate, prints = (
             _share(inside[part], beyond[part])
             for part in (np.s_[:, : self._count], np.s_[:, self._count :])

@@ -17,7 +17,7 @@ from landerd.vision.pose import rotation_2d
 U8 = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-_HEADINGS = 64
+HEADINGS = 64
 # In radii of the ring: where samples begin, how far apart they are, how far beyond the plate they
 # go, and what is left out on either side of its edge.
 _BEGIN, _STEP, _BEYOND, _EDGE = 1.06, 0.08, 0.35, 0.04
@@ -38,7 +38,7 @@ class PlateTemplate:
         corners = np.array([[plate.north_m, plate.east_m], [-plate.south_m, -plate.west_m]])
         reach = math.hypot(*np.abs(corners - middle).max(axis=0)) + _BEYOND * radius
         radii = np.arange(_BEGIN * radius, reach, _STEP * radius)
-        angles = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
+        angles = np.arange(HEADINGS) * (2.0 * math.pi / HEADINGS)
         across = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         self._points: F64 = (radii[:, None, None] * across).reshape(-1, 2)
         on_pad = self._points + middle
@@ -97,8 +97,8 @@ def _prints(layout: PadLayout, ring: Ring, points: F64) -> tuple[Mask, Mask]:
 
 def _turned(mask: Mask) -> NDArray[np.intp]:
     """Return the indices (headings, n) of samples that are of a kind under each heading."""
-    circle, angle = np.nonzero(mask.reshape(-1, _HEADINGS))
-    return np.stack([circle * _HEADINGS + (angle + k) % _HEADINGS for k in range(_HEADINGS)])
+    circle, angle = np.nonzero(mask.reshape(-1, HEADINGS))
+    return np.stack([circle * HEADINGS + (angle + k) % HEADINGS for k in range(HEADINGS)])
 
 
 def _quantile(levels: F64, share: float) -> F64:

@@ -69,6 +69,11 @@ def solution(pose: Pose, has_north: bool = True) -> PoseSolution | None:
         covariance: F64 = np.asarray(np.linalg.inv(pose.information), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
+    return solution_of(pose, covariance, has_north)
+
+
+def solution_of(pose: Pose, covariance: F64, has_north: bool) -> PoseSolution | None:
+    """Return a pose with a covariance (6, 6) as vision reports it; None if it is none."""
     turn = covariance[3:, 3:]
     variance_yaw = float(pose.normal @ turn @ pose.normal)
     variance_tilt = 0.5 * (float(np.trace(turn)) - variance_yaw)
@@ -101,10 +106,13 @@ def turned_about_normal(R: F64, angle: float) -> F64:
 
 def rotation_from(normal: F64, north: F64) -> F64:
     """Return the rotation (3, 3) of a plane with this unit normal; north need not lie in it."""
-    x = north - normal * float(normal @ north)
-    x /= np.linalg.norm(x)
-    # numpy's own cross product takes ten times as long on single vectors.
-    return np.column_stack([x, cross(vec3(normal), vec3(x)), normal])
+    # In plain floats: numpy takes several times as long on single vectors.
+    n, along = vec3(normal), vec3(north)
+    off = dot(along, n)
+    x, y, z = (a - off * b for a, b in zip(along, n, strict=True))
+    length = math.sqrt(x * x + y * y + z * z)
+    east = cross(n, first := (x / length, y / length, z / length))
+    return np.array([first, east, n]).T
 
 
 def gravity_cost(normal: F64, down: Vec3 | None) -> float:

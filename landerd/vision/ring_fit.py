@@ -80,7 +80,8 @@ class RingFit:
     response_chi2: float = 0.0  # by which it differs from a linear camera's
     residual: F32 | None = None  # (n,), grey levels
     response: F64 | None = None  # the camera's, as `ring_response` has it; None: not fitted
-    coherent: float = math.inf  # `ring_residuals.coherent_residual`, where it was worked out
+    # `ring_residuals.coherent_residual`, worked out when asked for: a clear ring's nobody asks.
+    coherence: Callable[[], float] = lambda: math.inf
     stage: str = GREY  # fitted to grey levels; EDGES: to the places of the edges alone
     inflation: float = 1.0  # of the covariance, by what is alike from pixel to pixel
 
@@ -93,6 +94,11 @@ class RingFit:
     def covariance(self) -> F64:
         """Of the position, (3, 3), m^2."""
         return self.inflation * self.uncertainty()[0]
+
+    @cached_property
+    def coherent(self) -> float:
+        """Sigma of what residuals of neighbours have in common, over the contrast."""
+        return self.coherence()
 
     @cached_property
     def sigma_tilt(self) -> float:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.pad import Ring
+from landerd.vision.patch import lens_grid
 from landerd.vision.pose import circle
-from landerd.vision.ring_pose import F64, Pose, tangents
+from landerd.vision.ring_pose import F64, Pose, plane_frame, tangents
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]  # of everything per pixel: half the time, and 1e-5 px is enough
@@ -69,21 +70,19 @@ def pixels_near(
     if not size <= 4.0 * max(image.shape):
         return None
     if size < _SMALL_PX:
-        p = _around(edges[0], band_px, image.shape)
+        seen = _around(image, camera, edges[0], band_px)
     else:
-        p = _across(edges, band_px, max_count, image.shape)
-    if len(p) < _MIN_COUNT:
+        seen = _across(image, camera, edges, band_px, max_count)
+    if seen is None:
         return None
-    v = np.ones((3, len(p)), dtype=np.float32)
-    v[:2] = camera.rays(p.astype(np.float64)).T
+    v, levels = seen
     focal = math.sqrt(camera.fx * camera.fy)
     near, weight = _weighted(v, focal, pose, ring, band_px)
     near = near[:: len(near) // max_count + 1]
     if len(near) < _MIN_COUNT:
         return None
-    grey = image[p[:, 1], p[:, 0]].astype(np.float32)
     is_small = supersample and size < _SMALL_PX
-    return Pixels(v[:, near], grey[near], weight[near], is_small, focal)
+    return Pixels(v[:, near], levels[near].astype(np.float32), weight[near], is_small, focal)
 
 
 def _weighted(
@@ -103,18 +102,28 @@ def _radii(ring: Ring) -> tuple[float, float]:
     return ring.radius_m, ring.radius_m * ring.inner_ratio
 
 
-def _around(edge: F64, band_px: float, shape: tuple[int, ...]) -> NDArray[np.intp]:
-    """Return all whole pixels (n, 2) of the box round an outline (count, 2)."""
-    h, w = shape
-    low, high = edge.min(axis=0), edge.max(axis=0)
-    x0, y0 = np.maximum(np.floor(low - band_px), 0).astype(int)
-    x1, y1 = np.minimum(np.ceil(high + band_px), (w - 1, h - 1)).astype(int)
-    gx, gy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
-    return np.column_stack([gx.ravel(), gy.ravel()])
+def _around(image: U8, camera: CameraModel, edge: F64, band_px: float) -> tuple[F32, U8] | None:
+    """Return rays (3, n) and grey levels of all pixels of the box round an outline (count, 2).
+
+    None: they are too few.
+    """
+    h, w = image.shape
+    low = np.maximum(np.floor(edge.min(axis=0) - band_px), 0).astype(int)
+    high = np.minimum(np.ceil(edge.max(axis=0) + band_px) + 1, (w, h)).astype(int)
+    columns, rows = np.maximum(high - low, 0).tolist()
+    if columns * rows < _MIN_COUNT:
+        return None
+    box = image[low[1] : high[1], low[0] : high[0]]
+    return lens_grid(camera, low, (columns, rows), 1).astype(np.float32), box.reshape(-1)
 
 
-def _across(edges: F64, band_px: float, max_count: int, shape: tuple[int, ...]) -> NDArray[np.intp]:
-    """Return whole pixels (n, 2) on short lines across closed outlines (outlines, count, 2)."""
+def _across(
+    image: U8, camera: CameraModel, edges: F64, band_px: float, max_count: int
+) -> tuple[F32, U8] | None:
+    """Return rays (3, n) and grey levels of pixels on short lines across closed outlines.
+
+    None: they are too few. The outlines are (outlines, count, 2).
+    """
     step = max(1.0, band_px / 4.0)
     offsets = np.arange(-band_px, band_px + 0.5 * step, step)
     corners = edges.shape[1]
@@ -125,15 +134,18 @@ def _across(edges: F64, band_px: float, max_count: int, shape: tuple[int, ...]) 
     normal *= (1.0 / (np.sqrt((normal * normal).sum(axis=-1)) + 1e-12))[..., None]
     lines = edges[:, at][..., None, :] + offsets[:, None] * normal[..., None, :]
     p = np.rint(lines).reshape(-1, 2).astype(np.intp)
-    h, w = shape
-    inside: NDArray[np.intp] = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
-    return inside
+    h, w = image.shape
+    p = p[(p[:, 0] >= 0) & (p[:, 0] < w) & (p[:, 1] >= 0) & (p[:, 1] < h)]
+    if len(p) < _MIN_COUNT:
+        return None
+    v = np.ones((3, len(p)), dtype=np.float32)
+    v[:2] = camera.rays(p.astype(np.float64)).T
+    return v, image[p[:, 1], p[:, 0]]
 
 
 def plane_axes(t: F64, normal: F64) -> tuple[F32, F32]:
     """Return centres (starts, 3) and plane axes (starts, 3, 3) as `PlaneView` takes them."""
-    axes = [(*tangents(n), n.tolist()) for n in normal]
-    return t.astype(np.float32), np.array(axes, dtype=np.float32)
+    return t.astype(np.float32), np.array([plane_frame(n) for n in normal], dtype=np.float32)
 
 
 class PlaneView:

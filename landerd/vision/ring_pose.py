@@ -12,13 +12,21 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.geometry import Vec3
+
 F64 = NDArray[np.float64]
 Pose = tuple[F64, F64]  # centre (m) and unit normal away from the camera, camera frame
 
 
 def tangents(normal: F64) -> tuple[F64, F64]:
     """Return two unit vectors that span the plane of a unit normal."""
-    x, y, z = (float(v) for v in normal)
+    e1, e2, _ = plane_frame(normal)
+    return np.array(e1), np.array(e2)
+
+
+def plane_frame(normal: F64) -> tuple[Vec3, Vec3, Vec3]:
+    """Return two unit vectors that span the plane of a unit normal, and that, in plain floats."""
+    x, y, z = normal.tolist()
     # Started from the axis that lies farther from the normal.
     if abs(x) < 0.7:
         k = 1.0 / math.hypot(y, z)
@@ -26,8 +34,7 @@ def tangents(normal: F64) -> tuple[F64, F64]:
     else:
         k = 1.0 / math.hypot(x, z)
         e1 = (-z * k, 0.0, x * k)
-    e2 = (y * e1[2] - z * e1[1], z * e1[0] - x * e1[2], x * e1[1] - y * e1[0])
-    return np.array(e1), np.array(e2)
+    return e1, (y * e1[2] - z * e1[1], z * e1[0] - x * e1[2], x * e1[1] - y * e1[0]), (x, y, z)
 
 
 def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:

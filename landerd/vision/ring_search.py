@@ -34,7 +34,8 @@ from landerd.vision.ring_stages import (
     is_poor,
     may_be_behind,
     may_have_edges,
-    rough_fit,
+    start_at_outline,
+    start_by_rough_fit,
     tells_ratio,
 )
 from landerd.vision.ring_work import (
@@ -54,6 +55,9 @@ _Find = Callable[[Sequence[Look], float], list[list[Candidate]]]
 # Share of the spokes from which an outline is fitted before all levels are searched: plain rings
 # gave 1.0, and 0.1 of the outlines in a photograph of the ground.
 _CLEAR_SHARE = 0.9
+# Up to such a reduction a clear outline is within a pixel or so of the image's, where the full fit
+# may start: a rough one takes half as long again. 1200 pictures showed as many rings as with it.
+_EXACT_REDUCTION = 4.0
 _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows it better
 # Share from which shadow and motion are tried at once, not in the next image: four of ten of the
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
@@ -277,18 +281,19 @@ class RingSearch:
         reserve = self._reserve()
         if not self._work.affords_search(ROUGH_COST, reserve):
             return False
-        rough = rough_fit(one.level, one.candidate, self._ring)
         is_clear = one.candidate.share >= _CLEAR_SHARE
-        if rough is None and is_clear:
+        is_exact = is_clear and one.level.reduction <= _EXACT_REDUCTION
+        find_start = start_at_outline if is_exact else start_by_rough_fit
+        start = find_start(one.level, one.candidate, self._ring)
+        if start is None and is_clear:
             return self._try_edges(one)
-        if rough is None or any(_covers(s, self._camera, rough.position) for s in self.found):
+        if start is None or any(_covers(s, self._camera, start.pose[0]) for s in self.found):
             self._work.refuse(one.place)
             return True
         if not self._work.affords_search(FULL_COST, reserve):
             return False
-        reduction = self._camera.fx / one.level.camera.fx
         response = self._response.response
-        fits = full_fits(self._image, self._camera, self._ring, rough, reduction, response)
+        fits = full_fits(self._image, self._camera, self._ring, start, response)
         if fits and is_ours(self._image, self._camera, self._ring, fits[0]):
             fits = explained_fits(self._image, self._camera, self._ring, fits, self._vouches)
             return self._reported(one, fits)

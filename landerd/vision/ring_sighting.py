@@ -8,6 +8,7 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
+from landerd.vision.pad_pose import MAX_RING_CHI2_ABOVE_BEST
 from landerd.vision.pose import gravity_cost, mat3, vec3
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import MARGIN, edge_pixels
@@ -39,7 +40,9 @@ def ring_sighting(
         down: unit vector of gravity, camera frame: puts the pose that lies more level first where
             the image cannot tell them apart.
     """
-    fits = sorted(fits, key=lambda f: f.cost + gravity_cost(f.normal, down))
+    most = min(f.cost for f in fits) + MAX_RING_CHI2_ABOVE_BEST
+    likely = [f for f in fits if f.cost <= most]
+    fits = sorted(likely, key=lambda f: f.cost + gravity_cost(f.normal, down))
     pose = (fits[0].position, fits[0].normal)
     edge = edge_pixels(camera, pose, (ring.radius_m,), _OUTLINE_POINTS)[0]
     return MarkerSighting(

@@ -6,6 +6,7 @@ And what tells a ring from what looks like one.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,21 @@ _MIN_POOR_CONTRAST, _MIN_POOR_CONTRAST_NOISES = 10.0, 2.5
 _MAX_POOR_RATIO_SIGMA = 0.13
 
 
-def rough_fit(level: Level, candidate: Candidate, ring: Ring) -> RingFit | None:
+@dataclass(frozen=True)
+class Start:
+    """Where the fit of a ring to the whole image starts."""
+
+    pose: Pose
+    blur_px: float  # of that image
+
+
+def start_at_outline(level: Level, candidate: Candidate, ring: Ring) -> Start | None:
+    """Return a pose that has the outline of a candidate; None if it is no ring's."""
+    poses = poses_through(level.camera.rays(candidate.outline.points()), ring.radius_m)
+    return None if poses is None else Start(poses[0], _BLUR_PX)
+
+
+def start_by_rough_fit(level: Level, candidate: Candidate, ring: Ring) -> Start | None:
     """Return the better pose of a candidate in a reduced image; None if it is no ring."""
     poses = poses_through(level.camera.rays(candidate.outline.points()), ring.radius_m)
     if poses is None:
@@ -114,7 +129,13 @@ def rough_fit(level: Level, candidate: Candidate, ring: Ring) -> RingFit | None:
         supersample=False,
     )
     fits = [] if pixels is None else fit_ring(pixels, poses, ring, _BLUR_PX, _ROUGH.steps)
-    return fits[0] if fits and _may_be_ring(fits[0], candidate.share, ring) else None
+    if not fits or not _may_be_ring(fits[0], candidate.share, ring):
+        return None
+    rough, k = fits[0], level.reduction
+    blur = rough.blur_px * k
+    if k > 1.0:
+        blur = min(max(0.6, blur - 0.3 * k), 8.0)
+    return Start((rough.position, rough.normal), blur)
 
 
 def _may_be_ring(rough: RingFit, share: float, ring: Ring) -> bool:
@@ -129,22 +150,13 @@ def _may_be_ring(rough: RingFit, share: float, ring: Ring) -> bool:
 
 
 def full_fits(
-    image: U8,
-    camera: CameraModel,
-    ring: Ring,
-    rough: RingFit,
-    reduction: float,
-    response: F64 | None = None,
+    image: U8, camera: CameraModel, ring: Ring, at: Start, response: F64 | None = None
 ) -> list[RingFit]:
     """Return both poses fitted to the image, the better first; empty if the fits fail.
 
-    `rough` is a fit in the image reduced so much, `response` a first one of the camera's; None:
-    it is linear.
+    `response` is a first one of the camera's; None: it is linear.
     """
-    start = (rough.position, rough.normal)
-    blur = rough.blur_px * reduction
-    if reduction > 1.0:
-        blur = min(max(0.6, blur - 0.3 * reduction), 8.0)
+    start, blur = at.pose, at.blur_px
     band = max(_FULL_BAND_PX, _BAND_BLURS * blur)
     fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
     if fits and fits[0].blur_px > band:
@@ -261,17 +273,17 @@ def _fits(
     fits = fit_ring(pixels, starts, ring, blur_px, effort.steps, response=response)
     if not fits or not is_dark_in_white(fits[0]):
         return fits
-    coherent = coherent_residual(pixels, fits[0], ring)
-    return [_judged(f, coherent) for f in fits]
+    coherence = cache(partial(coherent_residual, pixels, fits[0], ring))
+    return [_judged(replace(f, coherence=coherence)) for f in fits]
 
 
-def _judged(fit: RingFit, coherent: float) -> RingFit:
-    """Return a fit that knows its coherent residual, and errs accordingly behind a response."""
+def _judged(fit: RingFit) -> RingFit:
+    """Return a fit that errs as its coherent residual says behind a response."""
     if fit.response is None:
-        return replace(fit, coherent=coherent)
-    noises = coherent * fit.contrast / fit.noise
+        return fit
+    noises = fit.coherent * fit.contrast / fit.noise
     inflation = 1.0 + _ALIKE_PIXELS * noises * noises
-    return replace(fit, coherent=coherent, inflation=inflation * fit.inflation)
+    return replace(fit, inflation=inflation * fit.inflation)
 
 
 def is_dark_in_white(fit: RingFit) -> bool:
@@ -286,11 +298,9 @@ def tells_ratio(fit: RingFit, ring: Ring) -> bool:
 
 def is_poor(fit: RingFit) -> bool:
     """Tell whether more is left over than a camera's noise, but the fit is not hopeless."""
-    if fit.coherent < _PLAIN_COHERENT:
-        return False
     plain_noise = _PLAIN_NOISE + _PLAIN_NOISE_SHARE * fit.contrast
     noisy = fit.noise > plain_noise or fit.inliers < _PLAIN_INLIERS
-    return noisy and is_dark_in_white(fit)
+    return noisy and is_dark_in_white(fit) and fit.coherent >= _PLAIN_COHERENT
 
 
 def may_be_behind(plain: RingFit) -> bool:

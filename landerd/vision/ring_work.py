@@ -10,8 +10,8 @@ import numpy as np
 from landerd.camera_model import F64
 
 # In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take. With
-# these a search of the ground takes twice the AprilTag 3 library's time, of one tile in a hundred
-# seven times (`bench.vision_negatives`).
+# these a search of the ground takes 1.7 times the AprilTag 3 library's time, and ten times of one
+# tile in a hundred, mostly where that has next to nothing to do (`bench.vision_negatives`).
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
 _FRAME_COST, _SEARCH_COST = 14, 7  # the second: of it, to tell what is worth more
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor

@@ -1,5 +1,6 @@
 """Square markers (AprilTag, ArUco) in an image, found by OpenCV's detector."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -77,12 +78,13 @@ class SquareFinder:
         Args:
             image: grey image (height, width).
             window: the part to search; None for all.
-            scale: the search is done on an image enlarged by this.
+            scale: the search is done on an image enlarged by this, or reduced by about so much.
             smallest_px: shortest mean side that is looked for, in the enlarged image. The time goes
                 with the number of outlines that are longer.
             evened_px: the light of the enlarged image is made even over so many pixels, that a
                 shadow's edge across a square is none; None: not at all.
         """
+        scale = _quickly_made(scale)
         x0, y0 = 0, 0
         means_px: Sequence[tuple[int, int, int]]
         if window is None:
@@ -93,7 +95,7 @@ class SquareFinder:
             means_px = _WINDOW_MEANS_PX
         if min(image.shape) < MIN_SIDE_PX:
             return []
-        image = _enlarged(image, scale)
+        image = _scaled(image, scale)
         if evened_px is not None:
             image = _evened(image, evened_px)
         found: list[FoundSquare] = []
@@ -124,7 +126,7 @@ class SquareFinder:
         part = image[window.y0 : window.y1, window.x0 : window.x1]
         if min(part.shape) < MIN_SIDE_PX:
             return []
-        part = _enlarged(part, scale)
+        part = _scaled(part, scale)
         parameters = _parameters(4.0 * smallest_px / max(part.shape), _WINDOW_MEANS_PX[1])
         parameters.errorCorrectionRate = 0.0
         detector, own = self._whole[dictionary]
@@ -166,13 +168,25 @@ def _in_whole(corners: F64, scale: float, offset_px: tuple[int, int]) -> F64:
     return (corners + 0.5) / scale - 0.5 + offset_px
 
 
-def _enlarged(image: Image, scale: float) -> Image:
-    if scale == 1.0:
-        return image
-    how = cv2.INTER_CUBIC if scale > 1.0 else cv2.INTER_AREA
-    return np.asarray(
-        cv2.resize(image, None, fx=scale, fy=scale, interpolation=how), dtype=np.uint8
-    )
+def _quickly_made(scale: float) -> float:
+    """Return about such an enlargement of an image, one that is made in no time.
+
+    To reduce an image by anything but halving it takes longer than to look for squares in it.
+    """
+    return scale if scale >= 1.0 else 2.0 ** round(math.log2(scale))
+
+
+def _scaled(image: Image, scale: float) -> Image:
+    """Return an image enlarged by this, `_quickly_made`."""
+    if scale > 1.0:
+        larger = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        return np.asarray(larger, dtype=np.uint8)
+    for _ in range(round(-math.log2(scale))):
+        h, w = image.shape[0] // 2, image.shape[1] // 2
+        if min(h, w) > 0:
+            even = image[: 2 * h, : 2 * w]
+            image = np.asarray(cv2.resize(even, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
+    return image
 
 
 def _evened(image: Image, width_px: int) -> Image:

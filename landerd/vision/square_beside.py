@@ -17,7 +17,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution
 from landerd.pad import Ring, Square
 from landerd.vision.expected import any_across
-from landerd.vision.patch import Image, levels_at
+from landerd.vision.patch import Image, is_any_in_picture, levels_at
 from landerd.vision.pose import Pose, rotation_2d, rotation_from
 from landerd.vision.square_edges import SquareEdges
 
@@ -27,6 +27,7 @@ _PER_CELL = 8  # samples of the print along a cell, and
 _BLUR_CELLS = 0.4  # sigma of its blur: what a lens makes of cells of 1.5 px
 _MIN_CELL_PX = 1.2
 _MIN_IN_IMAGE = 0.8  # share of the print
+_NEXT_END = 8  # angles
 _MIN_SCATTER = 4.0  # grey levels, rms: less is noise
 # Correlations, set by trial: of the code as of the whole, or another square would do, and above
 # that at any heading which is not next to the best.
@@ -56,6 +57,8 @@ class SquareBeside:
         reach = math.sqrt(2.0) * half
         self._radii = np.arange(max(0.0, distance - reach) + 0.5 * step, distance + reach, step)
         along = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=-1)
+        # Wherever it is about the ring, so far reaches what must be in the picture.
+        self._ends: F64 = (distance + 0.25 * square.size_m) * along[::_NEXT_END]
         self._points: F64 = self._radii[:, None, None] * along  # on the plane, (radii, angles, 2)
         at = (self._points - self._place) @ rotation_2d(self._heading)
         print_ = _sampled(cells, at / self._cell)
@@ -85,6 +88,8 @@ class SquareBeside:
             if float(normal @ t) * focal * self._cell < _MIN_CELL_PX * float(t @ t):
                 continue
             R = rotation_from(normal, any_across(normal))
+            if not is_any_in_picture(camera, t + self._ends @ R[:, :2].T):
+                continue
             found = self._heading_in(image, camera, t, R)
             if found is not None and (best is None or found[0] > best[0]):
                 best = (found[0], self._pose(s, R, found[1]))

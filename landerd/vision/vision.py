@@ -262,8 +262,10 @@ class Vision:
         return replace(sighting, outline_px=outline)
 
     def _is_certain(self, s: PoseSolution) -> bool:
-        variance = np.linalg.eigvalsh(np.array(s.covariance))[-1]
-        return bool(variance <= self._options.max_sigma_m**2)
+        (a, _, _), (_, b, _), (_, _, c) = s.covariance
+        most = self._options.max_sigma_m**2
+        # The sum of all variances is no less than the greatest, and nearly always enough.
+        return a + b + c <= most or bool(np.linalg.eigvalsh(np.array(s.covariance))[-1] <= most)
 
 
 def _drift(seen: list[Candidate], expected: Expected | None) -> dict[Marker, F64]:

@@ -146,7 +146,7 @@ def half_shaded(distance: float, tilt_deg: float) -> tuple[U8, scenes.View]:
 
 
 def test_a_small_oblique_ring_in_half_a_shadow_is_seen() -> None:
-    image, view = half_shaded(14.0, 50.0)
+    image, view = half_shaded(15.0, 52.0)
     assert check(image, view, 0.02) == "edges"
 
 
