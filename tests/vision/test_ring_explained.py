@@ -254,8 +254,8 @@ def test_in_leaf_shade_a_pad_that_is_known_is_tracked_by_edges_that_alone_tell_n
         view = scenes.random_view(rng, CAMERA, rng.uniform(8.0, 17.0), rng.uniform(0.5, 0.95), RING)
         assert view is not None
         leaves = rng.normal(size=(CAMERA.height, CAMERA.width))
-        leaves = cv2.GaussianBlur(leaves, (0, 0), 0.11 * CAMERA.fx / view.position[2])
-        shade = 0.4 + 0.6 / (1.0 + np.exp(-4.0 * leaves / leaves.std()))
+        soft = cv2.GaussianBlur(leaves, (0, 0), 0.11 * CAMERA.fx / view.position[2])
+        shade = 0.4 + 0.6 / (1.0 + np.exp(-4.0 * soft / soft.std()))
         image = picture(0.7 * (0.25 + 0.75 * light(view, blur_px=2.2)) * shade)
         near = 1.01 * np.array(view.position)
         alone += track_ring(image, RING, CAMERA, near, view.normal) is not None
