@@ -1,5 +1,7 @@
 """Settings for all tests."""
 
+import gc
+
 import pytest
 from hypothesis import settings
 
@@ -11,3 +13,9 @@ settings.load_profile("landerd")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what takes longest, a page's commands, that no worker is left with them."""
     items.sort(key=lambda item: "run_as_printed" not in item.name)
+
+
+def pytest_collection_finish() -> None:
+    """Leave what was collected, which stays to the end, out of every later garbage collection."""
+    gc.collect()
+    gc.freeze()
