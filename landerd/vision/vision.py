@@ -28,7 +28,7 @@ _SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SA
 # A pad's plate counts as seen while such a share of the looks of so long, s, showed it: glare, leaf
 # shade and blur hide it. Of 19 pads on field days 1 look in 100 did not, in fine leaf shade 55, of
 # look-alikes that one look had let pass 20 to 90.
-_PLATE_LOOKS_S, _LEAST_LOOKS = 1.5, 1.0 / 3.0
+_PLATE_LOOKS_S, _LEAST_LOOKS = 1.0, 1.0 / 3.0
 # So long after another pad's id was read beside a ring, s: until the estimate has forgotten it.
 _OTHER_HELD_S = 2.5
 _AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
