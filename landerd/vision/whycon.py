@@ -62,7 +62,7 @@ def find_rings(
         work: what remembers where the search of the image before was cut short; None: nothing does.
         response: what remembers the camera's; None: nothing does.
         beside: tells that a ring is another's, the search then goes on, or that the pad's plate is
-            about one whose edges alone do not tell it; None: nothing does.
+            about one whose edges alone do not tell it, or known to be; None: nothing does.
     """
     work = work or RingWork()
     work.begin()
@@ -117,7 +117,7 @@ def track_ring(
         normal: into the pad, unit vector, camera frame, (3,).
         down: unit vector of gravity, camera frame.
         response: what remembers the camera's; None: nothing does.
-        vouches: tells that the pad's plate is about a ring whose edges alone do not tell it.
+        vouches: for a ring whose edges alone do not tell it; None: nothing does.
     """
     response = response or CameraResponse()
     expected = (position, normal)
