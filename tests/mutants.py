@@ -327,9 +327,9 @@ MUTANTS = [
     ),
     Mutant(
         "1b: a wave-off does not climb",
-        FLYING,
-        "context.orders.climb_away((north, east, -context.options.limits.climb_mps))",
-        "context.orders.climb_away((north, east, context.options.limits.climb_mps))",
+        LIMITS,
+        "self._capped((north, east, -self._limits.climb_mps))",
+        "self._capped((north, east, self._limits.climb_mps))",
         "guidance/test_landing.py::test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding",
     ),
     Mutant(

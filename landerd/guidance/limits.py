@@ -61,15 +61,15 @@ class Limiter:
         self.reset((0.0, 0.0, 0.0))
         return STOPPED
 
-    def climb_away(self, wanted: Vec3, dt: float) -> Setpoint:
+    def climb_away(self, north: float, east: float, dt: float) -> Setpoint:
         """Return a set-point that climbs at once and does not turn: from a pad, to save the feet.
 
         Args:
-            wanted: velocity, local NED, m/s; its vertical part is exempt from the acceleration
-                limits.
+            north: velocity, m/s.
+            east: the same. The climb is exempt from the acceleration limits.
             dt: time since the last set-point, s.
         """
-        n, e, d = self._capped(wanted)
+        n, e, d = self._capped((north, east, -self._limits.climb_mps))
         self._slew_horizontal(n, e, min(dt, MAX_STEP_S))
         self._v[2], self._a[2], self._yaw_rate = min(d, 0.0), 0.0, 0.0
         return Setpoint(self.velocity, 0.0)

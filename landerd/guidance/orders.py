@@ -70,10 +70,10 @@ class Orders:
             self._limiter.step(velocity, yaw_rate, self._dt, may_descend=may_descend)
         )
 
-    def climb_away(self, velocity: Vec3) -> None:
-        """Order a velocity (local NED, m/s) away from the pad, upwards at once."""
+    def climb_away(self, north: float, east: float) -> None:
+        """Order to climb away from the pad at once, with this velocity, m/s."""
         self._setpoint_t = self._now
-        self.commands.append(self._limiter.climb_away(velocity, self._dt))
+        self.commands.append(self._limiter.climb_away(north, east, self._dt))
 
     def stop(self) -> None:
         """Order zero velocity and yaw rate at once; exempt from the limits of acceleration."""

@@ -113,8 +113,7 @@ class Tracking:
         is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
         may_descend = is_inside and is_sure and relative.height > floor_m
         if phases.goes_around and relative.height < o.descent.commit_height_m:
-            # A foot that leans may be all but down.
-            context.orders.climb_away((north, east, -o.limits.climb_mps))
+            context.orders.climb_away(north, east)  # a foot that leans may be all but down
         else:
             context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
@@ -189,7 +188,7 @@ class WavingOff:
             context.note(sight.relative)
         context.orders.enter(Phase.NOT_LANDING, self._why)
         north, east, _ = context.pad_velocity
-        context.orders.climb_away((north, east, -context.options.limits.climb_mps))
+        context.orders.climb_away(north, east)
         return None
 
     def _climbed_m(self, now: float) -> float:

@@ -28,18 +28,21 @@ def infeasible(options: SimOptions) -> str | None:
         )
     model = vehicle_model(options.vehicle, options.airframe, response)
     airspeed = _airspeed(options)
-    drag = model.drag * (DRAG_1 + DRAG_2 * airspeed) * airspeed
+    drag = _drag(model.drag, airspeed)
     push = GRAVITY * math.tan(model.angle_max)
     if drag + level + RESERVE_MPS2 > push:
         return f"airspeed of {airspeed:.1f} m/s takes more lean than the vehicle has"
-    steady = _least_airspeed(options)
-    lean = math.atan(model.drag * (DRAG_1 + DRAG_2 * steady) * steady / GRAVITY)
+    lean = math.atan(_drag(model.drag, _least_airspeed(options)) / GRAVITY)
     if lean > TIPS_AT:
         return f"it leans by {math.degrees(lean):.0f} degrees: the touch tips it over"
     heave = _heave_acceleration(pad)
     if heave > HEAVE_SHARE * response.vertical_acceleration_mps2:
         return f"the deck heaves with {heave:.1f} m/s2, more than can be followed"
     return None
+
+
+def _drag(factor: float, airspeed: float) -> float:
+    return factor * (DRAG_1 + DRAG_2 * airspeed) * airspeed  # m/s2
 
 
 def _airspeed(options: SimOptions) -> float:
