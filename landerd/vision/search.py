@@ -74,6 +74,7 @@ class Search:
 
     def find(
         self,
+        t: float,
         image: Image,
         expected: Expected | None,
         down: Vec3 | None,
@@ -85,6 +86,7 @@ class Search:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
 
         Args:
+            t: the image's time, s.
             image: grey image (height, width).
             expected: where the pad should be; None: anywhere.
             down: unit vector of gravity, camera frame.
@@ -110,13 +112,13 @@ class Search:
         seen = Seen(bool(rings), bool(squares), ring_only)
         layout = self._layout
         elsewhere = policy.elsewhere(
-            self._state, seen, is_expected=expected is not None, has_rings=bool(layout.rings)
+            self._state, t, seen, is_expected=expected is not None, has_rings=bool(layout.rings)
         )
         if elsewhere.rings is not RingSearch.NONE:
             rings = self._rings_anywhere(image, down, elsewhere.rings)
         was_cut = not rings and any(w.was_cut for w in self._ring_work.values())
         squares_wait = elsewhere.squares_wait and not rings and self._may_squares_wait(image)
-        self._state = policy.after(self._state, seen, was_cut=was_cut, squares_wait=squares_wait)
+        self._state = policy.after(self._state, t, seen, was_cut=was_cut, squares_wait=squares_wait)
         where = elsewhere.squares
         if elsewhere.squares_wait and not squares_wait:
             where = SquareSearch.ANYWHERE

@@ -14,7 +14,8 @@ fails, by detection in a window round it:
 
 Then elsewhere, by what was seen where the pad is expected. A frame in which that was nothing is
 called lost, also if the pad was not expected anywhere. Of lost frames in a row the first is
-searched thoroughly, and every fifth after it.
+searched thoroughly, and after it every fifth, or the first that is 0.15 s later: a camera of 10
+frames a second sees a pad that goes by in few of them.
 
 | seen where expected        | rings in the whole image  | squares                               |
 |----------------------------|---------------------------|---------------------------------------|
@@ -41,13 +42,14 @@ are expected, up to the first one over 60 px, and searches the whole image with 
 every frame in which that shows none.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-# Both bound the time a frame takes; at 30 frames a second they leave six thorough searches, and six
+# They bound the time a frame takes; at 30 frames a second they leave six thorough searches, and six
 # looks at a square, a second.
-THOROUGH_EVERY = 5  # lost frames
+THOROUGH_EVERY, THOROUGH_AFTER_S = 5, 0.15  # lost frames, or so long after the last
 RING_ONLY_FRAMES = 4  # after one in which squares were looked for
 LARGE_SQUARE_PX = 40.0  # 0.31 m seen from 3 m: `bench.vision_square` has it within 2 mm there
 
@@ -100,7 +102,8 @@ class SearchState:
     """What is remembered from frame to frame."""
 
     ring_only_frames: int = 0  # that may follow
-    lost_frames: int = 0  # in a row
+    lost_frames: int = 0  # in a row, from the last that was searched thoroughly on
+    thorough_t: float = -math.inf  # its time, s
     was_cut: bool = False  # the search of the whole image for rings
     squares_wait: bool = False  # those in the whole image
 
@@ -128,11 +131,14 @@ def rings_beside(square_sides_px: Sequence[float]) -> ExpectedRings:
     return ExpectedRings.WHOLE if square_sides_px else ExpectedRings.ALL
 
 
-def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool, has_rings: bool) -> Elsewhere:
+def elsewhere(
+    state: SearchState, t: float, seen: Seen, *, is_expected: bool, has_rings: bool
+) -> Elsewhere:
     """Return what is looked for after what was seen where the pad is expected.
 
     Args:
         state: before the frame.
+        t: the frame's time, s.
         seen: where the pad is expected.
         is_expected: whether it is expected anywhere.
         has_rings: whether the pad has any.
@@ -141,11 +147,11 @@ def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool, has_rings: b
         return Elsewhere()
     if seen.rings:
         return Elsewhere(squares=SquareSearch.ROUND_RINGS)
-    if state.lost_frames % THOROUGH_EVERY == 0:
-        squares = SquareSearch.ROUND_RINGS if has_rings else SquareSearch.ANYWHERE
-        return Elsewhere(RingSearch.THOROUGH, squares, squares_wait=has_rings)
     if state.squares_wait:
         return Elsewhere(squares=SquareSearch.ANYWHERE)
+    if _is_thorough_due(state, t):
+        squares = SquareSearch.ROUND_RINGS if has_rings else SquareSearch.ANYWHERE
+        return Elsewhere(RingSearch.THOROUGH, squares, squares_wait=has_rings)
     if state.was_cut:
         return Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
     if not is_expected:
@@ -153,13 +159,25 @@ def elsewhere(state: SearchState, seen: Seen, *, is_expected: bool, has_rings: b
     return Elsewhere()
 
 
+def _is_thorough_due(state: SearchState, t: float) -> bool:
+    """Tell whether a lost frame in which squares do not wait is to be searched thoroughly."""
+    is_late = t - state.thorough_t >= THOROUGH_AFTER_S
+    return state.lost_frames % THOROUGH_EVERY == 0 or is_late
+
+
 def after(
-    state: SearchState, seen: Seen, *, was_cut: bool = False, squares_wait: bool = False
+    state: SearchState,
+    t: float,
+    seen: Seen,
+    *,
+    was_cut: bool = False,
+    squares_wait: bool = False,
 ) -> SearchState:
     """Return the state for the next frame.
 
     Args:
         state: before this one.
+        t: its time, s.
         seen: where the pad is expected.
         was_cut: whether a search of the whole image for rings came to the end of its work first.
         squares_wait: whether squares in the whole image are left for the next frame.
@@ -167,6 +185,9 @@ def after(
     ring_only_frames = max(0, state.ring_only_frames - 1)
     if seen.rings and not seen.ring_only:
         ring_only_frames = RING_ONLY_FRAMES
-    is_lost = not (seen.rings or seen.squares)
-    lost_frames = state.lost_frames + 1 if is_lost else 0
-    return SearchState(ring_only_frames, lost_frames, was_cut, squares_wait)
+    lost_frames, thorough_t = 0, -math.inf
+    if not (seen.rings or seen.squares):
+        is_thorough = not state.squares_wait and _is_thorough_due(state, t)
+        lost_frames = 1 if is_thorough else state.lost_frames + 1
+        thorough_t = t if is_thorough else state.thorough_t
+    return SearchState(ring_only_frames, lost_frames, thorough_t, was_cut, squares_wait)

@@ -106,6 +106,7 @@ class Vision:
         if expected is not None:
             expected = replace(expected, drift=self._drift)
         rings, squares = self._search.find(
+            frame.t,
             image,
             expected,
             prior.down,

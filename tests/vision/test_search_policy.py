@@ -26,14 +26,14 @@ QUICK = Elsewhere(RingSearch.QUICK, SquareSearch.ROUND_RINGS)
 NOWHERE = Elsewhere()
 
 
-def searches(frames: list[tuple[Seen, bool]]) -> list[Elsewhere]:
+def searches(frames: list[tuple[Seen, bool]], *, hz: float = 30.0) -> list[Elsewhere]:
     """Return what is looked for elsewhere in frames of (seen where expected, is expected)."""
     state = SearchState()
     made = []
-    for seen, is_expected in frames:
-        looked = elsewhere(state, seen, is_expected=is_expected, has_rings=True)
+    for k, (seen, is_expected) in enumerate(frames):
+        looked = elsewhere(state, k / hz, seen, is_expected=is_expected, has_rings=True)
         made.append(looked)
-        state = after(state, seen, squares_wait=looked.squares_wait)
+        state = after(state, k / hz, seen, squares_wait=looked.squares_wait)
     return made
 
 
@@ -48,26 +48,26 @@ def test_squares_are_looked_for_beside_a_ring_in_every_fifth_frame_while_the_hea
     for _ in range(15):
         ring_is_enough = is_ring_enough(state, holds_heading=True)
         with_squares.append(not ring_is_enough)
-        state = after(state, TRACKED_RING if ring_is_enough else RING)
+        state = after(state, 0.0, TRACKED_RING if ring_is_enough else RING)
     assert with_squares == [True, False, False, False, False] * 3
 
 
 def test_squares_are_looked_for_in_every_frame_without_an_estimate_to_hold_the_heading() -> None:
-    assert not is_ring_enough(after(SearchState(), BOTH), holds_heading=False)
+    assert not is_ring_enough(after(SearchState(), 0.0, BOTH), holds_heading=False)
 
 
 def test_squares_are_looked_for_until_a_ring_is_seen_beside_which_they_may_wait() -> None:
     for seen in (NOTHING, SQUARE):
-        assert not is_ring_enough(after(SearchState(), seen), holds_heading=True)
+        assert not is_ring_enough(after(SearchState(), 0.0, seen), holds_heading=True)
     for seen in (RING, BOTH):
-        assert is_ring_enough(after(SearchState(), seen), holds_heading=True)
+        assert is_ring_enough(after(SearchState(), 0.0, seen), holds_heading=True)
 
 
 def test_a_frame_in_which_the_ring_alone_was_not_seen_counts_as_well() -> None:
-    state = after(SearchState(), RING)
+    state = after(SearchState(), 0.0, RING)
     for _ in range(4):
         assert is_ring_enough(state, holds_heading=True)
-        state = after(state, SQUARE)
+        state = after(state, 0.0, SQUARE)
     assert not is_ring_enough(state, holds_heading=True)
 
 
@@ -111,6 +111,18 @@ def test_a_pad_expected_but_not_seen_is_searched_elsewhere_in_every_fifth_frame_
     assert searches(frames) == [THOROUGH, SQUARES, NOWHERE, NOWHERE, NOWHERE] * 2
 
 
+@pytest.mark.parametrize(("hz", "between"), [(10.0, [SQUARES]), (20.0, [SQUARES, NOWHERE])])
+def test_fewer_frames_a_second_are_searched_thoroughly_as_often(
+    hz: float, between: list[Elsewhere]
+) -> None:
+    frames = [(NOTHING, True)] * 6
+    assert searches(frames, hz=hz) == ([THOROUGH, *between] * 3)[:6]
+
+
+def test_squares_are_looked_for_between_thorough_searches_however_few_frames_there_are() -> None:
+    assert searches([(NOTHING, True)] * 4, hz=4.0) == [THOROUGH, SQUARES] * 2
+
+
 @pytest.mark.parametrize("seen", [RING, SQUARE, BOTH, TRACKED_RING])
 def test_the_first_frame_after_a_loss_is_searched_thoroughly(seen: Seen) -> None:
     lost_again = [(NOTHING, True), (NOTHING, True), (seen, True), (NOTHING, True), (NOTHING, True)]
@@ -124,21 +136,24 @@ def test_frames_without_expectation_count_as_lost_like_those_with() -> None:
 
 @pytest.mark.parametrize("is_expected", [True, False])
 def test_a_search_that_was_cut_short_goes_on_in_the_next_frame(is_expected: bool) -> None:
-    state = after(after(SearchState(), NOTHING), NOTHING, was_cut=True)
+    state = after(after(SearchState(), 0.0, NOTHING), 0.03, NOTHING, was_cut=True)
     goes_on = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
-    assert elsewhere(state, NOTHING, is_expected=is_expected, has_rings=True) == goes_on
-    assert elsewhere(after(state, NOTHING), NOTHING, is_expected=True, has_rings=True) == NOWHERE
+    assert elsewhere(state, 0.06, NOTHING, is_expected=is_expected, has_rings=True) == goes_on
+    assert (
+        elsewhere(after(state, 0.06, NOTHING), 0.09, NOTHING, is_expected=True, has_rings=True)
+        == NOWHERE
+    )
 
 
 @pytest.mark.parametrize("is_expected", [True, False])
 def test_squares_that_were_left_come_before_a_search_that_was_cut_short(is_expected: bool) -> None:
-    state = after(SearchState(), NOTHING, was_cut=True, squares_wait=True)
-    assert elsewhere(state, NOTHING, is_expected=is_expected, has_rings=True) == SQUARES
-    state = after(state, NOTHING, was_cut=True)
+    state = after(SearchState(), 0.0, NOTHING, was_cut=True, squares_wait=True)
+    assert elsewhere(state, 0.06, NOTHING, is_expected=is_expected, has_rings=True) == SQUARES
+    state = after(state, 0.06, NOTHING, was_cut=True)
     goes_on = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
-    assert elsewhere(state, NOTHING, is_expected=is_expected, has_rings=True) == goes_on
+    assert elsewhere(state, 0.06, NOTHING, is_expected=is_expected, has_rings=True) == goes_on
 
 
 def test_squares_of_a_pad_without_rings_do_not_wait() -> None:
-    at_once = elsewhere(SearchState(), NOTHING, is_expected=False, has_rings=False)
+    at_once = elsewhere(SearchState(), 0.0, NOTHING, is_expected=False, has_rings=False)
     assert at_once == Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
