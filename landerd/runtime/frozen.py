@@ -14,6 +14,7 @@ RESTLESS_REPORTS = 100
 # or stands still without noise: no reason to take them for coarse once they were restless.
 RESTLESS_ESTIMATES = 20
 Report = Attitude | LocalPosition | GimbalState
+EVEN_SHARE = 0.99  # of a picture's pixels at one level: it is blown out, or black
 SOME_ROWS = 32  # pictures are compared in one row of so many first
 
 
@@ -32,11 +33,18 @@ class FrozenInput:
         return self._reports.setdefault(type(message), _Reports(is_coarse)).repeats(message)
 
     def picture_repeats(self, image: NDArray[np.uint8]) -> bool:
-        """Tell whether a picture is the last one; the camera may use its memory again."""
+        """Tell whether a picture is the last one; the camera may use its memory again.
+
+        Those in which all is white, or black, are alike and yet new, a dead pixel or two aside:
+        they must be seen for the exposure to be mended.
+        """
         last, self._picture = self._picture, image.copy()
         if last is None or not np.array_equal(last[::SOME_ROWS], image[::SOME_ROWS]):
             return False  # as a rule; to compare all of it takes as long as a copy
-        return np.array_equal(last, image)
+        if not np.array_equal(last, image):
+            return False
+        even = int(np.count_nonzero(image == np.median(image)))
+        return even < EVEN_SHARE * image.size
 
 
 class _Reports:

@@ -49,8 +49,18 @@ def test_what_stood_still_on_the_ground_is_frozen_all_the_same_in_flight(report:
 
 
 def test_a_picture_that_differs_in_one_pixel_is_another() -> None:
-    frozen, image = FrozenInput(), np.zeros((48, 64), np.uint8)
+    frozen = FrozenInput()
+    image = np.random.default_rng(1).integers(0, 255, (48, 64), np.uint8)
     assert not frozen.picture_repeats(image)
     assert frozen.picture_repeats(image)
-    image[33, 5] = 1  # in the same memory
+    image[33, 5] ^= 1  # in the same memory
     assert not frozen.picture_repeats(image)
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_pictures_that_are_all_white_or_black_are_new_ones_whatever_pixels_are_dead(
+    level: int,
+) -> None:
+    frozen, image = FrozenInput(), np.full((48, 64), level, np.uint8)
+    image[20, 30] = 128
+    assert not any(frozen.picture_repeats(image) for _ in range(3))
