@@ -4,6 +4,7 @@ import math
 
 from hw.sim.options import PadOptions, SimOptions, WindOptions
 from hw.sim.physics.contact import GRAVITY
+from hw.sim.physics.land_detector import LandDetector
 from hw.sim.physics.vehicle import DRAG_1, DRAG_2, vehicle_model
 
 RESERVE_MPS2 = 0.8  # of the push that leaning gives: for what steers and brakes relative to the pad
@@ -26,6 +27,8 @@ def infeasible(options: SimOptions) -> str | None:
         return f"the pad accelerates by {level:.1f} m/s2, the vehicle by no more than " + (
             f"{response.acceleration_mps2:.1f}"
         )
+    if curving > LandDetector.STATIONARY_MPS2:
+        return f"the pad turns with {curving:.1f} m/s2: no autopilot takes that for standing"
     model = vehicle_model(options.vehicle, options.airframe, response)
     airspeed = _airspeed(options)
     drag = _drag(model.drag, airspeed)

@@ -11,13 +11,14 @@ class LandDetector:
 
     Unless it is landing in a mode of its own (LAND), ArduCopter keeps thrust in hand for steering
     while a large tilt is requested, and detects no landing meanwhile: in wind, or on a fast pad,
-    that is as long as the request lasts.
+    that is as long as the request lasts. Nor does it ever on what is accelerated by more than
+    `STATIONARY_MPS2`.
     """
 
     _TRIGGER_S = 1.0  # LAND_DETECTOR_TRIGGER_SEC
     _THRUST_GONE = 0.01  # of hover
     _LARGE_ANGLE = math.radians(15.0)  # LAND_CHECK_LARGE_ANGLE_CD
-    _STATIONARY_MPS2 = 1.0  # LAND_DETECTOR_ACCEL_MAX
+    STATIONARY_MPS2 = 1.0  # LAND_DETECTOR_ACCEL_MAX
     _MOVING_MPS2 = 3.0  # LAND_CHECK_ACCEL_MOVING
     _SLOW_MPS = 1.0
     _FILTER_SHARE = STEP_S / (STEP_S + 1.0 / (2.0 * math.pi * 1.0))  # 1 Hz
@@ -62,7 +63,7 @@ class LandDetector:
         if (
             thrust < self._THRUST_GONE
             and self._mix < self._MIX_IS_MIN
-            and acceleration <= self._STATIONARY_MPS2
+            and acceleration <= self.STATIONARY_MPS2
             and abs(velocity[2]) < self._SLOW_MPS
         ):
             self._timer += STEP_S

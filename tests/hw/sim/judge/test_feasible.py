@@ -49,6 +49,15 @@ def test_what_landerd_lands_on_is_feasible(options: dict[str, Any]) -> None:
         ({"pad": {"speed_mps": 5.0, "brake_mps2": 3.0}}, "accelerates by 3.0"),
         ({"pad": {"speed_mps": 10.0, "turn_rate_deg_s": 20.0}}, "accelerates by 3.5"),
         ({"pad": {"heave_m": 0.5, "heave_hz": 0.3}}, "heaves with 1.8"),
+        # It stands on it, but ArduCopter's land detector never says so.
+        (
+            {
+                "pad": {"speed_mps": 10.0, "turn_rate_deg_s": 8.0},
+                "vehicle": "fast",
+                "airframe": {"angle_max_deg": 44.0},
+            },
+            "turns with 1.4 m/s2",
+        ),
     ],
 )
 def test_what_no_vehicle_of_its_kind_can_follow_is_said(options: dict[str, Any], said: str) -> None:
