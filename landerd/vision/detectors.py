@@ -17,6 +17,7 @@ from landerd.vision.expected import Expected
 from landerd.vision.metering import Meter
 from landerd.vision.other_ids import OtherIds
 from landerd.vision.plate_check import PlateCheck
+from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_response import CameraResponse
@@ -145,6 +146,7 @@ class PixelDetectors:
         self._camera = camera
         self._meter = Meter(camera, layout.plate)
         self._plate = PlateCheck(layout, camera)
+        self._plates = {ring: PlateSearch(layout, ring) for ring in layout.rings}
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares
         }
@@ -205,7 +207,7 @@ class PixelDetectors:
             thorough=thorough,
             work=work,
             response=self._response,
-            beside=Beside(refuses, vouches),
+            beside=Beside(refuses, vouches, self._plates[ring]),
         )
 
     def track_square(

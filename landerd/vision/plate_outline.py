@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
-from landerd.pad import PadLayout, Ring, Square
+from landerd.pad import PadLayout, Plate, Ring, Square
 from landerd.vision.edge_profile import is_step
 from landerd.vision.patch import levels_at
 from landerd.vision.plate_template import HEADINGS, share_seen
@@ -38,16 +38,8 @@ class PlateOutline:
 
     def __init__(self, layout: PadLayout, ring: Ring) -> None:
         """Prepare the places; needs a pad with other markers beside the ring."""
-        plate, middle = layout.plate, np.array(ring.position_m)
-        corners = np.array(
-            [
-                (plate.north_m, -plate.west_m),
-                (plate.north_m, plate.east_m),
-                (-plate.south_m, plate.east_m),
-                (-plate.south_m, -plate.west_m),
-            ]
-        )
-        places, ways = _along(corners)
+        middle = np.array(ring.position_m)
+        places, ways = along(plate_corners(layout.plate))
         ways = ways * (_BESIDE_PLATE * ring.radius_m)
         inside, beyond = [places - ways], [places + ways]
         for marker in layout.markers:
@@ -55,7 +47,7 @@ class PlateOutline:
                 continue
             if isinstance(marker, Square):
                 size, turn = marker.size_m, rotation_2d(math.radians(marker.heading_deg))
-                places, ways = (x @ turn.T for x in _along(square_points(size)))
+                places, ways = (x @ turn.T for x in along(square_points(size)))
             else:
                 size, ways = marker.radius_m, circle(1.0)
                 places = size * ways
@@ -131,7 +123,13 @@ def _share(inside: F64, beyond: F64) -> F64:
     return np.where(seen > _LEAST_SEEN, steps / np.maximum(seen, 1e-9), np.nan)
 
 
-def _along(corners: F64) -> tuple[F64, F64]:
+def plate_corners(plate: Plate) -> F64:
+    """Return the corners (4, 2) of a plate in the pad's axes, clockwise from above."""
+    north, east, south, west = plate.north_m, plate.east_m, -plate.south_m, -plate.west_m
+    return np.array([(north, west), (north, east), (south, east), (south, west)])
+
+
+def along(corners: F64) -> tuple[F64, F64]:
     """Return places along a polygon's sides, and the unit vectors out of it there, (n, 2) each."""
     middle = corners.mean(axis=0)
     shares = (np.arange(_PER_SIDE) + 0.5)[:, None] / _PER_SIDE

@@ -12,12 +12,13 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
+from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_cut import cut_rings
 from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
-from landerd.vision.ring_pose import F64, poses_through
+from landerd.vision.ring_pose import F64, mirrored, poses_through
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import (
     Candidate,
@@ -72,6 +73,7 @@ class Beside:
 
     refuses: Refusal | None = None
     vouches: Vouches | None = None
+    plate: PlateSearch | None = None  # tells where to look for a ring that shows nothing round
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class RingSearch:
     ) -> None:
         self._image, self._ring, self._camera, self._down = image, ring, camera, down
         self._work, self._response = work, response
-        self._refuses, self._vouches = beside.refuses, beside.vouches
+        self._refuses, self._vouches, self._plate = beside.refuses, beside.vouches, beside.plate
         self._later: list[_Try] = []
         self._doubtful: list[_Doubtful] = []
         self._level_found: Level | None = None
@@ -173,6 +175,21 @@ class RingSearch:
             if fits and self._report(fits, level):
                 return True
         return False
+
+    def find_on_plate(self, levels: Sequence[Level]) -> bool:
+        """Fit edges where the outline of the pad's plate tells that the ring is.
+
+        Once in a search, as `find_cut`.
+        """
+        if self._plate is None or self._work.is_continued:
+            return False
+        pose = self._plate.find(self._image, levels, self._camera)
+        if pose is None or not self._work.affords(EDGE_COST):
+            return False
+        other = mirrored(*pose, self._ring.radius_m)
+        starts = [pose] if other is None else [pose, other]
+        fits = edge_fits(self._image, self._camera, self._ring, starts, lambda *_: True)
+        return bool(fits) and self._report(fits)
 
     def find_doubtful(self) -> None:
         """Fit what was left, the likeliest first, until a level shows a ring or work is over."""

@@ -22,8 +22,9 @@ frames a second sees a pad that goes by in few of them.
 | rings, by step 1           | not looked for            | not looked for                        |
 | squares                    | not looked for            | not looked for                        |
 | only rings, by step 3      | not looked for            | round them                            |
-| nothing, thorough frame    | all thresholds; shadow    | round the rings found; if none, in    |
-|                            | and motion in the model   | the whole image, now or               |
+| nothing, thorough frame    | all thresholds; the       | round the rings found; if none, in    |
+|                            | plate's outline; shadow   | the whole image, now or               |
+|                            | and motion in the model   |                                       |
 | nothing, squares left      | not looked for            | in the next                           |
 | nothing, the search of the | all thresholds; shadow    | round the rings found                 |
 | frame before was cut short | and motion in the model   |                                       |

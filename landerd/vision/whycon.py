@@ -62,7 +62,7 @@ def find_rings(
         work: what remembers where the search of the image before was cut short; None: nothing does.
         response: what remembers the camera's; None: nothing does.
         beside: tells that a ring is another's, the search then goes on, or that the pad's plate is
-            about one whose edges alone do not tell it, or known to be; None: nothing does.
+            about one whose edges alone do not tell it, or known to be, and where it lies.
     """
     work = work or RingWork()
     work.begin()
@@ -74,6 +74,8 @@ def find_rings(
     if thorough and window is None and search.find_cut(parts[0], _WIDE):
         return search.nearest_first()
     if search.find_holes([(level, _FIRST) for level in parts[:-1] or parts]):
+        return search.nearest_first()
+    if thorough and window is None and search.find_on_plate(parts[:-1]):
         return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
