@@ -170,7 +170,8 @@ class TrackingMethod:
         if self._pad_velocity is None:
             self._pad_velocity = (north, east)
         turn_rate = self._smooth_turn_rate(relative, dt)
-        turned = rotate(rot_z(turn_rate * dt), (*self._pad_velocity, 0.0))
+        course = relative.pad_coupling * turn_rate * dt
+        turned = rotate(rot_z(course), (*self._pad_velocity, 0.0))
         time_s = max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s)
         k = min(1.0, self._calmed * dt / time_s)
         smooth = (turned[0] + k * (north - turned[0]), turned[1] + k * (east - turned[1]))
