@@ -143,6 +143,20 @@ MUTANTS = [
         "test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back",
     ),
     Mutant(
+        "2: sinks on while the newest sighting shows the pad elsewhere",
+        FLYING,
+        "phases.may_descend(relative, context.estimator.doubt.off_m)",
+        "phases.may_descend(relative)",
+        "simulation/test_faults.py::test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere",
+    ),
+    Mutant(
+        "a pad that turns about itself and drives straight is trailed",
+        "landerd/estimation/motion_filter.py",
+        "turned = self.coupling * self.turn_rate * dt",
+        "turned = self.turn_rate * dt",
+        "estimation/test_pad_filter.py::test_a_pad_that_turns_about_itself_drives_straight_on",
+    ),
+    Mutant(
         "1: losing GUIDED does not latch",
         GATE,
         "(last.guided and not heartbeat.guided)",

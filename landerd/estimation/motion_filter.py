@@ -3,14 +3,15 @@
 State in four blocks of three: position and velocity of the point (local NED), and what shows it
 wrongly (estimation.observation says what each is): the lens's direction about the camera's x and y
 (rad) with the clock of the pictures (s), and the clock of the gimbal (s), the lens's scale and the
-autopilot's heading (rad). Constant velocity that turns with the pad's heading, driven by white
-acceleration; the biases are Gauss-Markov. The 12x12 covariance is kept as 3x3 blocks in plain
-floats: the same bits on every machine.
+autopilot's heading (rad). Constant velocity that turns with the pad's heading as far as
+estimation.coupling says, driven by white acceleration; the biases are Gauss-Markov. The 12x12
+covariance is kept as 3x3 blocks in plain floats: the same bits on every machine.
 """
 
 import math
 from dataclasses import dataclass
 
+from landerd.estimation.coupling import Coupling
 from landerd.geometry import (
     Mat3,
     Vec3,
@@ -43,6 +44,7 @@ class Innovation:
     S: Mat3  # its covariance, m^2
     S_inverse: Mat3
     PHt: tuple[Mat3, Mat3, Mat3, Mat3]  # P H^T by blocks: position, velocity, biases
+    by_coupling: Vec3  # derivative of what was expected, m
 
     @property
     def nis(self) -> float:
@@ -52,7 +54,7 @@ class Innovation:
     def with_noise(self, more: Mat3) -> "Innovation":
         """Return the same of a measurement with so much more white noise, m^2."""
         S = matadd(self.S, more)
-        return Innovation(self.vector, S, inverse(S), self.PHt)
+        return Innovation(self.vector, S, inverse(S), self.PHt, self.by_coupling)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +68,8 @@ class Course:
 
     def shown(self, t: float, B: Jacobian) -> Vec3:
         """Return where it is seen at another time if it goes straight on, m."""
-        by_biases = add(rotate(B[0], self.biases[0]), rotate(B[1], self.biases[1]))
-        return add(add(self.position, scale(self.velocity, t - self.t)), by_biases)
+        ahead = add(self.position, scale(self.velocity, t - self.t))
+        return add(ahead, _shown(B, self.biases))
 
 
 class MotionFilter:
@@ -86,7 +88,8 @@ class MotionFilter:
         self._initial_Pgg = diagonal(g[0] * g[0], g[1] * g[1], g[2] * g[2])
         self._time_constants_s = time_constants_s
         self.t = -math.inf
-        self.turn_rate = 0.0  # of the velocity, rad/s
+        self.turn_rate = 0.0  # of the heading, rad/s
+        self._coupling = Coupling()
         self.position = self.velocity = ZERO
         self.Ppp = self.Ppv = self.Pvv = ZEROS
         self._Ppb = self._Ppg = self._Pvb = self._Pvg = ZEROS
@@ -119,18 +122,24 @@ class MotionFilter:
         b, g = B
         by_b = matadd(matmul(b, self.Pbb), matmul(g, transpose(self._Pbg)))
         by_g = matadd(matmul(b, self._Pbg), matmul(g, self.Pgg))
-        self.position = sub(measured, self._shown(B))
+        self.position = sub(measured, _shown(B, self.biases))
         self.velocity = ZERO
         through = matadd(matmul(by_b, transpose(b)), matmul(by_g, transpose(g)))
         self.Ppp = _symmetric(matadd(R, through))
         self.Ppv = self._Pvb = self._Pvg = ZEROS
         self.Pvv = diagonal(*(sigma * sigma for sigma in sigma_velocity))
         self._Ppb, self._Ppg = matscale(by_b, -1.0), matscale(by_g, -1.0)
+        self._coupling = Coupling()
 
     def sigma_velocity(self, dt: float) -> Vec3:
         """Return the velocity's standard deviation along the axes dt after the last step, m/s."""
         P, (x, y, z) = self.Pvv, scale(self.q, dt)
         return (math.sqrt(P[0][0] + x), math.sqrt(P[1][1] + y), math.sqrt(P[2][2] + z))
+
+    @property
+    def coupling(self) -> float:
+        """Of the heading's turn rate, what the velocity turns with: 0 to 1."""
+        return self._coupling.value
 
     @property
     def is_sound(self) -> bool:
@@ -160,15 +169,17 @@ class MotionFilter:
         """Return position, velocity and the position's covariance dt after the last step."""
         velocity = self.velocity
         middle = velocity
-        if self.turn_rate != 0.0:
-            middle = rotate(rot_z(0.5 * self.turn_rate * dt), velocity)
-            velocity = rotate(rot_z(self.turn_rate * dt), velocity)
+        turned = self.coupling * self.turn_rate * dt
+        if turned != 0.0:
+            middle = rotate(rot_z(0.5 * turned), velocity)
+            velocity = rotate(rot_z(turned), velocity)
         return add(self.position, scale(middle, dt)), velocity, self._position_covariance_after(dt)
 
     def predict(self, t: float) -> None:
         """Go on to time t."""
         dt = t - self.t
         self.t = t
+        self._coupling.predict(dt, self.turn_rate, self.velocity)
         self.position, self.velocity, self.Ppp = self.at(dt)
         self.Ppv = matadd(
             matadd(self.Ppv, matscale(self.Pvv, dt)), diagonal(*scale(self.q, 0.5 * dt * dt))
@@ -203,8 +214,10 @@ class MotionFilter:
         Ub = through(transpose(self._Ppb), self.Pbb, self._Pbg)
         Ug = through(transpose(self._Ppg), transpose(self._Pbg), self.Pgg)
         S = matadd(matadd(matadd(Up, matmul(b, Ub)), matmul(g, Ug)), R)
-        vector = sub(sub(measured, self.position), self._shown(B))
-        return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug))
+        vector = sub(sub(measured, self.position), _shown(B, self.biases))
+        p, _, by_b, by_g = self._coupling.by
+        by_coupling = add(p, _shown(B, (by_b, by_g)))
+        return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug), by_coupling)
 
     def correct(self, innovation: Innovation, coloured: Mat3) -> None:
         """Take a measurement in.
@@ -240,15 +253,29 @@ class MotionFilter:
         self._Pvg = _minus(self._Pvg, matmul(Kv, Ug))
         self._Pbg = _minus(self._Pbg, matmul(Kb, Ug))
         self.Pgg = _symmetric(_minus(self.Pgg, matmul(Kg, Ug)))
+        self._correct_coupling(innovation, (Kp, Kv, (*Kb[:2], K_clock), Kg))
 
-    def _shown(self, B: Jacobian) -> Vec3:
-        """Return how far from where it is the biases show the point, m."""
-        return add(rotate(B[0], self.biases[0]), rotate(B[1], self.biases[1]))
+    def _correct_coupling(self, innovation: Innovation, K: tuple[Mat3, Mat3, Mat3, Mat3]) -> None:
+        """Learn of the coupling, and correct the state by what is learned; K: the state's gains."""
+        expected = innovation.by_coupling
+        p, v, b, g = (
+            sub(x, rotate(k, expected)) for x, k in zip(self._coupling.by, K, strict=True)
+        )
+        p, v, b, g = self._coupling.correct(
+            innovation.vector, expected, innovation.S_inverse, (p, v, b, g)
+        )
+        self.position, self.velocity = add(self.position, p), add(self.velocity, v)
+        self.biases = add(self.biases[0], b), add(self.biases[1], g)
 
     def _position_covariance_after(self, dt: float) -> Mat3:
         cross = matadd(self.Ppv, transpose(self.Ppv))
         grown = matadd(matadd(self.Ppp, matscale(cross, dt)), matscale(self.Pvv, dt * dt))
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
+
+
+def _shown(B: Jacobian, biases: Biases) -> Vec3:
+    """Return how far from where it is the biases show a point, m."""
+    return add(rotate(B[0], biases[0]), rotate(B[1], biases[1]))
 
 
 def _decay(time_constants_s: Vec3, dt: float) -> Vec3:

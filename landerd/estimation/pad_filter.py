@@ -100,6 +100,7 @@ class PadEstimate:
     sigma_heading: float  # rad
     turn_rate: float  # rad/s; 0 without heading
     normal: Vec3  # unit vector into the pad
+    coupling: float = 1.0  # of the turn rate, what the velocity turns with: 0 to 1
 
     def moved(self, now: float) -> "PadEstimate":
         """Return the pad at another time if it goes on as it did."""
@@ -300,6 +301,7 @@ class PadFilter:
             sigma_heading=sigma_heading,
             turn_rate=self._heading.turn_rate if known else 0.0,
             normal=unit((*self._tilt, 1.0)),
+            coupling=self._motion.coupling,
         )
 
     def _start(self, seen: PadObservation) -> None:

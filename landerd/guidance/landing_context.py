@@ -98,7 +98,7 @@ class LandingContext:
         self.low = self.hold_asked = False
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
-        self._pad_turn_rate = 0.0  # rad/s
+        self._course_rate = 0.0  # of the pad's velocity, rad/s
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
         self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
@@ -211,7 +211,7 @@ class LandingContext:
         self.low = relative.height < self.options.descent.alignment_height_m
         self._just_over_pad = relative.height < JUST_OVER_PAD_M
         self.pad_velocity = relative.pad_velocity
-        self._pad_turn_rate = relative.pad_turn_rate
+        self._course_rate = relative.course_rate
         surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
         self._fastest_heave = max(self._fastest_heave, surely) if self.low else 0.0
 
@@ -227,7 +227,7 @@ class LandingContext:
 
     def ride(self, step: ControlStep) -> None:
         """Go with the pad: as it drove and turned when it was seen last, or as what it carries."""
-        self._known_velocity = rotate(rot_z(self._pad_turn_rate * step.dt), self._known_velocity)
+        self._known_velocity = rotate(rot_z(self._course_rate * step.dt), self._known_velocity)
         glimpse, vehicle = self.estimator.glimpse, self.estimator.fresh_vehicle(step.now)
         is_new = glimpse is not None and self._footing.look(glimpse, self._known_velocity)
         if glimpse is not None and is_new:

@@ -76,10 +76,14 @@ class Phases:
         self.leans = False
         self.goes_around = False
 
-    def may_descend(self, relative: RelativeState) -> bool:
+    def may_descend(self, relative: RelativeState, off_m: float = 0.0) -> bool:
         """Tell whether it is inside the descent region and does not surely leave it.
 
         Its own uncertainty counts.
+
+        Args:
+            relative: pad relative to vehicle.
+            off_m: so far from there the newest sighting shows the pad: it may have jumped, m.
         """
         at_least = relative.height - 2.0 * relative.sigma_height
         radius = descent_radius(self._options, at_least)
@@ -87,7 +91,7 @@ class Phases:
         distance = relative.distance
         outward = (north * v_north + east * v_east) / max(distance, MIN_DISTANCE_M)
         leaves = LEAVES_S * max(0.0, outward - 2.0 * relative.sigma_velocity)
-        return distance + leaves + 2.0 * relative.sigma_m < radius
+        return distance + off_m + leaves + 2.0 * relative.sigma_m < radius
 
     @property
     def floor_m(self) -> float:

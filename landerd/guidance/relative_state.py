@@ -27,7 +27,8 @@ class RelativeState:
     sigma_m: float  # of the error's horizontal part, m
     heading_error: float | None  # pad's heading minus vehicle's, rad; None: not known
     yaw_rate: float  # vehicle's, rad/s
-    pad_turn_rate: float = 0.0  # rad/s
+    pad_turn_rate: float = 0.0  # of its heading, rad/s
+    pad_coupling: float = 1.0  # of that, what its velocity turns with: 0 to 1
     sigma_heave: float = 0.0  # of the pad's vertical velocity, m/s
     sigma_velocity: float = 0.0  # of its level velocity, m/s
     normal: Vec3 = (0.0, 0.0, 1.0)  # unit vector into the pad, local NED
@@ -57,6 +58,7 @@ class RelativeState:
             heading_error=wrap(pad.heading - vehicle.yaw) if pad.heading is not None else None,
             yaw_rate=vehicle.yaw_rate,
             pad_turn_rate=pad.turn_rate,
+            pad_coupling=pad.coupling,
             sigma_heave=pad.sigma_velocity[2],
             sigma_velocity=max(pad.sigma_velocity[:2]),
             normal=pad.normal,
@@ -87,8 +89,13 @@ class RelativeState:
         """Planar distance d_p (thesis 2.4.5), m."""
         return horizontal(self.error)
 
+    @property
+    def course_rate(self) -> float:
+        """How fast the pad's velocity turns, rad/s."""
+        return self.pad_coupling * self.pad_turn_rate
+
     def pad_velocity_ahead(self, dt: float) -> Vec3:
         """Return the pad's velocity (m/s) dt from now, if it turns on as it does."""
-        if self.pad_turn_rate == 0.0:
+        if self.course_rate == 0.0:
             return self.pad_velocity
-        return rotate(rot_z(self.pad_turn_rate * dt), self.pad_velocity)
+        return rotate(rot_z(self.course_rate * dt), self.pad_velocity)

@@ -107,7 +107,7 @@ class Tracking:
         comes_up = min(0.0, relative.pad_velocity[2] - unsure)
         least = comes_up if context.heaves else comes_up + safe
         velocity = (north, east, min(down, max(relative.sure_heave + safe, least)))
-        if not phases.may_descend(relative):
+        if not phases.may_descend(relative, context.estimator.doubt.off_m):
             self._outside_t = step.now
         is_inside = step.now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S

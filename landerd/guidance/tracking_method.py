@@ -39,6 +39,8 @@ INTEGRATED_MPS = 0.5
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
 # Of the pad's velocity before it is flown, s, and in leads: what is slow need not hurry.
 PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
+# By so much at most, m/s: a pad that stops or starts is no swinging airframe.
+MAX_SMOOTHED_MPS = 0.3
 
 # ---- vertical ----------------------------------------------------------------------------------
 # Lag of the answer to a vertical order, s: ArduCopter 4.5.7 in SITL was half there after 0.43 s
@@ -170,12 +172,14 @@ class TrackingMethod:
         if self._pad_velocity is None:
             self._pad_velocity = (north, east)
         turn_rate = self._smooth_turn_rate(relative, dt)
-        turned = rotate(rot_z(turn_rate * dt), (*self._pad_velocity, 0.0))
+        course = relative.pad_coupling * turn_rate * dt
+        turned = rotate(rot_z(course), (*self._pad_velocity, 0.0))
         time_s = max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s)
         k = min(1.0, self._calmed * dt / time_s)
-        smooth = (turned[0] + k * (north - turned[0]), turned[1] + k * (east - turned[1]))
-        self._pad_velocity = smooth
-        change = (smooth[0] - north, smooth[1] - east, 0.0)
+        off = (1.0 - k) * (turned[0] - north), (1.0 - k) * (turned[1] - east)
+        kept = MAX_SMOOTHED_MPS / max(math.hypot(*off), MAX_SMOOTHED_MPS)
+        change = (kept * off[0], kept * off[1], 0.0)
+        smooth = self._pad_velocity = (north + change[0], east + change[1])
         return replace(
             relative,
             pad_velocity=(*smooth, down),

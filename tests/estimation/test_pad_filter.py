@@ -300,6 +300,36 @@ def test_a_pad_on_a_curve_is_predicted_along_it() -> None:
     assert wrap((later.heading or 0.0) - rate * (t + 0.5)) == pytest.approx(0.0, abs=0.03)
 
 
+@pytest.mark.parametrize("rate_deg_s", [8.0, 20.0])
+def test_a_pad_that_turns_about_itself_drives_straight_on(rate_deg_s: float) -> None:
+    # A barge: by the first of its headings it might as well drive where it looks.
+    noise = random.Random(4)
+    pad_filter = PadFilter(OPTIONS)
+    velocity = (2.0, 1.5, 0.0)
+    for t in times(300):
+        heading = wrap(math.radians(rate_deg_s) * t)
+        pad_filter.update([sighting(t, scale(velocity, t), noise=noise, heading=heading)])
+    later = estimate(pad_filter, t + 0.5)
+    assert later.coupling == pytest.approx(0.0, abs=0.3)
+    assert norm(sub(later.velocity, velocity)) < 0.12
+    assert later.turn_rate == pytest.approx(math.radians(rate_deg_s), rel=0.2)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, 10.0])
+def test_a_pad_that_drives_where_it_looks_is_not_taken_for_one_that_does_not(speed: float) -> None:
+    noise = random.Random(5)
+    pad_filter = PadFilter(OPTIONS)
+    rate = math.radians(8.0)
+    least = 1.0
+    for t in times(900):
+        a, r = rate * t, speed / rate
+        place = (r * math.sin(a), -r * math.cos(a), 0.0)
+        pad_filter.update([sighting(t, place, noise=noise, heading=wrap(a))])
+        if t > 1.0:
+            least = min(least, estimate(pad_filter, t).coupling)
+    assert least > 0.5
+
+
 def test_a_pad_that_has_been_seen_to_lean_keeps_its_leaning_solution() -> None:
     pad_filter = PadFilter(OPTIONS)
     for t in times(30):

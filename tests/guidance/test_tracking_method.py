@@ -138,6 +138,18 @@ def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> 
         assert beyond < 0.3, shaping
 
 
+def test_a_pad_that_stops_is_not_flown_after_as_if_it_drove_on() -> None:
+    """A vehicle that answers slowly smooths a pad's velocity for long: it overran the pad."""
+    shaping = {"acceleration_mps2": 2.0, "jerk_mps3": 2.0}
+    config = CONFIG.model_copy(update={"autopilot": CONFIG.autopilot.model_copy(update=shaping)})
+    method = TrackingMethod(config)
+    for _ in range(round(2.0 / DT)):
+        driving = situation(height=3.0, pad_velocity=(3.0, 0.0, 0.0))
+        method.step(Phase.DESCENT, driving, 0.0, DT)
+    stands = situation(height=3.0, rate=(-3.0, 0.0, 0.0))
+    assert method.step(Phase.DESCENT, stands, 0.0, DT)[0][0] < 0.0
+
+
 def swung(method: TrackingMethod, *, seconds: float, by_m: float) -> float:
     """Swing as far so long, whatever is ordered; return what closes an error of 0.2 m then."""
     for i in range(round(seconds / DT)):

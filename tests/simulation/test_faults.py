@@ -56,6 +56,13 @@ def test_a_process_that_is_killed_lands_after_its_restart_once_the_switch_was_lo
     assert broken(simulation) == set()
 
 
+def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
+    """Five pictures show the pad where it jumped to before that is believed."""
+    simulation = flown("{fault: pad-jerks, at: {height_m: 2.0}, severity: 1.0}")
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
 def test_a_core_that_fails_is_started_again() -> None:
     latched: list[str] = []
 

@@ -62,6 +62,8 @@ def _airspeed(options: SimOptions) -> float:
 def _least_airspeed(options: SimOptions) -> float:
     """Return the air that passes it all the time, without gusts, m/s: a pad may turn out of it."""
     wind, pad = options.wind, options.pad
+    if wind.model == "thesis":
+        return max(0.0, pad.speed_mps - THESIS_WIND_MPS)
     if wind.from_deg is None or pad.turn_rate_deg_s:
         return abs(pad.speed_mps - wind.speed_mps)
     return _steady_airspeed(pad, wind, wind.from_deg)
