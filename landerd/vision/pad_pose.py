@@ -39,7 +39,7 @@ _PRIOR_NORTH_SIGMA = math.radians(5.0)
 _MAX_CHI2_ABOVE_BEST, MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Measurement:
     """A marker's place on the pad and the poses its image allows, best first."""
 
@@ -49,7 +49,7 @@ class Measurement:
     poses: tuple[Pose, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Joint:
     """A pose of the pad with the errors of the k markers seen: small errors are (dt, w, 7 k)."""
 

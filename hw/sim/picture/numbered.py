@@ -28,7 +28,7 @@ _BYTES = 4
 _PLACES = 5  # along both axes of a picture, where its number is looked for
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class View:
     """What one picture would show."""
 

@@ -42,7 +42,7 @@ _FAR_PAD = 0.001  # share of a picture
 _SIZE_FACTOR = 2.0  # within which a ring's size must be known to be found in a window
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Sight:
     """One marker in one picture, as it would be measured."""
 
