@@ -91,6 +91,13 @@ class Frustum:
         """Tell whether a ball about centre (3,), camera frame, may be in view."""
         return bool((self.planes[:, :3] @ centre + self.planes[:, 3] >= -radius).all())
 
+    def passes(self, centres: F64, radii: F64) -> bool:
+        """Tell whether all balls about centres (n, 3), camera frame, lie beyond one border.
+
+        Then nothing between them is in view either.
+        """
+        return bool((self._distances(centres) < -radii[:, None]).all(axis=0).any())
+
     def outlines(self, polygons: list[F64]) -> list[F64]:
         """Return the convex polygons (n, 3), camera frame, as seen: pixels (m, 2), m may be 0."""
         seen = self._clipped(polygons)

@@ -10,13 +10,16 @@ from hw.sim.options import SimOptions
 from hw.sim.picture.numbered import View, carries
 from hw.sim.picture.pad_print import Fold, fold
 from hw.sim.picture.shutter import Readout
-from hw.sim.picture.view import in_camera, matrix, middle, on_pad
+from hw.sim.picture.view import Frustum, in_camera, matrix, middle, on_pad
 from hw.sim.snapshot import CameraPose, PadPose
 from landerd.camera_model import F64, CameraModel
+from landerd.geometry import IDENTITY
 from landerd.pad import Marker, PadLayout, Ring, Square
 from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.vision.pose import MIN_DEPTH_M, Pose, rotation_2d, turned_about_normal
 
+_AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
+_SHAKES = 0.05  # rad: no camera that vibrates turns by so much
 _ROUNDS = 2  # to the row in which a rolling shutter shows a point
 
 
@@ -44,7 +47,13 @@ class WorldView:
         """Take the layout as printed, the true lens, and what bends the plate."""
         self._printed, self._lens = printed, lens
         self._fold = fold(printed, options.pad.bend_deg)
+        self._frustum = Frustum(lens)
         self._places = [_placed(m, edges_of(m)) for m in printed.markers]
+        self._centres = [np.array([*m.position_m, 0.0]) for m in printed.markers]
+        self._radii = [
+            float(np.linalg.norm(self._on_pad(_AT_ORIGIN, flat) - centre, axis=1).max())
+            for flat, centre in zip(self._places, self._centres, strict=True)
+        ]
 
     def seen(self, image: NDArray[np.uint8], view: View, number: int) -> Seen | None:
         """Return a marker, by its number in the layout; None: out of sight."""
@@ -53,6 +62,8 @@ class WorldView:
         if float(pose.normal @ pose.t) <= 0.0 or pose.t[2] < MIN_DEPTH_M:
             return None
         flat = self._places[number]
+        if not self._frustum.touches(pose.t, 0.0) and self._is_passed(view, pose.t, number):
+            return None
         points = in_camera(camera, self._on_pad(pad, flat))
         in_front = points[:, 2] > MIN_DEPTH_M
         if not in_front.any():
@@ -63,6 +74,19 @@ class WorldView:
             px = self._rolled(view, flat, points, px)
         shown = in_front & carries(image, view, px)
         return Seen(px, shown, pose, self._path(view, pose))
+
+    def _is_passed(self, view: View, t: F64, number: int) -> bool:
+        """Tell, in far less time than where it is, that a marker is surely not in the picture.
+
+        t is its centre (3,) at the middle of the exposure.
+        """
+        centres, readout = t[None], view.readout
+        if readout is not None and len(readout.snapshots) > 1:
+            cameras, looks, pads, turned = readout.poses
+            centres = ((turned @ self._centres[number] + pads - cameras)[:, None] @ looks)[:, 0]
+        reach = self._radii[number] + _SHAKES * np.linalg.norm(centres, axis=1)
+        in_front = bool((centres[:, 2] > MIN_DEPTH_M + reach).all())
+        return in_front and self._frustum.passes(centres, reach)
 
     def _pose(self, camera: CameraPose, pad: PadPose, marker: Marker) -> Pose:
         """Return the pose of the marker's file in the camera frame."""
