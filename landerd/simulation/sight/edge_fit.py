@@ -65,7 +65,9 @@ def across(edges: Edges, pose: Pose, focal: float) -> Across:
     return Across(normal, edges.length_m * size * k, ray, J)
 
 
-def fitted(seen: SeenEdges, start: Pose, offset_px: F64, weight: F64) -> Pose | None:
+def fitted(
+    seen: SeenEdges, start: Pose, offset_px: F64, weight: F64, lie: Across | None = None
+) -> Pose | None:
     """Return the pose near a start that explains the edges; None: it does not converge.
 
     Args:
@@ -73,11 +75,12 @@ def fitted(seen: SeenEdges, start: Pose, offset_px: F64, weight: F64) -> Pose | 
         start: where to begin.
         offset_px: (n,) how far beside their place edges are seen, across.
         weight: (n,) inverse variances, 1/px^2.
+        lie: how they lie from the start, if that is known.
     """
     pose, cost = start, 0.0
     information = np.zeros((6, 6))
     for i in range(_STEPS):
-        lie = across(seen.edges, pose, seen.focal)
+        lie = lie if lie and i == 0 else across(seen.edges, pose, seen.focal)
         residual = seen.focal * _dots(seen.rays - lie.ray, lie.normal) + offset_px
         weighted = lie.J.T * weight
         information = weighted @ lie.J

@@ -19,7 +19,7 @@ from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.vision.pose import MIN_DEPTH_M, Pose, rotation_2d, turned_about_normal
 
 _AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
-_SHAKES = 0.05  # rad: no camera that vibrates turns by so much
+_SHAKES = 0.05  # rad: no camera that vibrates turns by so much, nor off its way while it exposes
 _ROUNDS = 2  # to the row in which a rolling shutter shows a point
 
 
@@ -57,13 +57,13 @@ class WorldView:
 
     def seen(self, image: NDArray[np.uint8], view: View, number: int) -> Seen | None:
         """Return a marker, by its number in the layout; None: out of sight."""
+        if self._is_passed(view, number):
+            return None
         camera, pad = middle(view.start, view.end), view.pad
         pose = self._pose(camera, pad, self._printed.markers[number])
         if float(pose.normal @ pose.t) <= 0.0 or pose.t[2] < MIN_DEPTH_M:
             return None
         flat = self._places[number]
-        if not self._frustum.touches(pose.t, 0.0) and self._is_passed(view, pose.t, number):
-            return None
         points = in_camera(camera, self._on_pad(pad, flat))
         in_front = points[:, 2] > MIN_DEPTH_M
         if not in_front.any():
@@ -75,12 +75,13 @@ class WorldView:
         shown = in_front & carries(image, view, px)
         return Seen(px, shown, pose, self._path(view, pose))
 
-    def _is_passed(self, view: View, t: F64, number: int) -> bool:
-        """Tell, in far less time than where it is, that a marker is surely not in the picture.
-
-        t is its centre (3,) at the middle of the exposure.
-        """
-        centres, readout = t[None], view.readout
+    def _is_passed(self, view: View, number: int) -> bool:
+        """Tell, in far less time than where it is, that a marker is surely not in the picture."""
+        place = on_pad(view.pad, self._centres[number][None])
+        centres = np.concatenate([in_camera(camera, place) for camera in (view.start, view.end)])
+        if self._frustum.holds(centres).any():
+            return False
+        readout = view.readout
         if readout is not None and len(readout.snapshots) > 1:
             cameras, looks, pads, turned = readout.poses
             centres = ((turned @ self._centres[number] + pads - cameras)[:, None] @ looks)[:, 0]
