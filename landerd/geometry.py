@@ -88,11 +88,8 @@ def rotate(m: Mat3, v: Vec3) -> Vec3:
 
 def transpose(m: Mat3) -> Mat3:
     """Return the transpose, for a rotation its inverse."""
-    return (
-        (m[0][0], m[1][0], m[2][0]),
-        (m[0][1], m[1][1], m[2][1]),
-        (m[0][2], m[1][2], m[2][2]),
-    )
+    (a, b, c), (d, e, f), (g, h, i) = m
+    return ((a, d, g), (b, e, h), (c, f, i))
 
 
 def diagonal(a: float, b: float, c: float) -> Mat3:
@@ -102,7 +99,8 @@ def diagonal(a: float, b: float, c: float) -> Mat3:
 
 def matmul(a: Mat3, b: Mat3) -> Mat3:
     """Return a b."""
-    # Written out: this runs thousands of times a second, and calls cost more than the arithmetic.
+    # Written out, as sums and multiples below: they run thousands of times a second, and calls cost
+    # more than the arithmetic.
     (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
     (x, y, z), (u, v, w), (p, q, r) = a
     return (
@@ -114,12 +112,19 @@ def matmul(a: Mat3, b: Mat3) -> Mat3:
 
 def matadd(a: Mat3, b: Mat3) -> Mat3:
     """Return a + b."""
-    return (add(a[0], b[0]), add(a[1], b[1]), add(a[2], b[2]))
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    (x, y, z), (u, v, w), (p, q, r) = a
+    return (
+        (x + b00, y + b01, z + b02),
+        (u + b10, v + b11, w + b12),
+        (p + b20, q + b21, r + b22),
+    )
 
 
 def matscale(a: Mat3, k: float) -> Mat3:
     """Return k a."""
-    return (scale(a[0], k), scale(a[1], k), scale(a[2], k))
+    (x, y, z), (u, v, w), (p, q, r) = a
+    return ((k * x, k * y, k * z), (k * u, k * v, k * w), (k * p, k * q, k * r))
 
 
 def outer(a: Vec3, b: Vec3) -> Mat3:

@@ -124,7 +124,7 @@ MUTANTS = [
     Mutant(
         "1c: hovers before it has seen the pad",
         SILENT,
-        "if step.granted and context.sight(step) is not None:",
+        "if step.granted and context.sight is not None:",
         "if step.granted:",
         "test_1c_landerd_is_silent_until_it_has_seen_the_pad",
     ),

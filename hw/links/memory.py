@@ -69,9 +69,9 @@ class MemoryLink:
         """Hand bytes to the other end; a cut or closed link drops them."""
         if not self._is_open or self._cut:
             return
-        loop = asyncio.get_running_loop()
+        now = asyncio.get_running_loop().time()
         if self.tap is not None:
-            self.tap(loop.time(), data)
+            self.tap(now, data)
         faults = self.faults
         if faults.drop > 0.0 and faults.rng.random() < faults.drop:
             return
@@ -79,8 +79,8 @@ class MemoryLink:
             data = _corrupted(data, faults)
         if faults.double > 0.0 and faults.rng.random() < faults.double:
             data += data
-        arrival = loop.time() + self._delay(loop.time(), len(data))
-        if arrival > loop.time() or self._under_way:
+        arrival = now + self._delay(now, len(data))
+        if arrival > now or self._under_way:
             self._send_off(arrival, data)
         else:
             self._peer._deliver(data)

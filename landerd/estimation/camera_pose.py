@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from landerd import gimbal_frames
 from landerd.config.models import Config
-from landerd.estimation.history import History
+from landerd.estimation.history import History, Values
 from landerd.estimation.spikes import Spikes
 from landerd.geometry import (
     Mat3,
@@ -168,13 +168,13 @@ class PoseHistory:
             gimbal_back_s: how much older the gimbal's angles are to be.
         """
         position, attitude = self.position.at(t), self.attitude.at(t)
-        R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
-        if position is None or attitude is None or R is None:
+        gimbal = self.gimbal.at(t - gimbal_back_s)
+        if position is None or attitude is None or gimbal is None:
             return None
         roll, pitch, yaw = attitude[:3]
         origin = (position[0], position[1], position[2])
         pivot = add(origin, rotate(rot_zyx(yaw, pitch, roll), self._camera_offset))
-        return CameraPose(pivot, R)
+        return CameraPose(pivot, self._looks(attitude, gimbal))
 
     def feet(self, t: float) -> tuple[Vec3, Vec3] | None:
         """Return the centre of the feet at time t (local, m), and the way from there to the camera.
@@ -195,6 +195,10 @@ class PoseHistory:
         gimbal = self.gimbal.at(t - gimbal_back_s)
         if attitude is None or gimbal is None:
             return None
+        return self._looks(attitude, gimbal)
+
+    def _looks(self, attitude: Values, gimbal: Values) -> Mat3:
+        """Return R_local_camera, from what the histories have."""
         roll, pitch, yaw = attitude[:3]
         angles = (gimbal[0], gimbal[1], gimbal[2])
         R_local_gimbal = gimbal_frames.look(self._reference, (roll, pitch, yaw), angles)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 from landerd.config.models import Config
-from landerd.estimation.camera_pose import CameraPose, PoseHistory
+from landerd.estimation.camera_pose import DOWN, CameraPose, PoseHistory
 from landerd.estimation.doubt import Doubt
 from landerd.estimation.health import HealthMonitor
 from landerd.estimation.motion_filter import ZERO
@@ -185,10 +185,10 @@ class Estimator:
         t -= self._clock_offset_s
         clocks = self._filter.clocks
         t_true, back = t - clocks.pictures_s, clocks.gimbal_s
-        down = self.poses.down(t_true, gimbal_back_s=back)
         camera = self.poses.camera_pose(t_true, gimbal_back_s=back)
         if camera is None:
-            return Prior(down=down)
+            return Prior(down=self.poses.down(t_true, gimbal_back_s=back))
+        down = rotate(transpose(camera.R_local_camera), DOWN)
         pad = self.pad(t_true)
         if pad is not None and t - self.sighting_t <= PRIOR_KEEP_S:
             return Prior(down=down, pad=self._expected(camera, pad))

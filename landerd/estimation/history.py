@@ -44,6 +44,7 @@ class History:
         """
         self._rates = rates
         self._angles = tuple(angles)
+        self._has_angles = any(angles)
         self._keep_s = keep_s
         self.max_gap_s = max_gap_s
         self._times: list[float] = []
@@ -107,10 +108,7 @@ class History:
             return None
         k = (t - t0) / (t1 - t0)
         before, after = self._values[i - 1], self._values[i]
-        steps = [
-            wrap(b - a) if angle else b - a
-            for a, b, angle in zip(before, after, self._angles, strict=True)
-        ]
+        steps = self._wrapped([b - a for a, b in zip(before, after, strict=True)])
         line = [a + k * step for a, step in zip(before, steps, strict=True)]
         if self._rates is not None:
             dt = t1 - t0
@@ -131,6 +129,8 @@ class History:
 
     def _wrapped(self, values: Sequence[float]) -> Values:
         # A list, not a generator: this runs thousands of times a flight.
+        if not self._has_angles:
+            return tuple(values)
         return tuple(
             [
                 wrap(value) if angle else value

@@ -78,6 +78,7 @@ class LandingContext:
         braking_mps2: and brakes the descent no harder than this.
         estimator: where vehicle and pad are.
         orders: of this control step.
+        sight: of the pad in this control step, None while it may not be flown on; `watch` looks.
         outcome: of the last landing, None while none has ended.
         aborts: times a descent was broken off, or the pad went out of sight while flying.
         low: below the alignment height when the pad was last in sight.
@@ -93,6 +94,7 @@ class LandingContext:
         self.configure(config)
         self.estimator = estimator
         self.orders = orders
+        self.sight: Sight | None = None
         self.outcome: str | None = None
         self.aborts = 0
         self.low = self.hold_asked = False
@@ -118,7 +120,7 @@ class LandingContext:
 
     # ---- what is seen --------------------------------------------------------------------------
 
-    def sight(self, step: ControlStep) -> Sight | None:
+    def _look(self, step: ControlStep) -> Sight | None:
         """Return the sight of the pad, None while it may not be flown on (rules 2 and 5)."""
         vehicle = self.estimator.fresh_vehicle(step.now)
         pad = self.estimator.pad(step.now)
@@ -164,7 +166,7 @@ class LandingContext:
 
     def watch(self, step: ControlStep) -> None:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
-        sight = self.sight(step)
+        sight = self.sight = self._look(step)
         if sight is None:
             self._rests_since, self._may_rest = math.inf, False
             return

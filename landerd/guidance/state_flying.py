@@ -72,7 +72,7 @@ class Tracking:
 
     def order(self, step: ControlStep) -> Event | None:
         """Order the method's velocity, down only where the phases allow it."""
-        sight = self._context.sight(step)
+        sight = self._context.sight
         if sight is None:
             return Event.SIGHT_LOST
         if self._context.stands(step.now) and not self._context.hold_asked:
@@ -183,7 +183,7 @@ class WavingOff:
         if step.now - self._began >= WAVE_OFF_S or self._climbed_m(step.now) >= WAVE_OFF_M:
             return Event.CLEAR_OF_PAD
         context = self._context
-        sight = context.sight(step)
+        sight = context.sight
         if sight is not None:
             context.note(sight.relative)
         context.orders.enter(Phase.NOT_LANDING, self._why)
@@ -224,7 +224,7 @@ class Searching:
     def order(self, step: ControlStep) -> Event | None:
         """Order what the plan says, without turning."""
         context = self._context
-        if context.sight(step) is not None:
+        if context.sight is not None:
             return Event.PAD_IN_SIGHT
         vehicle = context.estimator.fresh_vehicle(step.now)
         planned = self._plan.step(step.now, vehicle.feet[2] if vehicle else self._lost_down)

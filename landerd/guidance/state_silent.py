@@ -19,7 +19,7 @@ class Silent:
     def order(self, step: ControlStep) -> Event | None:
         """Order nothing, and say why."""
         context = self._context
-        if step.granted and context.sight(step) is not None:
+        if step.granted and context.sight is not None:
             return None if context.may_rest(step.now) else Event.PAD_IN_SIGHT
         why = context.why_blind(step.now) if step.granted else step.why
         context.orders.enter(Phase.NOT_LANDING, why)
@@ -52,7 +52,7 @@ class Releasing:
         if not step.granted:
             self._blind_t = step.now
         else:
-            if context.sight(step) is not None and not context.may_rest(step.now):
+            if context.sight is not None and not context.may_rest(step.now):
                 return Event.PAD_IN_SIGHT
             if step.now - self._blind_t > context.options.lost.give_up_s:
                 return Event.PAD_NOT_FOUND

@@ -1,6 +1,7 @@
 """Notices input that is the old one with a new time stamp (rule 5)."""
 
-from dataclasses import replace
+from dataclasses import fields
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,10 @@ RESTLESS_REPORTS = 100
 RESTLESS_ESTIMATES = 20
 Report = Attitude | LocalPosition | GimbalState
 EVEN_SHARE = 0.99  # of a picture's pixels at one level: it is blown out, or black
+_CONTENTS = {  # all of a report but its time
+    kind: attrgetter(*(f.name for f in fields(kind) if f.name != "t"))
+    for kind in (Attitude, LocalPosition, GimbalState)
+}
 SOME_ROWS = 32  # pictures are compared in one row of so many first
 
 
@@ -51,14 +56,14 @@ class _Reports:
     """Of one kind."""
 
     def __init__(self, may_be_coarse: bool) -> None:
-        self._last: Report | None = None
+        self._last: object = None
         self._may_be_coarse = may_be_coarse
         self._differed = 0  # so many in a row
         self._is_restless = self._is_coarse = False
 
     def repeats(self, message: Report) -> bool:
-        last, self._last = self._last, message
-        if last is None or replace(last, t=message.t) != message:
+        last, self._last = self._last, _CONTENTS[type(message)](message)
+        if last != self._last:
             self._differed += 1
             most = RESTLESS_REPORTS if self._may_be_coarse else RESTLESS_ESTIMATES
             self._is_restless = self._is_restless or self._differed >= most

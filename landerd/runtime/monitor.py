@@ -6,8 +6,7 @@ import math
 import sys
 import threading
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
@@ -46,16 +45,9 @@ class LoopMonitor:
             self._onlooker.over.set()
             self._onlooker = None
 
-    @contextmanager
-    def at(self, place: str) -> Iterator[None]:
+    def at(self, place: str) -> "_Block":
         """Watch what is done in the block, in which nothing may be awaited."""
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        try:
-            yield
-        finally:
-            if loop.time() - began > GAP_S:
-                self._note(place, began, loop.time())
+        return _Block(self.note, place)
 
     def woke(self, due: float) -> float:
         """Say that a task that was due then (loop time, s) has its turn now.
@@ -68,10 +60,11 @@ class LoopMonitor:
         if now - due <= GAP_S:
             return 0.0
         if due > self._told_t - GAP_S:
-            self._note(seen or BUSY, due, now)
+            self.note(seen or BUSY, due, now)
         return now - due
 
-    def _note(self, place: str, began: float, ended: float) -> None:
+    def note(self, place: str, began: float, ended: float) -> None:
+        """Count a gap, from and to loop time (s), and log it now and again."""
         self.gaps[place] += 1
         self.longest_s = max(self.longest_s, ended - began)
         self._told_t = ended
@@ -79,6 +72,24 @@ class LoopMonitor:
             self._logged[place] = ended
             gap_ms = 1e3 * (ended - began)
             log.warning("held up for %.0f ms: %s (%d so far)", gap_ms, place, self.gaps[place])
+
+
+class _Block:
+    """Tells of a block that held up the loop; made for every message, so no generator."""
+
+    __slots__ = ("_began", "_loop", "_note", "_place")
+
+    def __init__(self, note: Callable[[str, float, float], None], place: str) -> None:
+        self._note, self._place = note, place
+
+    def __enter__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._began = self._loop.time()
+
+    def __exit__(self, *error: object) -> None:
+        ended = self._loop.time()
+        if ended - self._began > GAP_S:
+            self._note(self._place, self._began, ended)
 
 
 class _Onlooker(threading.Thread):

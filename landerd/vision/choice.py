@@ -23,7 +23,7 @@ _ALWAYS_FOUND_PX = 16.0  # rings so wide and wholly in the image are found 99 ti
 _SAME_MIDDLE, _SAME_SIZE = 0.2, 1.3  # of the smaller one's size
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Candidate:
     """A marker of the pad, if what was found is that marker."""
 

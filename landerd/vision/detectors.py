@@ -127,7 +127,7 @@ class Detectors(Protocol):
         ...
 
 
-def _keep_freed_memory() -> None:
+def keep_freed_memory() -> None:
     """Let the C library keep what is freed, up to twice this, instead of returning it at once.
 
     glibc raises its limits to what was once allocated and freed: mallopt(3), M_MMAP_THRESHOLD. Else
@@ -142,7 +142,6 @@ class PixelDetectors:
 
     def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
         """Prepare finders and prints of a pad's markers."""
-        _keep_freed_memory()
         self._camera = camera
         self._meter = Meter(camera, layout.plate)
         self._plate = PlateCheck(layout, camera)

@@ -32,7 +32,7 @@ _MAX_RANGE_RATE_MPS = 2.0  # and how fast its distance may change
 _PRIOR_MARGIN_PX = 4.0  # how far off a prediction is besides its sigma
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class SeenPad:
     """The pad as the frame of time t showed it."""
 

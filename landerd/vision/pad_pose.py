@@ -39,7 +39,7 @@ _PRIOR_NORTH_SIGMA = math.radians(5.0)
 _MAX_CHI2_ABOVE_BEST, MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Measurement:
     """A marker's place on the pad and the poses its image allows, best first."""
 
@@ -49,7 +49,7 @@ class Measurement:
     poses: tuple[Pose, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Joint:
     """A pose of the pad with the errors of the k markers seen: small errors are (dt, w, 7 k)."""
 
@@ -181,9 +181,11 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
     except np.linalg.LinAlgError:
         return None
     # Errors that the markers share count once, not as independent ones of each.
-    parts = [P[:6] @ pull for pull in joint.pulls]
-    together = np.sum(parts, axis=0)
-    alike = together @ together.T - np.sum([part @ part.T for part in parts], axis=0)
+    alike = np.zeros((6, 6))
+    if joint.pulls[0].size:
+        parts = [P[:6] @ pull for pull in joint.pulls]
+        together = np.sum(parts, axis=0)
+        alike = together @ together.T - np.sum([part @ part.T for part in parts], axis=0)
     noise = (P @ joint.seen @ P)[:6, :6] + alike
     total = P[:6, :6] + alike
     total[:3, :3] += errors.scale_sigma**2 * np.outer(pose.t, pose.t)
@@ -252,7 +254,7 @@ def _joint(
     for _ in range(_MAX_STEPS):
         seen, gradient, cost, pulls = _normal_equations(measured, pose, errors)
         n = pose.normal
-        seen[3:6, 3:6] += yaw_information * np.outer(n, n)
+        seen[3:6, 3:6] += yaw_information * (n[:, None] * n)
         information = seen.copy()
         information[6:, 6:] += known
         pull = known @ (errors - mean)
@@ -262,7 +264,8 @@ def _joint(
             step = np.linalg.solve(information, gradient)
         except np.linalg.LinAlgError:
             return None
-        pose, errors = replace(pose, cost=cost).moved(step[:6]), errors + step[6:]
+        pose = Pose(pose.R, pose.t, pose.information, cost).moved(step[:6])
+        errors = errors + step[6:]
         if float(gradient @ step) < _CONVERGED:
             break
     return Joint(pose, errors, information, seen, pulls) if np.isfinite(pose.t).all() else None
@@ -290,7 +293,9 @@ def _normal_equations(
         gradient[:6] += pull[:6]
         gradient[own] = pull[6:]
         pulls.append(np.zeros((size, chosen.shared.shape[1])))
-        pulls[-1][:6], pulls[-1][own] = np.split(weighted @ chosen.shared, [6])
+        if chosen.shared.size:
+            of_shared = weighted @ chosen.shared
+            pulls[-1][:6], pulls[-1][own] = of_shared[:6], of_shared[6:]
         cost += chosen.cost + float(residual @ chosen.information @ residual)
     return information, gradient, cost, tuple(pulls)
 

@@ -26,9 +26,10 @@ EQUAL_NORMALS_COS = math.cos(math.radians(1.0))
 _LEVEL_SIGMA = math.radians(math.hypot(5.0, 2.0))
 _MAX_GRAVITY_CHI2 = 30.0  # some pad may lean more: a picture that is clear overrules gravity
 MIN_DEPTH_M = 0.05  # what is nearer to the lens is not projected into the image
+_NONE_SHARED: F64 = np.zeros((6, 0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Pose:
     """One pose that explains the image, camera frame."""
 
@@ -38,7 +39,7 @@ class Pose:
     cost: float  # chi-square of the fit
     # What one sigma of independent errors that all markers of the picture share, the motion during
     # a rolling shutter's readout, does to (dt, w), (6, k); it is in the information, too.
-    shared: F64 = field(default_factory=lambda: np.zeros((6, 0)))
+    shared: F64 = field(default_factory=lambda: _NONE_SHARED)
 
     @property
     def normal(self) -> F64:

@@ -79,7 +79,7 @@ class SquareSearch(Enum):
     ANYWHERE = "round the rings found; if there are none, in the whole image"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Seen:
     """What was seen where the pad is expected; nothing, if it is not expected anywhere."""
 
@@ -88,7 +88,7 @@ class Seen:
     ring_only: bool = False  # step 1 was enough: squares were not looked for
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Elsewhere:
     """What is looked for beyond the place where the pad is expected."""
 
@@ -98,7 +98,7 @@ class Elsewhere:
     squares_wait: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class SearchState:
     """What is remembered from frame to frame."""
 

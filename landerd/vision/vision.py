@@ -12,7 +12,7 @@ from landerd.geometry import Vec3
 from landerd.messages import BESIDE, GREY, Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
-from landerd.vision.detectors import Detectors, PixelDetectors
+from landerd.vision.detectors import Detectors, PixelDetectors, keep_freed_memory
 from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import Expected, SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
@@ -68,6 +68,7 @@ class Vision:
             meters: tell the brightness of every frame, too.
             detectors: what looks at the pixels; None: the real ones.
         """
+        keep_freed_memory()
         self._layout = layout
         self._whole = camera
         # Modelled sight has no pixels to leave out.

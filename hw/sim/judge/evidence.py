@@ -21,7 +21,7 @@ _KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is 
 _RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Order:
     """One set-point, or an order to be level and without thrust, with the truth at that time."""
 
@@ -251,13 +251,11 @@ class Evidence:
         Without new gimbal angles the sightings of before may be flown on. A gimbal that has never
         reported has nothing to say: servos, a bolted camera.
         """
-        b = self._b
-        oldest = (b.attitude_s, b.position_s, b.gimbal_s + b.sighting_s)
-        kinds = ("attitude", "position", "gimbal")
-        never = {"attitude": -math.inf, "position": -math.inf, "gimbal": math.inf}
-        return any(
-            t - self._measured.get(kind, never[kind]) > limit + b.tick_s
-            for kind, limit in zip(kinds, oldest, strict=True)
+        b, measured = self._b, self._measured
+        return (
+            t - measured.get("attitude", -math.inf) > b.attitude_s + b.tick_s
+            or t - measured.get("position", -math.inf) > b.position_s + b.tick_s
+            or t - measured.get("gimbal", math.inf) > b.gimbal_s + b.sighting_s + b.tick_s
         )
 
     def surprise_m(self, order: Order, noticed_s: float) -> float:

@@ -194,7 +194,8 @@ class SafetyMonitor:
         if is_old and not (order.zero or order.level) and norm(vehicle.velocity) > MOVES_MPS:
             self._find(t, f"motion on a set-point older than {OLD_ORDER_S:g} s")
         # Of an old one the autopilot has made an end meanwhile.
-        low = not is_old and order.sinks and not any(vehicle.feet) and world.height < LOW_M
+        may_sink = not is_old and order.sinks and not any(vehicle.feet)
+        low = may_sink and not world.is_above(LOW_M) and world.height < LOW_M
         if low and self.sinks and math.hypot(*world.offset) > ERROR_M:
             self._find(t, f"descends below {LOW_M:g} m, more than {ERROR_M:g} m off")
 

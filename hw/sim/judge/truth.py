@@ -3,16 +3,29 @@
 import math
 from dataclasses import dataclass
 
+from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.response import STEP_S
 from hw.sim.physics.world import Airframe, World
-from landerd.geometry import Vec3, add, cross, horizontal, rot_zyx, rotate, scale, sub
+from landerd.geometry import (
+    Mat3,
+    Vec3,
+    add,
+    cross,
+    horizontal,
+    rot_zyx,
+    rotate,
+    scale,
+    sub,
+    transpose,
+    wrap,
+)
 from landerd.pad import Plate
 
 STANDS_M = 0.01  # so close to the plate a foot stands on it: gusts take the load off some by turns
 _SLOWEST_SINK_MPS = 0.1  # and so fast it is taken to sink, to tell where it will touch
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Truth:
     """What the rules need of the world, local NED."""
 
@@ -52,10 +65,16 @@ class Feet:
             at_most_m: over the plate.
             ahead: that much further on, local, m.
         """
-        vehicle, pad, plate = self._world.vehicle, self._world.pad, self._plate
+        vehicle = self._world.vehicle
         R = rot_zyx(vehicle.yaw, vehicle.pitch, vehicle.roll)
+        return self._are_over(self._world.pad, R, add(vehicle.position, ahead), at_most_m)
+
+    def _are_over(self, pad: PadState, R: Mat3, position: Vec3, at_most_m: float) -> bool:
+        """Tell the same of a vehicle at this position, turned by R_local_body."""
+        plate, R_pad_local = self._plate, transpose(pad.R_local_pad)
         for arm in self._arms:
-            x, y, down = pad.in_pad(add(add(vehicle.position, ahead), rotate(R, arm)))
+            foot = sub(add(position, rotate(R, arm)), pad.position)
+            x, y, down = rotate(R_pad_local, foot)
             if down < -at_most_m:
                 return False
             if not (-plate.south_m <= x <= plate.north_m and -plate.west_m <= y <= plate.east_m):
@@ -78,24 +97,30 @@ class Feet:
 
     def truth(self) -> Truth:
         """Return what the rules need of the world as it is now."""
-        world = self._world
-        across, height = world.relative_velocity, world.height
+        world, vehicle = self._world, self._world.vehicle
+        # Asked for at every order: what several of these hang on is worked out once.
+        pad, centre = world.pad, world.footprint_centre
+        R = rot_zyx(vehicle.yaw, vehicle.pitch, vehicle.roll)
+        surface = pad.velocity_at(centre)
+        across = sub(vehicle.velocity, surface)
+        north, east, down = sub(centre, pad.position)
+        height = -down
         touches_in_s = max(0.0, height) / max(_SLOWEST_SINK_MPS, across[2])
         ahead = scale((across[0], across[1], 0.0), touches_in_s)
         # What has come down beside the plate does not slide for the pad's driving on.
-        on_ground = any(world.vehicle.feet) and not world.vehicle.on_pad
-        slip = horizontal(world.vehicle.velocity if on_ground else across)
+        on_ground = any(vehicle.feet) and not vehicle.on_pad
+        slip = horizontal(vehicle.velocity if on_ground else across)
         return Truth(
             t=world.t,
-            distance=math.hypot(*world.offset),
+            distance=math.hypot(north, east),
             height=height,
-            heading_error=world.heading_error,
-            yaw=world.vehicle.yaw,
-            pad_velocity=world.pad.velocity_at(world.footprint_centre),
-            feet_down=sum(world.vehicle.feet),
+            heading_error=wrap(vehicle.yaw - pad.heading),
+            yaw=vehicle.yaw,
+            pad_velocity=surface,
+            feet_down=sum(vehicle.feet),
             slip=slip,
             foot_slip=horizontal(self.touching_velocity()),
-            misses=not self.over_plate(ahead=ahead),
-            on_plate=self.over_plate(STANDS_M),
-            landing_point=world.pad.position,
+            misses=not self._are_over(pad, R, add(vehicle.position, ahead), math.inf),
+            on_plate=self._are_over(pad, R, vehicle.position, STANDS_M),
+            landing_point=pad.position,
         )

@@ -4,7 +4,7 @@ import math
 
 from hw.sim.options import SimGimbalOptions
 from hw.sim.physics.response import STEP_S
-from landerd.geometry import camera_mount
+from landerd.geometry import camera_mount, clamp
 from landerd.messages import Reference
 
 YAW_LIMITS = (-0.5 * math.pi, 0.5 * math.pi)  # rad; thesis 2.3.3
@@ -72,15 +72,15 @@ class Axis:
         slope = (error - self._last_error) / STEP_S
         self._last_error = error
         integral = self._integral + self._KI * error * STEP_S
-        self._integral = max(-self._INTEGRAL_LIMIT, min(self._INTEGRAL_LIMIT, integral))
+        self._integral = clamp(integral, -self._INTEGRAL_LIMIT, self._INTEGRAL_LIMIT)
         torque = self._KP * error + self._integral + self._KD * slope
         torque -= self._damping * self.rate + self._SPRING * self.angle
         self._move(self.rate + torque / self._INERTIA * STEP_S)
 
     def _move(self, rate: float) -> None:
-        self.rate = max(-self._rate_limit, min(self._rate_limit, rate))
+        self.rate = clamp(rate, -self._rate_limit, self._rate_limit)
         angle = self.angle + self.rate * STEP_S
-        self.angle = max(self._low, min(self._high, angle))
+        self.angle = clamp(angle, self._low, self._high)
         if self.angle != angle:  # at the stop
             self.rate = 0.0
 

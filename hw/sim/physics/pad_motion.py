@@ -71,6 +71,7 @@ class PadMotion:
         self._R_tilt = matmul(
             matmul(rot_z(downhill), rot_y(-math.radians(options.tilt_deg))), rot_z(-downhill)
         )
+        self._R_straight = matmul(rot_z(self._heading), self._R_tilt)  # while it does not turn
         # A tilted plate's north lies a little off the heading it was turned to.
         self._north_off = heading_of((self._R_tilt[0][0], self._R_tilt[1][0], 0.0))
         # The plate never dips into the ground: it stands as high as its lowest corner needs.
@@ -118,9 +119,10 @@ class PadMotion:
             c, s = math.cos(heading), math.sin(heading)
             n, e = n - s * aside, e + c * aside
             vn, ve = vn - s * rate + c * along, ve + c * rate + s * along
+        R = matmul(rot_z(heading), self._R_tilt) if self._turn_rate else self._R_straight
         return PadState(
             (n, e, d),
-            matmul(rot_z(heading), self._R_tilt),
+            R,
             (vn, ve, vd),
             turn_rate,
             heading + self._north_off,

@@ -8,6 +8,7 @@ import math
 from collections import deque
 
 from hw.sim.options import ResponseOptions
+from landerd.geometry import clamp
 
 STEP_S = 0.0025  # ArduCopter's main loop runs at 400 Hz
 MEASURED = ResponseOptions()
@@ -47,7 +48,10 @@ class HorizontalResponse:
         """Start at rest."""
         self._acceleration = options.acceleration_mps2
         self._jerk_limit = options.jerk_mps3
-        self._omega = options.bandwidth * self._OMEGA
+        self._gain = self._jerk_limit / self._acceleration
+        self._most_change = self._jerk_limit * STEP_S
+        omega = options.bandwidth * self._OMEGA
+        self._stiffness, self._damping = omega * omega, 2.0 * self._ZETA * omega
         self._delay_s = options.delay_s
         self.settle(0.0, 0.0)
 
@@ -56,37 +60,33 @@ class HorizontalResponse:
         self.vn, self.ve = vn, ve
         self._delay = Delay(self._delay_s, (vn, ve))
         self.an = self.ae = 0.0
-        self._shaped_vn, self._shaped_ve = vn, ve
-        self._shaped_an = self._shaped_ae = 0.0
+        self._shaped = (vn, ve, 0.0, 0.0)  # velocity and acceleration as ordered, north and east
 
     def step(self, order_n: float, order_e: float) -> None:
         """Go on by STEP_S; vn, ve (m/s) and an, ae (m/s^2) are the vehicle's then."""
+        # In local names, here as below: this runs 400 times a second of flight.
         order_n, order_e = self._delay.pass_on((order_n, order_e))
-        error_n = order_n - self._shaped_vn
-        error_e = order_e - self._shaped_ve
+        vn, ve, an, ae = self._shaped
+        error_n, error_e = order_n - vn, order_e - ve
         error = math.hypot(error_n, error_e)
         target_n = target_e = 0.0
         if error > 0.0:
-            size = _sqrt_controller(error, self._jerk_limit / self._acceleration, self._jerk_limit)
+            size = _sqrt_controller(error, self._gain, self._jerk_limit)
             k = min(size, self._acceleration) / error
             target_n, target_e = k * error_n, k * error_e
-        change_n = target_n - self._shaped_an
-        change_e = target_e - self._shaped_ae
+        change_n, change_e = target_n - an, target_e - ae
         change = math.hypot(change_n, change_e)
-        most = self._jerk_limit * STEP_S
-        if change > most:
-            k = most / change
+        if change > self._most_change:
+            k = self._most_change / change
             change_n *= k
             change_e *= k
-        self._shaped_an += change_n
-        self._shaped_ae += change_e
-        self._shaped_vn += self._shaped_an * STEP_S
-        self._shaped_ve += self._shaped_ae * STEP_S
+        an, ae = an + change_n, ae + change_e
+        vn, ve = vn + an * STEP_S, ve + ae * STEP_S
+        self._shaped = (vn, ve, an, ae)
 
-        stiffness = self._omega * self._omega
-        damping = 2.0 * self._ZETA * self._omega
-        self.an += (stiffness * (self._shaped_vn - self.vn) - damping * self.an) * STEP_S
-        self.ae += (stiffness * (self._shaped_ve - self.ve) - damping * self.ae) * STEP_S
+        stiffness, damping = self._stiffness, self._damping
+        self.an += (stiffness * (vn - self.vn) - damping * self.an) * STEP_S
+        self.ae += (stiffness * (ve - self.ve) - damping * self.ae) * STEP_S
         self.vn += self.an * STEP_S
         self.ve += self.ae * STEP_S
 
@@ -101,6 +101,8 @@ class VerticalResponse:
         """Start at rest."""
         self._acceleration = options.vertical_acceleration_mps2
         self._jerk_limit = options.jerk_mps3
+        self._gain = self._jerk_limit / self._acceleration
+        self._most_change = self._jerk_limit * STEP_S
         self._omega = options.bandwidth * self._OMEGA
         self._delay_s = options.delay_s
         self.settle(0.0)
@@ -110,36 +112,30 @@ class VerticalResponse:
         self.v = v
         self._delay = Delay(self._delay_s, (v,))
         self.a = 0.0
-        self._shaped_v, self._shaped_a = v, 0.0
-        self._fast_v, self._fast_a = v, 0.0
-        self._slow_v, self._slow_a = v, 0.0
+        self._shaped = self._fast = self._slow = (v, 0.0)  # velocity and acceleration of each
 
     def step(self, order: float) -> None:
         """Go on by STEP_S; v (m/s) and a (m/s^2) are the vehicle's then."""
         (order,) = self._delay.pass_on((order,))
-        error = order - self._shaped_v
-        target = _sqrt_controller(error, self._jerk_limit / self._acceleration, self._jerk_limit)
-        target = max(-self._acceleration, min(self._acceleration, target))
-        most = self._jerk_limit * STEP_S
-        self._shaped_a += max(-most, min(most, target - self._shaped_a))
-        self._shaped_v += self._shaped_a * STEP_S
+        v, a = self._shaped
+        most, limit = self._most_change, self._acceleration
+        target = clamp(_sqrt_controller(order - v, self._gain, self._jerk_limit), -limit, limit)
+        a += clamp(target - a, -most, most)
+        v += a * STEP_S
+        self._shaped = (v, a)
 
         # [1 / fast] * (1 + gain s / slow)
-        fast = self._omega
-        self._fast_a += (
-            STEP_S
-            * fast
-            * (fast * (self._shaped_v - self._fast_v) - 2.0 * self._ZETA * self._fast_a)
-        )
-        self._fast_v += self._fast_a * STEP_S
-        slow = self._SLOW_OMEGA
-        slow_jerk = slow * (
-            slow * (self._fast_v - self._slow_v) - 2.0 * self._SLOW_ZETA * self._slow_a
-        )
-        self._slow_a += slow_jerk * STEP_S
-        self._slow_v += self._slow_a * STEP_S
-        self.v = self._fast_v + self._SLOW_GAIN_S * self._slow_a
-        self.a = self._fast_a + self._SLOW_GAIN_S * slow_jerk
+        fast, slow = self._omega, self._SLOW_OMEGA
+        fast_v, fast_a = self._fast
+        fast_a += STEP_S * fast * (fast * (v - fast_v) - 2.0 * self._ZETA * fast_a)
+        fast_v += fast_a * STEP_S
+        self._fast = (fast_v, fast_a)
+        slow_v, slow_a = self._slow
+        slow_jerk = slow * (slow * (fast_v - slow_v) - 2.0 * self._SLOW_ZETA * slow_a)
+        slow_a += slow_jerk * STEP_S
+        self._slow = (slow_v + slow_a * STEP_S, slow_a)
+        self.v = fast_v + self._SLOW_GAIN_S * slow_a
+        self.a = fast_a + self._SLOW_GAIN_S * slow_jerk
 
 
 class MeasuredYawResponse:
@@ -163,7 +159,7 @@ class MeasuredYawResponse:
 
     def step(self, order: float) -> None:
         """Go on by STEP_S; rate (rad/s) is the vehicle's then."""
-        self._delayed.append(max(-self._LIMIT, min(self._LIMIT, order)))
+        self._delayed.append(clamp(order, -self._LIMIT, self._LIMIT))
         self._lagged += (self._delayed.popleft() - self._lagged) * (STEP_S / self._LAG_S)
         omega = self._OMEGA
         self._mode_rate += (
@@ -191,7 +187,7 @@ class DampedYawResponse:
 
     def step(self, order: float) -> None:
         """Go on by STEP_S; rate (rad/s) is the vehicle's then."""
-        error = max(-self._LIMIT, min(self._LIMIT, order)) - self.rate
+        error = clamp(order, -self._LIMIT, self._LIMIT) - self.rate
         self._acceleration += (
             STEP_S * self._OMEGA * (self._OMEGA * error - 2.0 * self._acceleration)
         )

@@ -21,7 +21,6 @@ from landerd.geometry import (
     Vec3,
     add,
     matmul,
-    rot_y,
     rot_z,
     rot_zyx,
     rotate,
@@ -174,13 +173,20 @@ class World:
                 n, e = self._wind.at(self._steps * STEP_S)
                 self._wind_now = (n + self.gust[0], e + self.gust[1])
             self._steps += 1
-            low = -self.vehicle.position[2] < self._contact_height
-            near = low or bool(self._motion.disturbances)  # which may lift the pad
-            self._move(self._motion.at(self.elapsed_s) if near else None)
+            self._move(None if self.is_above(0.0) else self._motion.at(self.elapsed_s))
             self.gimbal.step()
             self._record()
             for hook in self.on_step:
                 hook(self)
+
+    def is_above(self, height_m: float) -> bool:
+        """Tell whether the feet are surely higher over the plate than this, however it moves.
+
+        Asked at each step: to work out where the pad is takes far longer.
+        """
+        if self._motion.disturbances:  # which may lift the pad
+            return False
+        return -self.vehicle.position[2] - height_m >= self._contact_height
 
     def _move(self, pad: PadState | None) -> None:
         """Take vehicle and battery on by one step; pad: None while the vehicle is high above."""
@@ -287,7 +293,7 @@ class World:
         s = self.state_at(t)
         air = self.airframe
         R_local_body = rot_zyx(s.yaw, s.pitch, s.roll)
-        R_base_gimbal = matmul(rot_z(s.gimbal_yaw), rot_y(s.gimbal_pitch))
+        R_base_gimbal = rot_zyx(s.gimbal_yaw, s.gimbal_pitch, 0.0)
         is_stabilised = self.gimbal.reference is Reference.HORIZON
         R_local_base = rot_z(s.yaw) if is_stabilised else R_local_body
         R_local_camera: Mat3 = matmul(

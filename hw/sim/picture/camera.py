@@ -268,7 +268,7 @@ class SimCamera:
         return Readout(middle.t, seconds, exposure.time_s, tuple(snapshots), self._vibration)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Made:
     """A picture, and the truth at its exposure if the pad can be found in it."""
 

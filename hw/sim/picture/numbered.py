@@ -28,7 +28,7 @@ _BYTES = 4
 _PLACES = 5  # along both axes of a picture, where its number is looked for
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class View:
     """What one picture would show."""
 
@@ -68,10 +68,11 @@ class NumberedPictures:
         code = (self._count + 1) * _ODD % 2**32
         self._views.pop((self._count + 1 - _KEPT) * _ODD % 2**32, None)
         self._count += 1
-        row = np.frombuffer(code.to_bytes(_BYTES, "little"), np.uint8)
-        column = np.tile(row, math.ceil(self._height / _BYTES))[: self._height]
+        number = np.frombuffer(code.to_bytes(_BYTES, "little"), np.uint8)
+        times = math.ceil(self._height / _BYTES)
+        column = np.tile(number, times)[: self._height]
         self._views[code] = View(self._count, start, end, pad, exposure, readout, column)
-        return cast(U8, self._ramp + column[:, None])
+        return np.tile(self._ramp + number[:, None], (times, 1))[: self._height]
 
     def brightness(self, image: U8) -> float:
         """Return about the mean of what a picture would show, share of full scale."""

@@ -6,7 +6,7 @@ smooth: it is worked out at a few columns, and a polynomial through these gives 
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from random import Random
 from typing import cast
 
@@ -41,15 +41,22 @@ class Vibration:
     def turns(self, t: F64, exposure_s: float = 0.0) -> F64:
         """Return the angles about x and y (n, 2), rad: means over an exposure about each t (n,)."""
         angles = np.sin(2.0 * math.pi * self._hz * t[:, None] + self._phases)
-        return cast(F64, self._amplitude * np.sinc(self._hz * exposure_s) * angles)
+        turns: F64 = self._amplitude * _kept(self._hz * exposure_s) * angles
+        return turns
 
     def shaking(self, exposure_s: float) -> float:
         """Standard deviation of either angle about `turns`, rad, over all phases.
 
         Of a sine's mean square, a half, its mean over an exposure keeps sinc(f T)^2.
         """
-        kept = float(np.sinc(self._hz * exposure_s)) ** 2
+        kept = _kept(self._hz * exposure_s) ** 2
         return self._amplitude * math.sqrt(max(1.0 - kept, 0.0) / 2)
+
+
+@lru_cache(maxsize=1)  # asked for several times of one picture
+def _kept(turned: float) -> float:
+    """Return what a mean over so many turns of a sine leaves of it."""
+    return float(np.sinc(turned))
 
 
 class RowGrid:
@@ -127,7 +134,7 @@ class Readout:
 
     def _from_plane(self, plane: PadPose, pad: PadPose | None) -> tuple[F64, F64]:
         """Return lens (k, 3) and R_plane_camera (k, 3, 3) of each snapshot."""
-        cameras, looks, pads, turned = self._poses
+        cameras, looks, pads, turned = self.poses
         position, R = np.array(plane.position), matrix(plane.R_local_pad)
         if pad is None:
             return (cameras - position) @ R, R.T @ looks
@@ -142,8 +149,8 @@ class Readout:
         return self.vibration.shaking(self.exposure_s) if self.vibration is not None else 0.0
 
     @cached_property
-    def _poses(self) -> tuple[F64, F64, F64, F64]:
-        """Position and rotation of the camera, and of the pad, at each snapshot."""
+    def poses(self) -> tuple[F64, F64, F64, F64]:
+        """Position (k, 3), rotation (k, 3, 3) of the camera, and of the pad, at each snapshot."""
         cameras = [s.camera for s in self.snapshots]
         pads = [s.pad for s in self.snapshots]
         return (

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from hw.sim.snapshot import CameraPose, PadPose
 from landerd.camera_model import CameraModel
-from landerd.geometry import Mat3, Vec3
-from landerd.pad import PadLayout, Ring, Square, WhyCode
+from landerd.geometry import Mat3, Vec3, dot, sub
+from landerd.pad import Marker, PadLayout, Square
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 NEAR_PLANE_M = 0.01  # from the lens; what is nearer is not drawn
 CIRCLE_POINTS = 32
+_ABOVE_M = 1e-3  # no lower a camera sees a plane
 
 # For cv2.remap whose first map holds both coordinates. OpenCV's types forbid None here, and an
 # empty array, which they allow, draws rubbish.
@@ -90,6 +91,13 @@ class Frustum:
         """Tell whether a ball about centre (3,), camera frame, may be in view."""
         return bool((self.planes[:, :3] @ centre + self.planes[:, 3] >= -radius).all())
 
+    def passes(self, centres: F64, radii: F64) -> bool:
+        """Tell whether all balls about centres (n, 3), camera frame, lie beyond one border.
+
+        Then nothing between them is in view either.
+        """
+        return bool((self._distances(centres) < -radii[:, None]).all(axis=0).any())
+
     def outlines(self, polygons: list[F64]) -> list[F64]:
         """Return the convex polygons (n, 3), camera frame, as seen: pixels (m, 2), m may be 0."""
         seen = self._clipped(polygons)
@@ -125,12 +133,21 @@ def matrix(m: Mat3) -> F64:
 
 def in_camera(pose: CameraPose, points: F64) -> F64:
     """Return points (n, 3) of the local frame in the camera frame."""
-    return cast(F64, (points - np.array(pose.position)) @ matrix(pose.R_local_camera))
+    inside: F64 = (points - np.array(pose.position)) @ matrix(pose.R_local_camera)
+    return inside
 
 
 def on_pad(pad: PadPose, points: F64) -> F64:
     """Return points (n, 3) of the pad frame in the local frame."""
-    return cast(F64, points @ matrix(pad.R_local_pad).T + np.array(pad.position))
+    placed: F64 = points @ matrix(pad.R_local_pad).T + np.array(pad.position)
+    return placed
+
+
+def is_above(pose: CameraPose, plane: PadPose) -> bool:
+    """Tell whether the camera is above a plane."""
+    R = plane.R_local_pad
+    into = (R[0][2], R[1][2], R[2][2])
+    return dot(into, sub(pose.position, plane.position)) < -_ABOVE_M
 
 
 def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
@@ -141,7 +158,7 @@ def plane_homography(pose: CameraPose, plane: PadPose) -> F64 | None:
     """
     R = matrix(plane.R_local_pad).T
     cx, cy, cz = R @ (np.array(pose.position) - np.array(plane.position))
-    if cz >= -1e-3:
+    if cz >= -_ABOVE_M:
         return None
     d = R @ matrix(pose.R_local_camera)
     return np.stack([cx * d[2] - cz * d[0], cy * d[2] - cz * d[1], d[2]])
@@ -194,27 +211,34 @@ def visible_markers(
 
     Geometry only: what stands in front of a marker is not looked at.
     """
-    if plane_homography(pose, pad) is None:
+    if not is_above(pose, pad):
         return []
     camera = frustum.camera
+    outlines, ends = _outlines(layout.markers)
+    points = in_camera(pose, on_pad(pad, outlines))
+    shown = frustum.holds(points)
+    if not shown.any():
+        return []
+    x, y = camera.pixels(points[shown]).T
+    shown[shown] = (
+        (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
+    )
     seen = []
-    for index, marker in enumerate(layout.markers):
-        outline = _outline(marker)
-        points = in_camera(pose, on_pad(pad, outline))
-        points = points[frustum.holds(points)]
-        if 2 * len(points) < len(outline):
-            continue
-        x, y = camera.pixels(points).T
-        in_image = (
-            (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
-        )
-        if 2 * np.count_nonzero(in_image) >= len(outline):
+    for index, (start, end) in enumerate(itertools.pairwise(ends)):
+        if 2 * np.count_nonzero(shown[start:end]) >= end - start:
             seen.append(index)
     return seen
 
 
 @functools.cache
-def _outline(marker: Ring | WhyCode | Square) -> F64:
+def _outlines(markers: tuple[Marker, ...]) -> tuple[F64, tuple[int, ...]]:
+    """Return the outlines of markers after each other (n, 3), and where each one ends."""
+    outlines = [_outline(marker) for marker in markers]
+    ends = itertools.accumulate(map(len, outlines), initial=0)
+    return np.concatenate(outlines), tuple(ends)
+
+
+def _outline(marker: Marker) -> F64:
     """Return points (n, 3) of a marker's outline in the pad frame."""
     if not isinstance(marker, Square):
         a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)

@@ -18,7 +18,7 @@ from landerd.geometry import Vec3, cross
 from landerd.messages import CLIPPED_LEVEL, EDGES, GREY, Light, MarkerSighting, PoseSolution
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.simulation.sight import statistics
-from landerd.simulation.sight.edge_fit import SeenEdges, across, fitted
+from landerd.simulation.sight.edge_fit import Across, SeenEdges, across, fitted
 from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.simulation.sight.world_view import Seen, WorldView, size_m
 from landerd.vision.expected import Expected
@@ -42,7 +42,7 @@ _FAR_PAD = 0.001  # share of a picture
 _SIZE_FACTOR = 2.0  # within which a ring's size must be known to be found in a window
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Sight:
     """One marker in one picture, as it would be measured."""
 
@@ -336,9 +336,10 @@ class ModelledDetectors:
             return None
         rays = self._rays(seen)
         seen_edges = SeenEdges(edges, rays, self._focal)
-        weight = self._weight(kind, size_px, edges, seen, levels)
+        lie = across(edges, seen.pose, self._focal)
+        weight = self._weight(kind, size_px, edges, seen, lie, levels)
         offset = self._offset(seen, weight, rng)
-        pose = fitted(seen_edges, seen.pose, offset, weight)
+        pose = fitted(seen_edges, seen.pose, offset, weight, lie)
         if pose is None:
             return None
         shown, blur_px = float(seen.shown.mean()), self._blur(seen.path_px)
@@ -391,10 +392,15 @@ class ModelledDetectors:
         return self._camera.rays(px)
 
     def _weight(
-        self, kind: statistics.Kind, size_px: float, edges: Edges, seen: Seen, levels: Levels
+        self,
+        kind: statistics.Kind,
+        size_px: float,
+        edges: Edges,
+        seen: Seen,
+        lie: Across,
+        levels: Levels,
     ) -> F64:
         """Return the inverse variances (n,) of the edges' places, 1/px^2; of those not shown 0."""
-        lie = across(edges, seen.pose, self._focal)
         apart_px = edges.apart_m * self._focal * _slant(seen.pose) / float(seen.pose.t[2])
         blur = self._blur((lie.normal @ seen.path_px)[:, None])
         variance = statistics.edge_variance(kind, size_px, blur, apart_px, levels)
