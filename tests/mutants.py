@@ -115,6 +115,21 @@ MUTANTS = [
         "test_5_frozen_gimbal_angles_stop_the_landing",
     ),
     Mutant(
+        "5: flies on frozen pictures",
+        "landerd/runtime/frozen.py",
+        "return even < EVEN_SHARE * image.size",
+        "return False",
+        "simulation/test_sight.py::test_frozen_pictures_are_noticed",
+    ),
+    Mutant(
+        "5: takes pictures that are blown out for frozen ones",
+        "landerd/runtime/frozen.py",
+        "return even < EVEN_SHARE * image.size",
+        "return even >= 0",
+        "runtime/test_frozen.py"
+        "::test_pictures_that_are_all_white_or_black_are_new_ones_whatever_pixels_are_dead",
+    ),
+    Mutant(
         "1b: flies on stale RC",
         GATE,
         "now - self._rc_t + self._clock_s > self._freshness.rc_s",
@@ -506,7 +521,8 @@ MUTANTS = [
         "landerd/runtime/daemon.py",
         "await _catch_up(self.monitor.woke(due))",
         "self.monitor.woke(due)",
-        "simulation/test_fault_defects.py::test_it_keeps_the_rules",
+        "simulation/test_fault_defects.py"
+        "::test_what_arrived_during_a_stall_is_read_before_anything_is_decided",
     ),
     Mutant(
         "5: the clock's uncertainty is no age",

@@ -2,8 +2,11 @@
 
 import pytest
 
+from landerd.messages import Command, Input, Tick
+from landerd.runtime.clock import run_virtual
+from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
-from tests.simulated import MODELLED, fly
+from tests.simulated import MODELLED, configured, fly
 
 START = (
     "sim.start.position_m=[-2.5, 1.0]",
@@ -71,3 +74,18 @@ def test_it_keeps_the_rules(fault: str, speed_mps: float, seed: int) -> None:
     settings = [*START, f"sim.faults=[{fault}]", f"sim.pad.speed_mps={speed_mps}"]
     simulation = fly(overrides=settings, longest_s=25.0, seed=seed)
     assert broken(simulation) == []
+
+
+def test_what_arrived_during_a_stall_is_read_before_anything_is_decided() -> None:
+    said: list[str] = []
+
+    class Reasons(Observer):
+        def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
+            if isinstance(message, Tick):
+                said.append(simulation.daemon.lander.reason)
+
+    stalls = "sim.faults=[{fault: loop-stalls, at: {height_m: 3}, severity: 0.09}]"
+    simulation = Simulation(configured([*START, stalls]), 2, observers=(Reasons(),))
+    run_virtual(simulation.run(longest_s=8.0))
+    assert simulation.daemon.monitor.longest_s > 0.3
+    assert [reason for reason in said if "attitude is stale" in reason] == []
