@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution, Sightings
 from landerd.pad import PadLayout
+from landerd.vision.plate_outline import plate_corners
 from landerd.vision.pose import MIN_DEPTH_M, rotation_from
 
 Image = NDArray[np.uint8]
@@ -67,16 +68,7 @@ def plate_edge(pad: PoseSolution, camera: CameraModel, layout: PadLayout) -> F64
     if pad.north is None:
         return None
     R = rotation_from(np.array(pad.normal), np.array(pad.north))
-    plate = layout.plate
-    corners = np.array(
-        [
-            (plate.north_m, -plate.west_m),
-            (plate.north_m, plate.east_m),
-            (-plate.south_m, plate.east_m),
-            (-plate.south_m, -plate.west_m),
-        ]
-    )
-    points = np.array(pad.position) + corners @ R[:, :2].T
+    points = np.array(pad.position) + plate_corners(layout.plate) @ R[:, :2].T
     return camera.pixels(points) if points[:, 2].min() > MIN_DEPTH_M else None
 
 

@@ -12,6 +12,7 @@ from landerd.messages import CLIPPED_LEVEL, Light, PoseSolution
 from landerd.pad import Plate
 from landerd.vision.expected import any_across
 from landerd.vision.patch import on_plate, whole_in_picture
+from landerd.vision.plate_outline import plate_corners
 from landerd.vision.pose import circle, rotation_from
 
 # Of the levels on the plate. White covers more than half of any pad, so this is white even where
@@ -101,11 +102,7 @@ def _outline(plate: Plate, pad: PoseSolution) -> F64:
     if pad.north is None:
         R, flat = rotation_from(normal, any_across(normal)), circle(_sure_reach(plate))
     else:
-        n, s, e, w = plate.north_m, -plate.south_m, plate.east_m, -plate.west_m
-        R, flat = (
-            rotation_from(normal, np.array(pad.north)),
-            np.array([[n, w], [n, e], [s, e], [s, w]]),
-        )
+        R, flat = rotation_from(normal, np.array(pad.north)), plate_corners(plate)
     points: F64 = np.array(pad.position) + flat @ R[:, :2].T
     return points
 
