@@ -18,7 +18,8 @@ BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
 _NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
 _KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is told from
-_RESTART_S, _WRAP_S = 1.0, 2.0**31 / 1e3  # the boot clock going back by so much, and by less
+_RESTART_S = 1.0  # the boot clock going back by so much
+_WRAP_S = 2.0**32 / 1e3  # of time_boot_ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +182,8 @@ class Evidence:
         That may be wrong once; two in a row are believed, and an answer to TIMESYNC. Returns
         whether it is.
         """
-        # What TIMESYNC says does not wrap.
-        wraps_s = math.inf if is_answer else _WRAP_S
-        is_back = _RESTART_S < self._boot_s - boot_s < wraps_s
+        boot_s = boot_s if is_answer else self._unwrapped(t, boot_s)
+        is_back = boot_s < self._boot_s - _RESTART_S
         is_ahead = boot_s > self._boot_s + t - self._boot_t + _RESTART_S
         if (is_back and not is_answer) or (is_ahead and self._boot_s > -math.inf):
             suspected, self._suspected_s = self._suspected_s, boot_s - t
@@ -195,6 +195,18 @@ class Evidence:
             self._ended_t = min(self._ended_t, t)
         self._boot_s, self._boot_t = boot_s, t
         return True
+
+    def _unwrapped(self, t: float, boot_s: float) -> float:
+        """Return the boot time (s) that 32 bits of ms stand for: the nearest to the expected one.
+
+        What TIMESYNC says does not wrap. A clock that goes back over its own wrap has gone back,
+        and not by 49 days ahead; no boot began before zero.
+        """
+        if self._boot_s == -math.inf:
+            return boot_s
+        expected = self._boot_s + t - self._boot_t
+        nearest = boot_s + _WRAP_S * round((expected - boot_s) / _WRAP_S)
+        return nearest if nearest >= 0.0 else boot_s
 
     def held_back_s(self, kind: int, boot_s: float) -> float:
         """Return how long a message was held back before it left, s: others had passed it by then.

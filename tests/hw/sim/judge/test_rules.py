@@ -95,6 +95,15 @@ def boot_time_wraps(c: Court) -> None:
     c.fly(0.5)
 
 
+def boot_time_goes_back_over_the_wrap(c: Court, stops_s: float) -> None:
+    boot_time_wraps(c)
+    c.boot_s = 2.0**32 / 1e3 - c.t - 5.0
+    c.listen()
+    if stops_s:
+        c.fly(stops_s, STOP)
+    c.wait(0.5)
+
+
 def restarts_before_the_wrap(c: Court, stops_s: float) -> None:
     """Its milliseconds might have wrapped; TIMESYNC tells that they have not."""
     c.boot_s = 2.0**32 / 1e3 - c.t - 5.0
@@ -188,6 +197,8 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: restarts(c, 0.95), None),
     (lambda c: restarts(c, 0.0), NO_STOP),
     (boot_time_wraps, None),
+    (lambda c: boot_time_goes_back_over_the_wrap(c, 0.95), None),
+    (lambda c: boot_time_goes_back_over_the_wrap(c, 0.0), NO_STOP),
     (lambda c: restarts_before_the_wrap(c, 0.95), None),
     (lambda c: restarts_before_the_wrap(c, 0.0), NO_STOP),
     (lambda c: handed_back(c, 0.025), None),
