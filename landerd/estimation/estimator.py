@@ -130,9 +130,11 @@ class Estimator:
     def sight_age(self, now: float) -> float:
         """Return the age of the last accepted sighting at time now, s; infinite without one.
 
-        What its exposure may have been earlier than is said counts, as with telemetry.
+        What its exposure may have been earlier than is said counts, as with telemetry; and what
+        pictures are found to be stamped late by. That they are stamped early is not counted on.
         """
-        return now - self.sighting_t + self._picture_clock_s
+        late_s = max(0.0, self._filter.clocks.pictures_s)
+        return now - self.sighting_t + self._picture_clock_s + late_s
 
     @property
     def nis(self) -> float:

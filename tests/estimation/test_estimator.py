@@ -116,6 +116,21 @@ def test_what_the_camera_says_of_its_times_counts_as_age_and_as_sigma_of_the_clo
     assert estimator.sight_age(1.1) == pytest.approx(0.09)
 
 
+@pytest.mark.parametrize(("late_s", "older_s"), [(0.03, 0.03), (-0.03, 0.0)])
+def test_pictures_found_to_be_stamped_late_are_older_than_they_say(
+    late_s: float, older_s: float
+) -> None:
+    estimator = Estimator(Config())
+    arm = Config().vehicle.camera_offset_m[0]
+    for i in range(1, 400):
+        t = 0.02 * i  # it flies to and fro over a pad that stands
+        north, v = math.sin(3.0 * (t - late_s)), 3.0 * math.cos(3.0 * t)
+        estimator.on_telemetry(LocalPosition(t, (math.sin(3.0 * t), 0.0, -5.0), (v, 0.0, 0.0)))
+        hear(estimator, t, "attitude", "gimbal")
+        estimator.on_sightings(shown(t, replace(BELOW, position=(0.0, north + arm, 5.0))))
+    assert estimator.sight_age(estimator.sighting_t) == pytest.approx(older_s, abs=0.005)
+
+
 def test_health_tells_what_is_refused_and_how_old_pictures_are() -> None:
     estimator = seeing(until=1.0)
     estimator.on_tick(1.06)
