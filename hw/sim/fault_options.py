@@ -52,6 +52,9 @@ _CARRIED = (*_COMES_UP, "4: no descent", "4: not going with", "4: a climb ordere
 # Where the lens looks is what the gimbal says: some degrees off show the pad as far aside, and a
 # drift is a pad that drives.
 _SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
+# So is its heading, through a gimbal that says other angles than it has: of its yaw by as much, of
+# its pitch where the airframe leans.
+_SEEN_TURNED = (*_SEEN_ASIDE, "2: a downward set-point with the heading off")
 # Nothing that is ordered arrives.
 _UNHEARD = ("ground contact off the pad",)
 # What the wind does to the airframe at once, whatever is ordered.
@@ -100,10 +103,10 @@ FAULTS: Mapping[str, FaultKind] = {
     "gimbal-lost": FaultKind("gimbal", "gone from the bus"),
     "gimbal-late": FaultKind("gimbal", "reports are 20 to 300 ms old and do not say so"),
     "gimbal-offset": FaultKind(
-        "gimbal", "reports both angles 1 to 20 degrees too large", True, _SEEN_ASIDE
+        "gimbal", "reports both angles 1 to 20 degrees too large", True, _SEEN_TURNED
     ),
     "gimbal-slipping": FaultKind(
-        "gimbal", "reports drift off at 0.5 to 10 degrees/s", True, _SEEN_ASIDE, stays=True
+        "gimbal", "reports drift off at 0.5 to 10 degrees/s", True, _SEEN_TURNED, stays=True
     ),
     "gimbal-stuck": FaultKind("gimbal", "the axes do not move"),
     "gimbal-reversed": FaultKind("gimbal", "it turns the other way than ordered"),

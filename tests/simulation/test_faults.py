@@ -5,6 +5,7 @@ import gc
 
 import pytest
 
+from hw.sim.fault_options import FAULTS
 from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, Script, fly
 
@@ -105,6 +106,13 @@ def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
     assert simulation.faults.excuses(late, note.began + 1.0)
     assert not simulation.faults.excuses(late, note.began - 1.0)
     assert not simulation.faults.excuses("2: a downward set-point", note.began + 1.0)
+
+
+def test_a_heading_seen_through_a_gimbal_that_slips_is_not_landerds() -> None:
+    off = "2: a downward set-point with the heading off"
+    for fault in ("gimbal-offset", "gimbal-slipping"):
+        assert any(off.startswith(words) for words in FAULTS[fault].excuses)
+    assert not FAULTS["gimbal-stuck"].excuses
 
 
 def test_what_a_gust_does_to_the_airframe_at_once_is_not_landerds() -> None:
