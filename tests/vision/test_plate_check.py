@@ -74,20 +74,26 @@ def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
     assert is_seen(UNREADABLE, view(distance, 0.3), blurred)
 
 
-@pytest.mark.parametrize("distance", [12.0, 15.0])
-def test_a_shadow_across_the_pad_does_not_hide_its_plate(distance: float) -> None:
-    """Ground in the sun is as bright as white in the shade."""
+def is_seen_half_in_shadow(painted: PadLayout, distance: float) -> bool:
+    """Tell whether a picture shows the pad: sunny ground is as bright as white in the shade."""
     at = look(THESIS_CAMERA, distance, 0.4, pixel=(300.0, 230.0), heading=2.5)
     shadow = Shadow(0.2, (302.0, 226.0), (math.cos(1.9), math.sin(1.9)))
     shaded = Optics(background="grass", shadow=shadow)
+    image = render(at, THESIS_CAMERA, shaded, np.random.default_rng(2), painted)
+    vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    return bool(vision.process(Frame(0.0, 0, image)).pad)
 
-    def is_seen_shaded(painted: PadLayout) -> bool:
-        image = render(at, THESIS_CAMERA, shaded, np.random.default_rng(2), painted)
-        vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
-        return bool(vision.process(Frame(0.0, 0, image)).pad)
 
-    assert is_seen_shaded(UNREADABLE)
-    assert not is_seen_shaded(BARE)
+@pytest.mark.parametrize("distance", [12.0, 15.0])
+def test_a_shadow_across_the_pad_does_not_hide_its_plate(distance: float) -> None:
+    assert is_seen_half_in_shadow(UNREADABLE, distance)
+    assert not is_seen_half_in_shadow(BARE, distance)
+
+
+@pytest.mark.parametrize("distance", [12.0, 15.0])
+def test_nor_does_one_where_the_tag_is_faded_away(distance: float) -> None:
+    faded = PadLayout(name="faded", markers=(RING,), plate=THESIS_PAD.plate)
+    assert is_seen_half_in_shadow(faded, distance)
 
 
 def ring_on_clouds(ground: float, depth: float, size_px: float, margin: float, seed: int) -> U8:
