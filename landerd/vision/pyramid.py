@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -25,11 +26,21 @@ _LARGEST_PX, SMALL_PX = 40.0, 24.0
 class Level:
     """The searched part of an image at another size, and the camera that would see just that."""
 
-    image: U8
+    part: U8  # at its own size
     camera: CameraModel
     corner: tuple[int, int]  # of the part: column and row, px of the image
     reduction: float  # pixels of the image along one of the level
     largest_px: float  # diameter in the level of the rings to look for: larger ones are in another
+
+    @cached_property
+    def image(self) -> U8:
+        """What is searched, worked out when asked for: a ring that is near needs one level only."""
+        k, size = self.reduction, (self.camera.width, self.camera.height)
+        if k == 1.0:
+            return self.part
+        whole = self.part[: int(size[1] * k), : int(size[0] * k)] if k > 1.0 else self.part
+        interpolation = cv2.INTER_AREA if k > 1.0 else cv2.INTER_CUBIC
+        return np.asarray(cv2.resize(whole, size, interpolation=interpolation), dtype=np.uint8)
 
 
 def levels(
@@ -58,25 +69,13 @@ def levels(
         small_h, small_w = int(crop.shape[0] / k), int(crop.shape[1] / k)
         if min(small_h, small_w) < _SMALLEST_SIDE_PX:
             continue
-        small = crop
-        if n > 0:
-            whole = crop[: int(small_h * k), : int(small_w * k)]
-            small = _resized(whole, small_w, small_h, cv2.INTER_AREA)
-        elif n < 0:
-            small = _resized(crop, small_w, small_h, cv2.INTER_CUBIC)
-        seeing = _seeing(camera, part, small.shape, k)
+        seeing = _seeing(camera, part, (small_h, small_w), k)
         largest_px = math.inf if n == halvings[0] else _LARGEST_PX if n > 0 else SMALL_PX
-        yield Level(small, seeing, (part.x0, part.y0), k, largest_px)
-
-
-def _resized(image: U8, width: int, height: int, interpolation: int) -> U8:
-    return np.asarray(
-        cv2.resize(image, (width, height), interpolation=interpolation), dtype=np.uint8
-    )
+        yield Level(crop, seeing, (part.x0, part.y0), k, largest_px)
 
 
 def _seeing(
-    camera: CameraModel, part: Window, shape: tuple[int, ...], reduction: float
+    camera: CameraModel, part: Window, shape: tuple[int, int], reduction: float
 ) -> CameraModel:
     """Return the camera that sees a part of the image at a reduced size."""
     height, width = shape

@@ -85,11 +85,12 @@ def find_rings(
 
 def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:
     """Yield what is looked at at once, the cheapest first: no more than shows a ring is."""
-    # All ways in the coarsest level take less time than one in the finest.
-    yield [(level, _FIRST) for level in parts[:1]]
     coarse = [level for level in parts[1:] if level.largest_px > SMALL_PX]
+    for level in [*parts[:1], *coarse[:1]]:
+        yield [(level, _FIRST)]
+    # All ways in the coarsest level take less time than one in the next but one.
     largest = [(level, way) for way in _OTHERS_LARGEST for level in parts[:1]] if thorough else []
-    yield [*largest, *((level, _FIRST) for level in coarse)]
+    yield [*largest, *((level, _FIRST) for level in coarse[1:])]
     yield [(level, _FIRST) for level in parts[1:] if level.largest_px <= SMALL_PX]
     if thorough:
         yield [(level, way) for way in _OTHERS for level in coarse]
