@@ -17,8 +17,6 @@ from landerd.geometry import Vec3, add, horizontal, scale, sub, wrap
 BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
 _NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
-# What the height is wrong by while the gimbal turns after a pad that shoots away: 0.06 m, flown.
-_HEIGHT_ERROR_M = 0.1
 _KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is told from
 _RESTART_S = 1.0  # the boot clock going back by so much
 _WRAP_S = 2.0**32 / 1e3  # of time_boot_ms
@@ -99,7 +97,7 @@ class Evidence:
         aside_since: since when all orders go across the pad, not with it.
         climbs_since: since when all orders climb.
         landing_since: since when it flies without having come to commit.
-        low_t: when it was last below the commit height, as far as its own height may be right.
+        low_since: since when it is below the commit height.
         hidden_heading: by which the pad's heading shows too large, as gimbal and camera are mounted
             askew, rad.
     """
@@ -130,7 +128,7 @@ class Evidence:
         self.aside_since: float | None = None
         self.climbs_since: float | None = None
         self.landing_since: float | None = None
-        self.low_t = -math.inf
+        self.low_since: float | None = None
         self.hidden_heading = 0.0
         self._beat_t = self._rc_t = -math.inf
         self._ended_t = math.inf  # handed back, told to stop, or the autopilot has restarted
@@ -344,9 +342,11 @@ class Evidence:
 
     def waves_off(self, order: Order) -> bool:
         """Tell whether an order climbs from just over the pad: that need not begin gently."""
+        if self.low_since is None or not order.climbs:
+            return False
         b = self._b
         near = order.truth.height <= b.commit_height_m + b.wave_off_m
-        return order.climbs and near and order.t - self.low_t <= b.wave_off_s
+        return near and order.t - self.low_since <= b.wave_off_s
 
     # ---- orders --------------------------------------------------------------------------------
 
@@ -364,8 +364,8 @@ class Evidence:
         if t < self.closed_t(t) and not self.latched:
             self.flown_t = t
         low = truth.height < b.commit_height_m
-        if truth.height < b.commit_height_m + _HEIGHT_ERROR_M:
-            self.low_t = t
+        if low:
+            self.low_since = t
         if low or self.touched or self.hold_since is not None or not self.granted(t):
             self.landing_since = None
         elif self.landing_since is None:
@@ -396,8 +396,7 @@ class Evidence:
         self.touches_now = bool(truth.feet_down) and not self.touched
         if truth.feet_down:
             self.touched = True
-            # Down at the last order and at this one: what lies between, be it long, is no bounce.
-            if self.touched_t != self.last_order_t and t - self.touched_t > BOUNCE_S:
+            if t - self.touched_t > BOUNCE_S:
                 self.touching_since = t
             self.touched_t = t
         elif truth.height > self._b.commit_height_m:

@@ -610,15 +610,14 @@ def test_3_no_set_points_come_while_the_world_lets_the_computer_stand_still() ->
     assert court.broken == [SELDOM]
 
 
-@pytest.mark.parametrize("height_m", [0.15, 0.28])  # commits at 0.2 by a height that may be wrong
-def test_3_the_limits_are_judged_but_for_the_climb_of_a_wave_off(height_m: float) -> None:
+def test_3_the_limits_are_judged_but_for_the_climb_of_a_wave_off() -> None:
     down, up = (0.0, 0.0, 0.3), (0.0, 0.0, -0.5)
     court = Court(limits=True)
-    court.truth = replace(LOW, height=height_m)
+    court.truth = LOW
     court.fly(0.5, down)
     court.fly(0.5, up)
     assert court.broken == []
-    court.truth = replace(LOW, height=0.32)
+    court.truth = OVER_PAD
     court.fly(1.5, down)
     court.fly(0.5, up)
     assert court.broken == ["3: vertical acceleration", "3: vertical jerk"]
@@ -710,16 +709,6 @@ def test_4_a_climb_away_that_began_released_need_not_end_at_once(
     court.pulse = 1900
     court.fly(goes_on_s, away)
     assert ("4: no descent ordered after contact" in court.broken) == broken
-
-
-def test_4_what_stood_when_its_orders_were_cut_off_stands_when_they_come_again() -> None:
-    court = Court()
-    court.truth = ON_PAD
-    court.fly(1.0, SINK)
-    court.level(0.2)
-    court.wait(0.6)
-    court.level(0.2)
-    assert "4: did not go with the pad after contact" not in court.broken
 
 
 def test_4_released_it_may_stand_level_sooner() -> None:
