@@ -22,8 +22,8 @@ LEVEL_AFTER_S = 0.5  # for so long the vehicle goes with the pad before it may s
 HOVER_MPS = 0.02  # an order of less, horizontally, is one to hover
 TOLD_S = 1.0  # before an abort or after it the pilot is told of it
 MISS_S = 0.25  # that it will miss the pad must be noticed in
-# Pressed down on a deck, a vehicle that is told to climb lifts so long after, at most: its autopilot
-# has taken the thrust away, and gives it back as gently. Flown: 1.1 and 1.5 s.
+# Pressed down on a deck, a vehicle that is told to climb lifts so long after, at most: its
+# autopilot has taken the thrust away, and gives it back as gently. Flown: 1.1 and 1.5 s.
 THRUST_BACK_S = 1.6
 DISARMS_S = 1.0  # after ON_GROUND landerd disarms in
 _PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
