@@ -204,20 +204,21 @@ def _pressed(e: Evidence, o: Order) -> bool:
     return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.granted(o.t)
 
 
-def _goes_around(e: Evidence, o: Order, b: RuleBounds) -> bool:
+def _goes_around(e: Evidence, o: Order) -> bool:
     """Tell whether it was told to climb before it could know of the touch, and its thrust comes.
 
     Until then it brushes the pad. Told to sink meanwhile, it would hop, and fall.
     """
     since = e.climbs_since
-    unknown = since is not None and since < max(e.touching_since, e.stale_t)
-    return unknown and since is not None and o.t - since <= THRUST_BACK_S
+    if since is None or since >= max(e.touching_since, e.stale_t):
+        return False
+    return o.t - since <= THRUST_BACK_S
 
 
 def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
     waiting = _pressed(e, o) and o.t - e.touching_since < b.settle_s
     # What is blown off the pad, its feet brushing it, is to climb away (2).
-    away = (o.climbs and o.truth.misses) or _goes_around(e, o, b)
+    away = (o.climbs and o.truth.misses) or _goes_around(e, o)
     return waiting and not away and not o.level and o.velocity[2] <= ZERO
 
 
