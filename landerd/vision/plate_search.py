@@ -37,7 +37,7 @@ _LEAST_FOUR, _LEAST_FILLED, _LEAST_WIDE = 0.85, 0.6, 0.02
 _MOST_QUADS = 6  # in a search, those with the straightest sides
 _MOST_OFF, _MOST_OFF_PX = 0.06, 1.0  # of corners, share of the shortest side and px
 _BESIDE = 0.12  # from the outline to either side, of the ring's radius
-_PLACES = 24  # round the ring
+_PER_SIDE, _PLACES = 12, 24  # of the plate, and round the ring
 # Shares of the places with a step: of the plate's outline, of hole to stroke, of white to stroke.
 # Plates in leaf shade and dirt have 0.8 to 1; of 823 tiles of photographs none has as much.
 _LEAST_PLATE, _LEAST_RING = 0.75, 0.75
@@ -51,7 +51,7 @@ class PlateSearch:
         corners = plate_corners(layout.plate)
         self._corners = np.column_stack([corners, np.zeros(4)])
         self._centre = np.array(ring.position_m)
-        places, ways = along(corners)
+        places, ways = along(corners, _PER_SIDE)
         ways = ways * (_BESIDE * ring.radius_m)
         outer = circle(ring.radius_m, _PLACES)
         inner = ring.inner_ratio * outer
