@@ -83,6 +83,7 @@ class Evidence:
         last_order_t: the last order.
         stops_since: since when all orders are to stop, or to stand level.
         free_t: the last time that landerd did not have to stream orders.
+        barred_t: the last time that landerd might not fly.
         touched: a foot was down, and the vehicle has not climbed away since.
         touched_t: when a foot was last seen down.
         touching_since: since when but for bounces.
@@ -116,6 +117,7 @@ class Evidence:
         self.last_order_t: float | None = None
         self.stops_since: float | None = None
         self.free_t = 0.0
+        self.barred_t = -math.inf
         self.touched = self.touches_now = self.levelled = False
         self.touched_t = -math.inf
         self.touching_since = 0.0

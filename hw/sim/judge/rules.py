@@ -209,6 +209,8 @@ class Rules:
             is_over = is_over or last_t - since >= release_s
         if not (evidence.armed and evidence.guided) or is_over:
             evidence.free_t = t
+        if not evidence.granted(t):
+            evidence.barred_t = t
         for text, is_broken in TIME_RULES:
             if is_broken(evidence, t, b):
                 self._break(t, text)

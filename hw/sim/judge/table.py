@@ -254,7 +254,8 @@ def _not_level(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _never_disarms(e: Evidence, t: float, b: RuleBounds) -> bool:
     said_t = e.on_ground_t
-    waits = said_t is not None and t - max(said_t, e.touching_since) > DISARMS_S
+    # While it may not fly it may not disarm either, whatever was said meanwhile (1).
+    waits = said_t is not None and t - max(said_t, e.touching_since, e.barred_t) > DISARMS_S
     return waits and e.touched and e.granted(t) and e.disarm_t < e.touching_since
 
 

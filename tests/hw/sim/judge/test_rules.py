@@ -841,6 +841,21 @@ def test_4_it_disarms_on_the_ground_and_not_before(trace: Trace, rule: str | Non
     assert court.broken == ([rule] if rule else [])
 
 
+@pytest.mark.parametrize(("sinks_s", "broken"), [(0.9, False), (1.3, True)])
+def test_4_on_ground_said_while_it_might_not_fly_asks_for_a_disarm_from_when_it_may(
+    sinks_s: float, *, broken: bool
+) -> None:
+    court = Court()
+    lands(court, disarms=False)
+    court.mode = LOITER
+    court.wait(2.0)
+    court.mode, court.pulse = mavlink.COPTER_MODE_GUIDED, 1100
+    court.wait(1.5)
+    court.pulse = 1900
+    court.fly(sinks_s, SINK)
+    assert court.broken == (["4: no disarm ordered after ON_GROUND"] if broken else [])
+
+
 def test_4_on_ground_that_was_said_in_the_air_and_taken_back_asks_for_no_disarm() -> None:
     court = Court()
     court.truth = LOW
