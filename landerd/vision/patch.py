@@ -20,6 +20,7 @@ _MAX_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
 _MIN_SIDE_PX = 4  # of the reduced box
 _MIN_COUNT = 50  # pixels: a fit has 11 parameters
 _LENS_NODES = 5
+_NODES = np.linspace(0.0, 1.0, _LENS_NODES)
 # Blur of a sharp lens, sigma 0.6 px, and of a pixel's own box: variances, px^2.
 _LENS_BLUR, _BOX_BLUR = 0.36, 1.0 / 12.0
 # What lens model, light and sampling leave out, as an error of the corners in fitted pixels, chosen
@@ -146,7 +147,7 @@ def lens_grid(camera: CameraModel, low: NDArray[np.int_], size: tuple[int, int],
     The lens's map is smooth: it is computed at a few nodes and interpolated by polynomials.
     """
     columns, rows = (
-        first + np.linspace(0.5, n - 0.5, _LENS_NODES) * step - 0.5
+        first + (0.5 + (n - 1) * _NODES) * step - 0.5
         for first, n in zip(low.tolist(), size, strict=True)
     )
     nodes = np.empty((_LENS_NODES, _LENS_NODES, 2))

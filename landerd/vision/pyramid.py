@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -79,13 +79,14 @@ def _seeing(
 ) -> CameraModel:
     """Return the camera that sees a part of the image at a reduced size."""
     height, width = shape
-    return replace(
-        camera,
-        width=width,
-        height=height,
+    return CameraModel(
+        width,
+        height,
         fx=camera.fx / reduction,
         fy=camera.fy / reduction,
         # Pixel centres, not edges, are whole numbers.
         cx=(camera.cx - part.x0 + 0.5) / reduction - 0.5,
         cy=(camera.cy - part.y0 + 0.5) / reduction - 0.5,
+        distortion=camera.distortion,
+        fisheye=camera.fisheye,
     )

@@ -9,7 +9,7 @@ Several starts are fitted side by side: arrays have one row for each.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 import cv2
 import numpy as np
@@ -93,7 +93,7 @@ class RingFit:
     @cached_property
     def covariance(self) -> F64:
         """Of the position, (3, 3), m^2."""
-        return self.inflation * self.uncertainty()[0]
+        return self.inflation * self._uncertainty[0]
 
     @cached_property
     def coherent(self) -> float:
@@ -103,7 +103,11 @@ class RingFit:
     @cached_property
     def sigma_tilt(self) -> float:
         """Of the normal, rad."""
-        return self.uncertainty()[1]
+        return self._uncertainty[1]
+
+    @cached_property
+    def _uncertainty(self) -> tuple[F64, float]:
+        return self.uncertainty()
 
 
 @dataclass
@@ -380,7 +384,7 @@ def _ring_fit(
         noise=float(equations.noise[k]),
         cost=cost,
         inliers=_inliers(model.pixels, equations.residual[k], min(inside, outside) - black),
-        uncertainty=cache(uncertainty),
+        uncertainty=uncertainty,
         ratio=ratio + off,
         sigma_ratio=sigma_off,
         residual=equations.residual[k],

@@ -78,6 +78,7 @@ _SMOOTH_QUANTILE, _MAX_ROUGHNESS = 0.8, 0.15
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, _SPOKES, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+_BEFORE = np.arange(-1, _SPOKES - 1)  # of each spoke the one before
 
 
 @dataclass(frozen=True)
@@ -336,9 +337,10 @@ def _spokes(
     part = c.part[:, None, None]
     w, h = mosaic.widths[part], mosaic.heights[part]
     inside = ((columns >= 0) & (columns < w) & (rows >= 0) & (rows < h)).all(axis=1)
-    at_most = (np.clip(rows, 0, h - 1), np.clip(columns, 0, w - 1))
-    levels = mosaic.grey(part, *at_most).astype(np.float64)
-    levels[~np.broadcast_to(inside[:, None], levels.shape)] = np.nan
+    seen = inside[:, None]
+    levels = np.where(
+        seen, mosaic.grey(part, np.where(seen, rows, 0), np.where(seen, columns, 0)), np.nan
+    )
     enough = inside.sum(axis=1) >= _MIN_SPOKES
     judged = np.zeros((4, len(centre)))
     if enough.any():
@@ -368,7 +370,7 @@ def _judged(levels: F64, inside: Mask) -> tuple[F64, F64, F64, F64]:
 
 def _roughness(stroke: F64) -> F64:
     """Return by how much levels (n, spokes) differ from spoke to spoke, rms, but for the most."""
-    change = np.sort((stroke - np.roll(stroke, 1, axis=1)) ** 2, axis=1)  # NaN last
+    change = np.sort((stroke - stroke[:, _BEFORE]) ** 2, axis=1)  # NaN last
     used = np.arange(_SPOKES) < _SMOOTH_QUANTILE * (~np.isnan(change)).sum(axis=1)[:, None]
     total = np.where(used, change, 0.0).sum(axis=1)
     roughness: F64 = np.sqrt(0.5 * total / np.maximum(used.sum(axis=1), 1))
