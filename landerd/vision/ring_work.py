@@ -4,14 +4,13 @@ Costs are counted, never timed, so that the same images give the same sightings 
 """
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
 from landerd.camera_model import F64
 
-# In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take. With
-# these a search of the ground takes 1.7 times the AprilTag 3 library's time, and ten times of one
-# tile in a hundred, mostly where that has next to nothing to do (`bench.vision_negatives`).
+# In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take.
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
 _FRAME_COST, _SEARCH_COST = 14, 7  # the second: of it, to tell what is worth more
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
@@ -32,31 +31,66 @@ class Place:
         return apart < _SAME_MIDDLE * small and large < _SAME_SIZE * small
 
 
+class Part(Enum):
+    """What of a search an image gets."""
+
+    WHOLE = "everything"
+    FIRST = "the ways to look that show most rings"
+    REST = "the others"
+
+
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A search that would cost more than a frame may is cut short. The next one goes on with what was
-    not tried: places that were refused come last, as they show in another reduction of the image;
-    what was refused in the same one is not tried again. So it comes to an end, after which a new
-    search begins.
+    A thorough search takes two images, one for each half of the ways to look. What would cost more
+    than an image may is cut short, and a later one goes on with what was not tried: places that
+    were refused come last, as they show in another reduction of the image; what was refused in the
+    same one is not tried again. So it comes to an end, after which a new search begins.
+
+    Attributes:
+        part: what the image gets.
+        is_continued: an image before got that part, but not to the end.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, parts: bool = True) -> None:
+        """Begin with nothing known; with `parts` False an image gets the whole search."""
+        self._first = Part.FIRST if parts else Part.WHOLE
         self._left, self._search_left = _FRAME_COST, _SEARCH_COST
         self._refused: list[Place] = []
         self._before = 0  # of them, in the images before
         self._unexplained: list[Place] = []
-        self.was_cut = False
-        self.is_continued = False  # the image before was not searched to the end
+        self._is_cut = False
+        self._open: list[Part] = []  # what is left for the next images, in turn
+        self._begun: set[Part] = set()
+        self.part = self._first
+        self.is_continued = False
+
+    @property
+    def was_cut(self) -> bool:
+        """Whether the search goes on in the next image."""
+        return self._is_cut or bool(self._open)
 
     def begin(self) -> None:
-        """Begin the search of another image."""
-        self.is_continued = self.was_cut
-        if not self.is_continued:
-            self._refused, self._unexplained = [], []
+        """Begin the search of another image, or go on with the last one's."""
+        if self._is_cut:
+            self._open.append(self.part)
+        if not self._open:
+            self._refused, self._unexplained, self._begun = [], [], set()
+        self.part = self._open.pop(0) if self._open else self._first
+        self.is_continued = self.part in self._begun
+        self._begun.add(self.part)
         self._before = len(self._refused)
         self._left, self._search_left = _FRAME_COST, _SEARCH_COST
-        self.was_cut = False
+        self._is_cut = False
+
+    def end(self) -> None:
+        """End the search of the images before: the next begins anew."""
+        self._open, self._is_cut = [], False
+
+    def leave_rest(self) -> None:
+        """Leave the other ways to look for the next image, once in a search."""
+        if Part.REST not in self._begun:
+            self._open.append(Part.REST)
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""
@@ -80,7 +114,7 @@ class RingWork:
 
     def cut(self) -> None:
         """End the search of this image: it goes on in the next."""
-        self.was_cut = True
+        self._is_cut = True
 
     def refuse(self, place: Place) -> None:
         """Remember that no ring is at a place."""

@@ -116,7 +116,10 @@ class Search:
         )
         if elsewhere.rings is not RingSearch.NONE:
             rings = self._rings_anywhere(image, down, elsewhere.rings)
-        was_cut = not rings and any(w.was_cut for w in self._ring_work.values())
+        if rings or squares:
+            for work in self._ring_work.values():
+                work.end()
+        was_cut = any(w.was_cut for w in self._ring_work.values())
         squares_wait = elsewhere.squares_wait and not rings and self._may_squares_wait(image)
         self._state = policy.after(self._state, t, seen, was_cut=was_cut, squares_wait=squares_wait)
         where = elsewhere.squares

@@ -22,19 +22,22 @@ frames a second sees a pad that goes by in few of them.
 | rings, by step 1           | not looked for            | not looked for                        |
 | squares                    | not looked for            | not looked for                        |
 | only rings, by step 3      | not looked for            | round them                            |
-| nothing, thorough frame    | all thresholds; the       | round the rings found; if none, in    |
-|                            | plate's outline; shadow   | the whole image, now or               |
-|                            | and motion in the model   |                                       |
-| nothing, squares left      | not looked for            | in the next                           |
-| nothing, the search of the | all thresholds; shadow    | round the rings found                 |
-| frame before was cut short | and motion in the model   |                                       |
+| nothing, thorough frame    | thresholds that show most;| round the rings found; if none, in    |
+|                            | shadow and motion in the  | the whole image, now or in the next   |
+|                            | model; the rest is left   |                                       |
+| nothing, squares left      | as below                  | round the rings found; if none, in    |
+|                            |                           | the whole image                       |
+| nothing, the search of the | the other thresholds; the | round the rings found                 |
+| frame before goes on       | plate's outline; or those |                                       |
+|                            | of before once more       |                                       |
 | nothing, pad not expected  | the first threshold       | round the rings found                 |
 | nothing, pad expected      | not looked for            | not looked for                        |
 
-What a search of the whole image for rings may cost is counted (`ring_work.py`): one that comes to
-the end of it is cut short, and a later frame goes on with what was not tried. To look for squares
-in the whole of an image full of texture costs half as much again: those of a pad that has a ring
-are left for the next frame, unless a ring was refused because nothing was seen beside it.
+A thorough search of the whole image for rings takes two frames. What one may cost is counted
+(`ring_work.py`): a search that comes to the end of it is cut short, and a later frame goes on with
+what was not tried. To look for squares in the whole of an image full of texture costs a third of
+that: those of a pad that has a ring are left for the next frame, unless a ring was refused because
+nothing was seen beside it.
 
 Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`).
 
@@ -149,7 +152,8 @@ def elsewhere(
     if seen.rings:
         return Elsewhere(squares=SquareSearch.ROUND_RINGS)
     if state.squares_wait:
-        return Elsewhere(squares=SquareSearch.ANYWHERE)
+        goes_on = RingSearch.THOROUGH if state.was_cut else RingSearch.NONE
+        return Elsewhere(goes_on, SquareSearch.ANYWHERE)
     if _is_thorough_due(state, t):
         squares = SquareSearch.ROUND_RINGS if has_rings else SquareSearch.ANYWHERE
         return Elsewhere(RingSearch.THOROUGH, squares, squares_wait=has_rings)

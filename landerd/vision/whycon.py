@@ -21,18 +21,18 @@ from landerd.vision.ring_search import Beside, RingSearch
 from landerd.vision.ring_segment import Segmentation, dark_by_mean, dark_by_range
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import TRACKED_BAND_PX, expected_poses, tracked_fits
-from landerd.vision.ring_work import RingWork
+from landerd.vision.ring_work import Part, RingWork
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
 
 # How a search looks for what is dark: at first the way that sees most rings, in a thorough one the
 # others too, where they are cheap (rings from 48 px on the finest level's side). The largest rings
-# need a wide mean; in leaf shade as fine as the stroke a narrow one shows more.
+# need a wide mean; across a shadow's edge a low share shows most; in leaf shade as fine as the
+# stroke a narrow mean shows more.
 _FIRST = dark_by_range
-_WIDE, _SHADOWED = dark_by_mean(0.86), dark_by_mean(0.55)
+_WIDE, _SHADOWED, _NARROW = dark_by_mean(0.86), dark_by_mean(0.55), dark_by_mean(0.9, 13)
 _OTHERS_LARGEST = (_WIDE, _SHADOWED)
-_OTHERS = (dark_by_mean(0.9, 13), _SHADOWED)
 
 
 def find_rings(
@@ -59,23 +59,22 @@ def find_rings(
             ring apart, the pose that lies more level is put first.
         expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
         thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
-        work: what remembers where the search of the image before was cut short; None: nothing does.
+        work: what remembers where the search of the image before was cut short, and leaves a part
+            of it for the next one; None: nothing does, and all is looked for at once.
         response: what remembers the camera's; None: nothing does.
         beside: tells that a ring is another's, the search then goes on, or that the pad's plate is
             about one whose edges alone do not tell it, or known to be, and where it lies.
     """
-    work = work or RingWork()
+    work = work or RingWork(parts=False)
     work.begin()
     response = response or CameraResponse()
     search = RingSearch(image, ring, camera, down, work, response, beside or Beside())
     parts = list(levels(image, camera, window, expected_diameter_px))
-    if any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough)):
+    if work.part is not Part.REST and _find_first(search, parts, thorough=thorough):
         return search.nearest_first()
-    if thorough and window is None and search.find_cut(parts[0], _WIDE):
-        return search.nearest_first()
-    if search.find_holes([(level, _FIRST) for level in parts[:-1] or parts]):
-        return search.nearest_first()
-    if thorough and window is None and search.find_on_plate(parts[:-1]):
+    if thorough and work.part is Part.FIRST:
+        work.leave_rest()
+    elif thorough and _find_rest(search, parts, is_whole=window is None):
         return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
@@ -83,9 +82,27 @@ def find_rings(
     return search.nearest_first()
 
 
-def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:
+def _find_first(search: RingSearch, parts: list[Level], *, thorough: bool) -> bool:
+    """Look in the ways that show most rings; tell whether they showed any."""
+    if any(search.find_clear(looks) for looks in _first_looks(parts, thorough=thorough)):
+        return True
+    return search.find_holes([(level, _FIRST) for level in parts[:-1] or parts])
+
+
+def _find_rest(search: RingSearch, parts: list[Level], *, is_whole: bool) -> bool:
+    """Look in the other ways, whole images also for cut rings and the plate; tell of any."""
+    if search.find_clear([(level, _NARROW) for level in _coarse(parts)]):
+        return True
+    if not is_whole:
+        return False
+    return search.find_cut(parts[0], _WIDE) or search.find_on_plate(parts[:-1])
+
+
+def _first_looks(
+    parts: list[Level], *, thorough: bool
+) -> Iterator[list[tuple[Level, Segmentation]]]:
     """Yield what is looked at at once, the cheapest first: no more than shows a ring is."""
-    coarse = [level for level in parts[1:] if level.largest_px > SMALL_PX]
+    coarse = _coarse(parts)
     for level in [*parts[:1], *coarse[:1]]:
         yield [(level, _FIRST)]
     # All ways in the coarsest level take less time than one in the next but one.
@@ -93,7 +110,12 @@ def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, 
     yield [*largest, *((level, _FIRST) for level in coarse[1:])]
     yield [(level, _FIRST) for level in parts[1:] if level.largest_px <= SMALL_PX]
     if thorough:
-        yield [(level, way) for way in _OTHERS for level in coarse]
+        yield [(level, _SHADOWED) for level in coarse]
+
+
+def _coarse(parts: list[Level]) -> list[Level]:
+    """Return the levels between the coarsest and the finest."""
+    return [level for level in parts[1:] if level.largest_px > SMALL_PX]
 
 
 def track_ring(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from landerd.vision import ring_work
-from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Place, RingWork
+from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Part, Place, RingWork
 from landerd.vision.whycon import find_rings
 from tests.vision import scenes
 
@@ -74,6 +74,25 @@ def test_what_was_refused_is_forgotten_when_a_search_has_ended() -> None:
     assert not work.is_continued
     assert not work.is_refused(place(12.0))
     assert not work.is_done(place(12.0))
+
+
+def test_a_search_takes_two_images_and_what_was_cut_short_another_turn() -> None:
+    work = RingWork()
+    work.begin()
+    assert work.part is Part.FIRST
+    work.cut()
+    work.leave_rest()
+    work.begin()
+    assert (work.part, work.is_continued) == (Part.REST, False)
+    work.begin()
+    assert (work.part, work.is_continued) == (Part.FIRST, True)
+    work.leave_rest()  # was done already
+    assert not work.was_cut
+    work.begin()
+    assert (work.part, work.is_continued) == (Part.FIRST, False)
+    work.leave_rest()
+    work.end()
+    assert not work.was_cut
 
 
 def test_the_search_of_a_still_comes_to_an_end() -> None:

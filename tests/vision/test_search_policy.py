@@ -146,9 +146,10 @@ def test_a_search_that_was_cut_short_goes_on_in_the_next_frame(is_expected: bool
 
 
 @pytest.mark.parametrize("is_expected", [True, False])
-def test_squares_that_were_left_come_before_a_search_that_was_cut_short(is_expected: bool) -> None:
+def test_a_search_goes_on_beside_the_squares_that_were_left(is_expected: bool) -> None:
     state = after(SearchState(), 0.0, NOTHING, was_cut=True, squares_wait=True)
-    assert elsewhere(state, 0.06, NOTHING, is_expected=is_expected, has_rings=True) == SQUARES
+    both = Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
+    assert elsewhere(state, 0.06, NOTHING, is_expected=is_expected, has_rings=True) == both
     state = after(state, 0.06, NOTHING, was_cut=True)
     goes_on = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
     assert elsewhere(state, 0.06, NOTHING, is_expected=is_expected, has_rings=True) == goes_on

@@ -74,6 +74,7 @@ def test_tag_alone_near_the_ground_tells_the_landing_point_outside_the_image() -
     view = View((float(beyond[0]), float(beyond[1]), float(beyond[2])), view.R_camera_pad)
     vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
     seen(view, vision=vision)  # in grass squares are looked for in the next picture
+    seen(view, vision=vision)  # and what of the ring the edge has left
     found = seen(view, vision=vision)
     assert kinds(found) == {"apriltag"}
     assert error_m(found, view) < 0.005
@@ -142,6 +143,17 @@ def test_sightings_depend_on_nothing_but_frames_and_priors() -> None:
         assert seen(view, None, first) == seen(view, None, second)
 
 
+def test_a_pad_that_moves_is_fitted_with_its_motion_before_its_plate_tells_where_its_ring_is() -> (
+    None
+):
+    """By its edges alone, as its plate shows them, it would be 8 cm off."""
+    view = look(BIG_CAMERA, 6.0, 0.35, pixel=(300.0, 250.0), heading=0.5)
+    optics = Optics(motion_px=(10.0, 5.0), background="grass")
+    image = render(view, BIG_CAMERA, optics, np.random.default_rng(1))
+    found = Vision(THESIS_PAD, BIG_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+    assert error_m(found, view) < 0.02
+
+
 @pytest.mark.parametrize("distance", [3.0, 4.0, 6.0])
 def test_a_tag_with_a_shadow_edge_across_it_tells_the_heading(distance: float) -> None:
     """From one side to the other of the tag the light falls to a fifth over some pixels."""
@@ -159,13 +171,17 @@ def test_a_tag_with_a_shadow_edge_across_it_tells_the_heading(distance: float) -
     assert np.dot(seen.pad[0].north, view.R_camera_pad[:, 0]) > math.cos(math.radians(2.0))
 
 
-def test_a_still_is_not_searched_to_its_end_while_squares_are_left_for_the_next_picture() -> None:
+@pytest.mark.parametrize("pad", ["thesis", "squares alone"])
+def test_a_still_is_not_searched_to_its_end_while_something_is_left_for_the_next_picture(
+    pad: str,
+) -> None:
     rng = np.random.default_rng(1)
     grass = rng.integers(60, 160, (240, 320)).astype(np.uint8)
-    plain = np.full((240, 320), 128, np.uint8)
-    for image, is_left in ((grass, True), (plain, False)):
-        vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
-        vision.process(Frame(0.0, 0, image))
-        assert vision.was_cut is is_left
-        vision.process(Frame(0.1, 1, image))
-        assert not vision.was_cut
+    markers = THESIS_PAD.markers if pad == "thesis" else THESIS_PAD.squares
+    vision = Vision(
+        THESIS_PAD.model_copy(update={"markers": markers}), THESIS_CAMERA, VisionSection()
+    )
+    vision.process(Frame(0.0, 0, grass))
+    assert vision.was_cut is (pad == "thesis")
+    vision.process(Frame(0.1, 1, grass))
+    assert not vision.was_cut
