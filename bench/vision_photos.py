@@ -46,7 +46,7 @@ U8 = NDArray[np.uint8]
 
 _PLATE = Plate(north_m=1.0, south_m=1.0, east_m=1.0, west_m=1.0)
 _SAME_MIDDLE, _SAME_SIZE = 0.35, 1.4  # of what is asked for: share of its size, and a factor
-_MOST_SEARCHES = 40  # of a still
+_MOST_SEARCHES, _SQUARE_SEARCHES = 40, 3  # of a still
 _MOST_RINGS = 10  # that a program is asked for
 
 
@@ -139,8 +139,7 @@ def landerd(focal: float) -> Detector:
                 for number in sorted({int(a.what) for a in asked})
             )
             pad = PadLayout(name="photographs", markers=squares, plate=_PLATE)
-            vision = Vision(pad, camera, VisionSection())
-            sightings = list(vision.process(Frame(0.0, 0, image)).markers)
+            sightings = _squares(image, pad, camera)
         return [_seen(s.id, np.array(s.outline_px)) for s in sightings]
 
     return detect
@@ -159,6 +158,15 @@ def _rings(image: U8, ring: Ring, camera: CameraModel) -> list[MarkerSighting]:
             break
         found = find_rings(image, ring, camera, work=work)
     return found
+
+
+def _squares(image: U8, pad: PadLayout, camera: CameraModel) -> list[MarkerSighting]:
+    """Return the squares of a still: each search of texture looks in another way."""
+    vision = Vision(pad, camera, VisionSection())
+    seen: list[MarkerSighting] = []
+    for k in range(_SQUARE_SEARCHES):
+        seen += vision.process(Frame(float(k), k, image)).markers
+    return seen
 
 
 def of_squares(find: Callable[[U8, str], peers.Squares | None]) -> Detector:

@@ -322,6 +322,8 @@ def test_in_fine_leaf_shade_the_plate_vouches_for_a_ring_whose_edges_are_broken(
     for seed in (4, 9, 23):
         at, image = in_leaf_shade(seed)
         assert find_rings(image, RING, THESIS_CAMERA) == []
-        seen = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+        vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+        # A thorough search takes two pictures.
+        seen = [vision.process(Frame(k / 30, k, image)) for k in range(2)][-1]
         assert len(seen.pad) > 0
         assert math.dist(seen.pad[0].position, at.position) < 0.2
