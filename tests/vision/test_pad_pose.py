@@ -121,7 +121,8 @@ def seen(layout: PadLayout, view: View, hide: set[int]) -> Sightings:
     image = render(view, CAMERA, Optics(), np.random.default_rng(5), painted)
     vision = Vision(layout, CAMERA, VisionSection())
     vision.process(Frame(0.0, 0, image))
-    return vision.process(Frame(0.03, 1, image))
+    vision.process(Frame(0.03, 1, image))  # shows what an edge has left of a ring, too
+    return vision.process(Frame(0.06, 2, image))
 
 
 def sigmas_apart(a: PoseSolution, b: PoseSolution) -> float:
