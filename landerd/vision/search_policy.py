@@ -39,7 +39,8 @@ what was not tried. To look for squares in the whole of an image full of texture
 that: those of a pad that has a ring are left for the next frame, unless a ring was refused because
 nothing was seen beside it.
 
-Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`).
+Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`). A pad
+without rings that is not expected anywhere is looked for in every frame by its squares.
 
 WhyCodes are not under this policy: `WhyCodeFinder` tracks those whose heading is known where they
 are expected, up to the first one over 60 px, and searches the whole image with all thresholds in
@@ -154,13 +155,13 @@ def elsewhere(
     if state.squares_wait:
         goes_on = RingSearch.THOROUGH if state.was_cut else RingSearch.NONE
         return Elsewhere(goes_on, SquareSearch.ANYWHERE)
+    squares = SquareSearch.ROUND_RINGS if has_rings else SquareSearch.ANYWHERE
     if _is_thorough_due(state, t):
-        squares = SquareSearch.ROUND_RINGS if has_rings else SquareSearch.ANYWHERE
         return Elsewhere(RingSearch.THOROUGH, squares, squares_wait=has_rings)
     if state.was_cut:
         return Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS)
     if not is_expected:
-        return Elsewhere(RingSearch.QUICK, SquareSearch.ROUND_RINGS)
+        return Elsewhere(RingSearch.QUICK, squares)
     return Elsewhere()
 
 

@@ -158,3 +158,6 @@ def test_a_search_goes_on_beside_the_squares_that_were_left(is_expected: bool) -
 def test_squares_of_a_pad_without_rings_do_not_wait() -> None:
     at_once = elsewhere(SearchState(), 0.0, NOTHING, is_expected=False, has_rings=False)
     assert at_once == Elsewhere(RingSearch.THOROUGH, SquareSearch.ANYWHERE)
+    state = after(SearchState(), 0.0, NOTHING)
+    next_frame = elsewhere(state, 0.03, NOTHING, is_expected=False, has_rings=False)
+    assert next_frame.squares is SquareSearch.ANYWHERE
