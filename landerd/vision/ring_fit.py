@@ -50,6 +50,10 @@ _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _MIN_NOISE = 0.5  # grey levels: rounding alone leaves 0.29
 _ROBUST_SIGMAS = 3.0  # residuals beyond it count less (Geman and McClure's weights)
+# Of a fit with these weights to normal noise, its variance over what information and residuals, both
+# so weighted, say: E[psi^2] / E[psi']^2 over E[w r^2] / E[w]^2, psi = w r (Huber, "Robust
+# Statistics", 1981, section 6.3).
+_ROBUST_VARIANCE = 1.27
 _PAPER_SIGMA = 0.06  # of the difference between the white inside and around, over white
 _LEAST_WHITE = 10.0  # grey levels: darker paper is not taken to be more even
 _TILT_STEP = 0.2  # rad: steps of the tilt are damped as if it were known to this
@@ -366,7 +370,7 @@ def _ring_fit(
     uncertainty = partial(
         pose_uncertainty,
         C,
-        scale,
+        _ROBUST_VARIANCE * scale,
         (t, equations.axes[k]),
         equations.derivative[k, 1:],
         equations.weight[k] * equations.residual[k],
