@@ -70,11 +70,13 @@ def find_rings(
     response = response or CameraResponse()
     search = RingSearch(image, ring, camera, down, work, response, beside or Beside())
     parts = list(levels(image, camera, window, expected_diameter_px))
-    if work.part is not Part.REST and _find_first(search, parts, thorough=thorough):
+    is_whole = thorough and window is None
+    is_first = work.part is not Part.REST
+    if is_first and _find_first(search, parts, thorough=thorough, is_whole=is_whole):
         return search.nearest_first()
     if thorough and work.part is Part.FIRST:
         work.leave_rest()
-    elif thorough and _find_rest(search, parts, is_whole=window is None):
+    elif thorough and _find_rest(search, parts, is_whole=is_whole):
         return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
@@ -82,20 +84,20 @@ def find_rings(
     return search.nearest_first()
 
 
-def _find_first(search: RingSearch, parts: list[Level], *, thorough: bool) -> bool:
+def _find_first(search: RingSearch, parts: list[Level], *, thorough: bool, is_whole: bool) -> bool:
     """Look in the ways that show most rings; tell whether they showed any."""
     if any(search.find_clear(looks) for looks in _first_looks(parts, thorough=thorough)):
+        return True
+    if is_whole and search.find_cut(parts[0], _WIDE):
         return True
     return search.find_holes([(level, _FIRST) for level in parts[:-1] or parts])
 
 
 def _find_rest(search: RingSearch, parts: list[Level], *, is_whole: bool) -> bool:
-    """Look in the other ways, whole images also for cut rings and the plate; tell of any."""
+    """Look in the other ways, in a whole image also for the plate; tell whether they showed any."""
     if search.find_clear([(level, _NARROW) for level in _coarse(parts)]):
         return True
-    if not is_whole:
-        return False
-    return search.find_cut(parts[0], _WIDE) or search.find_on_plate(parts[:-1])
+    return is_whole and search.find_on_plate(parts[:-1])
 
 
 def _first_looks(

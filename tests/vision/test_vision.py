@@ -74,7 +74,7 @@ def test_tag_alone_near_the_ground_tells_the_landing_point_outside_the_image() -
     view = View((float(beyond[0]), float(beyond[1]), float(beyond[2])), view.R_camera_pad)
     vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
     seen(view, vision=vision)  # in grass squares are looked for in the next picture
-    seen(view, vision=vision)  # and what of the ring the edge has left
+    seen(view, vision=vision)
     found = seen(view, vision=vision)
     assert kinds(found) == {"apriltag"}
     assert error_m(found, view) < 0.005
