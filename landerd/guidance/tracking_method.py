@@ -28,8 +28,8 @@ MAX_KP_PER_ACCELERATION = 1.0
 # vehicles of 2 m/s^3 overshot a pad by 1 to 2 m from 6 m away, with 2 m by 0.2.
 LINEAR_ERROR_M = 2.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
-# What the gain is lowered to where the vehicle swings for all that, at a time and in all, as long as
-# that helps. That is the vehicle's, so it is kept from landing to landing.
+# What the gain is lowered to where the vehicle swings for all that, at a time and in all, as long
+# as that helps. That is the vehicle's, so it is kept from landing to landing.
 CALMER, LEAST_CALMED = 0.75, 0.35
 MORE = 1.1  # of a swing, has grown: in gusts it doubled within a step or two
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
