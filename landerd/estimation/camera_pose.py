@@ -67,8 +67,13 @@ class PoseHistory:
         self._gimbal_lag_s = config.gimbal.lag_s
         self._R_gimbal_camera = camera_mount(config.gimbal.camera_rotation_deg)
         fresh = config.freshness
+        # Held where it was last told it would fall behind a vehicle that goes along with a fast
+        # pad, and the pad would seem to brake.
         self.position = History(
-            angles=[False] * 6, max_gap_s=fresh.position_s, rates=lambda position: position[3:]
+            angles=[False] * 6,
+            max_gap_s=fresh.position_s,
+            rates=lambda position: position[3:],
+            ahead_s=fresh.position_s,
         )
         self.attitude = History(
             angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s, rates=_euler_rates

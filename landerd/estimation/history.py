@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from landerd.geometry import wrap
 
 CUT_BLOCK = 32  # entries, under a second of the fastest stream; chosen by hand
-# Beyond the newest measurement values go on by their rates for so long, s: two periods of a stream
+# Beyond the newest measurement angles go on by their rates for so long, s: two periods of a stream
 # of 20 Hz. An airframe that swings has turned back by a quarter of a second.
-AHEAD_S = 0.1
+ANGLES_AHEAD_S = 0.1
 
 Values = tuple[float, ...]
 
@@ -32,6 +32,7 @@ class History:
         keep_s: float = 1.0,
         max_gap_s: float = 0.2,
         rates: Callable[[Values], Values] | None = None,
+        ahead_s: float = ANGLES_AHEAD_S,
     ) -> None:
         """Make an empty history.
 
@@ -41,8 +42,10 @@ class History:
             max_gap_s: two measurements farther apart than this are not interpolated between, and
                 none is used farther than this beyond the newest.
             rates: returns how fast the first few of the values change, per s; None: not known.
+            ahead_s: beyond the newest measurement they go on by their rates for so long.
         """
         self._rates = rates
+        self._ahead_s = ahead_s
         self._angles = tuple(angles)
         self._has_angles = any(angles)
         self._keep_s = keep_s
@@ -123,7 +126,7 @@ class History:
         values = self._values[-1]
         if self._rates is None:
             return values
-        dt, rates = min(t - self._times[-1], AHEAD_S), self._rates(values)
+        dt, rates = min(t - self._times[-1], self._ahead_s), self._rates(values)
         on = [value + dt * rate for value, rate in zip(values, rates, strict=False)]
         return self._wrapped([*on, *values[len(on) :]])
 

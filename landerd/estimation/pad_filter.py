@@ -83,8 +83,11 @@ NOISE_SCALE_RANGE = (0.01, 100.0)  # of the white noise's variance, times what i
 OUTLIER_FACTOR = 4.0  # an innovation beyond the NIS limit by this tells nothing of the noise
 # Swing of the lens's direction with the airframe (gimbal or clock a little late), 1 sigma, rad: it
 # is alike from frame to frame and yet no motion of the pad. Without it a vehicle in calm air
-# leaned 5 degrees to and fro after its own swinging.
-SIGMA_SWING = 0.001
+# leaned 5 degrees to and fro after its own swinging. The faster airframe and gimbal turn the more
+# it is: by so many of the standard deviations that the times of their angles are said to have. A
+# nimble vehicle over a pad at 1 m/s, its gimbal's clock known to 6 ms, took that for a pad of
+# 2 m/s^2, and the clocks, of which nothing tells then, went astray by 25 ms.
+SIGMA_SWING, SWING_LATE_SIGMAS = 0.001, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -427,8 +430,10 @@ class PadFilter:
         self._last_innovation = innovation.vector
         S, R = innovation.S, self._white_noise(seen)
         expected = S[0][0] + S[1][1]
-        by_swing = min(expected, 2.0 * (SIGMA_SWING * seen.range_m) ** 2)
-        horizontal = (x * u + y * v - by_swing) / expected
+        late = seen.telemetry_noise
+        by_swing = 2.0 * (SIGMA_SWING * seen.range_m) ** 2
+        by_swing += SWING_LATE_SIGMAS**2 * (late[0][0] + late[1][1])
+        horizontal = (x * u + y * v - min(expected, by_swing)) / expected
         level, down = self._of_expected
         level += OF_EXPECTED_SHARE * ((x * x + y * y) / expected - level)
         down += OF_EXPECTED_SHARE * (z * z / S[2][2] - down)

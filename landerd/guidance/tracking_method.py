@@ -28,9 +28,10 @@ MAX_KP_PER_ACCELERATION = 1.0
 # vehicles of 2 m/s^3 overshot a pad by 1 to 2 m from 6 m away, with 2 m by 0.2.
 LINEAR_ERROR_M = 2.0
 MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
-# What the gain is lowered to where the vehicle swings for all that, at a time and in all. That is
-# the vehicle's, so it is kept from landing to landing.
+# What the gain is lowered to where the vehicle swings for all that, at a time and in all, as long
+# as that helps. That is the vehicle's, so it is kept from landing to landing.
 CALMER, LEAST_CALMED = 0.75, 0.35
+MORE = 1.1  # of a swing, has grown: in gusts it doubled within a step or two
 BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
 # The integral is for velocities that are wrong by so much, m/s: what is farther off than that
 # explains is still to be closed. Run from 1 m on, it was wound up by the way to the pad, overshot
@@ -90,7 +91,6 @@ class TrackingMethod:
         )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
         self._calmed = 1.0  # of the gain; of the integral's its square
-        self._swung_m = 0.0  # before the gains were lowered
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits
@@ -99,7 +99,10 @@ class TrackingMethod:
     def restart(self) -> None:
         """Begin a landing."""
         self._swing.restart()
-        self._is_gusty = False
+        self._calms, self._swung_m = (
+            True,
+            math.inf,
+        )  # whether a swing lowers the gains; the last one
         self._integral = (0.0, 0.0)
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
         self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
@@ -135,18 +138,16 @@ class TrackingMethod:
     def _calm(self, relative: RelativeState, dt: float) -> None:
         """Lower the gains of a vehicle that swings over the pad: it is slower than it was said.
 
-        Where it swings as much with the least gains, gusts move it: they want the gains it had.
+        Where it swings more with less, or still with the least, gusts move it: it gets its gains
+        back, and keeps them until it swings more with those.
         """
-        if self._is_gusty:
-            return
         if not self._swing.step(relative.error, relative.error_rate, self._calmed * self._kp, dt):
             return
-        if self._calmed == 1.0:
-            self._swung_m = self._swing.size
-        if self._calmed > LEAST_CALMED:
-            self._calmed = max(CALMER * self._calmed, LEAST_CALMED)
-        elif self._swing.size > LASTS * self._swung_m:
-            self._calmed, self._is_gusty = 1.0, True
+        grown = LASTS if self._calmed == LEAST_CALMED else MORE
+        if self._swing.size > grown * self._swung_m:
+            self._calms = not self._calms
+        self._swung_m = self._swing.size
+        self._calmed = max(CALMER * self._calmed, LEAST_CALMED) if self._calms else 1.0
 
     def _compensated(self, velocity: Vec3, relative: RelativeState) -> Vec3:
         """Return the order that a vehicle slower than it need be answers as one that is not.

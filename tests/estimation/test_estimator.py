@@ -195,3 +195,17 @@ def test_vision_is_told_where_a_pad_seen_once_must_be_now_and_not_to_count_on_it
     assert prior.maybe.sigma_m > 0.5  # it may be moving
     hear(estimator, 1.5)
     assert estimator.prior(1.5).maybe is None
+
+
+def test_a_pad_driven_along_with_does_not_brake_while_no_position_is_told() -> None:
+    """Position was held still after 0.1 s: a pad at 10 m/s was taken for one at 1 m/s."""
+    estimator = Estimator(Config())
+    for i in range(60):
+        t = 0.04 * i
+        hear(estimator, t, "attitude", "gimbal")
+        if t <= 2.05:
+            estimator.on_telemetry(LocalPosition(t, (10.0 * t, 0.0, -5.0), (10.0, 0.0, 0.0)))
+        estimator.on_sightings(shown(t, BELOW))
+    pad = estimator.pad(2.36)
+    assert pad is not None
+    assert pad.velocity == pytest.approx((10.0, 0.0, 0.0), abs=0.2)

@@ -170,6 +170,23 @@ def test_a_swing_that_smaller_gains_do_not_calm_is_the_winds_and_wants_the_gains
     assert swung(method, seconds=16.0, by_m=0.2) > 0.8 * fresh  # nor are they lowered again
 
 
+def test_a_swing_that_grows_as_the_gains_are_lowered_is_the_winds_at_once() -> None:
+    """In gusts it took ten seconds of ever larger swings until the gains were back."""
+    fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
+    method = TrackingMethod(CONFIG)
+    assert swung(method, seconds=4.2, by_m=0.1) < 0.8 * fresh
+    assert swung(method, seconds=4.0, by_m=0.2) > 0.9 * fresh
+
+
+def test_a_vehicle_that_swings_more_with_the_gains_it_got_back_is_calmed_again() -> None:
+    """It swung in gusts, got its gain back, and then swung by itself for the rest of the flight."""
+    fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
+    method = TrackingMethod(CONFIG)
+    swung(method, seconds=4.2, by_m=0.1)
+    swung(method, seconds=4.0, by_m=0.2)
+    assert swung(method, seconds=4.2, by_m=0.4) < 0.8 * fresh
+
+
 def test_a_swing_that_smaller_gains_calm_keeps_them() -> None:
     method = TrackingMethod(CONFIG)
     fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
