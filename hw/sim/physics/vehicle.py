@@ -233,7 +233,7 @@ class Vehicle:
         an, ae = push_n - drag_n, push_e - drag_e
         self.acceleration = (an, ae, ad)
         self.velocity = (vn + an * STEP_S, ve + ae * STEP_S, vd + ad * STEP_S)
-        tilt_rates = ((self._tilt[0] - tilt[0]) / STEP_S, (self._tilt[1] - tilt[1]) / STEP_S)
+        tilt_rates = self._tilt_rates(tilt, feet_down)
         if pad is not None:
             self._touch(t, tilt_rates, pad)
         else:
@@ -377,6 +377,18 @@ class Vehicle:
             tilt=math.hypot(*self._tilt) if self.motors else 0.0,
             velocity=self.velocity,
         )
+
+    def _tilt_rates(self, before: tuple[float, float], feet_down: int) -> tuple[float, float]:
+        """Return how fast a changed order of the tilt turns the body, rad/s.
+
+        What of it the feet hold back is an error from then on, that the motors take back as they
+        can: an order turns nothing that stands.
+        """
+        held = 0.25 * feet_down
+        roll, pitch = self._tilt[0] - before[0], self._tilt[1] - before[1]
+        if feet_down:
+            self._error = (self._error[0] - held * roll, self._error[1] - held * pitch)
+        return (1.0 - held) * roll / STEP_S, (1.0 - held) * pitch / STEP_S
 
     def _turn_body(self, tilt_rates: tuple[float, float]) -> None:
         """Take the attitude on by one step."""

@@ -195,3 +195,19 @@ def test_a_second_landing_is_a_touchdown_of_its_own() -> None:
     assert first is not None
     assert second is not None
     assert second.t > first.t + 1.0
+
+
+def test_an_order_to_stand_level_turns_nothing_that_stands() -> None:
+    """Its ordered lean against the wind levelled out at 200 degrees/s, and threw it up."""
+    w = over_pad(wind={"speed_mps": 8.0, "from_deg": 90.0})
+    descend(w, 0.3, 6.0)
+    assert all(w.vehicle.feet)
+    assert w.vehicle.thrust < 0.02
+    w.vehicle.order((0.0, 0.0, 0.3), 0.0, level=True)
+    most_deg = fastest = 0.0
+    while w.t < 6.4:
+        w.advance(w.t + 0.005)
+        most_deg = max(most_deg, math.degrees(math.hypot(w.vehicle.roll, w.vehicle.pitch)))
+        fastest = max(fastest, abs(w.vehicle.velocity[2]))
+    assert most_deg < 1.2
+    assert fastest < 0.03
