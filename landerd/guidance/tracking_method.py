@@ -99,10 +99,8 @@ class TrackingMethod:
     def restart(self) -> None:
         """Begin a landing."""
         self._swing.restart()
-        self._calms, self._swung_m = (
-            True,
-            math.inf,
-        )  # whether a swing lowers the gains; the last one
+        self._calms = True  # a swing lowers the gains
+        self._swung_m = math.inf  # the last swing
         self._integral = (0.0, 0.0)
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
         self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
