@@ -84,6 +84,7 @@ class LandingContext:
         low: below the alignment height when the pad was last in sight.
         landed: what the autopilot's land detector has said since commit.
         pad_velocity: as last seen, local NED, m/s.
+        heading: of the vehicle as last known, local, rad: to stand level with.
         foothold: where the feet are on the plate.
         hold_asked: the pilot asks to hold over the marker and not to land yet.
     """
@@ -100,6 +101,7 @@ class LandingContext:
         self.low = self.hold_asked = False
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
+        self.heading = 0.0
         self._course_rate = 0.0  # of the pad's velocity, rad/s
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
         self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
@@ -166,6 +168,9 @@ class LandingContext:
 
     def watch(self, step: ControlStep) -> None:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
+        attitude = self.estimator.poses.attitude.newest
+        if attitude is not None:
+            self.heading = attitude[1][2]
         sight = self.sight = self._look(step)
         if sight is None:
             self._rests_since, self._may_rest = math.inf, False

@@ -256,9 +256,10 @@ class Leaving:
         vehicle = self._context.estimator.fresh_vehicle(step.now)
         rests = vehicle is not None and self._may_rest(step.now, vehicle)
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
-        if vehicle is not None and step.now - self._rests_since >= RESTS_S:
-            self._note_contact(step.now, vehicle)
-        _level_due(self._context, self._touchdown, step, vehicle)
+        if vehicle is not None:
+            if step.now - self._rests_since >= RESTS_S:
+                self._note_contact(step.now, vehicle)
+            _level_due(self._context, self._touchdown, step, vehicle)
         stands = rests and self._touchdown.stands and step.now - self._began < THRUST_BACK_S
         return Event.STANDS if stands else self._waving_off.order(step)
 
@@ -311,53 +312,39 @@ def _stand_level(
         released: landerd may not fly on: what stands is pressed down no longer.
     """
     vehicle = context.estimator.fresh_vehicle(step.now)
-    stays = touchdown.is_level or (released and touchdown.has_settled(step.now))
-    if vehicle is None and stays:
-        # What stands there stays: to give it thrust for want of data threw it off a fast pad.
-        last = context.estimator.vehicle(step.now)
-        heading = last.yaw if last is not None and not touchdown.is_level else None
-        context.orders.stand_level(heading, context.pad_velocity)
-        return True
-    level = _level_due(context, touchdown, step, vehicle, released=released)
     if vehicle is None:
-        return False
-    if not touchdown.stands:
-        context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
-    if not level:
-        return False
-    context.orders.stand_level(vehicle.yaw, context.pad_velocity)
-    return True
+        level = touchdown.without_data(step.now, context.landed, released=released)
+    else:
+        level = _level_due(context, touchdown, step, vehicle, released=released)
+        if not touchdown.stands:
+            context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
+    if level:
+        context.orders.stand_level(context.heading, context.pad_velocity)
+    return level
 
 
 def _level_due(
     context: LandingContext,
     touchdown: Touchdown,
     step: ControlStep,
-    vehicle: VehicleState | None,
+    vehicle: VehicleState,
     *,
     released: bool = False,
 ) -> bool:
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
-    down = sink_rate = slip = roll_pitch_rate = math.inf
-    tips = False
     north, east, _ = context.pad_velocity
-    if vehicle is not None:
-        down = vehicle.feet[2]
-        v_north, v_east, sink_rate = vehicle.velocity
-        slip = math.hypot(v_north - north, v_east - east)
-        roll_pitch_rate = vehicle.roll_pitch_rate
-        if touchdown.is_level and roll_pitch_rate > MAX_ROLL_PITCH_RATE:
-            sink_rate = 0.0  # it falls onto its other feet, about those that stand
-        tips = context.is_carried and touchdown.leans_more(vehicle.tilt)
+    v_north, v_east, sink_rate = vehicle.velocity
+    if touchdown.is_level and vehicle.roll_pitch_rate > MAX_ROLL_PITCH_RATE:
+        sink_rate = 0.0  # it falls onto its other feet, about those that stand
     return touchdown.level_due(
         step.now,
-        down,
+        vehicle.feet[2],
         sink_rate,
-        slip,
-        roll_pitch_rate,
+        math.hypot(v_north - north, v_east - east),
+        vehicle.roll_pitch_rate,
         math.hypot(north, east),
         context.heave(step.now),
         context.landed,
-        tips=tips,
+        tips=context.is_carried and touchdown.leans_more(vehicle.tilt),
         released=released,
     )

@@ -256,6 +256,21 @@ class Touchdown:
         self.stands = stands or self._level or self._confirmed(now, landed)
         return self._level
 
+    def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:
+        """Tell whether to stand level while nothing is known of how the vehicle moves.
+
+        What stood stands still; pressed down no longer, it would be given thrust for want of data.
+
+        Args:
+            now: s; called at every control step from contact on without data.
+            landed: what the autopilot's land detector says.
+            released: landerd may not fly on.
+        """
+        self.stands = self.stands or self._confirmed(now, landed)
+        if released and (self.stands or self.has_settled(now)):
+            self.settle(now)
+        return self._level
+
     def unconfirmed(self, now: float, landed: Landed) -> bool:
         """Tell whether the land detector has been silent for too long after contact."""
         late = self._contact_t is not None and now - self._contact_t > self._timeout_s

@@ -289,6 +289,34 @@ def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_m
     assert len(flight.pressed) > 30
 
 
+@pytest.mark.parametrize("restarts", [False, True])
+def test_what_stood_is_left_standing_when_released_without_data(*, restarts: bool) -> None:
+    """Data that went stale made it forget that it stood: it climbed away from a pad that moves."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8
+    flight.run(0.4)
+    flight.pitch_rate = 0.0
+    while flight.lander.needs_sight:
+        flight.tick()
+    assert flight.pressed == []  # not for long enough to be levelled
+    flight.silent = {Attitude}
+    if restarts:
+        flight.restart_autopilot()
+    else:
+        flight.run(0.3)
+        flight.pulse_us = LOW
+    flown = len(flight.setpoints)
+    to(flight, State.STANDING, at_most_s=0.1)
+    flight.run(0.3)
+    flight.silent = set()
+    to(flight, State.SILENT, at_most_s=0.8)
+    assert len(flight.setpoints) == flown
+    assert len(flight.pressed) > 30
+    assert flight.pressed[0].heading == pytest.approx(flight.yaw, abs=0.01)
+
+
 def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() -> None:
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
     flight.detects_landing = False
