@@ -239,10 +239,11 @@ class LandingContext:
         is_new = glimpse is not None and self._footing.look(glimpse, self._known_velocity)
         if glimpse is not None and is_new:
             self.foothold.see(glimpse.to_pad)
-        if not self._footing.holds or vehicle is None:
+        if not self._footing.holds:
             self.pad_velocity = self._known_velocity
-            return
-        self.pad_velocity = (vehicle.velocity[0], vehicle.velocity[1], self._known_velocity[2])
+        elif vehicle is not None:  # else as it went last: what was known of the pad has proved wrong
+            north, east, _ = vehicle.velocity
+            self.pad_velocity = (north, east, self._known_velocity[2])
 
     @property
     def is_carried(self) -> bool:

@@ -568,6 +568,23 @@ def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     assert flight.lander.outcome == "landed"
 
 
+def test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on() -> None:
+    flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8  # not all feet are down
+    speed = 1.5
+    while speed > 0.0:
+        speed = max(0.0, speed - DT * 4.0)
+        flight.pad_velocity = (speed, 0.0, 0.0)
+        flight.tick()
+    flight.run(0.6)
+    flight.silent = {Attitude}
+    orders = flight.run(0.8)
+    assert max(order.velocity[0] for order in orders) < 0.5
+
+
 def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None:
     flight = Flight(pad_velocity=(3.0, 0.0, 0.0))
     flight.detects_landing = False
