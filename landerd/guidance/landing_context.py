@@ -241,7 +241,7 @@ class LandingContext:
             self.foothold.see(glimpse.to_pad)
         if not self._footing.holds:
             self.pad_velocity = self._known_velocity
-        elif vehicle is not None:  # else as it went last: what was known of the pad has proved wrong
+        elif vehicle is not None:  # else as it went last: what was known has proved wrong
             north, east, _ = vehicle.velocity
             self.pad_velocity = (north, east, self._known_velocity[2])
 

@@ -1,6 +1,7 @@
 """The states at the pad: COMMITTED until contact, ON_PAD, STANDING, LEAVING (rules 1b, 4)."""
 
 import math
+from dataclasses import replace
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
@@ -18,7 +19,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, MAX_ROLL_PITCH_RATE, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -69,7 +70,7 @@ class Committed:
         heave = relative.pad_velocity[2]
         age = context.estimator.sight_age(step.now)
         clearance = _clearance(context, relative, vehicle, pad)
-        self._watch(heave, _unsure(relative, vehicle, clearance))
+        self._watch(relative, clearance)
         event = self._touchdown.step(step.now, age, clearance, context.landed)
         self._touching = None
         if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
@@ -86,7 +87,7 @@ class Committed:
         if context.hold_asked and not self._touchdown.may_touch:
             return Event.HOLD_ASKED
         in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)
-        if in_air and self._misses(step.now, relative, pad.heading):
+        if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
         if age > context.options.lost.after_s:
@@ -110,14 +111,16 @@ class Committed:
         self._context.foothold.touch(*self._touching)
         return Event.CONTACT
 
-    def _watch(self, heave: float, unsure: float) -> None:
+    def _watch(self, relative: RelativeState, clearance: float) -> None:
         """Show the touch-down each velocity measured since the last control step.
 
         After a step that came late, feet that have been down meanwhile are known from them.
         """
+        heave = relative.pad_velocity[2]
         ordered = self._context.orders.velocity[2] - heave
-        for t, velocity in self._context.estimator.velocities(self._watched_t):
-            self._touchdown.watch(t, velocity[2] - heave, ordered, unsure)
+        unsure = 2.0 * relative.sigma_heave if clearance <= BUILD_ERROR_M else 0.0
+        for t, foot in self._context.estimator.velocities(self._watched_t):
+            self._touchdown.watch(t, foot[2] - heave, ordered, unsure)
             self._watched_t = t
 
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
@@ -292,12 +295,11 @@ def _clearance(
     return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
 
 
-def _unsure(relative: RelativeState, vehicle: VehicleState, clearance: float) -> float:
-    """Return by how much more (m/s) it may sink and touch all the same: `Touchdown.watch`."""
-    if clearance > BUILD_ERROR_M:
-        return 0.0
-    pivots = vehicle.roll_pitch_rate > MAX_ROLL_PITCH_RATE
-    return math.inf if pivots else 2.0 * relative.sigma_heave
+def _of_foot(relative: RelativeState, vehicle: VehicleState) -> RelativeState:
+    """Return the same with the rate of the foot that may stand, where that slides less."""
+    rate = sub(relative.pad_velocity, vehicle.foot_velocity)
+    slides_less = horizontal(rate) < horizontal(relative.error_rate)
+    return replace(relative, error_rate=rate) if slides_less else relative
 
 
 def _stand_level(
@@ -333,13 +335,11 @@ def _level_due(
 ) -> bool:
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
     north, east, _ = context.pad_velocity
-    v_north, v_east, sink_rate = vehicle.velocity
-    if touchdown.is_level and vehicle.roll_pitch_rate > MAX_ROLL_PITCH_RATE:
-        sink_rate = 0.0  # it falls onto its other feet, about those that stand
+    v_north, v_east, _ = vehicle.velocity
     return touchdown.level_due(
         step.now,
         vehicle.feet[2],
-        sink_rate,
+        vehicle.foot_velocity[2],
         math.hypot(v_north - north, v_east - east),
         vehicle.roll_pitch_rate,
         math.hypot(north, east),

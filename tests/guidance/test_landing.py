@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import IDENTITY, Vec3, add, matscale, sub
+from landerd.geometry import IDENTITY, Vec3, add, cross, matscale, rot_zyx, rotate, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
 from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
@@ -329,6 +329,29 @@ def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() ->
         orders = flight.lander.last_orders
         assert orders is not None
         assert orders.away is not None or orders.then == PressDown(flight.yaw)
+
+
+def test_touching_with_an_edge_it_leans_over_it_is_not_sliding_off() -> None:
+    """The pad levels it: its middle moves across the pad and sinks on, the edge stands."""
+    flight = Flight(config=Config.model_validate({"vehicle": {"footprint_m": [0.44, 0.26]}}))
+    # A bent plate, a gear measured wrong: it takes itself to be so much higher.
+    flight.distort = lambda true: replace(true, position=add(true.position, (0.0, 0.0, 0.07)))
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.08:
+        flight.tick()
+    edge = (-0.22, 0.0, flight.config.vehicle.gear_height_m)
+    flight.lean, flight.pitch_rate = 0.3, -1.5
+    stands = add(flight.position, rotate(rot_zyx(flight.yaw, flight.lean, 0.0), edge))
+    while flight.lean > 1e-6:
+        flight.lean += flight.pitch_rate * DT
+        R = rot_zyx(flight.yaw, flight.lean, 0.0)
+        flight.position = sub((*stands[:2], flight.pad[2]), rotate(R, edge))
+        flight.velocity = rotate(R, cross(edge, (0.0, flight.pitch_rate, 0.0)))
+        flight.tick()
+        assert flight.lander.state in (State.COMMITTED, State.ON_PAD)
+    flight.pitch_rate = flight.lean = 0.0
+    assert to(flight, State.SILENT)[-2:] == [State.ON_PAD, State.SILENT]
+    assert flight.lander.outcome == "landed"
 
 
 def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() -> None:
