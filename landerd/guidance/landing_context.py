@@ -104,6 +104,7 @@ class LandingContext:
         self.heading = 0.0
         self._course_rate = 0.0  # of the pad's velocity, rad/s
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
+        self._pad_down = 0.0, 0.0  # when it was seen last, s, and its local z then, m
         self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._footing = Footing()
@@ -259,6 +260,14 @@ class LandingContext:
         if pad is None or self.estimator.sight_age(now) > self.options.lost.after_s:
             return 0.0, self._fastest_heave
         return pad.velocity[2], pad.sigma_velocity[2]
+
+    def pad_down(self, now: float) -> float:
+        """Return local z of the pad, m: where it is not seen, as far down as it may be by now."""
+        pad = self.estimator.pad(now)
+        if pad is not None and self.estimator.sight_age(now) <= self.options.lost.after_s:
+            self._pad_down = now, pad.position[2]
+        t, down = self._pad_down
+        return down + 2.0 * self._fastest_heave * (now - t)
 
     @property
     def over_fast_pad(self) -> bool:

@@ -339,6 +339,7 @@ def _level_due(
     return touchdown.level_due(
         step.now,
         vehicle.feet[2],
+        context.pad_down(step.now),
         vehicle.foot_velocity[2],
         math.hypot(v_north - north, v_east - east),
         vehicle.roll_pitch_rate,

@@ -440,6 +440,20 @@ def test_released_as_it_stands_on_a_fast_deck_that_heaves_it_stays_there(heave: 
     assert flight.pressed
 
 
+def test_it_stands_on_a_deck_that_sinks_ever_faster() -> None:
+    """How fast is known late, where it is at once: it was told to stop, and not left standing."""
+    flight = Flight()
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.02**2))
+    to(flight.engaged(), State.ON_PAD)
+    on_pad = sub(flight.position, flight.pad)
+    for i in range(60):
+        flight.pad_velocity = (0.0, 0.0, 0.2 * i * DT)
+        flight.position, flight.velocity = add(flight.pad, on_pad), flight.pad_velocity
+        flight.tick()
+    assert flight.pressed
+
+
 def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
     flight = Flight(pad_velocity=(2.0, 0.0, 0.0))
     flight.detects_landing = False

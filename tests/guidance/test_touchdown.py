@@ -173,7 +173,7 @@ class Standing:
     def __init__(self) -> None:
         self.touchdown = make_touchdown()
         self.touchdown.begin(0.0)
-        self.t, self.down = 10.0, -0.5
+        self.t, self.down, self.pad_down = 10.0, -0.5, -0.5
         self.touchdown.watch(self.t, 0.0, 0.3)
         self.touchdown.step(self.t, 0.0, 0.0, Landed.ON_GROUND)
 
@@ -195,10 +195,12 @@ class Standing:
         for _ in range(round(seconds / DT)):
             self.t += DT
             self.down += sinks * DT
+            self.pad_down += heave[0] * DT
             due.append(
                 self.touchdown.level_due(
                     self.t,
                     self.down,
+                    self.pad_down,
                     sink_rate,
                     slip,
                     roll_pitch_rate,
@@ -283,7 +285,7 @@ def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time(
     touchdown = make_touchdown()
     touchdown.begin(0.0)
     due = [
-        touchdown.level_due(5.0 + i * DT, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
+        touchdown.level_due(5.0 + i * DT, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
         for i in range(200)
     ]
     assert not any(due)
