@@ -338,8 +338,7 @@ def _level_due(
     v_north, v_east, _ = vehicle.velocity
     return touchdown.level_due(
         step.now,
-        vehicle.feet[2],
-        context.pad_down(step.now),
+        (vehicle.feet[2], context.pad_down(step.now)),
         vehicle.foot_velocity[2],
         math.hypot(v_north - north, v_east - east),
         vehicle.roll_pitch_rate,

@@ -201,8 +201,7 @@ class Touchdown:
     def level_due(
         self,
         now: float,
-        down: float,
-        pad_down: float,
+        down: tuple[float, float],
         sink_rate: float,
         slip: float,
         roll_pitch_rate: float,
@@ -223,8 +222,7 @@ class Touchdown:
 
         Args:
             now: s; called at every control step from contact on.
-            down: local z of the feet, m.
-            pad_down: of the pad, as far as is known; it may have sunk so far, m.
+            down: local z of the feet, and of the pad as far as that may have sunk, m.
             sink_rate: measured, downward, m/s; infinity when not known.
             slip: measured speed across the pad, m/s; infinity when not known.
             roll_pitch_rate: measured, rad/s; infinity when not known.
@@ -242,8 +240,8 @@ class Touchdown:
         still = slip < max_slip and roll_pitch_rate < MAX_ROLL_PITCH_RATE
         if not still:
             self._still_since = math.inf
-        elif self._still_since == math.inf or self._has_settled_by(down, pad_down) > SETTLES_M:
-            self._still_since, self._still_at = now, (down, pad_down)
+        elif self._still_since == math.inf or self._has_settled_by(down) > SETTLES_M:
+            self._still_since, self._still_at = now, down
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
@@ -255,10 +253,10 @@ class Touchdown:
         self.stands = stands or self._level or self._confirmed(now, landed)
         return self._level
 
-    def _has_settled_by(self, down: float, pad_down: float) -> float:
-        """Return how far it has sunk, against the pad too, since it stands still, m."""
-        feet, pad = self._still_at
-        return down - feet - max(0.0, pad_down - pad)
+    def _has_settled_by(self, down: tuple[float, float]) -> float:
+        """Return how far it has sunk since it stands still, and not with the pad, m."""
+        feet, pad = (now - then for now, then in zip(down, self._still_at, strict=True))
+        return feet - max(0.0, pad)
 
     def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:
         """Tell whether to stand level while nothing is known of how the vehicle moves.

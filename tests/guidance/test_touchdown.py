@@ -199,8 +199,7 @@ class Standing:
             due.append(
                 self.touchdown.level_due(
                     self.t,
-                    self.down,
-                    self.pad_down,
+                    (self.down, self.pad_down),
                     sink_rate,
                     slip,
                     roll_pitch_rate,
@@ -285,7 +284,7 @@ def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time(
     touchdown = make_touchdown()
     touchdown.begin(0.0)
     due = [
-        touchdown.level_due(5.0 + i * DT, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
+        touchdown.level_due(5.0 + i * DT, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
         for i in range(200)
     ]
     assert not any(due)
