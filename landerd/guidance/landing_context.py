@@ -67,6 +67,7 @@ class Sight:
     age: float  # since the exposure of the last accepted sighting, s
     heading: float | None  # of the pad, local, rad; None: not known
     tilt: float  # of the airframe from level, rad
+    pad_down: float  # local z of the landing point, m
 
 
 class LandingContext:
@@ -104,7 +105,7 @@ class LandingContext:
         self.heading = 0.0
         self._course_rate = 0.0  # of the pad's velocity, rad/s
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
-        self._pad_down = 0.0, 0.0  # when it was seen last, s, and its local z then, m
+        self._pad_seen = 0.0, 0.0  # when it was in sight last, s, and its local z then, m
         self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._footing = Footing()
@@ -123,16 +124,16 @@ class LandingContext:
 
     # ---- what is seen --------------------------------------------------------------------------
 
-    def _look(self, step: ControlStep) -> Sight | None:
+    def _look(self, step: ControlStep, vehicle: VehicleState | None) -> Sight | None:
         """Return the sight of the pad, None while it may not be flown on (rules 2 and 5)."""
-        vehicle = self.estimator.fresh_vehicle(step.now)
         pad = self.estimator.pad(step.now)
         age = self.estimator.sight_age(step.now)
         # The sighting must still be young enough when the next control step comes.
         limit = self.options.lost.after_s - step.dt
         if vehicle is None or pad is None or not age < limit:
             return None
-        return Sight(self.relative(vehicle, pad), age, pad.heading, vehicle.tilt)
+        relative = self.relative(vehicle, pad)
+        return Sight(relative, age, pad.heading, vehicle.tilt, pad.position[2])
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""
@@ -169,13 +170,14 @@ class LandingContext:
 
     def watch(self, step: ControlStep) -> None:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
-        attitude = self.estimator.poses.attitude.newest
-        if attitude is not None:
-            self.heading = attitude[1][2]
-        sight = self.sight = self._look(step)
+        vehicle = self.estimator.fresh_vehicle(step.now)
+        if vehicle is not None:
+            self.heading = vehicle.yaw
+        sight = self.sight = self._look(step, vehicle)
         if sight is None:
             self._rests_since, self._may_rest = math.inf, False
             return
+        self._pad_seen = step.now, sight.pad_down
         relative, o = sight.relative, self.options
         is_there = (
             relative.height <= MAX_CONTACT_HEIGHT_M
@@ -263,10 +265,7 @@ class LandingContext:
 
     def pad_down(self, now: float) -> float:
         """Return local z of the pad, m: where it is not seen, as far down as it may be by now."""
-        pad = self.estimator.pad(now)
-        if pad is not None and self.estimator.sight_age(now) <= self.options.lost.after_s:
-            self._pad_down = now, pad.position[2]
-        t, down = self._pad_down
+        t, down = self._pad_seen
         return down + 2.0 * self._fastest_heave * (now - t)
 
     @property
