@@ -245,12 +245,14 @@ class Touchdown:
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
+        confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
+        stands = stands or (released and confirmed)  # and not stopped there, nor pressed down
         stays = stands and (released or still_s >= LEVEL_STILL_S)
         late = waited > LEVEL_AT_LATEST_S or tips_over or stays
         due = self._level or (late and (released or landed is not Landed.ON_GROUND))
         self._level = due and now - self._slow_since >= CONTACT_S
-        self.stands = stands or self._level or self._confirmed(now, landed)
+        self.stands = stands or self._level or confirmed
         return self._level
 
     def _has_settled_by(self, down: tuple[float, float]) -> float:

@@ -189,6 +189,7 @@ class Standing:
         heave: tuple[float, float] = (0.0, 0.0),
         landed: Landed = Landed.IN_AIR,
         tips: bool = False,
+        released: bool = False,
     ) -> list[bool]:
         """Return for each step of this time whether it is to stand level."""
         due = []
@@ -207,6 +208,7 @@ class Standing:
                     heave,
                     landed,
                     tips=tips,
+                    released=released,
                 )
             )
         return due
@@ -237,6 +239,14 @@ def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
     assert all(standing.level(0.5, roll_pitch_rate=0.8, tips=True)[4:])
+
+
+def test_released_it_is_left_level_as_soon_as_it_is_said_to_be_on_the_ground() -> None:
+    # It was stopped there, on a pad that moved, when that was taken back a moment later.
+    standing = Standing()
+    assert not any(standing.level(0.55, slip=0.2, landed=Landed.ON_GROUND))
+    assert standing.level(DT, slip=0.2, landed=Landed.ON_GROUND, released=True)[-1]
+    assert all(standing.level(0.2, slip=0.2, released=True))
 
 
 def test_what_creeps_down_on_an_air_cushion_is_not_levelled() -> None:
