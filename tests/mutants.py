@@ -89,8 +89,8 @@ MUTANTS = [
     Mutant(
         "1b: released on the pad it does not stand level",
         PAD,
-        "if not level:",
-        "if released or not level:",
+        "if level:",
+        "if level and not released:",
         "test_1b_a_gate_closed_on_the_pad_leaves_the_vehicle_standing",
     ),
     Mutant(
@@ -103,7 +103,7 @@ MUTANTS = [
     Mutant(
         "2: sinks on to a pad that has stopped",
         PAD,
-        "if in_air and self._misses(step.now, relative, pad.heading):",
+        "if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):",
         "if False:",
         "test_2_a_pad_that_stops_after_commit_is_waved_off",
     ),
@@ -202,7 +202,7 @@ MUTANTS = [
     Mutant(
         "2: descends outside the region",
         PHASES,
-        "return distance + leaves + 2.0 * relative.sigma_m < radius",
+        "return distance + off_m + leaves + 2.0 * relative.sigma_m < radius",
         "return radius > 0.0",
         "test_2_no_descent_outside_the_region",
     ),
@@ -596,6 +596,28 @@ MUTANTS = [
         "::test_granted_again_while_it_stops_without_the_pad_it_hands_back_after_a_while",
     ),
     Mutant(
+        "4: takes for a slide that the pad levels it about an edge",
+        PAD,
+        "return replace(relative, error_rate=rate) if slides_less else relative",
+        "return relative",
+        "guidance/test_landing.py::test_touching_with_an_edge_it_leans_over_it_is_not_sliding_off",
+    ),
+    Mutant(
+        "1b: forgets for want of data that it stood",
+        TOUCHDOWN,
+        "if released and (self.stands or self.has_settled(now)):",
+        "if released and self.has_settled(now):",
+        "guidance/test_landing.py::test_what_stood_is_left_standing_when_released_without_data",
+    ),
+    Mutant(
+        "4: drives on as the pad did that has stopped, when data are stale",
+        CONTEXT,
+        "if not self._footing.holds:",
+        "if not self._footing.holds or vehicle is None:",
+        "guidance/test_landing.py"
+        "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
+    ),
+    Mutant(
         "4: told to climb while it stands on one foot",
         PAD,
         "in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)",
@@ -684,8 +706,8 @@ MUTANTS = [
     Mutant(
         "4: gives thrust again to what stands level when data are stale",
         PAD,
-        "if vehicle is None and stays:",
-        "if False:",
+        "level = touchdown.without_data(step.now, context.landed, released=released)",
+        "level = False",
         "guidance/test_landing.py::test_levelled_on_the_pad_it_stays_so_when_data_are_stale",
     ),
     Mutant(

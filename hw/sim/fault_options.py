@@ -35,6 +35,7 @@ _SILENT = (
     "motion on a set-point older",
     "2: contact too long after the last sighting",
     "4: no descent ordered after contact",
+    "4: a climb ordered while standing",
 )
 
 # Once it stands on the pad nothing is looked at any more; what is pulled away from under the first

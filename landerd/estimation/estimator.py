@@ -11,7 +11,7 @@ from landerd.estimation.health import HealthMonitor
 from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import Glimpse, ObservationModel, PadObservation
 from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
-from landerd.estimation.vehicle_state import VehicleState, vehicle_state
+from landerd.estimation.vehicle_state import VehicleState, slowest_foot, vehicle_state
 from landerd.geometry import Vec3, add, rotate, sub, transpose
 from landerd.messages import (
     Attitude,
@@ -164,8 +164,18 @@ class Estimator:
         return self.vehicle(now) if self.has_fresh_vehicle(now) else None
 
     def velocities(self, after: float) -> list[tuple[float, Vec3]]:
-        """Return the velocities (local NED, m/s) measured after a time (s), with their times."""
-        return [(t, (p[3], p[4], p[5])) for t, p in self.poses.position.since(after)]
+        """Return the velocities measured after a time (s), with their times.
+
+        Of the foot that sinks slowest, local NED, m/s; of the vehicle where its attitude is not
+        known.
+        """
+        measured = []
+        for t, p in self.poses.position.since(after):
+            velocity, attitude = (p[3], p[4], p[5]), self.poses.attitude.at(t)
+            if attitude is not None:
+                velocity = slowest_foot(self._vehicle, velocity, attitude)
+            measured.append((t, velocity))
+        return measured
 
     def has_fresh_vehicle(self, now: float) -> bool:
         """Tell whether position and attitude are young enough to be flown on (rule 5)."""

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from landerd.config.models import VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
-from landerd.geometry import Vec3, add, rot_zyx, rotate, scale, wrap
+from landerd.estimation.history import Values
+from landerd.geometry import Vec3, add, cross, rot_zyx, rotate, scale, wrap
 
 COURSE_MPS = 1.5  # slower it hovers, and what it does is wind and control
 
@@ -20,6 +21,13 @@ class VehicleState:
     yaw_rate: float  # rad/s
     tilt: float  # of the airframe from level, rad
     roll_pitch_rate: float  # magnitude of the body's roll and pitch rates, rad/s
+    airframe: VehicleSection
+    attitude: Values  # as measured: roll, pitch, yaw, rad, and the body's rates, rad/s
+
+    @property
+    def foot_velocity(self) -> Vec3:
+        """Velocity of the foot that sinks slowest, m/s."""
+        return slowest_foot(self.airframe, self.velocity, self.attitude)
 
     @property
     def course(self) -> float | None:
@@ -45,4 +53,27 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
     yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
     tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(roll_rate, pitch_rate)
-    return VehicleState(feet, velocity, yaw, yaw_rate, tilt, roll_pitch_rate)
+    return VehicleState(feet, velocity, yaw, yaw_rate, tilt, roll_pitch_rate, vehicle, attitude[1])
+
+
+def slowest_foot(vehicle: VehicleSection, velocity: Vec3, attitude: Values) -> Vec3:
+    """Return the velocity (local, m/s) of the foot that sinks slowest.
+
+    An edge that touches turns the airframe about it: the middle goes on sinking and moves across
+    the pad, the feet that stand do not.
+
+    Args:
+        vehicle: its geometry.
+        velocity: of its origin, local, m/s.
+        attitude: roll, pitch, yaw, rad, and the body's rates, rad/s.
+    """
+    roll, pitch, yaw, *rates = attitude
+    R = rot_zyx(yaw, pitch, roll)
+    turn = rotate(R, (rates[0], rates[1], rates[2]))
+    length, width = vehicle.footprint_m
+    feet = [
+        add(velocity, cross(turn, rotate(R, (x, y, vehicle.gear_height_m))))
+        for x in (-0.5 * length, 0.5 * length)
+        for y in (-0.5 * width, 0.5 * width)
+    ]
+    return min(feet, key=lambda foot: foot[2])

@@ -136,9 +136,8 @@ class Landing:
         release_s = self._context.options.release_s
         if isinstance(ordered[-1], PressDown):
             return LastOrders(None, 0.0, ordered[-1], release_s)
-        attitude = self._context.estimator.poses.attitude.newest
-        if self.stands and attitude is not None:  # as STANDING has it
-            return LastOrders(None, 0.0, PressDown(attitude[1][2]), release_s)
+        if self.stands:  # as STANDING has it
+            return LastOrders(None, 0.0, PressDown(self._context.heading), release_s)
         away = None
         if self._must_leave():
             north, east, _ = ordered[-1].velocity  # the pad's, and no jump to it

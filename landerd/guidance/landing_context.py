@@ -67,6 +67,7 @@ class Sight:
     age: float  # since the exposure of the last accepted sighting, s
     heading: float | None  # of the pad, local, rad; None: not known
     tilt: float  # of the airframe from level, rad
+    pad_down: float  # local z of the landing point, m
 
 
 class LandingContext:
@@ -84,6 +85,7 @@ class LandingContext:
         low: below the alignment height when the pad was last in sight.
         landed: what the autopilot's land detector has said since commit.
         pad_velocity: as last seen, local NED, m/s.
+        heading: of the vehicle as last known, local, rad: to stand level with.
         foothold: where the feet are on the plate.
         hold_asked: the pilot asks to hold over the marker and not to land yet.
     """
@@ -100,8 +102,10 @@ class LandingContext:
         self.low = self.hold_asked = False
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
+        self.heading = 0.0
         self._course_rate = 0.0  # of the pad's velocity, rad/s
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
+        self._pad_seen = 0.0, 0.0  # when it was in sight last, s, and its local z then, m
         self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._footing = Footing()
@@ -120,16 +124,16 @@ class LandingContext:
 
     # ---- what is seen --------------------------------------------------------------------------
 
-    def _look(self, step: ControlStep) -> Sight | None:
+    def _look(self, step: ControlStep, vehicle: VehicleState | None) -> Sight | None:
         """Return the sight of the pad, None while it may not be flown on (rules 2 and 5)."""
-        vehicle = self.estimator.fresh_vehicle(step.now)
         pad = self.estimator.pad(step.now)
         age = self.estimator.sight_age(step.now)
         # The sighting must still be young enough when the next control step comes.
         limit = self.options.lost.after_s - step.dt
         if vehicle is None or pad is None or not age < limit:
             return None
-        return Sight(self.relative(vehicle, pad), age, pad.heading, vehicle.tilt)
+        relative = self.relative(vehicle, pad)
+        return Sight(relative, age, pad.heading, vehicle.tilt, pad.position[2])
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""
@@ -166,10 +170,14 @@ class LandingContext:
 
     def watch(self, step: ControlStep) -> None:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
-        sight = self.sight = self._look(step)
+        vehicle = self.estimator.fresh_vehicle(step.now)
+        if vehicle is not None:
+            self.heading = vehicle.yaw
+        sight = self.sight = self._look(step, vehicle)
         if sight is None:
             self._rests_since, self._may_rest = math.inf, False
             return
+        self._pad_seen = step.now, sight.pad_down
         relative, o = sight.relative, self.options
         is_there = (
             relative.height <= MAX_CONTACT_HEIGHT_M
@@ -234,10 +242,11 @@ class LandingContext:
         is_new = glimpse is not None and self._footing.look(glimpse, self._known_velocity)
         if glimpse is not None and is_new:
             self.foothold.see(glimpse.to_pad)
-        if not self._footing.holds or vehicle is None:
+        if not self._footing.holds:
             self.pad_velocity = self._known_velocity
-            return
-        self.pad_velocity = (vehicle.velocity[0], vehicle.velocity[1], self._known_velocity[2])
+        elif vehicle is not None:  # else as it went last: what was known has proved wrong
+            north, east, _ = vehicle.velocity
+            self.pad_velocity = (north, east, self._known_velocity[2])
 
     @property
     def is_carried(self) -> bool:
@@ -253,6 +262,11 @@ class LandingContext:
         if pad is None or self.estimator.sight_age(now) > self.options.lost.after_s:
             return 0.0, self._fastest_heave
         return pad.velocity[2], pad.sigma_velocity[2]
+
+    def pad_down(self, now: float) -> float:
+        """Return local z of the pad, m: where it is not seen, as far down as it may be by now."""
+        t, down = self._pad_seen
+        return down + 2.0 * self._fastest_heave * (now - t)
 
     @property
     def over_fast_pad(self) -> bool:

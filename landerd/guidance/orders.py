@@ -30,7 +30,6 @@ class Orders:
         self._now = -math.inf
         self._dt = 0.0
         self._setpoint_t = -math.inf  # of the last set-point
-        self._heading = 0.0  # to stand level with, rad
         self._said: dict[str, float] = {}  # when each line was told last
         self._entered_t = -math.inf  # the phase, and out of a landing its reason
 
@@ -80,18 +79,17 @@ class Orders:
         self._setpoint_t = self._now
         self.commands.append(self._limiter.stop())
 
-    def stand_level(self, heading: float | None, pad_velocity: Vec3) -> None:
+    def stand_level(self, heading: float, pad_velocity: Vec3) -> None:
         """Order a level attitude without thrust.
 
         Args:
-            heading: to keep, local, rad; None: the one ordered last.
+            heading: to keep, local, rad.
             pad_velocity: of what it stands on, local NED, m/s; set-points go on from there.
         """
         self._setpoint_t = self._now
         north, east, _ = pad_velocity
         self._limiter.reset((north, east, 0.0))
-        self._heading = heading if heading is not None else self._heading
-        self.commands.append(PressDown(self._heading))
+        self.commands.append(PressDown(heading))
 
     def disarm(self) -> None:
         """Order the motors to stop, by the ordinary command."""

@@ -1,6 +1,7 @@
 """The states at the pad: COMMITTED until contact, ON_PAD, STANDING, LEAVING (rules 1b, 4)."""
 
 import math
+from dataclasses import replace
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
@@ -18,7 +19,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, MAX_ROLL_PITCH_RATE, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -69,7 +70,7 @@ class Committed:
         heave = relative.pad_velocity[2]
         age = context.estimator.sight_age(step.now)
         clearance = _clearance(context, relative, vehicle, pad)
-        self._watch(heave, _unsure(relative, vehicle, clearance))
+        self._watch(relative, clearance)
         event = self._touchdown.step(step.now, age, clearance, context.landed)
         self._touching = None
         if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
@@ -86,7 +87,7 @@ class Committed:
         if context.hold_asked and not self._touchdown.may_touch:
             return Event.HOLD_ASKED
         in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)
-        if in_air and self._misses(step.now, relative, pad.heading):
+        if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
         if age > context.options.lost.after_s:
@@ -110,14 +111,16 @@ class Committed:
         self._context.foothold.touch(*self._touching)
         return Event.CONTACT
 
-    def _watch(self, heave: float, unsure: float) -> None:
+    def _watch(self, relative: RelativeState, clearance: float) -> None:
         """Show the touch-down each velocity measured since the last control step.
 
         After a step that came late, feet that have been down meanwhile are known from them.
         """
+        heave = relative.pad_velocity[2]
         ordered = self._context.orders.velocity[2] - heave
-        for t, velocity in self._context.estimator.velocities(self._watched_t):
-            self._touchdown.watch(t, velocity[2] - heave, ordered, unsure)
+        unsure = 2.0 * relative.sigma_heave if clearance <= BUILD_ERROR_M else 0.0
+        for t, foot in self._context.estimator.velocities(self._watched_t):
+            self._touchdown.watch(t, foot[2] - heave, ordered, unsure)
             self._watched_t = t
 
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
@@ -256,9 +259,10 @@ class Leaving:
         vehicle = self._context.estimator.fresh_vehicle(step.now)
         rests = vehicle is not None and self._may_rest(step.now, vehicle)
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
-        if vehicle is not None and step.now - self._rests_since >= RESTS_S:
-            self._note_contact(step.now, vehicle)
-        _level_due(self._context, self._touchdown, step, vehicle)
+        if vehicle is not None:
+            if step.now - self._rests_since >= RESTS_S:
+                self._note_contact(step.now, vehicle)
+            _level_due(self._context, self._touchdown, step, vehicle)
         stands = rests and self._touchdown.stands and step.now - self._began < THRUST_BACK_S
         return Event.STANDS if stands else self._waving_off.order(step)
 
@@ -291,12 +295,11 @@ def _clearance(
     return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
 
 
-def _unsure(relative: RelativeState, vehicle: VehicleState, clearance: float) -> float:
-    """Return by how much more (m/s) it may sink and touch all the same: `Touchdown.watch`."""
-    if clearance > BUILD_ERROR_M:
-        return 0.0
-    pivots = vehicle.roll_pitch_rate > MAX_ROLL_PITCH_RATE
-    return math.inf if pivots else 2.0 * relative.sigma_heave
+def _of_foot(relative: RelativeState, vehicle: VehicleState) -> RelativeState:
+    """Return the same with the rate of the foot that may stand, where that slides less."""
+    rate = sub(relative.pad_velocity, vehicle.foot_velocity)
+    slides_less = horizontal(rate) < horizontal(relative.error_rate)
+    return replace(relative, error_rate=rate) if slides_less else relative
 
 
 def _stand_level(
@@ -311,53 +314,37 @@ def _stand_level(
         released: landerd may not fly on: what stands is pressed down no longer.
     """
     vehicle = context.estimator.fresh_vehicle(step.now)
-    stays = touchdown.is_level or (released and touchdown.has_settled(step.now))
-    if vehicle is None and stays:
-        # What stands there stays: to give it thrust for want of data threw it off a fast pad.
-        last = context.estimator.vehicle(step.now)
-        heading = last.yaw if last is not None and not touchdown.is_level else None
-        context.orders.stand_level(heading, context.pad_velocity)
-        return True
-    level = _level_due(context, touchdown, step, vehicle, released=released)
     if vehicle is None:
-        return False
-    if not touchdown.stands:
-        context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
-    if not level:
-        return False
-    context.orders.stand_level(vehicle.yaw, context.pad_velocity)
-    return True
+        level = touchdown.without_data(step.now, context.landed, released=released)
+    else:
+        level = _level_due(context, touchdown, step, vehicle, released=released)
+        if not touchdown.stands:
+            context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
+    if level:
+        context.orders.stand_level(context.heading, context.pad_velocity)
+    return level
 
 
 def _level_due(
     context: LandingContext,
     touchdown: Touchdown,
     step: ControlStep,
-    vehicle: VehicleState | None,
+    vehicle: VehicleState,
     *,
     released: bool = False,
 ) -> bool:
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
-    down = sink_rate = slip = roll_pitch_rate = math.inf
-    tips = False
     north, east, _ = context.pad_velocity
-    if vehicle is not None:
-        down = vehicle.feet[2]
-        v_north, v_east, sink_rate = vehicle.velocity
-        slip = math.hypot(v_north - north, v_east - east)
-        roll_pitch_rate = vehicle.roll_pitch_rate
-        if touchdown.is_level and roll_pitch_rate > MAX_ROLL_PITCH_RATE:
-            sink_rate = 0.0  # it falls onto its other feet, about those that stand
-        tips = context.is_carried and touchdown.leans_more(vehicle.tilt)
+    v_north, v_east, _ = vehicle.velocity
     return touchdown.level_due(
         step.now,
-        down,
-        sink_rate,
-        slip,
-        roll_pitch_rate,
+        (vehicle.feet[2], context.pad_down(step.now)),
+        vehicle.foot_velocity[2],
+        math.hypot(v_north - north, v_east - east),
+        vehicle.roll_pitch_rate,
         math.hypot(north, east),
         context.heave(step.now),
         context.landed,
-        tips=tips,
+        tips=context.is_carried and touchdown.leans_more(vehicle.tilt),
         released=released,
     )

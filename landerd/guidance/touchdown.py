@@ -91,8 +91,7 @@ class Touchdown:
         self._watch_from = now + ANSWER_S
         self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
         self._slow_since = self._still_since = math.inf
-        self._still_down = 0.0  # local z of the feet then, and as the pad has sunk since, m
-        self._level_t = now  # when that was looked at last
+        self._still_at = (0.0, 0.0)  # local z of feet and pad then, m
         self._contact_t: float | None = None
         self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
@@ -202,7 +201,7 @@ class Touchdown:
     def level_due(
         self,
         now: float,
-        down: float,
+        down: tuple[float, float],
         sink_rate: float,
         slip: float,
         roll_pitch_rate: float,
@@ -223,7 +222,7 @@ class Touchdown:
 
         Args:
             now: s; called at every control step from contact on.
-            down: local z of the feet, m; infinity when not known.
+            down: local z of the feet, and of the pad as far as that may have sunk, m.
             sink_rate: measured, downward, m/s; infinity when not known.
             slip: measured speed across the pad, m/s; infinity when not known.
             roll_pitch_rate: measured, rad/s; infinity when not known.
@@ -237,23 +236,43 @@ class Touchdown:
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
         by_deck = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
         self.watch(now, sink_rate - by_deck, self._descent_mps)
-        self._still_down += max(0.0, sinks) * (now - self._level_t)
-        self._level_t = now
         max_slip = MAX_SLIP_MPS + PAD_SPEED_ERROR_SHARE * pad_speed
         still = slip < max_slip and roll_pitch_rate < MAX_ROLL_PITCH_RATE
         if not still:
             self._still_since = math.inf
-        elif self._still_since == math.inf or down - self._still_down > SETTLES_M:
-            self._still_since, self._still_down = now, down
+        elif self._still_since == math.inf or self._has_settled_by(down) > SETTLES_M:
+            self._still_since, self._still_at = now, down
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
+        confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
+        stands = stands or (released and confirmed)  # and not stopped there, nor pressed down
         stays = stands and (released or still_s >= LEVEL_STILL_S)
         late = waited > LEVEL_AT_LATEST_S or tips_over or stays
         due = self._level or (late and (released or landed is not Landed.ON_GROUND))
         self._level = due and now - self._slow_since >= CONTACT_S
-        self.stands = stands or self._level or self._confirmed(now, landed)
+        self.stands = stands or self._level or confirmed
+        return self._level
+
+    def _has_settled_by(self, down: tuple[float, float]) -> float:
+        """Return how far it has sunk since it stands still, and not with the pad, m."""
+        feet, pad = (now - then for now, then in zip(down, self._still_at, strict=True))
+        return feet - max(0.0, pad)
+
+    def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:
+        """Tell whether to stand level while nothing is known of how the vehicle moves.
+
+        What stood stands still; pressed down no longer, it would be given thrust for want of data.
+
+        Args:
+            now: s; called at every control step from contact on without data.
+            landed: what the autopilot's land detector says.
+            released: landerd may not fly on.
+        """
+        self.stands = self.stands or self._confirmed(now, landed)
+        if released and (self.stands or self.has_settled(now)):
+            self.settle(now)
         return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:

@@ -39,6 +39,7 @@ class Judge:
         self._feet = Feet(world, world.airframe, layout.plate)
         self.score = Score(world, self._feet)
         self.rules = Rules(bounds, self._truth)
+        world.on_step.append(lambda w: self.rules.on_feet(w.t, down=any(w.vehicle.feet)))
         self.monitor = SafetyMonitor(world, self._feet, bounds, lambda: self.rules.guided)
         self.rules.on_order.append(self.monitor.on_order)
         self.rules.on_text.append(self.monitor.on_text)

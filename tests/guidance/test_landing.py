@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import IDENTITY, Vec3, add, matscale, sub
+from landerd.geometry import IDENTITY, Vec3, add, cross, matscale, rot_zyx, rotate, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
 from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
@@ -289,6 +289,34 @@ def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_m
     assert len(flight.pressed) > 30
 
 
+@pytest.mark.parametrize("restarts", [False, True])
+def test_what_stood_is_left_standing_when_released_without_data(*, restarts: bool) -> None:
+    """Data that went stale made it forget that it stood: it climbed away from a pad that moves."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8
+    flight.run(0.4)
+    flight.pitch_rate = 0.0
+    while flight.lander.needs_sight:
+        flight.tick()
+    assert flight.pressed == []  # not for long enough to be levelled
+    flight.silent = {Attitude}
+    if restarts:
+        flight.restart_autopilot()
+    else:
+        flight.run(0.3)
+        flight.pulse_us = LOW
+    flown = len(flight.setpoints)
+    to(flight, State.STANDING, at_most_s=0.1)
+    flight.run(0.3)
+    flight.silent = set()
+    to(flight, State.SILENT, at_most_s=0.8)
+    assert len(flight.setpoints) == flown
+    assert len(flight.pressed) > 30
+    assert flight.pressed[0].heading == pytest.approx(flight.yaw, abs=0.01)
+
+
 def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() -> None:
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
     flight.detects_landing = False
@@ -301,6 +329,29 @@ def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() ->
         orders = flight.lander.last_orders
         assert orders is not None
         assert orders.away is not None or orders.then == PressDown(flight.yaw)
+
+
+def test_touching_with_an_edge_it_leans_over_it_is_not_sliding_off() -> None:
+    """The pad levels it: its middle moves across the pad and sinks on, the edge stands."""
+    flight = Flight(config=Config.model_validate({"vehicle": {"footprint_m": [0.44, 0.26]}}))
+    # A bent plate, a gear measured wrong: it takes itself to be so much higher.
+    flight.distort = lambda true: replace(true, position=add(true.position, (0.0, 0.0, 0.07)))
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.08:
+        flight.tick()
+    edge = (-0.22, 0.0, flight.config.vehicle.gear_height_m)
+    flight.lean, flight.pitch_rate = 0.3, -1.5
+    stands = add(flight.position, rotate(rot_zyx(flight.yaw, flight.lean, 0.0), edge))
+    while flight.lean > 1e-6:
+        flight.lean += flight.pitch_rate * DT
+        R = rot_zyx(flight.yaw, flight.lean, 0.0)
+        flight.position = sub((*stands[:2], flight.pad[2]), rotate(R, edge))
+        flight.velocity = rotate(R, cross(edge, (0.0, flight.pitch_rate, 0.0)))
+        flight.tick()
+        assert flight.lander.state in (State.COMMITTED, State.ON_PAD)
+    flight.pitch_rate = flight.lean = 0.0
+    assert to(flight, State.SILENT)[-2:] == [State.ON_PAD, State.SILENT]
+    assert flight.lander.outcome == "landed"
 
 
 def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() -> None:
@@ -386,6 +437,20 @@ def test_released_as_it_stands_on_a_fast_deck_that_heaves_it_stays_there(heave: 
         # Told to climb, its thrust is not there yet.
         flight.position, flight.velocity = add(flight.pad, feet_over_pad), flight.pad_velocity
     flight.run(0.5)
+    assert flight.pressed
+
+
+def test_it_stands_on_a_deck_that_sinks_ever_faster() -> None:
+    """How fast is known late, where it is at once: it was told to stop, and not left standing."""
+    flight = Flight()
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.02**2))
+    to(flight.engaged(), State.ON_PAD)
+    on_pad = sub(flight.position, flight.pad)
+    for i in range(60):
+        flight.pad_velocity = (0.0, 0.0, 0.2 * i * DT)
+        flight.position, flight.velocity = add(flight.pad, on_pad), flight.pad_velocity
+        flight.tick()
     assert flight.pressed
 
 
@@ -538,6 +603,23 @@ def test_on_a_pad_that_brakes_as_it_is_touched_it_goes_with_it_and_has_landed(
     flight.detects_landing = True
     to(flight, State.SILENT)
     assert flight.lander.outcome == "landed"
+
+
+def test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on() -> None:
+    flight = Flight(pad_velocity=(1.5, 0.0, 0.0))
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    to(flight.engaged(), State.ON_PAD)
+    flight.pitch_rate = 0.8  # not all feet are down
+    speed = 1.5
+    while speed > 0.0:
+        speed = max(0.0, speed - DT * 4.0)
+        flight.pad_velocity = (speed, 0.0, 0.0)
+        flight.tick()
+    flight.run(0.6)
+    flight.silent = {Attitude}
+    orders = flight.run(0.8)
+    assert max(order.velocity[0] for order in orders) < 0.5
 
 
 def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None:

@@ -173,7 +173,7 @@ class Standing:
     def __init__(self) -> None:
         self.touchdown = make_touchdown()
         self.touchdown.begin(0.0)
-        self.t, self.down = 10.0, -0.5
+        self.t, self.down, self.pad_down = 10.0, -0.5, -0.5
         self.touchdown.watch(self.t, 0.0, 0.3)
         self.touchdown.step(self.t, 0.0, 0.0, Landed.ON_GROUND)
 
@@ -189,16 +189,18 @@ class Standing:
         heave: tuple[float, float] = (0.0, 0.0),
         landed: Landed = Landed.IN_AIR,
         tips: bool = False,
+        released: bool = False,
     ) -> list[bool]:
         """Return for each step of this time whether it is to stand level."""
         due = []
         for _ in range(round(seconds / DT)):
             self.t += DT
             self.down += sinks * DT
+            self.pad_down += heave[0] * DT
             due.append(
                 self.touchdown.level_due(
                     self.t,
-                    self.down,
+                    (self.down, self.pad_down),
                     sink_rate,
                     slip,
                     roll_pitch_rate,
@@ -206,6 +208,7 @@ class Standing:
                     heave,
                     landed,
                     tips=tips,
+                    released=released,
                 )
             )
         return due
@@ -236,6 +239,14 @@ def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
     assert all(standing.level(0.5, roll_pitch_rate=0.8, tips=True)[4:])
+
+
+def test_released_it_is_left_level_as_soon_as_it_is_said_to_be_on_the_ground() -> None:
+    # It was stopped there, on a pad that moved, when that was taken back a moment later.
+    standing = Standing()
+    assert not any(standing.level(0.55, slip=0.2, landed=Landed.ON_GROUND))
+    assert standing.level(DT, slip=0.2, landed=Landed.ON_GROUND, released=True)[-1]
+    assert all(standing.level(0.2, slip=0.2, released=True))
 
 
 def test_what_creeps_down_on_an_air_cushion_is_not_levelled() -> None:
@@ -283,7 +294,7 @@ def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time(
     touchdown = make_touchdown()
     touchdown.begin(0.0)
     due = [
-        touchdown.level_due(5.0 + i * DT, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
+        touchdown.level_due(5.0 + i * DT, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
         for i in range(200)
     ]
     assert not any(due)

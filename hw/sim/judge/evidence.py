@@ -86,7 +86,7 @@ class Evidence:
         barred_t: the last time that landerd might not fly.
         touched: a foot was down, and the vehicle has not climbed away since.
         touched_t: when a foot was last seen down.
-        touching_since: since when but for bounces.
+        touching_since: since when but for bounces, whether orders came meanwhile or not.
         touches_now: this order is the first one since the touch.
         levelled: landerd has ordered to stand level since the touch.
         on_ground_t: since when the autopilot says ON_GROUND.
@@ -210,6 +210,13 @@ class Evidence:
         nearest = boot_s + _WRAP_S * round((expected - boot_s) / _WRAP_S)
         return nearest if nearest >= 0.0 else boot_s
 
+    def on_feet(self, t: float, *, down: bool) -> None:
+        """The world has gone on to t, with a foot down or without."""
+        if down:
+            if t - self.touched_t > BOUNCE_S:
+                self.touching_since = t
+            self.touched_t = t
+
     def held_back_s(self, kind: int, boot_s: float) -> float:
         """Return how long a message was held back before it left, s: others had passed it by then.
 
@@ -258,6 +265,11 @@ class Evidence:
     def granted(self, t: float) -> bool:
         """Tell whether landerd may fly."""
         return self.armed and self.guided and not self.latched and t < self.closed_t(t)
+
+    @property
+    def lands_since(self) -> float:
+        """Since when it touches and landerd may fly: what contact asks for is owed from then."""
+        return max(self.touching_since, self.barred_t)
 
     def stale(self, t: float) -> bool:
         """Tell whether attitude, position or gimbal angles are too old to fly on, or frozen.
@@ -398,9 +410,6 @@ class Evidence:
         self.touches_now = bool(truth.feet_down) and not self.touched
         if truth.feet_down:
             self.touched = True
-            if t - self.touched_t > BOUNCE_S:
-                self.touching_since = t
-            self.touched_t = t
         elif truth.height > self._b.commit_height_m:
             self.touched, self.levelled, self.on_ground_t = False, False, None
         if truth.feet_down < 3 or truth.slip > _STILL_MPS:

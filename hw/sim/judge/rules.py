@@ -75,6 +75,10 @@ class Rules:
 
     # ---- what the judge sees -------------------------------------------------------------------
 
+    def on_feet(self, t: float, *, down: bool) -> None:
+        """The world has gone on to t, with a foot down or without."""
+        self._evidence.on_feet(t, down=down)
+
     def on_sighting(self, exposure_t: float) -> None:
         """A frame with a marker really in it was delivered."""
         self._evidence.sighting_t = max(self._evidence.sighting_t, exposure_t)

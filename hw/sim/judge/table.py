@@ -200,7 +200,7 @@ def _pressed(e: Evidence, o: Order) -> bool:
     Of contact on stale data it cannot know; and a climb away from a pad that was touched when it
     might not fly on does not end at once.
     """
-    known = o.t - max(e.touching_since, e.stale_t, e.released_t) > CONTACT_LATE_S
+    known = o.t - max(e.lands_since, e.stale_t, e.released_t) > CONTACT_LATE_S
     return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.granted(o.t)
 
 
@@ -216,7 +216,7 @@ def _goes_around(e: Evidence, o: Order) -> bool:
 
 
 def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    waiting = _pressed(e, o) and o.t - e.touching_since < b.settle_s
+    waiting = _pressed(e, o) and o.t - e.lands_since < b.settle_s
     # What is blown off the pad, its feet brushing it, is to climb away (2).
     away = (o.climbs and o.truth.misses) or _goes_around(e, o)
     return waiting and not away and not o.level and o.velocity[2] <= ZERO
@@ -229,7 +229,8 @@ def _does_not_ride(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _climbs_from_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return bool(o.truth.feet_down) and o.climbs and _knows_to_stand(e, o)
+    climbs = bool(o.truth.feet_down) and o.climbs and not _goes_around(e, o)
+    return climbs and _knows_to_stand(e, o)
 
 
 def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:
@@ -255,7 +256,7 @@ def _not_level(e: Evidence, o: Order, b: RuleBounds) -> bool:
 def _never_disarms(e: Evidence, t: float, b: RuleBounds) -> bool:
     said_t = e.on_ground_t
     # While it may not fly it may not disarm either, whatever was said meanwhile (1).
-    waits = said_t is not None and t - max(said_t, e.touching_since, e.barred_t) > DISARMS_S
+    waits = said_t is not None and t - max(said_t, e.lands_since) > DISARMS_S
     return waits and e.touched and e.granted(t) and e.disarm_t < e.touching_since
 
 
@@ -299,7 +300,7 @@ def _unconfirmed_untold(e: Evidence, o: Order, b: RuleBounds) -> bool:
     late_s = b.settle_s + CONTACT_LATE_S + TOLD_S
     waits = bool(o.truth.feet_down) and e.on_ground_t is None and e.granted(o.t)
     told = any(at > e.touching_since and _UNCONFIRMED in text for at, text in e.texts)
-    return waits and o.t - e.touching_since > late_s and not told
+    return waits and o.t - e.lands_since > late_s and not told
 
 
 def _never_hands_back(e: Evidence, o: Order, b: RuleBounds) -> bool:

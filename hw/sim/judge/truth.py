@@ -21,6 +21,7 @@ from landerd.geometry import (
 )
 from landerd.pad import Plate
 
+PLATE_M = 1.0  # from the landing point; further away the plane of a tilted plate says nothing
 STANDS_M = 0.01  # so close to the plate a foot stands on it: gusts take the load off some by turns
 _SLOWEST_SINK_MPS = 0.1  # and so fast it is taken to sink, to tell where it will touch
 
@@ -31,7 +32,7 @@ class Truth:
 
     t: float
     distance: float  # centre of the feet to the landing point, horizontal, m
-    height: float  # of the feet's centre over the landing point, m
+    height: float  # of the feet's centre over the plate's plane, as far as there is a plate, m
     heading_error: float  # vehicle minus pad, rad
     yaw: float  # rad
     pad_velocity: Vec3  # of the plate where the feet's centre is over it, m/s
@@ -104,7 +105,9 @@ class Feet:
         surface = pad.velocity_at(centre)
         across = sub(vehicle.velocity, surface)
         north, east, down = sub(centre, pad.position)
-        height = -down
+        away = math.hypot(north, east)
+        k = PLATE_M / max(away, PLATE_M)
+        height = -rotate(transpose(pad.R_local_pad), (k * north, k * east, down))[2]
         touches_in_s = max(0.0, height) / max(_SLOWEST_SINK_MPS, across[2])
         ahead = scale((across[0], across[1], 0.0), touches_in_s)
         # What has come down beside the plate does not slide for the pad's driving on.
@@ -112,7 +115,7 @@ class Feet:
         slip = horizontal(vehicle.velocity if on_ground else across)
         return Truth(
             t=world.t,
-            distance=math.hypot(north, east),
+            distance=away,
             height=height,
             heading_error=wrap(vehicle.yaw - pad.heading),
             yaw=vehicle.yaw,

@@ -87,6 +87,7 @@ class Court:
         """Let the autopilot and the sensors report, one control step later."""
         self.t += DT
         self.rules._truth = lambda: replace(self.truth, t=self.t)
+        self.rules.on_feet(self.t, down=bool(self.truth.feet_down))
         for message in self._reports():
             if message.get_msgId() not in self.mute:
                 self.hear(message)

@@ -669,6 +669,44 @@ def test_4_what_was_told_to_climb_may_brush_the_pad_until_its_thrust_comes(
     assert court.broken == ([rule] if broken else [])
 
 
+@pytest.mark.parametrize(("brushes_s", "broken"), [(1.3, False), (1.6, True)])
+def test_4_so_it_may_where_the_deck_comes_up_and_it_seems_to_stand(
+    brushes_s: float, broken: bool
+) -> None:
+    court = Court()
+    court.truth = LOW
+    court.fly(0.2, CLIMB)
+    court.truth = ON_PAD
+    court.fly(brushes_s, CLIMB)
+    assert ("4: a climb ordered while standing on the pad" in court.broken) == broken
+
+
+def test_4_what_stood_when_its_orders_were_cut_off_stands_when_they_come_again() -> None:
+    court = Court()
+    court.truth = ON_PAD
+    court.fly(1.0, SINK)
+    court.level(0.2)
+    court.wait(0.6)
+    court.level(0.2)
+    assert "4: did not go with the pad after contact" not in court.broken
+
+
+@pytest.mark.parametrize(("presses_s", "broken"), [(6.0, False), (7.0, True)])
+def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_again(
+    presses_s: float, broken: bool
+) -> None:
+    court = Court()
+    court.truth = ON_PAD
+    court.fly(1.0, SINK)
+    court.pulse = 1100
+    court.level(1.0)
+    court.wait(5.0)
+    court.pulse = 1900
+    court.fly(presses_s, SINK)
+    rule = "6: a touch-down not confirmed, and the pilot not told"
+    assert (rule in court.broken) == broken
+
+
 def test_4_contact_on_stale_data_need_not_be_known() -> None:
     court = Court()
     court.truth = LOW
