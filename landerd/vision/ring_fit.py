@@ -50,8 +50,8 @@ _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _MIN_NOISE = 0.5  # grey levels: rounding alone leaves 0.29
 _ROBUST_SIGMAS = 3.0  # residuals beyond it count less (Geman and McClure's weights)
-# Of a fit with these weights to normal noise, its variance over what information and residuals, both
-# so weighted, say: E[psi^2] / E[psi']^2 over E[w r^2] / E[w]^2, psi = w r (Huber, "Robust
+# Of a fit with these weights to normal noise, its variance over what information and residuals say,
+# both so weighted: E[psi^2] / E[psi']^2 over E[w r^2] / E[w]^2, psi = w r (Huber, "Robust
 # Statistics", 1981, section 6.3).
 _ROBUST_VARIANCE = 1.27
 _PAPER_SIGMA = 0.06  # of the difference between the white inside and around, over white
