@@ -129,7 +129,7 @@ class FreshnessSection(Section):
 class VisionSection(Section):
     """How images are searched."""
 
-    min_ring_px: Positive = 8.0  # smallest outer diameter of a ring that is searched for
+    min_ring_px: Positive = 10.0  # smallest outer diameter of a ring that is searched for
     max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
     # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
     # by hand is good for, and what focus and warmth move.

@@ -65,7 +65,7 @@ wheel() {
 wheel "$WORK/repo" wheel
 cp -r "$WORK/repo" "$WORK/next"
 sed -i 's/^version = .*/version = "99.0"/' "$WORK/next/pyproject.toml"
-sed -i 's/min_ring_px: 8.0/min_ring_px: 9.0/' "$WORK/next/config/default.yaml"
+sed -i 's/min_ring_px: 10.0/min_ring_px: 9.0/' "$WORK/next/config/default.yaml"
 wheel "$WORK/next" next-wheel
 
 # Of the root, with changes that are thrown away.

@@ -258,7 +258,7 @@ def check_an_upgrade_keeps_the_configuration_and_tells_of_changed_keys() -> None
     before = CONFIG.read_text()
     said = as_user(f"python3 {wheel('next-wheel')}/landerd install --board navio2")
     print("  " + said.replace("\n", "\n  "))
-    assert "another default: vision.min_ring_px: 9.0, was 8.0" in said
+    assert "another default: vision.min_ring_px: 9.0, was 10.0" in said
     assert "99.0" in as_user("/opt/landerd/venv/bin/python -m pip show landerd")
     assert CONFIG.read_text() == before
     assert "CPUAffinity=2 3" in sh("systemctl cat landerd")

@@ -162,7 +162,7 @@ def test_an_upgrade_tells_of_keys_that_came_went_or_changed(tmp_path: Path) -> N
     del before["rc.gate_channel"]
     assert sorted(keys.changed_keys(before, now, mine)) == [
         "another default: vision.max_sigma_m: 1.0, was 2.0; yours stays 0.7",
-        "another default: vision.min_ring_px: 8.0, was 6.0",
+        "another default: vision.min_ring_px: 10.0, was 6.0",
         "gone: vision.old",
         "new: rc.gate_channel: 11",
     ]
