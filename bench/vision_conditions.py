@@ -31,9 +31,10 @@ from hw.sim.picture.pad_print import printed
 from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.shutter import POSE_PERIOD_S, Readout
 from hw.sim.snapshot import CameraPose, PadPose, Snapshot, VehiclePose
+from landerd.commands.detect import search_still
 from landerd.config.models import VisionSection
 from landerd.geometry import IDENTITY
-from landerd.messages import Frame, PoseSolution, Sightings
+from landerd.messages import Frame, PoseSolution
 from landerd.pad import PadLayout, Ring, Square, WhyCode
 from landerd.vision import Vision
 from tests.vision import scenes
@@ -81,7 +82,6 @@ TARGETS = {
 MAX_ANGLE_DEG = 45.0
 CHI2_95 = 7.815  # three degrees of freedom
 FOUND_SHARE = 0.1  # of the range
-_MOST_SEARCHES = 12  # of a still
 READOUT_S, SKEW_PX = 0.02, 5.0
 ROLLING_OPTIONS = OPTIONS.model_copy(update={"readout_s": READOUT_S})
 _AT_ORIGIN = PadPose((0.0, 0.0, 0.0), IDENTITY)
@@ -341,20 +341,11 @@ def looked(layout: PadLayout, made: list[Shot], options: VisionSection) -> Line:
     for shot in made:
         vision = Vision(layout, CAMERA, options)
         began = time.perf_counter()
-        seen = _searched(vision, shot.image)
+        seen = search_still(vision, Frame(0.0, 0, shot.image))
         ms = (time.perf_counter() - began) * 1e3
         stage = getattr(seen.markers[0], "stage", None) if seen.markers else None
         line.add(seen.pad, stage or "-", shot.view, ms)
     return line
-
-
-def _searched(vision: Vision, image: U8) -> Sightings:
-    """Search a still, as `landerd detect` does, to its end: in a film's next picture it goes on."""
-    for k in range(_MOST_SEARCHES):
-        seen = vision.process(Frame(k / 30.0, k, image))
-        if seen.pad or not vision.was_cut:
-            break
-    return seen
 
 
 def beside(made: list[Shot], target: Target, whycon: Path | None) -> str:

@@ -127,7 +127,8 @@ def _detect(
                 raise error from None
             vision = _new_vision(layout, fitting)
         start = time.perf_counter()
-        sightings = _searched(vision, Frame(picture.t, seq, picture.image), picture)
+        frame = Frame(picture.t, seq, picture.image)
+        sightings = search_still(vision, frame) if picture.is_still else vision.process(frame)
         ms = 1e3 * (time.perf_counter() - start)
         wrong = vision.disagreement()
         if args.json:
@@ -140,10 +141,10 @@ def _detect(
                 raise SourceError(f"{drawn}: cannot be written")
 
 
-def _searched(vision: Vision, frame: Frame, picture: Picture) -> Sightings:
-    """Search a frame; what a film would show again in the next one is searched for in a still."""
+def search_still(vision: Vision, frame: Frame) -> Sightings:
+    """Search a still for all that a film would show again in its next pictures."""
     sightings = vision.process(frame)
-    for searches in range(1, _MOST_SEARCHES if picture.is_still else 1):
+    for searches in range(1, _MOST_SEARCHES):
         if sightings.pad or (searches >= _LEAST_SEARCHES and not vision.was_cut):
             break
         sightings = vision.process(frame)

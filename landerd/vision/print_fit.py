@@ -310,7 +310,7 @@ def _scatter(patch: Patch, weight: F64) -> float:
     root = np.sqrt(weight)
     light = np.stack([root, root * patch.x, root * patch.y], axis=1)
     grey = root * patch.grey
-    plane = np.linalg.solve(light.T @ light, light.T @ grey)
+    plane, *_ = np.linalg.lstsq(light, grey)
     return float(((grey - light @ plane) ** 2).sum())
 
 

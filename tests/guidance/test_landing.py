@@ -289,15 +289,21 @@ def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_m
     assert len(flight.pressed) > 30
 
 
-@pytest.mark.parametrize("restarts", [False, True])
-def test_what_stood_is_left_standing_when_released_without_data(*, restarts: bool) -> None:
-    """Data that went stale made it forget that it stood: it climbed away from a pad that moves."""
+def levelled_out() -> Flight:
+    """Return a flight whose vehicle the pad, which moves at 1 m/s, has just levelled."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
     flight.pitch_rate = 0.8
     flight.run(0.4)
     flight.pitch_rate = 0.0
+    return flight
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_what_stood_is_left_standing_when_released_without_data(*, restarts: bool) -> None:
+    """Data that went stale made it forget that it stood: it climbed away from a pad that moves."""
+    flight = levelled_out()
     while flight.lander.needs_sight:
         flight.tick()
     assert flight.pressed == []  # not for long enough to be levelled
@@ -318,12 +324,7 @@ def test_what_stood_is_left_standing_when_released_without_data(*, restarts: boo
 
 
 def test_what_stands_on_a_moving_pad_is_to_stand_level_should_the_core_fail() -> None:
-    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
-    flight.detects_landing = False
-    to(flight.engaged(), State.ON_PAD)
-    flight.pitch_rate = 0.8
-    flight.run(0.4)
-    flight.pitch_rate = 0.0
+    flight = levelled_out()
     while not flight.pressed:
         flight.tick()
         orders = flight.lander.last_orders
