@@ -280,6 +280,7 @@ def shots(name: str, of: str, images: int, seed: int, keep: Path | None) -> list
             view = scenes.View((x - row * SKEW_PX * z / CAMERA.fx, y, z), view.R_camera_pad)
         made.append(Shot(image, view))
     if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(
             file,
             images=np.stack([s.image for s in made]),

@@ -21,13 +21,14 @@ U8 = NDArray[np.uint8]
 Segmentation = Callable[[U8], U8]  # image (height, width) in, 255 where it is dark out
 Mask = NDArray[np.bool_]
 
-# A pixel is dark by its surroundings. Halfway between the least and the greatest level within a few
-# pixels it is dark whatever lies beyond the ring's white margin: of 300 pictures of the field world
-# (60 days, 3.5 to 17 m) 259 show a ring so, by the local mean, which a dark ground draws down, 205.
-# Where a shadow, dirt or a leg crosses the stroke the mean of a larger surrounding is better: a
-# share of 0.55 of it showed all of 40 rings across which a shadow's edge ran, the former 16.
-_NEAR_PX = 7  # side of the surrounding: a ring of 24 px has a stroke of 7 px
-_NEAR_SHARE = 0.4  # of the way from the least to the greatest level; 0.5 loses leaf shade and dirt
+# A pixel is dark by what is beside it. Closing fills strokes that are darker than both sides and
+# leaves a shadow's edge where it is: below a share of the way from the least level nearby to what
+# is closed lies the stroke, whatever the ground beyond the ring's white margin and wherever a
+# shadow ends on the ring.
+STROKE_PX = 13  # the widest that is closed, and more: a ring of 40 px has one of 12 px
+LARGE_STROKE_PX = 21  # in the coarsest level; there a local mean shows the largest
+_NEAR_PX = 7  # side of the surrounding with the least level
+_NEAR_SHARE = 0.4  # of the way from it to the closed level; 0.5 loses leaf shade and legs
 _NEAR_STEP = 19  # grey levels between the two; up to that, nothing is dark
 _LOCAL_MEAN_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
 _MAX_COMPONENTS = 400  # whose spokes are looked at, largest first
@@ -105,16 +106,20 @@ class Candidate:
     is_bloomed: bool = False
 
 
-def dark_by_range(image: U8) -> U8:
-    """Return 255 where an image (height, width) is dark between the extremes beside it, else 0."""
-    smooth = cv2.blur(image, (3, 3))
-    near = np.ones((_NEAR_PX, _NEAR_PX), np.uint8)
-    most = cv2.dilate(smooth, near, borderType=cv2.BORDER_REPLICATE)
-    least = cv2.erode(smooth, near, borderType=cv2.BORDER_REPLICATE)
-    between = cv2.addWeighted(most, _NEAR_SHARE, least, 1.0 - _NEAR_SHARE, 0.0)
-    dark = cv2.compare(image, between, cv2.CMP_LT)
-    _, steep = cv2.threshold(cv2.subtract(most, least), _NEAR_STEP, 255, cv2.THRESH_BINARY)
-    return np.asarray(cv2.bitwise_and(dark, steep), dtype=np.uint8)
+def dark_between(stroke_px: int) -> Segmentation:
+    """Return what finds strokes of up to such a width that are darker than both sides."""
+    stroke, near = (np.ones((side, side), np.uint8) for side in (stroke_px, _NEAR_PX))
+
+    def segment(image: U8) -> U8:
+        smooth = cv2.blur(image, (3, 3))
+        beside = cv2.morphologyEx(smooth, cv2.MORPH_CLOSE, stroke, borderType=cv2.BORDER_REPLICATE)
+        least = cv2.erode(smooth, near, borderType=cv2.BORDER_REPLICATE)
+        between = cv2.addWeighted(beside, _NEAR_SHARE, least, 1.0 - _NEAR_SHARE, 0.0)
+        dark = cv2.compare(image, between, cv2.CMP_LT)
+        _, steep = cv2.threshold(cv2.subtract(beside, least), _NEAR_STEP, 255, cv2.THRESH_BINARY)
+        return np.asarray(cv2.bitwise_and(dark, steep), dtype=np.uint8)
+
+    return segment
 
 
 def dark_by_mean(share: float, side_px: int = _LOCAL_MEAN_PX) -> Segmentation:

@@ -244,6 +244,20 @@ def test_a_shadow_over_a_part_of_the_pad_is_no_reason_to_refuse_its_ring(turn: f
     assert is_seen(UNREADABLE, at, replace(Optics(), shadow=edge))
 
 
+@pytest.mark.parametrize(("distance", "heading"), [(6.0, 1.3), (10.0, 2.5), (13.0, 2.5)])
+def test_nor_is_one_over_most_of_its_plate(distance: float, heading: float) -> None:
+    at = look(THESIS_CAMERA, distance, 0.4, pixel=(300.0, 230.0), heading=heading)
+    to_tag = np.array(at.R_camera_pad)[:, :2] @ THESIS_PAD.squares[0].position_m
+    ring, tag = THESIS_CAMERA.pixels(np.array([at.position, at.position + to_tag]))
+    way = (tag - ring) / np.linalg.norm(tag - ring)
+    beyond_its_middle = ring + 0.4 * RING.radius_m * THESIS_CAMERA.fx / distance * way
+    edge = Shadow(0.2, tuple(beyond_its_middle), tuple(way))
+    shaded = Optics(background="grass", shadow=edge)
+    image = render(at, THESIS_CAMERA, shaded, np.random.default_rng(2), UNREADABLE)
+    vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    assert any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
+
+
 def test_a_ring_by_itself_is_what_it_should_be_for_a_pad_of_one_ring() -> None:
     at = view(5.0, 0.3)
     image = render(at, IDEAL_CAMERA, Optics(), np.random.default_rng(2), BARE)

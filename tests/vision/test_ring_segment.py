@@ -2,17 +2,20 @@
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from landerd.vision.ring_segment import (
+    STROKE_PX,
     Candidate,
     Look,
     Segmentation,
+    dark_between,
     dark_by_mean,
-    dark_by_range,
     ring_candidates,
 )
 
+DARK = dark_between(STROKE_PX)
 RATIO = 0.4
 CENTRE, RADIUS_PX = (60, 50), 16
 WHITE, BLACK = 200.0, 40.0
@@ -37,7 +40,7 @@ def candidates(image: NDArray[np.uint8], segment: Segmentation) -> list[Candidat
 
 
 def test_a_ring_of_even_ink_is_proposed_with_its_outline() -> None:
-    found = candidates(picture(np.full((100, 120), BLACK)), dark_by_range)
+    found = candidates(picture(np.full((100, 120), BLACK)), DARK)
     assert len(found) == 1
     assert np.abs(found[0].outline.centre - CENTRE).max() < 0.5
     assert np.abs(found[0].outline.axes - RADIUS_PX * np.eye(2)).max() < 1.5
@@ -46,7 +49,17 @@ def test_a_ring_of_even_ink_is_proposed_with_its_outline() -> None:
 def test_a_ring_with_something_across_it_is_proposed() -> None:
     stroke = np.full((100, 120), BLACK)
     stroke[:, CENTRE[0] : CENTRE[0] + BAR_PX] = 80.0
-    assert len(candidates(picture(stroke), dark_by_range)) == 1
+    assert len(candidates(picture(stroke), DARK)) == 1
+
+
+@pytest.mark.parametrize("shade", [0.2, 0.5])
+@pytest.mark.parametrize("column", range(CENTRE[0] - RADIUS_PX, CENTRE[0] + RADIUS_PX + 1, 8))
+def test_a_ring_across_which_a_shadows_edge_runs_is_proposed(shade: float, column: int) -> None:
+    light = np.where(np.arange(120) < column, 1.0, shade)
+    half_shaded = np.rint(picture(np.full((100, 120), BLACK)) * light).astype(np.uint8)
+    found = candidates(half_shaded, DARK)
+    assert len(found) == 1
+    assert np.abs(found[0].outline.centre - CENTRE).max() < 0.3 * RADIUS_PX
 
 
 def test_texture_that_happens_to_be_round_is_not_proposed() -> None:
@@ -60,7 +73,7 @@ def test_texture_that_happens_to_be_round_is_not_proposed() -> None:
 
 def test_what_images_show_does_not_depend_on_what_is_looked_at_with_them() -> None:
     shown = picture(np.full((100, 120), BLACK))
-    looks = [looked(shown[:, :90], dark_by_range), looked(shown[20:], dark_by_mean(0.86))]
+    looks = [looked(shown[:, :90], DARK), looked(shown[20:], dark_by_mean(0.86))]
     alone = [ring_candidates([look], RATIO)[0] for look in looks]
     together = ring_candidates(looks, RATIO)
     assert [len(some) for some in together] == [1, 1]
