@@ -43,6 +43,8 @@ _VOUCHED = 0.7
 # Of the covariance then: of 53 such rings in leaf shade 62 in 100 lay inside 99 % without it.
 _VOUCHED_INFLATION = 4.0
 _MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
+# The same where grey levels fit behind motion or a response: of 137 such rings 0.59 and more.
+_LEAST_EITHER = 0.35
 _MIN_SHARE = 0.6  # dark and bright
 _MIN_VISIBLE = 0.35  # just over the pad a ring is cut by the image's edge
 # Where a ring is expected and as large as just over the pad: less of it is enough, if its edges are
@@ -65,6 +67,10 @@ _MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
 # Of small ones a shift as large as that of another ratio's edges says nothing: of the radius.
 _SMALL_PX, _MIN_SMALL_SHIFT = 6.5, -0.015
 _CLIPPED = 240.0  # grey level of the white
+# A shift by more of the radius than this is as well that of a ring whose ratio is a fifth off, but
+# where white is near full scale or the blur explains it: gamma 2.4 moves edges by 0.7 of it. Beyond
+# that something has to vouch for the ring.
+_RATIO_KEPT, _KEPT_BLURS, _KEPT_WHITE = (-0.025, 0.06), 0.8, 230.0
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 _SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
 
@@ -191,10 +197,15 @@ def is_toned(fit: RingFit, ring: Ring) -> bool:
     return off > _AGREE_SIGMAS * fit.sigma_ratio + _AGREE_RATIO * ring.inner_ratio
 
 
-def has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
-    """Tell whether there are brighter rings within the stroke, as motion would make none."""
+def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether the edges show what motion or a response would not make.
+
+    That are brighter rings within the stroke, or no edge where the hole of this ratio would end.
+    """
     e = edge_fit(image, camera, ring, (fit.position, fit.normal))
-    return e is not None and min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE
+    if e is None:
+        return False
+    return min(e.support) < _LEAST_EITHER or (min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE)
 
 
 def is_ring_by_edges(e: EdgeFit, share: float = 1.0) -> bool:
@@ -216,13 +227,25 @@ def _is_dim_within(e: EdgeFit) -> bool:
 def _told(e: EdgeFit, vouches: Vouches | None) -> float | None:
     """Return by how much the covariance of a ring's edges is inflated; None: they are none.
 
-    They may be nearly a ring's, where the pad's plate is seen about it or the pad is known to be.
+    They may be nearly a ring's, or one's of another ratio, where the pad's plate is seen about it
+    or the pad is known to be.
     """
-    if is_ring_by_edges(e):
+    is_ring = is_ring_by_edges(e)
+    if is_ring and _keeps_ratio(e):
         return 1.0
     if vouches is None or not is_ring_by_edges(e, _VOUCHED):
         return None
-    return _VOUCHED_INFLATION if vouches(e.position, e.normal, min(e.contrast)) else None
+    if not vouches(e.position, e.normal, min(e.contrast)):
+        return None
+    return 1.0 if is_ring else _VOUCHED_INFLATION
+
+
+def _keeps_ratio(e: EdgeFit) -> bool:
+    """Tell whether shifted edges are rather a ring's of this ratio than of another."""
+    least, most = _RATIO_KEPT
+    share = e.shift_px / _shorter_px(e)
+    is_white = min(e.levels[0], e.levels[2]) > _KEPT_WHITE
+    return share > least and (share < most or is_white or e.shift_px < _KEPT_BLURS * e.blur_px)
 
 
 def _is_expected_ring(e: EdgeFit) -> bool:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
-from landerd.vision.ring_explained import Vouches, explained, has_rings_within, is_toned
+from landerd.vision.ring_explained import Vouches, edges_contradict, explained, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_stages import (
@@ -27,7 +27,7 @@ def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     # Motion and responses explain much, a target of several rings too.
     is_plain = fit.response is None and not np.any(fit.motion_px)
     is_doubtful = not is_plain or is_poor(fit)
-    return not (is_doubtful and has_rings_within(image, camera, ring, fit))
+    return not (is_doubtful and edges_contradict(image, camera, ring, fit))
 
 
 def explained_fits(

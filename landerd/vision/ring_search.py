@@ -188,7 +188,9 @@ class RingSearch:
             return False
         other = mirrored(*pose, self._ring.radius_m)
         starts = [pose] if other is None else [pose, other]
-        fits = edge_fits(self._image, self._camera, self._ring, starts, lambda *_: True)
+        # Where there is more than the ring on it, the plate itself vouches.
+        vouches = None if self._vouches is None else lambda *_: True
+        fits = edge_fits(self._image, self._camera, self._ring, starts, vouches)
         return bool(fits) and self._report(fits)
 
     def find_doubtful(self) -> None:

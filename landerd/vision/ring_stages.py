@@ -87,6 +87,7 @@ _MAX_CLEAR_NOISE = 0.45  # where nearly all spokes are bright, dark and bright
 _ALIKE_PIXELS = 4.0  # whose residuals have that in common
 _RATIO_TOLERANCE, _RATIO_SIGMAS = 0.03, 2.0  # of the ratio, and of its sigma besides
 _MAX_RATIO_SIGMA = 0.06  # of the ratio
+_MAX_RATIO_OFF = 0.1  # of it: nearer to it than to one that is a fifth off
 
 # A fit is worth another try with shadow and motion if it leaves more than a camera's noise or has
 # outliers, but there is something dark in white (trial on the same images).
@@ -367,5 +368,6 @@ def _is_ring_behind(fit: RingFit, response: F64, ring: Ring) -> bool:
 def _has_ratio(fit: RingFit, ring: Ring) -> bool:
     ratio = ring.inner_ratio
     off = abs(fit.ratio - ratio)
-    is_near = off < _RATIO_TOLERANCE * ratio + _RATIO_SIGMAS * fit.sigma_ratio
+    tolerated = _RATIO_TOLERANCE * ratio + _RATIO_SIGMAS * fit.sigma_ratio
+    is_near = off < min(tolerated, _MAX_RATIO_OFF * ratio)
     return is_near and fit.sigma_ratio < _MAX_RATIO_SIGMA * ratio

@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -200,6 +201,16 @@ def test_nothing_is_found_where_nothing_is() -> None:
 def test_discs_squares_and_rings_of_another_ratio_are_not_taken() -> None:
     made = scenes.hard_negatives(np.random.default_rng(8), CAMERA, RING.inner_ratio)
     assert sum(len(find_rings(next(made)[1], RING, CAMERA)) for _ in range(40)) == 0
+
+
+@pytest.mark.parametrize(("seed", "before"), [(23, 2), (34, 4), (42, 7), (57, 4), (98, 4)])
+def test_a_ring_of_another_ratio_is_not_taken_for_one_behind_a_tone_curve(
+    seed: int, before: int
+) -> None:
+    made = scenes.hard_negatives(np.random.default_rng([seed, 7]), CAMERA, RING.inner_ratio)
+    what, image = next(islice(made, before, None))
+    assert what == "ring"
+    assert find_rings(image, RING, CAMERA) == []
 
 
 @pytest.mark.parametrize(("level", "found"), [(0.4, 0), (0.8, 1)])
