@@ -28,10 +28,9 @@ _CELL_SAMPLES, _CELL_MARGIN = 3, 0.34
 # Sides of the threshold's window, in turn until all squares are seen. Where a pad is known to be
 # the first mostly shows them.
 _WINDOW_MEANS_PX = (7, 21)
-# Of a whole image: the first two are tried at once, or where it is full of texture one a search, in
-# turn. Of those 802 tags the first alone shows 743.
+# Of a whole image: the first and one of the others, in turn; where it is full of texture one of all
+# a search. Of those 802 tags the first alone shows 743.
 _WHOLE_MEANS_PX = (23, 3, 13, 17)
-_EVEN_MEANS = 2
 # Outlines follow whole pixels: those of small tags are nearer in an image that is enlarged. A
 # quarter of it so takes no longer than the whole: one of them is looked at in turn, besides or,
 # where there is texture, between two looks at the whole. Together they show 794 of the 802, and all
@@ -179,29 +178,29 @@ class SquareFinder:
 
     def _whole_looks(self, image: Image) -> list[_Look]:
         """Return how a whole image is looked at: where it is full of texture one way, in turn."""
-        height, width = image.shape
         search = self._whole_searches
         self._whole_searches += 1
+        height, width = image.shape
         whole = Window(0, 0, width, height)
         if not is_textured(image):
-            means_px = _QUARTER_MEANS_PX[search // 4 % len(_QUARTER_MEANS_PX)]
-            return [
-                _Look(whole, 1.0, _WHOLE_MEANS_PX[:_EVEN_MEANS]),
-                _quarter(whole, search, (means_px,)),
-            ]
+            first, *others = _WHOLE_MEANS_PX
+            means_px = first, others[search % len(others)]
+            return [_Look(whole, 1.0, means_px), _quarter(whole, search)]
         turn, is_quarter = divmod(search, 2)
         if is_quarter:
-            return [_quarter(whole, turn, _QUARTER_MEANS_PX)]
+            return [_quarter(whole, turn)]
         return [_Look(whole, 1.0, (_WHOLE_MEANS_PX[turn % len(_WHOLE_MEANS_PX)],))]
 
 
-def _quarter(whole: Window, turn: int, means_px: tuple[int, ...]) -> _Look:
+def _quarter(whole: Window, turn: int) -> _Look:
     """Return a look at one of a whole image's quarters, each in turn, enlarged."""
     x, y = (whole.x1 + 1) // 2, (whole.y1 + 1) // 2
-    row, column = divmod(turn % 4, 2)
-    left, top = (x - _OVERLAP_PX) * column, (y - _OVERLAP_PX) * row
+    turn, quarter = divmod(turn, 4)
+    row, column = divmod(quarter, 2)
+    left, top = column * (x - _OVERLAP_PX), row * (y - _OVERLAP_PX)
     part = Window(left, top, left + x + _OVERLAP_PX, top + y + _OVERLAP_PX)
-    return _Look(part.within(whole.x1, whole.y1), _ENLARGED, means_px, _ENLARGED_CELL_PX)
+    means_px = _QUARTER_MEANS_PX[turn % len(_QUARTER_MEANS_PX)]
+    return _Look(part.within(whole.x1, whole.y1), _ENLARGED, (means_px,), _ENLARGED_CELL_PX)
 
 
 def is_textured(image: Image) -> bool:
