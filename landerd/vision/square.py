@@ -28,13 +28,12 @@ _CELL_SAMPLES, _CELL_MARGIN = 3, 0.34
 # Sides of the threshold's window, in turn until all squares are seen. Where a pad is known to be
 # the first mostly shows them.
 _WINDOW_MEANS_PX = (7, 21)
-# Of a whole image: the first and one of the others, in turn; where it is full of texture one of all
-# a search. Of those 802 tags the first alone shows 743.
+# Of a whole image, one a search in turn, and the first in each that is not full of texture. Alone
+# it shows 743 of those 802 tags.
 _WHOLE_MEANS_PX = (23, 3, 13, 17)
 # Outlines follow whole pixels: those of small tags are nearer in an image that is enlarged. A
-# quarter of it so takes no longer than the whole: one of them is looked at in turn, besides or,
-# where there is texture, between two looks at the whole. Together they show 794 of the 802, and all
-# but one of the 791 that OpenCV or the AprilTag 3 library shows.
+# quarter of it so takes no longer than the whole: between two looks at this, each in turn. Together
+# they show 792 of the 802, and all but one of the 791 that OpenCV or the AprilTag 3 library shows.
 _ENLARGED, _QUARTER_MEANS_PX = 2.0, (23, 5)
 _ENLARGED_CELL_PX = 2.0  # instead of `_MIN_CELL_PX`
 _OVERLAP_PX = 16  # by which a quarter reaches beyond the middle of the image
@@ -177,19 +176,17 @@ class SquareFinder:
         ]
 
     def _whole_looks(self, image: Image) -> list[_Look]:
-        """Return how a whole image is looked at: where it is full of texture one way, in turn."""
+        """Return how a whole image is looked at: one way in turn, one besides without texture."""
         search = self._whole_searches
         self._whole_searches += 1
         height, width = image.shape
         whole = Window(0, 0, width, height)
-        if not is_textured(image):
-            first, *others = _WHOLE_MEANS_PX
-            means_px = first, others[search % len(others)]
-            return [_Look(whole, 1.0, means_px), _quarter(whole, search)]
+        first, *others = (_Look(whole, 1.0, (means_px,)) for means_px in _WHOLE_MEANS_PX)
+        is_even = not is_textured(image)
+        wholes = others if is_even else [first, *others]
         turn, is_quarter = divmod(search, 2)
-        if is_quarter:
-            return [_quarter(whole, turn)]
-        return [_Look(whole, 1.0, (_WHOLE_MEANS_PX[turn % len(_WHOLE_MEANS_PX)],))]
+        in_turn = _quarter(whole, turn) if is_quarter else wholes[turn % len(wholes)]
+        return [first, in_turn] if is_even else [in_turn]
 
 
 def _quarter(whole: Window, turn: int) -> _Look:
