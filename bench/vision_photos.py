@@ -46,7 +46,7 @@ U8 = NDArray[np.uint8]
 
 _PLATE = Plate(north_m=1.0, south_m=1.0, east_m=1.0, west_m=1.0)
 _SAME_MIDDLE, _SAME_SIZE = 0.35, 1.4  # of what is asked for: share of its size, and a factor
-_MOST_SEARCHES, _SQUARE_SEARCHES = 40, 4  # of a still
+_MOST_SEARCHES, _SQUARE_SEARCHES = 40, 16  # of a still
 _MOST_RINGS = 10  # that a program is asked for
 
 

@@ -25,9 +25,9 @@ from landerd.vision import Vision
 from landerd.vision.disagreement import Disagreement
 from landerd.vision.draw import draw
 
-# Of a still. Squares in texture are looked for with one threshold a thorough search, in turn: with
-# all four after the first of these.
-_LEAST_SEARCHES, _MOST_SEARCHES = 17, 34
+# Of a still. Squares are looked for in another way each search, of a pad with rings in each fifth:
+# after the first of these with all thresholds in the whole and with the first in all quarters.
+_LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
 _READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 

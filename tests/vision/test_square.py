@@ -10,7 +10,7 @@ from landerd.messages import Frame, Prior
 from landerd.pad import PadLayout, Plate, Square
 from landerd.vision import Vision
 from landerd.vision.pose import Pose, vec3
-from landerd.vision.square import SquareFinder, printed_cells
+from landerd.vision.square import SquareFinder, is_textured, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import poses_from_corners, square_points
 from landerd.vision.window import Window
@@ -51,6 +51,31 @@ def test_window_and_scale_do_not_move_the_corners() -> None:
     for scale, most_px in ((0.7, 1.5), (1.0, 1.0), (2.0, 1.0), (3.3, 1.0)):
         found = SquareFinder(pad_of(square)).find(image, Window(110, 285, 190, 360), scale)
         assert np.abs(found[0].corners - corners_px(view, square)).max() < most_px
+
+
+@pytest.mark.parametrize("textured", [True, False])
+def test_tags_of_twelve_pixels_are_found_within_eight_searches_of_a_whole_image(
+    textured: bool,
+) -> None:
+    square, count = tag(), 0
+    distance = THESIS_CAMERA.fx * square.size_m / 12.0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        x, y = (int(v) for v in rng.integers((220, 140), (420, 340)))
+        view = look(THESIS_CAMERA, distance, 0.4, pixel=(x, y), heading=rng.uniform(0.0, 6.0))
+        image = render(view, THESIS_CAMERA, Optics(), rng, pad_of(square))
+        if not textured:
+            about = np.s_[y - 16 : y + 17, x - 16 : x + 17]
+            even = np.full_like(image, 160)
+            even[about] = image[about]
+            image = even
+        assert is_textured(image) == textured
+        finder = SquareFinder(pad_of(square))
+        found = next((f for f in (finder.find(image) for _ in range(8)) if f), None)
+        if found is not None:
+            count += 1
+            assert np.abs(found[0].corners - corners_px(view, square)).max() < 1.5
+    assert count >= 8
 
 
 def test_other_ids_are_not_reported() -> None:
