@@ -174,8 +174,21 @@ def test_in_a_lull_it_lands_that_leaned_too_far() -> None:
     flight.engaged()
     flight.run(15.0)
     assert flight.lander.state is State.TRACKING
-    flight.lean = math.radians(-25.0)
+    flight.lean = math.radians(-22.0)
     to(flight, State.COMMITTED)
+
+
+@pytest.mark.parametrize(("slope_deg", "lands"), [(8.0, True), (0.0, True), (-8.0, False)])
+def test_how_far_it_leans_is_against_the_plate_that_it_is_to_stand_on(
+    slope_deg: float, lands: bool
+) -> None:
+    """In wind from ahead it slid off a plate that sloped down with the wind."""
+    flight = Flight()
+    flight.slope, flight.lean = math.radians(slope_deg), math.radians(-22.0)
+    flight.engaged()
+    flight.run(25.0)
+    assert (flight.contact_t is not None) == lands
+    assert any("leans too far: 30 degrees" in text for text in flight.texts) != lands
 
 
 def test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known() -> None:

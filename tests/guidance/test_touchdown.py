@@ -235,6 +235,15 @@ def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
     assert all(standing.level(1.0, slip=slip, roll_pitch_rate=roll_pitch_rate)[8:])
 
 
+def test_what_slides_lying_flat_after_it_leaned_is_levelled_while_it_slides() -> None:
+    """Half lifted by the thrust that steers, it slid on in the wind for 2 s, and off the plate."""
+    standing = Standing()
+    standing.touchdown.descent(math.radians(20.0))
+    assert not any(standing.level(0.3, slip=0.5, roll_pitch_rate=0.8))
+    assert not any(standing.level(0.25, slip=0.5))
+    assert all(standing.level(1.0, slip=0.5)[4:])
+
+
 def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
