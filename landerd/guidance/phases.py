@@ -4,6 +4,7 @@ import math
 
 from landerd.config.models import DescentSection
 from landerd.guidance import pilot_texts
+from landerd.guidance.foothold import MAX_LEAN
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import CONTACT_S, MAX_BLIND_S
 from landerd.messages import Phase
@@ -25,15 +26,9 @@ GO_AROUND_HEIGHT_SHARE = 0.5
 # time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
 LEAVES_S = 0.2
 MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
-# A vehicle in steady flight hangs along what wind and weight come to: its lean against the pad's
-# plate, rad, over so long, s, is the angle at which they pull on the gear once it stands. Half of
-# the weight is carried by the thrust that ArduCopter steers with until it is levelled: rubber
-# (friction 1) then slides from 26 degrees on. Levelled, with a tenth of the thrust, a gear as wide
-# as 1.3 times its height (0.26 m, 0.20 m) tips over from 30 degrees on. Flown by landerd in the
-# simulator, 2 seeds each: all of 23 to 26 degrees stood, with 28 one of two across the wide side
-# tipped over, with 29 and more all were blown off the plate.
-MAX_LEAN, UPRIGHT_LEAN = math.radians(27.0), math.radians(24.0)
-LEAN_S = 2.0
+# The lean against the plate is told over so long, s: a gust passes; and once too much, it must have
+# fallen by so much more, rad, before it lands.
+LEAN_S, UPRIGHT = 2.0, math.radians(3.0)
 LEANS_BELOW = 2.0  # alignment heights: room to stop sinking
 
 
@@ -58,7 +53,17 @@ class Phases:
         goes_around: it was low over the pad but not so that it could land, and climbs to try again.
     """
 
-    def __init__(self, options: DescentSection, *, has_heading: bool) -> None:
+    def __init__(
+        self, options: DescentSection, *, has_heading: bool, most_lean: float = MAX_LEAN
+    ) -> None:
+        """Make them for a landing that has not begun.
+
+        Args:
+            options: bounds.
+            has_heading: the pad has one, and is landed on by it.
+            most_lean: of the airframe, from how it would stand, with which it may touch, rad.
+        """
+        self._most_lean = most_lean
         self.configure(options)
         self._has_heading = has_heading
         self.restart()
@@ -114,7 +119,7 @@ class Phases:
         """
         last = lean if self._lean is None else self._lean
         self._lean = last + min(1.0, dt / LEAN_S) * (lean - last)
-        leans = self._lean > (UPRIGHT_LEAN if self.leans else MAX_LEAN)
+        leans = self._lean > self._most_lean - (UPRIGHT if self.leans else 0.0)
         self.leans = leans and height < LEANS_BELOW * self._options.alignment_height_m
 
     def step(

@@ -168,6 +168,18 @@ def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then
     assert "landerd: no landing possible: pilot, take over" in flight.texts
 
 
+def test_a_narrow_gear_lands_with_less_lean() -> None:
+    config = Config.model_validate(
+        {"vehicle": {"footprint_m": [0.44, 0.18], "gear_height_m": 0.25}}
+    )
+    flight = Flight(config=config)
+    flight.lean = math.radians(-18.0)
+    flight.engaged()
+    flight.run(25.0)
+    assert flight.contact_t is None
+    assert "landerd: yaw correction: leans too far: 18 degrees" in flight.texts
+
+
 def test_in_a_lull_it_lands_that_leaned_too_far() -> None:
     flight = Flight()
     flight.lean = math.radians(-33.0)
