@@ -46,10 +46,11 @@ MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
 LEVEL_AFTER_S = 0.6
 LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
-# Or as soon as it has lain flat for STILL_S, where it slides and leaned by more than this before
-# the touch, rad: while as much is asked for ArduCopter keeps half of the thrust of hover to steer
-# with (measured), and what that carries slides in the wind that it leaned against.
-STEERS = math.radians(15.0)
+# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and leaned by
+# more than this before the touch, rad: while as much is asked for ArduCopter keeps half of the
+# thrust of hover to steer with (measured), and what that carries slides in the wind that it leaned
+# against, ever faster. Levelled while it slides fast it would trip over its feet.
+SLIDES_MPS, STEERS = 0.3, math.radians(15.0)
 # Or so soon, where it leans by so much more than in the air, rad, on a pad that is seen to take it
 # along: an autopilot that holds its velocity against a pad that brakes tips over on it.
 LEVEL_TIPPING_S, TIPS = 0.3, math.radians(5.0)
@@ -241,20 +242,20 @@ class Touchdown:
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
         by_deck = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
         self.watch(now, sink_rate - by_deck, self._descent_mps)
-        max_slip = MAX_SLIP_MPS + PAD_SPEED_ERROR_SHARE * pad_speed
+        error = PAD_SPEED_ERROR_SHARE * pad_speed
         if not roll_pitch_rate < MAX_ROLL_PITCH_RATE:
             self._flat_since = math.inf
         elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:
             self._flat_since, self._flat_at = now, down
-        if holds := slip < max_slip:
+        if slip < MAX_SLIP_MPS + error:
             self._still_since = max(self._flat_since, min(self._still_since, now))
         else:
             self._still_since = math.inf
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
-        flat_s = now - self._flat_since
-        slides = not holds and self._tilt > STEERS and waited > LEVEL_AFTER_S and flat_s >= STILL_S
+        slides = slip < SLIDES_MPS + error and self._tilt > STEERS and waited > LEVEL_AFTER_S
+        slides = slides and now - self._flat_since >= STILL_S
         confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
         stands = stands or (released and confirmed)  # and not stopped there, nor pressed down
