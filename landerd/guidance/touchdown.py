@@ -46,8 +46,8 @@ MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
 LEVEL_AFTER_S = 0.6
 LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
-# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and leaned by
-# more than this before the touch, rad: while as much is asked for ArduCopter keeps half of the
+# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and leaned
+# by more than this before the touch, rad: while as much is asked for ArduCopter keeps half of the
 # thrust of hover to steer with (measured), and what that carries slides in the wind that it leaned
 # against, ever faster. Levelled while it slides fast it would trip over its feet.
 SLIDES_MPS, STEERS = 0.3, math.radians(15.0)
