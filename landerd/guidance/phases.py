@@ -28,7 +28,7 @@ LEAVES_S = 0.2
 MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
 # The lean against the plate is told over so long, s: a gust passes; and once too much, it must have
 # fallen by so much more, rad, before it lands.
-LEAN_S, UPRIGHT = 2.0, math.radians(3.0)
+LEAN_S, UPRIGHT = 2.0, math.radians(1.0)
 LEANS_BELOW = 2.0  # alignment heights: room to stop sinking
 
 
