@@ -411,6 +411,14 @@ MUTANTS = [
         "guidance/test_phases.py::test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again",
     ),
     Mutant(
+        "2: commits on a plate whose slope makes its lean too much to stand with",
+        CONTEXT,
+        "lean = math.acos(clamp(dot(vehicle.down, pad.normal), -1.0, 1.0))",
+        "lean = vehicle.tilt",
+        "guidance/test_landing.py"
+        "::test_how_far_it_leans_is_against_the_plate_that_it_is_to_stand_on",
+    ),
+    Mutant(
         "3: flies away from the pad, north",
         TRACKING,
         "v[0] + k * north + self._integral[0],",

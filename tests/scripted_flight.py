@@ -83,6 +83,7 @@ class Flight:
         self.detects_landing = True
         self.pitch = self.pitch_rate = 0.0  # what the autopilot says; pictures are taken level
         self.lean = 0.0  # of the airframe really, rad; its camera leans with it
+        self.slope = 0.0  # of the pad, down to its north, rad: its normal and north alone show it
         self.skids = 0.0  # m/s across the pad once it touches
         self.pulse_us = LOW
         self.armed, self.mode = True, "GUIDED"
@@ -196,11 +197,12 @@ class Flight:
         R = transpose(self.R_local_camera())
         offset = rotate(rot_zyx(self.yaw, self.lean, 0.0), self.config.vehicle.camera_offset_m)
         position = rotate(R, sub(self.pad, add(self.position, offset)))
-        north = rotate(R, (math.cos(self.pad_heading), math.sin(self.pad_heading), 0.0))
+        R_pad = matmul(R, rot_zyx(self.pad_heading, -self.slope, 0.0))
+        north = rotate(R_pad, (1.0, 0.0, 0.0))
         turned = self.layout.has_heading
         true = PoseSolution(
             position=position,
-            normal=rotate(R, (0.0, 0.0, 1.0)),
+            normal=rotate(R_pad, (0.0, 0.0, 1.0)),
             north=north if turned else None,
             covariance=matscale(IDENTITY, 1e-4),
             sigma_yaw=0.01 if turned else None,

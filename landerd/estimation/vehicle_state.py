@@ -30,6 +30,12 @@ class VehicleState:
         return slowest_foot(self.airframe, self.velocity, self.attitude)
 
     @property
+    def down(self) -> Vec3:
+        """The airframe's down axis, local."""
+        roll, pitch, yaw, *_ = self.attitude
+        return rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, 1.0))
+
+    @property
     def course(self) -> float | None:
         """Bearing of its motion, rad to the right of its nose; None while it hovers."""
         north, east, _ = self.velocity

@@ -10,6 +10,28 @@ from landerd.pad import Plate
 SLOWEST_SINK_MPS = 0.1  # at least so fast it is taken to sink, to tell where it will touch
 RATE_S = 0.5  # over which it is told how fast the feet move across the plate
 
+# In steady flight the airframe hangs along what wind and weight come to: its angle to the plate's
+# normal is that at which they pull on the gear once it stands. Half of the weight is carried by the
+# thrust that ArduCopter steers with until it is levelled: rubber (friction 1) slides from 26
+# degrees on then. Flown by landerd in the simulator across and along the gear: all 16 of 20 to 26
+# degrees stood, all 8 of 29 and 31 slid off the plate or tipped over.
+MAX_LEAN = math.radians(27.0)
+# Levelled, a tenth of the thrust is left, and the gear tips over where that pull passes its feet:
+# with those of the thesis (0.26 m apart, 0.20 m below) from 30 degrees on. Swinging does the rest.
+PRESSED_SHARE = 0.9
+SWINGS = math.radians(3.0)
+
+
+def most_lean(footprint_m: tuple[float, float], gear_height_m: float) -> float:
+    """Return the lean against the plate with which the vehicle may touch and still stand, rad.
+
+    Args:
+        footprint_m: between the feet, along x and y.
+        gear_height_m: of the middle of the mass over the feet, taken to be the autopilot's.
+    """
+    tips = math.atan2(PRESSED_SHARE * 0.5 * min(footprint_m), gear_height_m)
+    return min(MAX_LEAN, tips - SWINGS)
+
 
 class Foothold:
     """The feet's circle and the plate; where it stood is followed from contact on."""

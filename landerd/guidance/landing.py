@@ -6,6 +6,7 @@ from dataclasses import replace
 from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.guidance import pilot_texts
+from landerd.guidance.foothold import most_lean
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_context import ControlStep, LandingContext, LandingState
 from landerd.guidance.last_orders import LastOrders
@@ -40,7 +41,12 @@ class Landing:
         self._gate = gate
         self._orders = Orders(flyable_limits(config))
         self._context = LandingContext(config, layout, estimator, self._orders)
-        self._phases = Phases(guidance.descent, has_heading=layout.has_heading)
+        vehicle = config.vehicle
+        self._phases = Phases(
+            guidance.descent,
+            has_heading=layout.has_heading,
+            most_lean=most_lean(vehicle.footprint_m, vehicle.gear_height_m),
+        )
         self._method = make_method(config)
         self._lost = LostPlan(guidance.lost)
         self._touchdown = Touchdown(

@@ -8,7 +8,7 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, horizontal, rot_z, rotate
+from landerd.geometry import Vec3, clamp, dot, horizontal, rot_z, rotate
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
 from landerd.guidance.footing import Footing
@@ -66,7 +66,7 @@ class Sight:
     relative: RelativeState
     age: float  # since the exposure of the last accepted sighting, s
     heading: float | None  # of the pad, local, rad; None: not known
-    tilt: float  # of the airframe from level, rad
+    lean: float  # of the airframe from how it would stand on the pad, rad
     pad_down: float  # local z of the landing point, m
 
 
@@ -133,7 +133,8 @@ class LandingContext:
         if vehicle is None or pad is None or not age < limit:
             return None
         relative = self.relative(vehicle, pad)
-        return Sight(relative, age, pad.heading, vehicle.tilt, pad.position[2])
+        lean = math.acos(clamp(dot(vehicle.down, pad.normal), -1.0, 1.0))
+        return Sight(relative, age, pad.heading, lean, pad.position[2])
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""

@@ -4,6 +4,7 @@ import math
 
 from landerd.config.models import DescentSection
 from landerd.guidance import pilot_texts
+from landerd.guidance.foothold import MAX_LEAN
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import CONTACT_S, MAX_BLIND_S
 from landerd.messages import Phase
@@ -25,12 +26,9 @@ GO_AROUND_HEIGHT_SHARE = 0.5
 # time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
 LEAVES_S = 0.2
 MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
-# A vehicle that leans against its airspeed, rad, over so long, s: as soon as a foot levels it on
-# the pad, the air takes it along until its thrust is gone. Of the field's vehicles over a pad of
-# 10 m/s with wind ahead all 9 that touched with 32 to 43 degrees tipped over, of 11 with 22 to 31
-# two. Levelled without thrust as soon as the pad had levelled it, more did.
-MAX_LEAN, UPRIGHT_LEAN = math.radians(31.0), math.radians(27.0)
-LEAN_S = 2.0
+# The lean against the plate is told over so long, s: a gust passes; and once too much, it must have
+# fallen by so much more, rad, before it lands.
+LEAN_S, UPRIGHT = 2.0, math.radians(1.0)
 LEANS_BELOW = 2.0  # alignment heights: room to stop sinking
 
 
@@ -55,7 +53,17 @@ class Phases:
         goes_around: it was low over the pad but not so that it could land, and climbs to try again.
     """
 
-    def __init__(self, options: DescentSection, *, has_heading: bool) -> None:
+    def __init__(
+        self, options: DescentSection, *, has_heading: bool, most_lean: float = MAX_LEAN
+    ) -> None:
+        """Make them for a landing that has not begun.
+
+        Args:
+            options: bounds.
+            has_heading: the pad has one, and is landed on by it.
+            most_lean: of the airframe, from how it would stand, with which it may touch, rad.
+        """
+        self._most_lean = most_lean
         self.configure(options)
         self._has_heading = has_heading
         self.restart()
@@ -101,17 +109,17 @@ class Phases:
         may_land = self._aligned and not self.leans
         return 0.0 if may_land else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
-    def watch_lean(self, tilt: float, height: float, dt: float) -> None:
+    def watch_lean(self, lean: float, height: float, dt: float) -> None:
         """See in each step, before `step`, how far the airframe leans.
 
         Args:
-            tilt: of the airframe from level, rad.
+            lean: of the airframe from how it would stand on the pad, rad.
             height: over the pad, m; higher up it may be braking.
             dt: since the last step, s.
         """
-        last = tilt if self._lean is None else self._lean
-        self._lean = last + min(1.0, dt / LEAN_S) * (tilt - last)
-        leans = self._lean > (UPRIGHT_LEAN if self.leans else MAX_LEAN)
+        last = lean if self._lean is None else self._lean
+        self._lean = last + min(1.0, dt / LEAN_S) * (lean - last)
+        leans = self._lean > self._most_lean - (UPRIGHT if self.leans else 0.0)
         self.leans = leans and height < LEANS_BELOW * self._options.alignment_height_m
 
     def step(

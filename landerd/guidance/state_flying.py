@@ -126,7 +126,7 @@ class Tracking:
         if context.takes_too_long(step.now):
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
-        phases.watch_lean(sight.tilt, relative.height, step.dt)
+        phases.watch_lean(sight.lean, relative.height, step.dt)
         phase, why = phases.step(relative, sight.age, may_land=not context.hold_asked)
         context.orders.enter(phase, why)
         self._tell_of_hold(phase, relative)

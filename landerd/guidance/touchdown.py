@@ -46,6 +46,11 @@ MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
 LEVEL_AFTER_S = 0.6
 LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
+# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and leaned
+# by more than this before the touch, rad: while as much is asked for ArduCopter keeps half of the
+# thrust of hover to steer with (measured), and what that carries slides in the wind that it leaned
+# against, ever faster. Levelled while it slides fast it would trip over its feet.
+SLIDES_MPS, STEERS = 0.3, math.radians(15.0)
 # Or so soon, where it leans by so much more than in the air, rad, on a pad that is seen to take it
 # along: an autopilot that holds its velocity against a pad that brakes tips over on it.
 LEVEL_TIPPING_S, TIPS = 0.3, math.radians(5.0)
@@ -90,8 +95,9 @@ class Touchdown:
         """Start at commit, at time now."""
         self._watch_from = now + ANSWER_S
         self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
-        self._slow_since = self._still_since = math.inf
-        self._still_at = (0.0, 0.0)  # local z of feet and pad then, m
+        self._slow_since = math.inf
+        self._flat_since = self._still_since = math.inf  # lies flat; and does not slide
+        self._flat_at = (0.0, 0.0)  # local z of feet and pad then, m
         self._contact_t: float | None = None
         self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
@@ -215,10 +221,10 @@ class Touchdown:
         """Tell whether to stand level without thrust rather than to go with the pad.
 
         ArduCopter's land detector does not trust in a landing while more than 15 degrees of tilt
-        are asked for, as a velocity kept in wind does. It waits until the vehicle stands still:
-        levelled on one edge, with thrust left, it would be blown away. Once level it stays so,
-        but never while it sinks: what sinks is in the air, whatever was taken for contact, and
-        needs its thrust.
+        are asked for, as a velocity kept in wind does. It waits until the vehicle stands still, or
+        slides lying flat: levelled on one edge, with thrust left, it would be blown away. Once
+        level it stays so, but never while it sinks: what sinks is in the air, whatever was taken
+        for contact, and needs its thrust.
 
         Args:
             now: s; called at every control step from contact on.
@@ -236,28 +242,33 @@ class Touchdown:
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
         by_deck = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
         self.watch(now, sink_rate - by_deck, self._descent_mps)
-        max_slip = MAX_SLIP_MPS + PAD_SPEED_ERROR_SHARE * pad_speed
-        still = slip < max_slip and roll_pitch_rate < MAX_ROLL_PITCH_RATE
-        if not still:
+        error = PAD_SPEED_ERROR_SHARE * pad_speed
+        if not roll_pitch_rate < MAX_ROLL_PITCH_RATE:
+            self._flat_since = math.inf
+        elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:
+            self._flat_since, self._flat_at = now, down
+        if slip < MAX_SLIP_MPS + error:
+            self._still_since = max(self._flat_since, min(self._still_since, now))
+        else:
             self._still_since = math.inf
-        elif self._still_since == math.inf or self._has_settled_by(down) > SETTLES_M:
-            self._still_since, self._still_at = now, down
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
+        slides = slip < SLIDES_MPS + error and self._tilt > STEERS and waited > LEVEL_AFTER_S
+        slides = slides and now - self._flat_since >= STILL_S
         confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
         stands = stands or (released and confirmed)  # and not stopped there, nor pressed down
         stays = stands and (released or still_s >= LEVEL_STILL_S)
-        late = waited > LEVEL_AT_LATEST_S or tips_over or stays
+        late = waited > LEVEL_AT_LATEST_S or tips_over or slides or stays
         due = self._level or (late and (released or landed is not Landed.ON_GROUND))
         self._level = due and now - self._slow_since >= CONTACT_S
         self.stands = stands or self._level or confirmed
         return self._level
 
     def _has_settled_by(self, down: tuple[float, float]) -> float:
-        """Return how far it has sunk since it stands still, and not with the pad, m."""
-        feet, pad = (now - then for now, then in zip(down, self._still_at, strict=True))
+        """Return how far it has sunk since it lies flat, and not with the pad, m."""
+        feet, pad = (now - then for now, then in zip(down, self._flat_at, strict=True))
         return feet - max(0.0, pad)
 
     def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:

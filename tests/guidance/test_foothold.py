@@ -1,9 +1,11 @@
 """Where the feet are on the plate: what is told of a landing hangs on it."""
 
+import math
+
 import pytest
 
 from landerd.geometry import Vec3
-from landerd.guidance.foothold import Foothold
+from landerd.guidance.foothold import Foothold, most_lean
 from landerd.guidance.relative_state import RelativeState
 from landerd.pad import Plate
 
@@ -19,6 +21,24 @@ def touched(sigma_mps: float) -> Foothold:
     relative = RelativeState(still, still, still, 0.01, 0.0, 0.0, sigma_velocity=sigma_mps)
     foothold.touch(relative, 0.0)
     return foothold
+
+
+@pytest.mark.parametrize(
+    ("footprint_m", "gear_height_m", "expected_deg"),
+    [
+        (FOOTPRINT, 0.20, 27.0),  # rubber slides before it tips over
+        ((0.8, 0.8), 0.20, 27.0),
+        (FOOTPRINT, 0.0, 27.0),
+        ((0.44, 0.18), 0.25, 14.9),  # narrow and high
+        ((0.18, 0.44), 0.25, 14.9),
+    ],
+)
+def test_it_may_lean_as_far_as_rubber_and_the_gears_narrow_side_hold(
+    footprint_m: tuple[float, float], gear_height_m: float, expected_deg: float
+) -> None:
+    assert math.degrees(most_lean(footprint_m, gear_height_m)) == pytest.approx(
+        expected_deg, abs=0.1
+    )
 
 
 def follow(foothold: Foothold, velocity: Vec3, pad_velocity: Vec3, duration_s: float) -> None:

@@ -168,14 +168,39 @@ def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then
     assert "landerd: no landing possible: pilot, take over" in flight.texts
 
 
+def test_a_narrow_gear_lands_with_less_lean() -> None:
+    config = Config.model_validate(
+        {"vehicle": {"footprint_m": [0.44, 0.18], "gear_height_m": 0.25}}
+    )
+    flight = Flight(config=config)
+    flight.lean = math.radians(-18.0)
+    flight.engaged()
+    flight.run(25.0)
+    assert flight.contact_t is None
+    assert "landerd: yaw correction: leans too far: 18 degrees" in flight.texts
+
+
 def test_in_a_lull_it_lands_that_leaned_too_far() -> None:
     flight = Flight()
     flight.lean = math.radians(-33.0)
     flight.engaged()
     flight.run(15.0)
     assert flight.lander.state is State.TRACKING
-    flight.lean = math.radians(-25.0)
+    flight.lean = math.radians(-22.0)
     to(flight, State.COMMITTED)
+
+
+@pytest.mark.parametrize(("slope_deg", "lands"), [(8.0, True), (0.0, True), (-8.0, False)])
+def test_how_far_it_leans_is_against_the_plate_that_it_is_to_stand_on(
+    slope_deg: float, lands: bool
+) -> None:
+    """In wind from ahead it slid off a plate that sloped down with the wind."""
+    flight = Flight()
+    flight.slope, flight.lean = math.radians(slope_deg), math.radians(-22.0)
+    flight.engaged()
+    flight.run(25.0)
+    assert (flight.contact_t is not None) == lands
+    assert any("leans too far: 30 degrees" in text for text in flight.texts) != lands
 
 
 def test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known() -> None:

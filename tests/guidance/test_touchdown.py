@@ -235,6 +235,18 @@ def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
     assert all(standing.level(1.0, slip=slip, roll_pitch_rate=roll_pitch_rate)[8:])
 
 
+@pytest.mark.parametrize(("slip", "waits_s"), [(0.2, 0.6), (0.5, 2.5)])
+def test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled(
+    slip: float, waits_s: float
+) -> None:
+    """Half lifted by the thrust that steers, it slid on in the wind for 2 s, and off the plate."""
+    standing = Standing()
+    standing.touchdown.descent(math.radians(20.0))
+    assert not any(standing.level(0.25, slip=slip, roll_pitch_rate=0.8))
+    assert not any(standing.level(waits_s - 0.3, slip=slip))
+    assert all(standing.level(1.0, slip=slip)[4:])
+
+
 def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))

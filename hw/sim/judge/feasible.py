@@ -6,12 +6,14 @@ from hw.sim.options import PadOptions, SimOptions, WindOptions
 from hw.sim.physics.contact import GRAVITY
 from hw.sim.physics.land_detector import LandDetector
 from hw.sim.physics.vehicle import DRAG_1, DRAG_2, vehicle_model
+from landerd.geometry import clamp, dot, unit
 
 RESERVE_MPS2 = 0.8  # of the push that leaning gives: for what steers and brakes relative to the pad
 TURBULENCE_SIGMAS = 2.0  # of turbulence that must be held against
 THESIS_WIND_MPS = 4.4  # 1.4 m/s, a sine of 1 m/s and noise of 1 m/s, at two sigmas
-# A vehicle that leans farther than this against steady air tips over as its first foot levels it
-# (docs/safety.md, what cannot be kept).
+# Where a vehicle in steady air hangs farther than this off the plate's normal, no gear holds it:
+# half lifted by the thrust it steers with it slides (26 degrees on), and tips over once that is
+# gone (30 degrees on; docs/safety.md, what cannot be kept).
 TIPS_AT = math.radians(31.0)
 # A deck's vertical acceleration against the vehicle's: half is for braking the descent
 # (docs/how-it-lands.md, heaving decks).
@@ -35,9 +37,9 @@ def infeasible(options: SimOptions) -> str | None:
     push = GRAVITY * math.tan(model.angle_max)
     if drag + level + RESERVE_MPS2 > push:
         return f"airspeed of {airspeed:.1f} m/s takes more lean than the vehicle has"
-    lean = math.atan(_drag(model.drag, _least_airspeed(options)) / GRAVITY)
+    lean = _lean(options, model.drag)
     if lean > TIPS_AT:
-        return f"it leans by {math.degrees(lean):.0f} degrees: the touch tips it over"
+        return f"it leans by {math.degrees(lean):.0f} degrees to the pad: it cannot stand there"
     heave = _heave_acceleration(pad)
     if heave > HEAVE_SHARE * response.vertical_acceleration_mps2:
         return f"the deck heaves with {heave:.1f} m/s2, more than can be followed"
@@ -56,23 +58,40 @@ def _airspeed(options: SimOptions) -> float:
     unsteady = wind.gust_mps + TURBULENCE_SIGMAS * wind.turbulence_mps
     if wind.from_deg is None or pad.turn_rate_deg_s:
         return pad.speed_mps + wind.speed_mps + unsteady
-    return _steady_airspeed(pad, wind, wind.from_deg) + unsteady
+    return math.hypot(*_steady_air(pad, wind, wind.from_deg)) + unsteady
 
 
-def _least_airspeed(options: SimOptions) -> float:
-    """Return the air that passes it all the time, without gusts, m/s: a pad may turn out of it."""
+def _lean(options: SimOptions, drag: float) -> float:
+    """Return how far off the plate's normal it hangs all the time, without gusts, rad.
+
+    A pad that turns may turn out of the wind, and slope the other way.
+    """
     wind, pad = options.wind, options.pad
     if wind.model == "thesis":
-        return max(0.0, pad.speed_mps - THESIS_WIND_MPS)
+        return math.atan(_drag(drag, max(0.0, pad.speed_mps - THESIS_WIND_MPS)) / GRAVITY)
     if wind.from_deg is None or pad.turn_rate_deg_s:
-        return abs(pad.speed_mps - wind.speed_mps)
-    return _steady_airspeed(pad, wind, wind.from_deg)
+        return math.atan(_drag(drag, abs(pad.speed_mps - wind.speed_mps)) / GRAVITY)
+    north, east = _steady_air(pad, wind, wind.from_deg)
+    pull = drag * (DRAG_1 + DRAG_2 * math.hypot(north, east))  # of the air, per m/s of it, 1/s
+    down = unit((pull * north, pull * east, GRAVITY))
+    if pad.tilt_azimuth_deg is None:
+        return math.acos(down[2])
+    slope, downhill = (
+        math.radians(pad.tilt_deg),
+        math.radians(pad.heading_deg + pad.tilt_azimuth_deg),
+    )
+    level = -math.sin(slope)
+    normal = (level * math.cos(downhill), level * math.sin(downhill), math.cos(slope))
+    return math.acos(clamp(dot(down, normal), -1.0, 1.0))
 
 
-def _steady_airspeed(pad: PadOptions, wind: WindOptions, from_deg: float) -> float:
-    into = math.radians(pad.course_deg - from_deg)
-    north = pad.speed_mps + wind.speed_mps * math.cos(into)
-    return math.hypot(north, wind.speed_mps * math.sin(into))
+def _steady_air(pad: PadOptions, wind: WindOptions, from_deg: float) -> tuple[float, float]:
+    """Return the air's velocity against a vehicle that goes with the pad, north and east, m/s."""
+    course, source = math.radians(pad.course_deg), math.radians(from_deg)
+    return (
+        -wind.speed_mps * math.cos(source) - pad.speed_mps * math.cos(course),
+        -wind.speed_mps * math.sin(source) - pad.speed_mps * math.sin(course),
+    )
 
 
 def _heave_acceleration(pad: PadOptions) -> float:

@@ -20,7 +20,8 @@ TIPS_DEG = 30.0
 OLD_ORDER_S, MOVES_MPS = 0.2, 0.3
 LOW_M, ERROR_M, SINKS_MPS = 1.0, 1.0, 0.15
 TIPS_ON_DEG = 5.0  # a vehicle that leans against wind as it touches tips from there on
-TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over
+TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over,
+CLIMBS_MPS = 0.5  # unless it climbs so fast with all feet up: then it leans as it flies
 BOUNCE_S = 0.1  # feet up for longer: the next touch is another contact
 # What wind, gusts and the lag of the inner loops may add to what is ordered.
 _SPEED_SHARE, _SPEED_MPS, _ACCELERATION_MPS2, _LEAN_DEG = 1.2, 1.0, 6.0, 15.0
@@ -138,7 +139,8 @@ class SafetyMonitor:
         if not flies:
             self._order = None
         tilt = math.hypot(vehicle.roll, vehicle.pitch)
-        if self.touches:
+        climbs = not any(vehicle.feet) and world.relative_velocity[2] < -CLIMBS_MPS
+        if self.touches and not climbs:
             self._watch_tilt(world.t, tilt)
         else:
             self._leant_deg = math.degrees(tilt)

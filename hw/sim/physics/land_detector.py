@@ -29,8 +29,8 @@ class LandDetector:
 
     def __init__(self) -> None:
         self.landed = False
+        self.throttle_mix = self._MIX_MIN
         self._timer = 0.0
-        self._mix = self._MIX_MIN
         self._velocity: Vec3 | None = None
         self._filtered: Vec3 = (0.0, 0.0, 0.0)
 
@@ -57,12 +57,12 @@ class LandDetector:
         acceleration = norm(self._filtered)
         steers = tilt > self._LARGE_ANGLE and not landing
         if steers or acceleration > self._MOVING_MPS2 or not descending:
-            self._mix = min(self._mix + self._MIX_UP * STEP_S, self._MIX_MAX)
+            self.throttle_mix = min(self.throttle_mix + self._MIX_UP * STEP_S, self._MIX_MAX)
         else:
-            self._mix = max(self._mix - self._MIX_DOWN * STEP_S, self._MIX_MIN)
+            self.throttle_mix = max(self.throttle_mix - self._MIX_DOWN * STEP_S, self._MIX_MIN)
         if (
             thrust < self._THRUST_GONE
-            and self._mix < self._MIX_IS_MIN
+            and self.throttle_mix < self._MIX_IS_MIN
             and acceleration <= self.STATIONARY_MPS2
             and abs(velocity[2]) < self._SLOW_MPS
         ):
@@ -76,6 +76,6 @@ class LandDetector:
         """Start again: the vehicle is clear of any surface, or takes off."""
         self.landed = False
         self._timer = 0.0
-        self._mix = self._MIX_MIN
+        self.throttle_mix = self._MIX_MIN
         self._velocity = None
         self._filtered = (0.0, 0.0, 0.0)

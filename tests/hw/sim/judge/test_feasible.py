@@ -22,6 +22,12 @@ def why(**options: Any) -> str | None:
         {"pad": {"speed_mps": 15.0}, "vehicle": "fast"},
         {"pad": {"heave_m": 0.3, "heave_hz": 0.2}},
         {"pad": {"speed_mps": 5.0, "brake_mps2": 2.0}},
+        # It slopes up with the wind, and stands where a level plate would not hold it.
+        {
+            "wind": {"speed_mps": 11.0, "from_deg": 60.0},
+            "pad": {"heading_deg": 90.0, "tilt_azimuth_deg": -30.0, "tilt_deg": 5.0},
+            "airframe": {"angle_max_deg": 45.0},
+        },
         # The thesis's wind is what it is: what is said of another one does not count.
         {"wind": {"model": "thesis", "speed_mps": 11.0}, "airframe": {"angle_max_deg": 45.0}},
         # It leans by as much only for a part of each turn.
@@ -43,10 +49,19 @@ def test_what_landerd_lands_on_is_feasible(options: dict[str, Any]) -> None:
         ({"pad": {"speed_mps": 5.0}, "wind": {"speed_mps": 6.0, "from_deg": 0.0}}, "airspeed"),
         ({"wind": {"speed_mps": 6.0, "turbulence_mps": 2.0}}, "airspeed of 10.0"),
         ({"wind": {"speed_mps": 6.0}, "airframe": {"angle_max_deg": 12.0}}, "more lean"),
-        # It has that lean, but tips over with it as it touches.
+        # It has that lean, but cannot stand in that wind,
         (
             {"wind": {"speed_mps": 11.0, "model": "steady"}, "airframe": {"angle_max_deg": 45.0}},
             "leans by 33 degrees",
+        ),
+        # nor in less of it on a plate that slopes down with the wind.
+        (
+            {
+                "wind": {"speed_mps": 9.5, "from_deg": 60.0},
+                "pad": {"heading_deg": 90.0, "tilt_azimuth_deg": 150.0, "tilt_deg": 5.0},
+                "airframe": {"angle_max_deg": 45.0},
+            },
+            "leans by 32 degrees",
         ),
         ({"pad": {"speed_mps": 5.0, "brake_mps2": 3.0}}, "accelerates by 3.0"),
         ({"pad": {"speed_mps": 10.0, "turn_rate_deg_s": 20.0}}, "accelerates by 3.5"),

@@ -1,5 +1,6 @@
 """The safety monitor: what must not come of a flight, whoever orders what."""
 
+import math
 from collections.abc import Callable
 
 import pytest
@@ -83,6 +84,23 @@ def test_one_that_leans_against_wind_as_it_touches_does_not_tip() -> None:
         watched.order((0.0, 0.0, 0.3), 0.025)
     watched.order((0.0, 0.0, 0.3), 0.05)
     assert watched.monitor.worst.tilt_deg > 30.0
+    assert watched.found == []
+
+
+def test_one_that_climbs_away_leaning_as_it_flies_does_not_tip() -> None:
+    watched = Watched(
+        wind={"speed_mps": 6.0, "from_deg": 0.0},
+        airframe={"mass_kg": 1.5, "angle_max_deg": 45.0},
+        response={"acceleration_mps2": 5.0, "jerk_mps3": 20.0},
+    )
+    while not any(watched.world.vehicle.feet):
+        watched.order((0.0, 0.0, 0.3), 0.025)
+    watched.order((0.0, 0.0, -1.0), 0.9)  # a gust, say, that it flies against:
+    most_deg = 0.0
+    while watched.monitor.touches:
+        watched.order((4.0, 0.0, -1.0), 0.025)
+        most_deg = max(most_deg, abs(math.degrees(watched.world.vehicle.pitch)))
+    assert most_deg > 32.0
     assert watched.found == []
 
 
