@@ -1,4 +1,4 @@
-"""Reports that jump as no vehicle can: one is dropped, a second in a row that agrees is believed.
+"""Reports that jump as no vehicle can: they are not taken, until they have agreed for a while.
 
 An EKF that is reset says the new value from then on; what comes once was never so.
 """
@@ -9,19 +9,23 @@ from landerd.geometry import Vec3, norm, sub
 class Spikes:
     """Looks at the reports of one kind, in order."""
 
-    def __init__(self) -> None:
-        self._suspected: Vec3 | None = None  # the last one, if it jumped
+    def __init__(self, believed_s: float = 0.0) -> None:
+        """Believed: reports that agree for so long are so, s; 0: the second one in a row."""
+        self._believed_s = believed_s
+        self._suspected: tuple[float, Vec3] | None = None  # since when, and by how much it jumped
 
-    def is_one(self, value: Vec3, expected: Vec3, most: float) -> bool:
+    def is_one(self, t: float, jump: Vec3, most: float) -> bool:
         """Tell whether a report is not to be taken.
 
         Args:
-            value: that is reported.
-            expected: by those before.
-            most: by which it may be off that, in the same unit.
+            t: of the report, s.
+            jump: that is reported, less what those before led to expect.
+            most: that it may be, in the same unit.
         """
-        if norm(sub(value, expected)) <= most:
+        if norm(jump) <= most:
             self._suspected = None
             return False
-        suspected, self._suspected = self._suspected, value
-        return suspected is None or norm(sub(value, suspected)) > most
+        if self._suspected is None or norm(sub(jump, self._suspected[1])) > most:
+            self._suspected = t, jump
+            return True
+        return t - self._suspected[0] < self._believed_s
