@@ -24,6 +24,9 @@ GO_AROUND_HEIGHT_SHARE = 0.5
 # What leaves the descent region must stop sinking before it is out, s: the age of sight and the
 # time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
 LEAVES_S = 0.2
+# What climbs from the pad faster than noise, m/s, does not commit: the next order turns it over only
+# half a metre higher up, and there region, heading and sight bind.
+MAX_CLIMB_MPS = 0.1
 MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
 # A vehicle that leans against its airspeed, rad, over so long, s: as soon as a foot levels it on
 # the pad, the air takes it along until its thrust is gone. Of the field's vehicles over a pad of
@@ -153,6 +156,7 @@ class Phases:
             self.phase is Phase.DESCENT
             and relative.height < self._options.commit_height_m
             and not self.goes_around
+            and relative.error_rate[2] < MAX_CLIMB_MPS
             and sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S < MAX_BLIND_S
             and self.will_land_well(relative)
         )

@@ -168,6 +168,13 @@ def test_it_commits_only_aligned_over_the_pad_and_below_the_commit_height() -> N
         assert phase is not Phase.LANDED, (distance, height, heading_deg)
 
 
+def test_it_does_not_commit_as_it_climbs_away() -> None:
+    p = phases()
+    p.step(situation(0.05, 1.0))
+    assert p.step(situation(0.02, 0.1, rate=(0.0, 0.0, 0.3)))[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.1, rate=(0.0, 0.0, -0.3)))[0] is Phase.LANDED
+
+
 def test_drifting_far_out_is_an_approach_again_but_not_at_the_bound_itself() -> None:
     p = phases()
     bound = 3.0 * descent_radius(OPTIONS, 5.0)
