@@ -224,7 +224,7 @@ MUTANTS = [
     Mutant(
         "2: sinks blind for long after commit",
         TOUCHDOWN,
-        "MAX_BLIND_S = 0.95",
+        "MAX_BLIND_S = 0.97",
         "MAX_BLIND_S = 9.0",
         "test_2_after_commit_it_sinks_blind_for_a_second_at_most",
     ),
