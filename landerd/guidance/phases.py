@@ -24,8 +24,8 @@ GO_AROUND_HEIGHT_SHARE = 0.5
 # What leaves the descent region must stop sinking before it is out, s: the age of sight and the
 # time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
 LEAVES_S = 0.2
-# What climbs from the pad faster than noise, m/s, does not commit: the next order turns it over only
-# half a metre higher up, and there region, heading and sight bind.
+# What climbs from the pad faster than noise, m/s, does not commit: by the time that it sinks again
+# it is half a metre higher up, where region, heading and sight bind.
 MAX_CLIMB_MPS = 0.1
 MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
 # A vehicle that leans against its airspeed, rad, over so long, s: as soon as a foot levels it on

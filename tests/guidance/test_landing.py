@@ -9,7 +9,14 @@ from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import IDENTITY, Vec3, add, cross, matscale, rot_zyx, rotate, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
-from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
+from landerd.messages import (
+    Attitude,
+    LocalPosition,
+    Phase,
+    PoseSolution,
+    PressDown,
+    Setpoint,
+)
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -242,6 +249,17 @@ def test_too_low_to_try_any_longer_it_climbs_at_once() -> None:
     assert flight.setpoints[-1][1].velocity[2] == -never_fit.guidance.limits.climb_mps
 
 
+def test_where_pictures_show_it_higher_than_telemetry_does_it_climbs_within_its_limits() -> None:
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit).engaged()
+    while flight.height > 0.115:
+        flight.tick()
+    flight.distort = lambda true: replace(true, position=add(true.position, (0.0, 0.0, 0.4)))
+    setpoints = flight.run(0.15)
+    assert "climbing again" in flight.lander.reason
+    assert all(setpoint.velocity[2] > -0.1 for setpoint in setpoints)
+
+
 def test_too_low_over_a_deck_that_comes_up_it_climbs_faster_than_that() -> None:
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
     flight = Flight(config=never_fit, pad_velocity=(0.0, 0.0, -0.2)).engaged()
@@ -376,7 +394,7 @@ def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
     to(flight.engaged(), State.ON_PAD)
     while not flight.pressed:
         flight.tick()
-    flight.run(0.1)
+    flight.run(0.15)
     flown, levelled = len(flight.setpoints), len(flight.pressed)
     flight.silent = {LocalPosition}
     flight.run(0.8)
@@ -419,7 +437,7 @@ def test_levelled_after_a_release_it_stays_so_as_it_rocks() -> None:
         flight.tick()
     flown = len(flight.setpoints)
     flight.pitch_rate = 0.8  # as its thrust goes; given back, it threw the vehicle off its feet
-    flight.run(0.1)
+    flight.run(0.15)
     flight.pitch_rate = 0.0
     flight.run(0.2)
     assert len(flight.setpoints) == flown
@@ -459,7 +477,7 @@ def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
     flight = Flight(pad_velocity=(2.0, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
-    flight.run(0.1)
+    flight.run(0.15)
     flight.silent = {Attitude}
     flight.run(1.0)
     flight.silent, flight.detects_landing = set(), True
