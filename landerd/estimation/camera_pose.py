@@ -42,9 +42,10 @@ POSITION_TIME_CONSTANT_S = 20.0
 # than its rate says, rad/s^2, and what noise adds, rad. Chosen by hand, well above what flies.
 FASTEST_MPS2, KNOCK_MPS = 50.0, 1.0
 FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
-# A heading that jumps otherwise is believed when it has been said for so long, s; until then the
-# vehicle turns as its rates say, which gyros tell well for seconds. Headings at random agree twice
-# in a row every now and then: the pad's heading went with them, and took a second to come back.
+# Once a heading has jumped otherwise, one is believed that has been said for so long, s; until then
+# the vehicle turns as its rates say, which gyros tell well for seconds. Of headings at random two
+# in a row agree every now and then, and one in five is near the last: the pad's heading went with
+# them, and took a second to come back.
 HEADING_BELIEVED_S = 0.2
 LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
 

@@ -50,7 +50,7 @@ def test_headings_at_random_are_not_believed_though_two_in_a_row_agree() -> None
         newest = made.attitude.newest
         assert newest is not None
         assert newest[0] == 1.0 + 0.04 * i  # roll and pitch are as fresh as ever
-        assert newest[1][2] == pytest.approx(0.02 * i, abs=math.radians(8.0))
+        assert newest[1][2] == pytest.approx(0.02 * i, abs=math.radians(1.0))
 
 
 def test_a_heading_that_is_set_anew_is_believed_after_a_while() -> None:
