@@ -74,7 +74,8 @@ class Tracking:
         """Order the method's velocity, down only where the phases allow it."""
         sight = self._context.sight
         if sight is None:
-            return Event.SIGHT_LOST
+            is_low = self._context.just_over_fast_pad
+            return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
         if self._context.stands(step.now) and not self._context.hold_asked:
             self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS

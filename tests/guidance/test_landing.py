@@ -260,6 +260,18 @@ def test_where_pictures_show_it_higher_than_telemetry_does_it_climbs_within_its_
     assert all(setpoint.velocity[2] > -0.1 for setpoint in setpoints)
 
 
+def test_blind_just_over_a_pad_that_moves_it_climbs_away_with_it_though_not_committed() -> None:
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit, pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    while flight.height > 0.19:
+        flight.tick()
+    flight.silent.add(Attitude)
+    assert to(flight, State.WAVING_OFF, at_most_s=0.3) == [State.TRACKING, State.WAVING_OFF]
+    north, _, down = flight.setpoints[-1][1].velocity
+    assert north == pytest.approx(1.0, abs=0.1)
+    assert down == -never_fit.guidance.limits.climb_mps
+
+
 def test_too_low_over_a_deck_that_comes_up_it_climbs_faster_than_that() -> None:
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
     flight = Flight(config=never_fit, pad_velocity=(0.0, 0.0, -0.2)).engaged()
