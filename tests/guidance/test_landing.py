@@ -547,20 +547,23 @@ def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_aga
     assert flight.lander.outcome == "landed"
 
 
-def test_waved_off_as_it_touches_unnoticed_it_stays_until_its_thrust_is_back() -> None:
+@pytest.mark.parametrize(("stale_s", "waves_off_s"), [(0.0, 0.6), (0.4, 1.1)])
+def test_waved_off_as_it_touches_unnoticed_it_stays_while_its_thrust_is_not_back(
+    stale_s: float, waves_off_s: float
+) -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
     while flight.height > 0.05:
         flight.tick()
     flight.silent = {Attitude, LocalPosition}  # stale before the touch shows
     to(flight, State.WAVING_OFF, at_most_s=0.35)
-    flight.silent = set()
     on_pad, waved_off_t = (
         (*flight.position[:2], flight.pad[2] - flight.config.vehicle.gear_height_m),
         flight.t,
     )
     while flight.lander.state is State.WAVING_OFF:
-        assert flight.t < waved_off_t + 0.6
+        assert flight.t < waved_off_t + waves_off_s
+        flight.silent = flight.silent if flight.t < waved_off_t + stale_s else set()
         flight.position, flight.velocity = on_pad, (0.0, 0.0, 0.0)
         flight.tick()
     climbs = len(flight.setpoints)
