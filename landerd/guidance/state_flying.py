@@ -29,10 +29,11 @@ SETTLED_S = 0.15
 # A pad known by its ring alone is looked at for so long before it sinks, s: a look-alike is seldom
 # seen for as long without a break.
 RING_ALONE_S = 1.0
-# A pad that was never surely seen to heave may come up faster than it is said to: by one sigma, but
-# by no more than this, m/s; the rest is sight's. Without it decks that came up while they were said
-# to stand were sunk onto faster than the autopilot's timeout stops.
-UNSURE_HEAVE_MPS = 0.2
+# A pad that was never surely seen to heave may come up faster than it is said to: by so many sigma,
+# but by no more than this, m/s; the rest is sight's. Without it decks that came up while they were
+# said to stand were sunk onto faster than the autopilot's timeout stops; with one sigma too, now and
+# then, where the turn of a slow deck had not been seen yet.
+UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
 
 
 class Tracking:
@@ -104,7 +105,7 @@ class Tracking:
         north, east, down = velocity
         # For want of knowing a deck that heaves it waits, and does not climb. A pad that was never
         # seen to heave all but stands: what is not known of its velocity is mostly sight's.
-        unsure = min(relative.sigma_heave, UNSURE_HEAVE_MPS)
+        unsure = min(UNSURE_HEAVE_SIGMAS * relative.sigma_heave, UNSURE_HEAVE_MPS)
         comes_up = min(0.0, relative.pad_velocity[2] - unsure)
         least = comes_up if context.heaves else comes_up + safe
         velocity = (north, east, min(down, max(relative.sure_heave + safe, least)))
