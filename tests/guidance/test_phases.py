@@ -115,7 +115,7 @@ def test_it_does_not_commit_to_a_pad_that_just_went_out_of_sight() -> None:
 def test_the_higher_it_commits_the_younger_the_last_sighting_must_be() -> None:
     p = phases()
     p.step(situation(0.02, 0.5, heading_deg=0.0))
-    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.4)[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.42)[0] is Phase.DESCENT
     assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.3)[0] is Phase.LANDED
 
 
