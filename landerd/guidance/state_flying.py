@@ -31,8 +31,8 @@ SETTLED_S = 0.15
 RING_ALONE_S = 1.0
 # A pad that was never surely seen to heave may come up faster than it is said to: by so many sigma,
 # but by no more than this, m/s; the rest is sight's. Without it decks that came up while they were
-# said to stand were sunk onto faster than the autopilot's timeout stops; with one sigma now and then,
-# too, where the turn of a slow deck had not been seen yet.
+# said to stand were sunk onto faster than the autopilot's timeout stops; with one sigma, now and
+# then, where the turn of a slow deck had not been seen yet.
 UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
 
 
