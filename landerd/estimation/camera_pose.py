@@ -42,6 +42,11 @@ POSITION_TIME_CONSTANT_S = 20.0
 # than its rate says, rad/s^2, and what noise adds, rad. Chosen by hand, well above what flies.
 FASTEST_MPS2, KNOCK_MPS = 50.0, 1.0
 FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
+# Once a heading has jumped otherwise, one is believed that has been said for so long, s; until then
+# the vehicle turns as its rates say, which gyros tell well for seconds. Of headings at random two
+# in a row agree every now and then, and one in five is near the last: the pad's heading went with
+# them, and took a second to come back.
+HEADING_BELIEVED_S = 0.2
 LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
 
 
@@ -81,12 +86,13 @@ class PoseHistory:
         self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
         self._reference = Reference.BODY
         self._measured: Vec3 = (0.0, 0.0, 0.0)  # the newest position as it was told, m
-        self._velocities, self._headings = Spikes(), Spikes()
+        self._velocities, self._headings = Spikes(), Spikes(HEADING_BELIEVED_S)
 
     def add(self, message: LocalPosition | Attitude | GimbalState) -> Vec3 | None:
         """Take a measurement in; one that is not newer than its predecessor is dropped.
 
-        So is one that jumps as nothing can, unless the next one says the same.
+        So is a velocity that jumps as nothing can, unless the next one says the same; of an
+        attitude whose heading does, all but that is taken.
 
         Returns:
             by how much the local frame jumped, m; None if it did not. What was known is moved
@@ -95,22 +101,26 @@ class PoseHistory:
         if isinstance(message, LocalPosition):
             return self._add_position(message)
         if isinstance(message, Attitude):
-            if not self._turns_too_fast(message):
-                angles = (message.roll, message.pitch, message.yaw)
-                self.attitude.add(message.t, (*angles, *message.rates))
+            said = (message.roll, message.pitch, message.yaw, *message.rates)
+            self.attitude.add(message.t, self._turned(message.t, said))
         else:
             self._reference = message.reference
             pitch = message.pitch if message.pitch_measured else self._lagged_pitch(message)
             self.gimbal.add(message.t, (message.yaw, pitch, message.roll))
         return None
 
-    def _turns_too_fast(self, new: Attitude) -> bool:
-        before = self.attitude.just_before(new.t)
+    def _turned(self, t: float, said: Values) -> Values:
+        """Return an attitude of time t (s) as it is said, where its heading jumps by its rates."""
+        before = self.attitude.just_before(t)
         if before is None:
-            return False
-        dt, (_, _, yaw, _, _, rate) = before
+            return said
+        dt, last = before
+        expected = wrap(last[2] + 0.5 * dt * (_euler_rates(last)[2] + _euler_rates(said)[2]))
         most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
-        return self._headings.is_one(_bearing(new.yaw), _bearing(yaw + rate * dt), most)
+        jump = (0.0, 0.0, wrap(said[2] - expected))
+        if not self._headings.is_one(t, jump, most):
+            return said
+        return (*said[:2], expected, *said[3:])
 
     def _speeds_up_too_fast(self, new: LocalPosition) -> bool:
         before = self.position.just_before(new.t)
@@ -118,7 +128,7 @@ class PoseHistory:
             return False
         dt, (_, _, _, u, v, w) = before
         most = KNOCK_MPS + FASTEST_MPS2 * dt
-        return self._velocities.is_one(new.velocity, (u, v, w), most)
+        return self._velocities.is_one(new.t, sub(new.velocity, (u, v, w)), most)
 
     def _lagged_pitch(self, ordered: GimbalState) -> float:
         """Return the pitch of a gimbal that only tells its order: a first-order lag, rad."""
@@ -246,7 +256,3 @@ def _euler_rates(attitude: tuple[float, ...]) -> tuple[float, ...]:
     across = math.sin(roll) * q + math.cos(roll) * r
     yaw = across / max(math.cos(pitch), LEAST_COS_PITCH)
     return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw
-
-
-def _bearing(yaw: float) -> Vec3:
-    return (math.cos(yaw), math.sin(yaw), 0.0)

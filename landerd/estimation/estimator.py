@@ -47,6 +47,7 @@ class Estimator:
         self._vehicle = config.vehicle
         self._freshness = config.freshness
         self._clock_offset_s = config.camera.clock_offset_s
+        self._sigma_clock_s = config.estimation.clock_sigma_s
         self.poses = PoseHistory(config)
         self._observations = ObservationModel(config.estimation, self.poses)
         self._filter = PadFilter(config.estimation)
@@ -130,10 +131,12 @@ class Estimator:
     def sight_age(self, now: float) -> float:
         """Return the age of the last accepted sighting at time now, s; infinite without one.
 
-        What its exposure may have been earlier than is said counts, as with telemetry; and what
-        pictures are found to be stamped late by. That they are stamped early is not counted on.
+        What its exposure may have been earlier than is said counts, as with telemetry: what the
+        pictures' clock is assumed to be off by, or more where they are found to be stamped later.
+        That shows against the autopilot's clock alone, so that they are found to be stamped early
+        is not counted on.
         """
-        late_s = max(0.0, self._filter.clocks.pictures_s)
+        late_s = max(self._sigma_clock_s, self._filter.clocks.pictures_s)
         return now - self.sighting_t + self._picture_clock_s + late_s
 
     @property

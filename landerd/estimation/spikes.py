@@ -1,27 +1,41 @@
-"""Reports that jump as no vehicle can: one is dropped, a second in a row that agrees is believed.
+"""Reports that jump as no vehicle can: they are not taken, until they have agreed for a while.
 
 An EKF that is reset says the new value from then on; what comes once was never so.
 """
 
 from landerd.geometry import Vec3, norm, sub
 
+AS_EXPECTED: Vec3 = (0.0, 0.0, 0.0)
+
 
 class Spikes:
     """Looks at the reports of one kind, in order."""
 
-    def __init__(self) -> None:
-        self._suspected: Vec3 | None = None  # the last one, if it jumped
+    def __init__(self, believed_s: float = 0.0) -> None:
+        """Make one that has seen no jump yet.
 
-    def is_one(self, value: Vec3, expected: Vec3, most: float) -> bool:
+        Args:
+            believed_s: reports that agree for so long are so, those as expected too once one has
+                jumped, s; 0: as expected at once, with a jump the second one in a row.
+        """
+        self._believed_s = believed_s
+        self._jump = AS_EXPECTED  # of the last reports, which agree
+        self._since = float("-inf")
+
+    def is_one(self, t: float, jump: Vec3, most: float) -> bool:
         """Tell whether a report is not to be taken.
 
         Args:
-            value: that is reported.
-            expected: by those before.
-            most: by which it may be off that, in the same unit.
+            t: of the report, s.
+            jump: that is reported, less what those before led to expect.
+            most: that it may be, in the same unit.
         """
-        if norm(sub(value, expected)) <= most:
-            self._suspected = None
-            return False
-        suspected, self._suspected = self._suspected, value
-        return suspected is None or norm(sub(value, suspected)) > most
+        jump = jump if norm(jump) > most else AS_EXPECTED
+        is_other = norm(sub(jump, self._jump)) > most
+        if is_other:
+            self._jump, self._since = jump, t
+        first = is_other and jump != AS_EXPECTED
+        is_believed = not first and t - self._since >= self._believed_s
+        if is_believed:
+            self._jump = AS_EXPECTED  # from now on that is expected
+        return not is_believed

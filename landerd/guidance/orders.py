@@ -31,7 +31,7 @@ class Orders:
         self._dt = 0.0
         self._setpoint_t = -math.inf  # of the last set-point
         self._said: dict[str, float] = {}  # when each line was told last
-        self._entered_t = -math.inf  # the phase, and out of a landing its reason
+        self._news: tuple[Severity, str] | None = None  # of phase or reason, not told yet
 
     def configure(self, limits: LimitsSection) -> None:
         """Take new limits."""
@@ -99,33 +99,28 @@ class Orders:
 
     def enter(self, phase: Phase, reason: str) -> None:
         """Say that a phase goes on or begins; out of a landing every new reason is told too."""
-        changed = phase is not self.phase
-        if not changed and (phase is not Phase.NOT_LANDING or reason == self.reason):
-            self.reason = reason
-            if pilot_texts.asks_for_switch(reason):
-                self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
-            elif self._is_untold(phase, reason):
-                self.say(Severity.WARNING, reason)  # it had been told just before, of another time
-            return
-        self.phase, self.reason, self._entered_t = phase, reason, self._now
-        self.commands.append(PhaseChange(phase, reason))
-        if phase is Phase.NOT_LANDING:
-            self.say(Severity.WARNING, reason)
-        else:
-            self.say(Severity.NOTICE, f"{phase.value.replace('_', ' ').lower()}: {reason}")
+        is_out = phase is Phase.NOT_LANDING
+        if phase is not self.phase or (is_out and reason != self.reason):
+            self.commands.append(PhaseChange(phase, reason))
+            name = phase.value.replace("_", " ").lower()
+            self._news = (
+                (Severity.WARNING, reason) if is_out else (Severity.NOTICE, f"{name}: {reason}")
+            )
+        elif is_out and pilot_texts.asks_for_switch(reason):
+            self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
+        self.phase, self.reason = phase, reason
+        # Told just before, of another time, it is told again when it lasts.
+        if self._news is not None and self.say(*self._news):
+            self._news = None
 
-    def _is_untold(self, phase: Phase, reason: str) -> bool:
-        """Tell whether why nothing is flown was not told since that began."""
-        if phase is not Phase.NOT_LANDING:
-            return False
-        return self._said.get(_line(reason), -math.inf) < self._entered_t
-
-    def say(self, severity: Severity, text: str, *, every_s: float = pilot_texts.REPEAT_S) -> None:
-        """Tell the pilot a line, unless it was told within every_s (s)."""
+    def say(self, severity: Severity, text: str, *, every_s: float = pilot_texts.REPEAT_S) -> bool:
+        """Tell the pilot a line, unless it was told within every_s (s); return whether it was."""
         line = _line(text)
-        if self._now - self._said.get(line, -math.inf) >= every_s:
-            self._said[line] = self._now
-            self.commands.append(StatusText(severity, line))
+        if self._now - self._said.get(line, -math.inf) < every_s:
+            return False
+        self._said[line] = self._now
+        self.commands.append(StatusText(severity, line))
+        return True
 
 
 def _line(text: str) -> str:

@@ -25,6 +25,9 @@ GO_AROUND_HEIGHT_SHARE = 0.5
 # What leaves the descent region must stop sinking before it is out, s: the age of sight and the
 # time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
 LEAVES_S = 0.2
+# What climbs from the pad faster than noise, m/s, does not commit: by the time that it sinks again
+# it is half a metre higher up, where region, heading and sight bind.
+MAX_CLIMB_MPS = 0.1
 MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
 # The lean against the plate is told over so long, s: a gust passes; and once too much, it must have
 # fallen by so much more, rad, before it lands.
@@ -161,6 +164,7 @@ class Phases:
             self.phase is Phase.DESCENT
             and relative.height < self._options.commit_height_m
             and not self.goes_around
+            and relative.error_rate[2] < MAX_CLIMB_MPS
             and sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S < MAX_BLIND_S
             and self.will_land_well(relative)
         )

@@ -29,10 +29,11 @@ SETTLED_S = 0.15
 # A pad known by its ring alone is looked at for so long before it sinks, s: a look-alike is seldom
 # seen for as long without a break.
 RING_ALONE_S = 1.0
-# A pad that was never surely seen to heave may come up faster than it is said to: by one sigma, but
-# by no more than this, m/s; the rest is sight's. Without it decks that came up while they were said
-# to stand were sunk onto faster than the autopilot's timeout stops.
-UNSURE_HEAVE_MPS = 0.2
+# A pad that was never surely seen to heave may come up faster than it is said to: by so many sigma,
+# but by no more than this, m/s; the rest is sight's. Without it decks that came up while they were
+# said to stand were sunk onto faster than the autopilot's timeout stops; with one sigma, now and
+# then, where the turn of a slow deck had not been seen yet.
+UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
 
 
 class Tracking:
@@ -74,7 +75,8 @@ class Tracking:
         """Order the method's velocity, down only where the phases allow it."""
         sight = self._context.sight
         if sight is None:
-            return Event.SIGHT_LOST
+            is_low = self._context.just_over_fast_pad
+            return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
         if self._context.stands(step.now) and not self._context.hold_asked:
             self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS
@@ -103,7 +105,7 @@ class Tracking:
         north, east, down = velocity
         # For want of knowing a deck that heaves it waits, and does not climb. A pad that was never
         # seen to heave all but stands: what is not known of its velocity is mostly sight's.
-        unsure = min(relative.sigma_heave, UNSURE_HEAVE_MPS)
+        unsure = min(UNSURE_HEAVE_SIGMAS * relative.sigma_heave, UNSURE_HEAVE_MPS)
         comes_up = min(0.0, relative.pad_velocity[2] - unsure)
         least = comes_up if context.heaves else comes_up + safe
         velocity = (north, east, min(down, max(relative.sure_heave + safe, least)))
@@ -112,8 +114,10 @@ class Tracking:
         is_inside = step.now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
         may_descend = is_inside and is_sure and relative.height > floor_m
-        if phases.goes_around and relative.height < o.descent.commit_height_m:
-            context.orders.climb_away(north, east)  # a foot that leans may be all but down
+        # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
+        seen_m = relative.height + context.estimator.doubt.off_m
+        if phases.goes_around and seen_m < o.descent.commit_height_m:
+            context.orders.climb_away(north, east)
         else:
             context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None

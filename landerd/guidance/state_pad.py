@@ -263,8 +263,12 @@ class Leaving:
             if step.now - self._rests_since >= RESTS_S:
                 self._note_contact(step.now, vehicle)
             _level_due(self._context, self._touchdown, step, vehicle)
-        stands = rests and self._touchdown.stands and step.now - self._began < THRUST_BACK_S
-        return Event.STANDS if stands else self._waving_off.order(step)
+        stands = rests and self._touchdown.stands
+        if stands and step.now - self._began < THRUST_BACK_S:
+            return Event.STANDS
+        event = self._waving_off.order(step)
+        # Its thrust has not come: it is not clear of the pad.
+        return Event.STANDS if stands and event is Event.CLEAR_OF_PAD else event
 
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
         """Tell whether it goes with the pad as last known: neither up nor down nor across."""

@@ -42,6 +42,7 @@ class Event(Enum):
     RELEASE_OVER = "stop orders were streamed for long enough"
     PAD_IN_SIGHT = "pad confirmed, last sighting and telemetry young"
     SIGHT_LOST = "last sighting or telemetry too old"
+    SIGHT_LOST_LOW = "the same, just over a pad that moves, not committed yet"
     PAD_MISSED = "would touch beside the pad, or slide across it"
     HOLD_ASKED = "the pilot asks to hold after all, not touching yet"
     CLEAR_OF_PAD = "climbed away from the pad"
@@ -92,6 +93,7 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         Event.COMMITS: State.COMMITTED,
         # No sighting for guidance.lost.after_s, or position or attitude stale.
         Event.SIGHT_LOST: State.SEARCHING,
+        Event.SIGHT_LOST_LOW: State.WAVING_OFF,  # to hover would be to touch it, stopped
         Event.NO_LANDING_POSSIBLE: State.RELEASING,
         Event.HEADING_NOT_SEEN: State.RELEASING,
         Event.TOOK_TOO_LONG: State.RELEASING,

@@ -24,7 +24,7 @@ CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
 # commit, 11 cm up; and 9 cm up of a slow vehicle that was to sink quicker for its lean.
 ANSWER_S = 0.4
 # From the last sighting until contact is noticed, s; the rule allows 1.0.
-MAX_BLIND_S = 0.95
+MAX_BLIND_S = 0.97
 # No contact is believed with the lowest foot higher over the pad than this, m (design rule 4): a
 # gust or the air cushion over the plate slows the sinking too.
 MAX_CONTACT_HEIGHT_M = 0.10

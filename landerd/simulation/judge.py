@@ -122,6 +122,7 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
         stall_s=sim_options(loaded).companion.stall_s,
         jitter_s=around.jitter_s,
         commit_slip_mps=descent.commit_slip_mps,
+        commits_at_m=descent.commit_height_m,
     )
 
 

@@ -113,6 +113,9 @@ class Process:
                     raise
             self._killed = False
             await asyncio.sleep(RESTART_S)
+            if self._ending is not None:  # told to stop meanwhile
+                self.over_t = loop.time()
+                return
             self.daemon = self._start()
             running = self.begin()
 
@@ -124,12 +127,13 @@ class Process:
         return running
 
     def terminate(self) -> None:
-        """Let it stop the vehicle and end."""
+        """Let it stop the vehicle and end; while it is not there it is not started again."""
+        running = self._running
 
         async def end() -> None:
-            await self.daemon.shut_down()
-            if self._running is not None:
-                self._running.cancel()
+            if running is not None and not running.done():
+                await self.daemon.shut_down()
+                running.cancel()
 
         if self._ending is None:
             context = self._companion.context()

@@ -37,12 +37,35 @@ def told(made: PoseHistory, velocities: list[float], yaws: list[float]) -> tuple
 
 def test_what_jumps_once_as_nothing_can_is_not_taken() -> None:
     turning = [0.0, 0.01, 0.4, 0.03, -2.9]
-    assert told(PoseHistory(AT_ORIGIN), [1.0, 1.1, 20.0, 1.2, -9.0], turning) == (1.2, 0.03)
+    velocity, heading = told(PoseHistory(AT_ORIGIN), [1.0, 1.1, 20.0, 1.2, -9.0], turning)
+    assert velocity == 1.2
+    assert heading == pytest.approx(0.04)  # as it turned
 
 
-def test_what_is_said_twice_is_so_and_a_hard_knock_and_turn_are_no_jumps() -> None:
+def test_headings_at_random_are_not_believed_though_two_in_a_row_agree() -> None:
+    made, rng = PoseHistory(AT_ORIGIN), Random(1)
+    for i in range(100):  # at 25 Hz, turning at 0.5 rad/s
+        yaw = 0.02 * i + (rng.uniform(-0.5, 0.5) if i > 10 else 0.0)
+        made.add(Attitude(1.0 + 0.04 * i, 0.0, 0.0, yaw, (0.0, 0.0, 0.5)))
+        newest = made.attitude.newest
+        assert newest is not None
+        assert newest[0] == 1.0 + 0.04 * i  # roll and pitch are as fresh as ever
+        assert newest[1][2] == pytest.approx(0.02 * i, abs=math.radians(1.0))
+
+
+def test_a_heading_that_is_set_anew_is_believed_after_a_while() -> None:
     made = PoseHistory(AT_ORIGIN)
-    assert told(made, [1.0, 1.1, 20.0, 20.3], [0.0, 0.01, 0.4, 0.41]) == (20.3, 0.41)
+    for i in range(30):
+        yaw = 0.02 * i + (0.4 if i > 10 else 0.0)
+        made.add(Attitude(1.0 + 0.04 * i, 0.0, 0.0, yaw, (0.0, 0.0, 0.5)))
+        newest = made.attitude.newest
+        assert newest is not None
+        assert newest[1][2] - 0.02 * i == pytest.approx(0.4 if i > 15 else 0.0)
+
+
+def test_a_velocity_that_is_said_twice_is_so_and_a_hard_knock_and_turn_are_no_jumps() -> None:
+    made = PoseHistory(AT_ORIGIN)
+    assert told(made, [1.0, 1.1, 20.0, 20.3], [0.0] * 4)[0] == 20.3
     made = PoseHistory(AT_ORIGIN)
     assert told(made, [1.0, 1.0, -0.5], [3.12, 3.13, -3.12]) == (-0.5, -3.12)
 

@@ -9,7 +9,14 @@ from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import IDENTITY, Vec3, add, cross, matscale, rot_zyx, rotate, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
-from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
+from landerd.messages import (
+    Attitude,
+    LocalPosition,
+    Phase,
+    PoseSolution,
+    PressDown,
+    Setpoint,
+)
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -147,7 +154,7 @@ def test_it_leaves_room_for_a_deck_that_may_come_up_as_far_as_is_known() -> None
     while flight.height > 0.5:
         flight.tick()
         safe = safe_sink_rate(flight.height, 0.0, 1.0, 1.0)  # over one that surely stands
-        assert flight.height > 2.0 or flight.setpoints[-1][1].velocity[2] < safe - 0.05
+        assert flight.height > 2.0 or flight.setpoints[-1][1].velocity[2] < safe - 0.12
 
 
 def test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back() -> (
@@ -267,6 +274,29 @@ def test_too_low_to_try_any_longer_it_climbs_at_once() -> None:
     assert flight.setpoints[-1][1].velocity[2] == -never_fit.guidance.limits.climb_mps
 
 
+def test_where_pictures_show_it_higher_than_telemetry_does_it_climbs_within_its_limits() -> None:
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit).engaged()
+    while flight.height > 0.115:
+        flight.tick()
+    flight.distort = lambda true: replace(true, position=add(true.position, (0.0, 0.0, 0.4)))
+    setpoints = flight.run(0.15)
+    assert "climbing again" in flight.lander.reason
+    assert all(setpoint.velocity[2] > -0.1 for setpoint in setpoints)
+
+
+def test_blind_just_over_a_pad_that_moves_it_climbs_away_with_it_though_not_committed() -> None:
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit, pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    while flight.height > 0.19:
+        flight.tick()
+    flight.silent.add(Attitude)
+    assert to(flight, State.WAVING_OFF, at_most_s=0.3) == [State.TRACKING, State.WAVING_OFF]
+    north, _, down = flight.setpoints[-1][1].velocity
+    assert north == pytest.approx(1.0, abs=0.1)
+    assert down == -never_fit.guidance.limits.climb_mps
+
+
 def test_too_low_over_a_deck_that_comes_up_it_climbs_faster_than_that() -> None:
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
     flight = Flight(config=never_fit, pad_velocity=(0.0, 0.0, -0.2)).engaged()
@@ -343,7 +373,7 @@ def test_what_stood_is_left_standing_when_released_without_data(*, restarts: boo
     flight.run(0.3)
     flight.silent = set()
     to(flight, State.SILENT, at_most_s=0.8)
-    assert len(flight.setpoints) == flown
+    assert len(flight.setpoints) <= flown + 1  # the switch is told of at every other step
     assert len(flight.pressed) > 30
     assert flight.pressed[0].heading == pytest.approx(flight.yaw, abs=0.01)
 
@@ -401,7 +431,7 @@ def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
     to(flight.engaged(), State.ON_PAD)
     while not flight.pressed:
         flight.tick()
-    flight.run(0.1)
+    flight.run(0.15)
     flown, levelled = len(flight.setpoints), len(flight.pressed)
     flight.silent = {LocalPosition}
     flight.run(0.8)
@@ -444,7 +474,7 @@ def test_levelled_after_a_release_it_stays_so_as_it_rocks() -> None:
         flight.tick()
     flown = len(flight.setpoints)
     flight.pitch_rate = 0.8  # as its thrust goes; given back, it threw the vehicle off its feet
-    flight.run(0.1)
+    flight.run(0.15)
     flight.pitch_rate = 0.0
     flight.run(0.2)
     assert len(flight.setpoints) == flown
@@ -484,7 +514,7 @@ def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
     flight = Flight(pad_velocity=(2.0, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
-    flight.run(0.1)
+    flight.run(0.15)
     flight.silent = {Attitude}
     flight.run(1.0)
     flight.silent, flight.detects_landing = set(), True
@@ -542,20 +572,23 @@ def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_aga
     assert flight.lander.outcome == "landed"
 
 
-def test_waved_off_as_it_touches_unnoticed_it_stays_until_its_thrust_is_back() -> None:
+@pytest.mark.parametrize(("stale_s", "waves_off_s"), [(0.0, 0.6), (0.4, 1.1)])
+def test_waved_off_as_it_touches_unnoticed_it_stays_while_its_thrust_is_not_back(
+    stale_s: float, waves_off_s: float
+) -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
     while flight.height > 0.05:
         flight.tick()
     flight.silent = {Attitude, LocalPosition}  # stale before the touch shows
     to(flight, State.WAVING_OFF, at_most_s=0.35)
-    flight.silent = set()
     on_pad, waved_off_t = (
         (*flight.position[:2], flight.pad[2] - flight.config.vehicle.gear_height_m),
         flight.t,
     )
     while flight.lander.state is State.WAVING_OFF:
-        assert flight.t < waved_off_t + 0.6
+        assert flight.t < waved_off_t + waves_off_s
+        flight.silent = flight.silent if flight.t < waved_off_t + stale_s else set()
         flight.position, flight.velocity = on_pad, (0.0, 0.0, 0.0)
         flight.tick()
     climbs = len(flight.setpoints)

@@ -126,3 +126,22 @@ def test_what_happens_again_too_soon_to_be_told_again_is_told_when_it_lasts() ->
             told += [(now, c.text) for c in orders.commands if isinstance(c, StatusText)]
     again = [t for t, text in told if text == "landerd: pad not in sight, climbing"]
     assert again == pytest.approx([10.0 + DT, 11.0 + DT], abs=2 * DT)
+
+
+def test_a_phase_that_begins_again_too_soon_to_be_told_again_is_told_when_it_lasts() -> None:
+    """Else the last that the pilot was told is that it holds, while it flies."""
+    orders = begun()
+    told = []
+    for i in range(80):
+        now = 10.0 + i * DT
+        orders.begin(now, DT)
+        if 20 <= i < 24:
+            orders.enter(Phase.NOT_LANDING, "pad not in sight, holding")
+        else:
+            orders.enter(Phase.APPROACH, "pad in sight")
+        told += [(now, c.text) for c in orders.commands if isinstance(c, StatusText)]
+    assert told == [
+        (10.0, "landerd: approach: pad in sight"),
+        (10.5, "landerd: pad not in sight, holding"),
+        (11.0, "landerd: approach: pad in sight"),
+    ]

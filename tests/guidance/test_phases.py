@@ -115,7 +115,7 @@ def test_it_does_not_commit_to_a_pad_that_just_went_out_of_sight() -> None:
 def test_the_higher_it_commits_the_younger_the_last_sighting_must_be() -> None:
     p = phases()
     p.step(situation(0.02, 0.5, heading_deg=0.0))
-    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.4)[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.42)[0] is Phase.DESCENT
     assert p.step(situation(0.02, 0.11, heading_deg=0.0), 0.3)[0] is Phase.LANDED
 
 
@@ -166,6 +166,13 @@ def test_it_commits_only_aligned_over_the_pad_and_below_the_commit_height() -> N
         p.step(situation(0.02, 1.0))
         phase = p.step(situation(distance, height, heading_deg=heading_deg))[0]
         assert phase is not Phase.LANDED, (distance, height, heading_deg)
+
+
+def test_it_does_not_commit_as_it_climbs_away() -> None:
+    p = phases()
+    p.step(situation(0.05, 1.0))
+    assert p.step(situation(0.02, 0.1, rate=(0.0, 0.0, 0.3)))[0] is Phase.DESCENT
+    assert p.step(situation(0.02, 0.1, rate=(0.0, 0.0, -0.3)))[0] is Phase.LANDED
 
 
 def test_drifting_far_out_is_an_approach_again_but_not_at_the_bound_itself() -> None:

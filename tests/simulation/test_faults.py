@@ -57,6 +57,16 @@ def test_a_process_that_is_killed_lands_after_its_restart_once_the_switch_was_lo
     assert broken(simulation) == set()
 
 
+def test_told_to_stop_while_it_is_not_there_it_is_not_started_again() -> None:
+    at = "at: {phase: DESCENT"
+    simulation = flown(f"{{fault: killed, {at}}}}}, {{fault: sigterm, {at}, after_s: 0.5}}}}")
+    killed, stopped = simulation.faults.happened
+    assert killed.began is not None
+    assert stopped.began is not None
+    assert [kind for t, kind in simulation.recording.phases if t > killed.began] == []
+    assert broken(simulation) == set()
+
+
 def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
     """Five pictures show the pad where it jumped to before that is believed."""
     simulation = flown("{fault: pad-jerks, at: {height_m: 2.0}, severity: 1.0}")

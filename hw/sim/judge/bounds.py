@@ -43,7 +43,8 @@ class RuleBounds:
     sighting_s: float = 0.5
     blind_commit_s: float = 1.0  # from the last sighting until contact is noticed
     notice_s: float = 0.2  # of it: to notice contact
-    commit_height_m: float = 0.20
+    commit_height_m: float = 0.20  # at most
+    commits_at_m: float = 0.20  # as configured
     dead_companion_mps: float = 0.5  # the fastest that it may let the vehicle sink to the ground
     wave_off_pad_mps: float = 0.5  # over a faster pad a stop waits until the vehicle is clear
     wave_off_s: float = 1.0
@@ -65,6 +66,11 @@ class RuleBounds:
     def tick_s(self) -> float:
         """How late landerd may be: one control step, while the computer does not stand still."""
         return 1.05 * self.control_period_s + self.stall_s
+
+    @property
+    def early_s(self) -> float:
+        """How much sooner landerd may take data to be stale: half the round trip counts as age."""
+        return 4.0 * self.tick_s
 
     @property
     def least_hold_height_m(self) -> float:

@@ -98,7 +98,7 @@ class Evidence:
         aside_since: since when all orders go across the pad, not with it.
         climbs_since: since when all orders climb.
         landing_since: since when it flies without having come to commit.
-        low_since: since when it is below the commit height.
+        low_since: since when its lowest foot is below the commit height.
         hidden_heading: by which the pad's heading shows too large, as gimbal and camera are mounted
             askew, rad.
     """
@@ -266,6 +266,10 @@ class Evidence:
         """Tell whether landerd may fly."""
         return self.armed and self.guided and not self.latched and t < self.closed_t(t)
 
+    def owes_landing(self, t: float) -> bool:
+        """Tell whether landerd may fly and knows it: it may take data for stale a little early."""
+        return self.granted(t) and t < self.closed_t(t) - self._b.early_s
+
     @property
     def lands_since(self) -> float:
         """Since when it touches and landerd may fly: what contact asks for is owed from then."""
@@ -378,7 +382,7 @@ class Evidence:
         if t < self.closed_t(t) and not self.latched:
             self.flown_t = t
         low = truth.height < b.commit_height_m
-        if low:
+        if truth.height - truth.lean_m < b.commit_height_m:
             self.low_since = t
         if low or self.touched or self.hold_since is not None or not self.granted(t):
             self.landing_since = None
@@ -386,7 +390,8 @@ class Evidence:
             self.landing_since = t
         seen = t - self.sighting_t < b.sighting_s
         missing = truth.misses or truth.slip > b.commit_slip_mps + 0.1
-        if not (low and not self.touched and order.sinks and seen and missing):
+        committed = truth.height < b.commits_at_m and not self.touched
+        if not (committed and order.sinks and seen and missing):
             self.missing_since = None
         elif self.missing_since is None:
             self.missing_since = t

@@ -204,8 +204,7 @@ class Rules:
 
     def _check_time(self, t: float) -> None:
         evidence, b = self._evidence, self._b
-        # A little early is no matter: landerd may know of a closed gate before data are that old.
-        release_s = b.release_s - 4.0 * b.tick_s
+        release_s = b.release_s - b.early_s
         is_over = t >= evidence.closed_t(t) + release_s
         # It may have stopped for another reason before: stale RC comes back when it restarts.
         since, last_t = evidence.stops_since, evidence.last_order_t

@@ -201,7 +201,7 @@ def _pressed(e: Evidence, o: Order) -> bool:
     might not fly on does not end at once.
     """
     known = o.t - max(e.lands_since, e.stale_t, e.released_t) > CONTACT_LATE_S
-    return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.granted(o.t)
+    return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.owes_landing(o.t)
 
 
 def _goes_around(e: Evidence, o: Order) -> bool:

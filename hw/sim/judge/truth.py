@@ -42,6 +42,7 @@ class Truth:
     misses: bool = False  # going on like this it touches with a foot beside the plate
     on_plate: bool = False  # all four feet stand on it
     landing_point: Vec3 = (0.0, 0.0, 0.0)  # local, m
+    lean_m: float = 0.0  # by which the lowest foot is lower than the feet's centre
 
     @property
     def pad_heading(self) -> float:
@@ -107,7 +108,9 @@ class Feet:
         north, east, down = sub(centre, pad.position)
         away = math.hypot(north, east)
         k = PLATE_M / max(away, PLATE_M)
-        height = -rotate(transpose(pad.R_local_pad), (k * north, k * east, down))[2]
+        R_pad_local = transpose(pad.R_local_pad)
+        height = -rotate(R_pad_local, (k * north, k * east, down))[2]
+        aside = (rotate(R, (x, y, 0.0)) for x, y, _ in self._arms)
         touches_in_s = max(0.0, height) / max(_SLOWEST_SINK_MPS, across[2])
         ahead = scale((across[0], across[1], 0.0), touches_in_s)
         # What has come down beside the plate does not slide for the pad's driving on.
@@ -126,4 +129,5 @@ class Feet:
             misses=not self._are_over(pad, R, add(vehicle.position, ahead), math.inf),
             on_plate=self._are_over(pad, R, vehicle.position, STANDS_M),
             landing_point=pad.position,
+            lean_m=max(rotate(R_pad_local, arm)[2] for arm in aside),
         )

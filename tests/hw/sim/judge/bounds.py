@@ -28,5 +28,6 @@ BOUNDS = RuleBounds(
     k2_per_m=0.36,
     alignment_height_m=2.0,
     commit_slip_mps=0.3,
+    commits_at_m=0.16,
     has_heading=True,
 )

@@ -561,6 +561,7 @@ def test_2_asked_to_hold_it_does_not_descend_below_that_height(
         (replace(LOW, slip=0.45), CLIMB, None),  # waved off
         (replace(LOW, misses=True), SINK, MISSED),
         (replace(LOW, misses=True, height=0.25), SINK, None),
+        (replace(LOW, misses=True, height=0.17), SINK, None),  # it has not committed yet
     ],
 )
 def test_2_a_pad_that_will_be_missed_is_waved_off(
@@ -621,6 +622,15 @@ def test_3_the_limits_are_judged_but_for_the_climb_of_a_wave_off() -> None:
     court.fly(1.5, down)
     court.fly(0.5, up)
     assert court.broken == ["3: vertical acceleration", "3: vertical jerk"]
+
+
+def test_3_what_leans_may_wave_off_where_its_lowest_foot_is_just_over_the_pad() -> None:
+    for lean_m, broken in ((0.1, False), (0.03, True)):
+        court = Court(limits=True)
+        court.truth = replace(OVER_PAD, height=0.25, lean_m=lean_m)
+        court.fly(0.5, (0.0, 0.0, 0.3))
+        court.fly(0.5, (0.0, 0.0, -0.5))
+        assert bool(court.broken) == broken
 
 
 def test_3_a_set_point_that_is_not_finite() -> None:
@@ -705,6 +715,19 @@ def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_agai
     court.fly(presses_s, SINK)
     rule = "6: a touch-down not confirmed, and the pilot not told"
     assert (rule in court.broken) == broken
+
+
+def test_4_it_may_stop_as_soon_as_half_the_round_trip_makes_its_data_stale() -> None:
+    for goes_on_s, broken in ((0.45, False), (0.3, True)):
+        court = Court()
+        court.truth = LOW
+        court.fly(0.2, SINK)
+        court.truth = ON_PAD
+        court.fly(0.7, SINK)
+        court.mute.add(RC)
+        court.fly(goes_on_s, SINK)
+        court.fly(0.1, STOP)
+        assert ("4: no descent ordered after contact" in court.broken) == broken
 
 
 def test_4_contact_on_stale_data_need_not_be_known() -> None:

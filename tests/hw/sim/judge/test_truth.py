@@ -23,3 +23,15 @@ def test_its_height_is_over_the_plate_as_far_as_there_is_one(
     vehicle.position = (north + north_m, east, down - 0.2 - GEAR_M)
     truth = Feet(w, VehicleSection(), PLATE).truth()
     assert truth.height == pytest.approx(height_m, abs=0.01)
+
+
+def test_what_leans_has_its_lowest_foot_lower_than_their_centre() -> None:
+    w = over_pad()
+    vehicle, (north, east, down) = w.vehicle, w.pad.position
+    vehicle.position = (north, east, down - 1.0)
+    vehicle.yaw = vehicle.roll = 0.0
+    for pitch_deg in (0.0, 20.0):
+        vehicle.pitch = math.radians(pitch_deg)
+        lean_m = 0.5 * VehicleSection().footprint_m[0] * math.sin(vehicle.pitch)
+        truth = Feet(w, VehicleSection(), PLATE).truth()
+        assert truth.lean_m == pytest.approx(lean_m, abs=1e-6)
