@@ -77,6 +77,11 @@ class V4l2Options(Section):
     time_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
 
 
+def _close_opened(opening: asyncio.Future[VideoNode]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()
+
+
 class V4l2Camera:
     """A V4L2 camera; a Camera.
 
@@ -122,7 +127,12 @@ class V4l2Camera:
         self._was_full = False
         self._arrived.clear()
         # Control transfers over USB take tens of milliseconds each.
-        self._node = await asyncio.to_thread(self._set_up)
+        opening = asyncio.get_running_loop().run_in_executor(None, self._set_up)
+        try:
+            self._node = await asyncio.shield(opening)
+        except asyncio.CancelledError:
+            opening.add_done_callback(_close_opened)  # the thread goes on, and nobody has the node
+            raise
         for remark in self.remarks:
             log.warning("camera %s: %s", self._options.device, remark)
         asyncio.get_running_loop().add_reader(self._node.fileno(), self._drain)

@@ -13,7 +13,7 @@ import pytest
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.cameras.v4l2 import V4l2Camera, V4l2Options
-from hw.cameras.v4l2_node import Mode, Range, Stamp
+from hw.cameras.v4l2_node import Mode, Range, Stamp, VideoNode
 from hw.links.memory import memory_pair
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
@@ -337,6 +337,29 @@ def test_unplugged_it_is_lost_at_once_and_works_again_when_it_is_back() -> None:
 
     run(source, use)
     assert source.opened == 2
+
+
+def test_a_camera_that_opens_after_nobody_waits_for_it_any_more_is_closed() -> None:
+    source, asked, may_open = FakeCamera(), threading.Event(), threading.Event()
+
+    def slow(path: str) -> VideoNode:
+        asked.set()
+        may_open.wait(5.0)
+        return source.open(path)
+
+    async def main() -> None:
+        driver = V4l2Camera(options=V4l2Options(width=64, height=48), node=slow)
+        opening = asyncio.create_task(driver.open())
+        await asyncio.to_thread(asked.wait, 5.0)
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        await driver.close()
+        may_open.set()
+
+    asyncio.run(main())
+    assert source.opened == 1
+    assert source.node is None
 
 
 class Searched(Observer):
