@@ -34,8 +34,8 @@ from landerd.vision.window import Window
 U8 = NDArray[np.uint8]
 
 # How a search looks for what is dark, in the coarsest level and in the others: of 100 pictures in
-# each of the conditions of `bench.vision_conditions` and 336 of the field world this way shows but
-# 2 % of what local means and the extremes beside a pixel show together. A thorough search has the
+# each of the conditions of `bench.vision_conditions` and 336 of the field world this way shows all
+# but 2 % of what local means and the extremes beside a pixel show together. A thorough search has
 # means as well: for the largest rings, and in its second picture for those in dirt and motion.
 _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
 _WIDE, _LOW = dark_by_mean(0.86), dark_by_mean(0.55)
