@@ -74,6 +74,11 @@ def unit(a: Vec3) -> Vec3:
     return scale(a, 1.0 / norm(a))
 
 
+def angle_between(a: Vec3, b: Vec3) -> float:
+    """Return the angle between two unit vectors, rad."""
+    return math.acos(clamp(dot(a, b), -1.0, 1.0))
+
+
 def is_finite(a: Vec3) -> bool:
     """Tell whether no component is NaN or infinite."""
     return math.isfinite(a[0]) and math.isfinite(a[1]) and math.isfinite(a[2])

@@ -413,7 +413,7 @@ MUTANTS = [
     Mutant(
         "2: commits on a plate whose slope makes its lean too much to stand with",
         CONTEXT,
-        "lean = math.acos(clamp(dot(vehicle.down, pad.normal), -1.0, 1.0))",
+        "lean = angle_between(vehicle.down, pad.normal)",
         "lean = vehicle.tilt",
         "guidance/test_landing.py"
         "::test_how_far_it_leans_is_against_the_plate_that_it_is_to_stand_on",

@@ -8,7 +8,7 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, clamp, dot, horizontal, rot_z, rotate
+from landerd.geometry import Vec3, angle_between, horizontal, rot_z, rotate
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
 from landerd.guidance.footing import Footing
@@ -133,7 +133,7 @@ class LandingContext:
         if vehicle is None or pad is None or not age < limit:
             return None
         relative = self.relative(vehicle, pad)
-        lean = math.acos(clamp(dot(vehicle.down, pad.normal), -1.0, 1.0))
+        lean = angle_between(vehicle.down, pad.normal)
         return Sight(relative, age, pad.heading, lean, pad.position[2])
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
-from landerd.geometry import Mat3, Vec3, clamp, cross, dot
+from landerd.geometry import Mat3, Vec3, angle_between, cross, dot
 from landerd.messages import PoseSolution
 
 # Of the angle between two normals: of one solution in two frames, between which a gimbal turns the
@@ -120,7 +120,7 @@ def gravity_cost(normal: F64, down: Vec3 | None) -> float:
     """Return the chi-square of a pad's normal's angle to gravity; zero where that is not known."""
     if down is None:
         return 0.0
-    angle = math.acos(clamp(dot(vec3(normal), down), -1.0, 1.0))
+    angle = angle_between(vec3(normal), down)
     return min((angle / _LEVEL_SIGMA) ** 2, _MAX_GRAVITY_CHI2)
 
 

@@ -122,14 +122,14 @@ def dark_between(stroke_px: int) -> Segmentation:
     return segment
 
 
-def dark_by_mean(share: float, side_px: int = _LOCAL_MEAN_PX) -> Segmentation:
-    """Return what finds the pixels below a share of the local mean, over a square of such a side.
+def dark_by_mean(share: float) -> Segmentation:
+    """Return what finds the pixels below a share of the local mean.
 
     A low one parts a ring from dark surroundings and from a shadow, a high one sees weak contrast.
     """
 
     def segment(image: U8) -> U8:
-        size = (side_px, side_px)
+        size = (_LOCAL_MEAN_PX, _LOCAL_MEAN_PX)
         mean = cv2.blur(image, size, borderType=cv2.BORDER_REPLICATE)
         dark = cv2.compare(image, cv2.convertScaleAbs(mean, alpha=share), cv2.CMP_LT)
         return np.asarray(dark, dtype=np.uint8)

@@ -9,14 +9,7 @@ from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import IDENTITY, Vec3, add, cross, matscale, rot_zyx, rotate, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
-from landerd.messages import (
-    Attitude,
-    LocalPosition,
-    Phase,
-    PoseSolution,
-    PressDown,
-    Setpoint,
-)
+from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 

@@ -6,7 +6,7 @@ from hw.sim.options import PadOptions, SimOptions, WindOptions
 from hw.sim.physics.contact import GRAVITY
 from hw.sim.physics.land_detector import LandDetector
 from hw.sim.physics.vehicle import DRAG_1, DRAG_2, vehicle_model
-from landerd.geometry import clamp, dot, unit
+from landerd.geometry import angle_between, matmul, rot_y, rot_z, rotate, unit
 
 RESERVE_MPS2 = 0.8  # of the push that leaning gives: for what steers and brakes relative to the pad
 TURBULENCE_SIGMAS = 2.0  # of turbulence that must be held against
@@ -74,15 +74,12 @@ def _lean(options: SimOptions, drag: float) -> float:
     north, east = _steady_air(pad, wind, wind.from_deg)
     pull = drag * (DRAG_1 + DRAG_2 * math.hypot(north, east))  # of the air, per m/s of it, 1/s
     down = unit((pull * north, pull * east, GRAVITY))
+    vertical = (0.0, 0.0, 1.0)
     if pad.tilt_azimuth_deg is None:
-        return math.acos(down[2])
-    slope, downhill = (
-        math.radians(pad.tilt_deg),
-        math.radians(pad.heading_deg + pad.tilt_azimuth_deg),
-    )
-    level = -math.sin(slope)
-    normal = (level * math.cos(downhill), level * math.sin(downhill), math.cos(slope))
-    return math.acos(clamp(dot(down, normal), -1.0, 1.0))
+        return angle_between(down, vertical)
+    downhill = math.radians(pad.heading_deg + pad.tilt_azimuth_deg)
+    R = matmul(rot_z(downhill), rot_y(-math.radians(pad.tilt_deg)))
+    return angle_between(down, rotate(R, vertical))
 
 
 def _steady_air(pad: PadOptions, wind: WindOptions, from_deg: float) -> tuple[float, float]:
