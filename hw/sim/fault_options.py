@@ -58,6 +58,8 @@ _SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
 _SEEN_TURNED = (*_SEEN_ASIDE, "2: a downward set-point with the heading off")
 # Nothing that is ordered arrives.
 _UNHEARD = ("ground contact off the pad",)
+# Another mode begins to fly off a pad that drives with a stop, which tips over what stands there.
+_LED_AWAY = ("tipped over in the hands of others",)
 # What the wind does to the airframe at once, whatever is ordered.
 _BLOWN = ("accelerates more than the limits",)
 
@@ -184,10 +186,12 @@ FAULTS: Mapping[str, FaultKind] = {
     "switch-low": FaultKind("pilot", "the pilot has the switch low"),
     "switch-flapping": FaultKind("pilot", "the switch goes to and fro every 0.1 to 1 s"),
     "switch-stuck": FaultKind("pilot", "the switch stays as it is, whatever the pilot does"),
-    "rc-lost": FaultKind("pilot", "the transmitter is off: the autopilot goes home (RTL)"),
-    "mode-loiter": FaultKind("pilot", "LOITER, and then GUIDED again"),
-    "mode-rtl": FaultKind("pilot", "RTL, and then GUIDED again"),
-    "mode-land": FaultKind("pilot", "LAND, and then GUIDED again", lands=False),
+    "rc-lost": FaultKind(
+        "pilot", "the transmitter is off: the autopilot goes home (RTL)", True, _LED_AWAY
+    ),
+    "mode-loiter": FaultKind("pilot", "LOITER, and then GUIDED again", True, _LED_AWAY),
+    "mode-rtl": FaultKind("pilot", "RTL, and then GUIDED again", True, _LED_AWAY),
+    "mode-land": FaultKind("pilot", "LAND, and then GUIDED again", True, _LED_AWAY, lands=False),
     "disarm-refused": FaultKind(
         "pilot", "the autopilot does not disarm when asked to", in_sitl=False
     ),

@@ -8,6 +8,8 @@ from landerd.campaigns.failures import HARD_MPS, is_feasible
 from landerd.campaigns.pool import Run
 
 SHORT_S = 3.0  # whose faults are over after so long is to land all the same
+# What nobody could have kept, and after which nothing lands or stands any more.
+ENDED = ("6: said to have landed", "tipped over in the hands of others")
 COLUMNS = ("APPROACH", "CLOSE_APPROACH", "YAW_CORRECTION", "DESCENT", "LANDED", "NOT_LANDING")
 
 
@@ -24,7 +26,7 @@ def failures(run: Run) -> list[str]:
     worst = result["worst_contact"]
     if worst["down_mps"] > HARD_MPS:
         found.append(f"contact above {HARD_MPS:g} m/s")
-    if result["outcome"] == "landed" and not result["landed"]:
+    if result["outcome"] == "landed" and not result["landed"] and not _was_ended(run):
         found.append("told to have landed, and has not")
     if is_short(run) and is_feasible(run) and not result["landed"]:
         found.append("not landed, though the faults were soon over")
@@ -34,13 +36,21 @@ def failures(run: Run) -> list[str]:
 def is_short(run: Run) -> bool:
     """Tell whether all faults happened, were over soon, and leave a landing possible."""
     flown = (run.result or {}).get("faults_flown", [])
-    return bool(flown) and all(
-        each["began"] is not None
-        and each["lands"]
-        and each["lasts_s"] is not None
-        and each["lasts_s"] <= SHORT_S
-        for each in flown
+    return (
+        bool(flown)
+        and not _was_ended(run)
+        and all(
+            each["began"] is not None
+            and each["lands"]
+            and each["lasts_s"] is not None
+            and each["lasts_s"] <= SHORT_S
+            for each in flown
+        )
     )
+
+
+def _was_ended(run: Run) -> bool:
+    return any(each.startswith(ENDED) for each in (run.result or {}).get("excused", ()))
 
 
 def summary(runs: Sequence[Run]) -> dict[str, Any]:

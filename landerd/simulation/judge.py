@@ -40,7 +40,13 @@ class Judge:
         self.score = Score(world, self._feet)
         self.rules = Rules(bounds, self._truth)
         world.on_step.append(lambda w: self.rules.on_feet(w.t, down=any(w.vehicle.feet)))
-        self.monitor = SafetyMonitor(world, self._feet, bounds, lambda: self.rules.guided)
+        self.monitor = SafetyMonitor(
+            world,
+            self._feet,
+            bounds,
+            flies=lambda: self.rules.guided,
+            others_fly=lambda: self.rules.in_another_mode,
+        )
         self.rules.on_order.append(self.monitor.on_order)
         self.rules.on_text.append(self.monitor.on_text)
         self._world = world

@@ -35,6 +35,8 @@ def flown(
     return Run("field", seed, landing(seed=seed, **result))
 
 
+UNSTOOD = "6: said to have landed, and does not stand on the pad (at 5.20 s)"
+LED = "tipped over in the hands of others (at 5.20 s)"
 RULE = "3: set-points less often than 20 Hz (at 5.20 s)"
 
 
@@ -62,6 +64,8 @@ RULE = "3: set-points less often than 20 Hz (at 5.20 s)"
             ["not landed, though the faults were soon over"],
         ),
         (flown(landed=False, outcome="handed_back", lasts_s=9.0), []),
+        (flown(landed=False, rules_broken=[UNSTOOD], excused=[UNSTOOD]), []),
+        (flown(landed=False, outcome="taken_over", findings=[LED], excused=[LED]), []),
     ],
 )
 def test_what_counts_as_a_failure(run: Run, found: list[str]) -> None:

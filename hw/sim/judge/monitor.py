@@ -19,10 +19,12 @@ OFF_PAD_MPS = 0.5  # against the ground; ArduCopter's own landing touches with a
 TIPS_DEG = 30.0
 OLD_ORDER_S, MOVES_MPS = 0.2, 0.3
 LOW_M, ERROR_M, SINKS_MPS = 1.0, 1.0, 0.15
+TIPPED_BY_OTHERS = "tipped over in the hands of others"
 TIPS_ON_DEG = 5.0  # a vehicle that leans against wind as it touches tips from there on
 TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over,
 CLIMBS_MPS = 0.5  # unless it climbs so fast with all feet up: then it leans as it flies
 BOUNCE_S = 0.1  # feet up for longer: the next touch is another contact
+OTHERS_S = 1.0  # flown by others, or by nobody after them, for longer: they have tipped it over
 # What wind, gusts and the lag of the inner loops may add to what is ordered.
 _SPEED_SHARE, _SPEED_MPS, _ACCELERATION_MPS2, _LEAN_DEG = 1.2, 1.0, 6.0, 15.0
 _LIKELY_LEAN_DEG = 45.0  # where no ANGLE_MAX is given
@@ -65,7 +67,12 @@ class SafetyMonitor:
     """
 
     def __init__(
-        self, world: World, feet: Feet, bounds: RuleBounds, flies: Callable[[], bool]
+        self,
+        world: World,
+        feet: Feet,
+        bounds: RuleBounds,
+        flies: Callable[[], bool],
+        others_fly: Callable[[], bool],
     ) -> None:
         """Watch from now on.
 
@@ -74,10 +81,13 @@ class SafetyMonitor:
             feet: over the plate.
             bounds: what may be ordered.
             flies: by the wire, the vehicle is armed and in GUIDED.
+            others_fly: likewise, it is armed and in another mode.
         """
         self.found: dict[str, float] = {}
         self.worst = Worst()
         self._world, self._feet, self._b, self._flies = world, feet, bounds, flies
+        self._others_fly = others_fly
+        self._ours_t = world.t  # last, that landerd's order was flown, or it had disarmed
         lean = world.options.airframe.angle_max_deg or _LIKELY_LEAN_DEG
         self._lean = math.radians(lean + _LEAN_DEG)
         self._order: Order | None = None
@@ -138,6 +148,8 @@ class SafetyMonitor:
         flies = self._flies()
         if not flies:
             self._order = None
+        if self._order is not None or not (flies or self._others_fly()):
+            self._ours_t = world.t
         tilt = math.hypot(vehicle.roll, vehicle.pitch)
         climbs = not any(vehicle.feet) and world.relative_velocity[2] < -CLIMBS_MPS
         if self.touches and not climbs:
@@ -171,7 +183,8 @@ class SafetyMonitor:
         tilt_deg = math.degrees(tilt)
         self.worst.tilt_deg = max(self.worst.tilt_deg, tilt_deg)
         if tilt_deg > max(TIPS_DEG, self._leant_deg + TIPS_ON_DEG):
-            self._find(t, f"tipped over {TIPS_DEG:g} degrees")
+            by_others = t - self._ours_t > OTHERS_S
+            self._find(t, TIPPED_BY_OTHERS if by_others else f"tipped over {TIPS_DEG:g} degrees")
 
     def _watch_air(self, world: World, tilt: float) -> None:
         b, t = self._b, world.t

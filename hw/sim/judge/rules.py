@@ -61,6 +61,11 @@ class Rules:
         return self._evidence.armed and self._evidence.guided
 
     @property
+    def in_another_mode(self) -> bool:
+        """Whether it said armed and another mode."""
+        return self._evidence.armed and not self._evidence.guided
+
+    @property
     def texts(self) -> list[tuple[float, str]]:
         """What the pilot was told, with the times."""
         return self._evidence.texts

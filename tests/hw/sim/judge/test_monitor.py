@@ -21,7 +21,9 @@ class Watched:
         self.flies = True
         self.world: World = over_pad(**options)  # type: ignore[arg-type]
         self.feet = Feet(self.world, self.world.airframe, PLATE)
-        self.monitor = SafetyMonitor(self.world, self.feet, BOUNDS, lambda: self.flies)
+        self.monitor = SafetyMonitor(
+            self.world, self.feet, BOUNDS, lambda: self.flies, lambda: not self.flies
+        )
 
     def order(self, velocity: Vec3, seconds: float, *, told: bool = True) -> "Watched":
         """Fly a velocity; told: landerd orders it, too, 40 times a second."""
@@ -75,6 +77,27 @@ def test_one_that_tips_over() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 4.0)
     assert "tipped over 30 degrees" in watched.found
     assert watched.monitor.worst.tilt_deg > 30.0
+
+
+def test_what_others_tip_over() -> None:
+    watched = Watched(pad={"speed_mps": 8.0}).order((8.0, 0.0, 0.0), 5.0)
+    while not all(watched.world.vehicle.feet):
+        watched.order((8.0, 0.0, 0.3), 0.025)
+    watched.order((8.0, 0.0, 0.3), 0.5)
+    watched.flies = False
+    watched.order((8.0, 0.0, 0.3), 1.0, told=False).order((0.0, 0.0, 0.6), 2.0, told=False)
+    assert "tipped over in the hands of others" in watched.found
+    assert "tipped over 30 degrees" not in watched.found
+
+
+def test_one_that_is_handed_over_as_it_tips() -> None:
+    watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 0.5)
+    vehicle = watched.world.vehicle
+    while not (any(vehicle.feet) and math.hypot(vehicle.roll, vehicle.pitch) > math.radians(20.0)):
+        watched.order((0.0, 0.0, 0.6), 0.025)
+    watched.flies = False
+    watched.order((0.0, 0.0, 0.6), 2.0, told=False)
+    assert "tipped over 30 degrees" in watched.found
 
 
 def test_one_that_leans_against_wind_as_it_touches_does_not_tip() -> None:
