@@ -1,0 +1,13 @@
+"""`make mutants` takes half an hour: that each of them still is what it says is seen here."""
+
+import pytest
+
+from tests.mutants import MUTANTS, ROOT, Mutant
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.rule)
+def test_what_a_mutant_breaks_is_there_and_so_is_the_test_that_notices(mutant: Mutant) -> None:
+    assert (ROOT / mutant.file).read_text(encoding="utf-8").count(mutant.old) == 1
+    path, _, name = mutant.test.rpartition("::")
+    test = ROOT / "tests" / (path or "test_safety.py")
+    assert f"def {name.partition('[')[0]}(" in test.read_text(encoding="utf-8")
