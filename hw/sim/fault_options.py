@@ -25,6 +25,7 @@ class FaultKind(NamedTuple):
     lands: bool = True  # false: no landing is to be expected any more
     in_sitl: bool = True  # false: only the stand-in and its world have it
     stays: bool = False  # what it has done is there until the flight ends
+    pulls: bool = False  # from under the feet of what touches: no landing is to be expected then
 
 
 # A process that stands still, is gone or cannot send, sends nothing. The vehicle sinks on until the
@@ -89,7 +90,9 @@ FAULTS: Mapping[str, FaultKind] = {
     # -- the pad moves -----------------------------------------------------------------------------
     "pad-stops": FaultKind("pad", "it brakes to a stand at 1 to 8 m/s2", ends=False),
     "pad-starts": FaultKind("pad", "it speeds up by 0.5 to 3 m/s at 2 m/s2", ends=False),
-    "pad-jerks": FaultKind("pad", "it jumps aside by 0.1 to 1 m in 0.2 s", False, _UNDER_ITS_FEET),
+    "pad-jerks": FaultKind(
+        "pad", "it jumps aside by 0.1 to 1 m in 0.2 s", False, _UNDER_ITS_FEET, pulls=True
+    ),
     "pad-turns": FaultKind("pad", "it turns about itself at 5 to 40 degrees/s"),
     "pad-lifted": FaultKind(
         "pad", "it rises by 0.1 to 1 m at 0.5 m/s", False, _COMES_UP, in_sitl=False

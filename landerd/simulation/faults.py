@@ -58,6 +58,11 @@ class Faults:
         self._phase = phase
         self._began = 0.0
 
+    @property
+    def lasts(self) -> bool:
+        """Whether one has begun and is not over."""
+        return any(n.began is not None and n.ended is None for n in self.happened)
+
     async def run(self) -> None:
         """Let them happen, for ever."""
         self._began = asyncio.get_running_loop().time()
@@ -70,6 +75,8 @@ class Faults:
         await self._onset(fault.at, bench)
         note.began = loop.time() - self._began
         note.phase, note.height_m = self._phase().value, bench.world.height
+        if FAULTS[fault.fault].pulls and any(bench.world.vehicle.feet):
+            note.lands = False
         with EFFECTS[fault.fault](bench, fault.severity):
             if FAULTS[fault.fault].ends:
                 await asyncio.sleep(float("inf") if fault.for_s is None else fault.for_s)

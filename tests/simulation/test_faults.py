@@ -74,6 +74,16 @@ def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
     assert broken(simulation) == set()
 
 
+@pytest.mark.parametrize(
+    ("at", "lands"), [("phase: LANDED, after_s: 2.0", False), ("height_m: 1.5", True)]
+)
+def test_a_pad_pulled_from_under_the_feet_is_no_place_to_land(at: str, lands: bool) -> None:
+    simulation = flown(f"{{fault: pad-jerks, at: {{{at}}}, severity: 0.1}}")
+    (note,) = simulation.faults.happened
+    assert note.began is not None
+    assert note.lands is lands
+
+
 def test_a_core_that_fails_is_started_again() -> None:
     latched: list[str] = []
 

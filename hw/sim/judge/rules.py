@@ -60,6 +60,10 @@ class Rules:
         """Whether the last heartbeat said armed and GUIDED."""
         return self._evidence.armed and self._evidence.guided
 
+    def may_fly(self, t: float) -> bool:
+        """Tell whether landerd may fly at a time, s, on data young enough for it."""
+        return self._evidence.granted(t) and not self._evidence.stale(t)
+
     @property
     def texts(self) -> list[tuple[float, str]]:
         """What the pilot was told, with the times."""
