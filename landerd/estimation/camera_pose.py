@@ -29,6 +29,10 @@ from landerd.geometry import (
 from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
 
 DOWN: Vec3 = (0.0, 0.0, 1.0)  # gravity, local NED
+# Beyond its newest report a gimbal is taken to look on as it did for so long, s: one and a half
+# periods of the slowest that is asked (10 Hz). Held for 0.3 s, the angles of one that went silent
+# as it turned let a pad turn that did not, and its velocity with it.
+GIMBAL_HELD_S = 0.15
 # Between two positions, beyond what their velocities explain, m: the autopilot has moved its local
 # frame (a reset of its EKF). Chosen by hand: no flight within the limits explains as much.
 FRAME_JUMP_M = 0.3
@@ -83,7 +87,9 @@ class PoseHistory:
         self.attitude = History(
             angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s, rates=_euler_rates
         )
-        self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
+        self.gimbal = History(
+            angles=[True] * 3, max_gap_s=fresh.gimbal_s, held_s=min(GIMBAL_HELD_S, fresh.gimbal_s)
+        )
         self._reference = Reference.BODY
         self._measured: Vec3 = (0.0, 0.0, 0.0)  # the newest position as it was told, m
         self._velocities, self._headings = Spikes(), Spikes(HEADING_BELIEVED_S)
