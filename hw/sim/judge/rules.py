@@ -174,7 +174,13 @@ class Rules:
             self._limits.levelled()
         else:
             waves_off = evidence.waves_off(order)
-            self._limits.check(order.t, order.velocity, order.yaw_rate, waves_off=waves_off)
+            self._limits.check(
+                order.t,
+                order.velocity,
+                order.yaw_rate,
+                waves_off=waves_off,
+                flown=order.truth.velocity,
+            )
         evidence.last_order_t = order.t
         for tell in self.on_order:
             tell(order)
