@@ -34,19 +34,23 @@ def failures(run: Run) -> list[str]:
 
 
 def is_short(run: Run) -> bool:
-    """Tell whether all faults happened, were over soon, and leave a landing possible."""
+    """Tell whether all faults happened, were over soon, and leave a landing possible.
+
+    None is where the pad drove out of the camera's reach meanwhile (hw.sim.judge.reach).
+    """
     flown = (run.result or {}).get("faults_flown", [])
-    return (
-        bool(flown)
-        and not _was_ended(run)
-        and all(
-            each["began"] is not None
-            and each["lands"]
-            and each["lasts_s"] is not None
-            and each["lasts_s"] <= SHORT_S
-            for each in flown
-        )
+    were_short = all(
+        each["began"] is not None
+        and each["lands"]
+        and each["lasts_s"] is not None
+        and each["lasts_s"] <= SHORT_S
+        for each in flown
     )
+    return bool(flown) and were_short and not (_was_ended(run) or _lost_reach(run))
+
+
+def _lost_reach(run: Run) -> bool:
+    return (run.result or {}).get("pad_out_of_reach_s") is not None
 
 
 def _was_ended(run: Run) -> bool:
@@ -81,6 +85,7 @@ def summary(runs: Sequence[Run]) -> dict[str, Any]:
         "coverage": {name: dict(counts) for name, counts in sorted(coverage.items())},
         "short": len(short),
         "short_landed": sum(bool(run.result and run.result["landed"]) for run in short),
+        "out_of_reach": sum(map(_lost_reach, runs)),
     }
 
 
@@ -102,6 +107,8 @@ def as_lines(found: dict[str, Any]) -> list[str]:
     lines.append(f"{found['flights']} flights, {failed} failed")
     short = f"{found['short_landed']} of {found['short']}"
     lines.append(f"{short} landed whose faults ended within {SHORT_S:g} s")
+    if found["out_of_reach"]:
+        lines.append(f"not counted there: {found['out_of_reach']} whose pad drove out of reach")
     for kind, seeds in sorted(found["failures"].items(), key=lambda item: -len(item[1])):
         lines.append(f"  {kind}: {len(seeds)}, seeds {', '.join(map(str, seeds[:15]))}")
     for kind, count in found["excused"].items():

@@ -29,6 +29,10 @@ from landerd.geometry import (
 from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
 
 DOWN: Vec3 = (0.0, 0.0, 1.0)  # gravity, local NED
+# Beyond its newest report a gimbal is taken to look on as it did for so long, s: one and a half
+# periods of the slowest that is asked (10 Hz). Held for 0.3 s, the angles of one that went silent
+# as it turned let a pad turn that did not, and its velocity with it.
+GIMBAL_HELD_S = 0.15
 # Between two positions, beyond what their velocities explain, m: the autopilot has moved its local
 # frame (a reset of its EKF). Chosen by hand: no flight within the limits explains as much.
 FRAME_JUMP_M = 0.3
@@ -64,6 +68,9 @@ class PoseHistory:
     Positions are the autopilot's without their noise and wander: they go by its velocity, and
     follow what it says of its position in POSITION_TIME_CONSTANT_S. Where that is off, pad and
     vehicle are alike.
+
+    Attributes:
+        turned: by which the autopilot's heading is larger than the one that is gone on with, rad.
     """
 
     def __init__(self, config: Config) -> None:
@@ -83,16 +90,25 @@ class PoseHistory:
         self.attitude = History(
             angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s, rates=_euler_rates
         )
-        self.gimbal = History(angles=[True] * 3, max_gap_s=fresh.gimbal_s)
+        self.gimbal = History(
+            angles=[True] * 3, max_gap_s=fresh.gimbal_s, held_s=min(GIMBAL_HELD_S, fresh.gimbal_s)
+        )
         self._reference = Reference.BODY
+        self.turned = 0.0
         self._measured: Vec3 = (0.0, 0.0, 0.0)  # the newest position as it was told, m
         self._velocities, self._headings = Spikes(), Spikes(HEADING_BELIEVED_S)
 
-    def add(self, message: LocalPosition | Attitude | GimbalState) -> Vec3 | None:
+    def add(
+        self, message: LocalPosition | Attitude | GimbalState, *, keeps_heading: bool = False
+    ) -> Vec3 | None:
         """Take a measurement in; one that is not newer than its predecessor is dropped.
 
         So is a velocity that jumps as nothing can, unless the next one says the same; of an
         attitude whose heading does, all but that is taken.
+
+        Args:
+            message: the measurement.
+            keeps_heading: where the autopilot sets its heading anew, the old one is gone on with.
 
         Returns:
             by how much the local frame jumped, m; None if it did not. What was known is moved
@@ -101,15 +117,19 @@ class PoseHistory:
         if isinstance(message, LocalPosition):
             return self._add_position(message)
         if isinstance(message, Attitude):
-            said = (message.roll, message.pitch, message.yaw, *message.rates)
-            self.attitude.add(message.t, self._turned(message.t, said))
+            if not keeps_heading:
+                self.turned = 0.0
+            yaw = wrap(message.yaw - self.turned)
+            said = (message.roll, message.pitch, yaw, *message.rates)
+            turned = self._turned(message.t, said, keeps_heading=keeps_heading)
+            self.attitude.add(message.t, turned)
         else:
             self._reference = message.reference
             pitch = message.pitch if message.pitch_measured else self._lagged_pitch(message)
             self.gimbal.add(message.t, (message.yaw, pitch, message.roll))
         return None
 
-    def _turned(self, t: float, said: Values) -> Values:
+    def _turned(self, t: float, said: Values, *, keeps_heading: bool) -> Values:
         """Return an attitude of time t (s) as it is said, where its heading jumps by its rates."""
         before = self.attitude.just_before(t)
         if before is None:
@@ -119,7 +139,9 @@ class PoseHistory:
         most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
         jump = (0.0, 0.0, wrap(said[2] - expected))
         if not self._headings.is_one(t, jump, most):
-            return said
+            if not keeps_heading or abs(jump[2]) <= most:
+                return said
+            self.turned = wrap(self.turned + jump[2])
         return (*said[:2], expected, *said[3:])
 
     def _speeds_up_too_fast(self, new: LocalPosition) -> bool:
@@ -174,6 +196,7 @@ class PoseHistory:
         """Drop all that came from the autopilot: it restarted, its frame may be another."""
         self.position.clear()
         self.attitude.clear()
+        self.turned = 0.0
 
     def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
         """Return the camera's pose at time t, or None where a history does not reach.

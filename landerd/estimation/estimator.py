@@ -10,7 +10,7 @@ from landerd.estimation.doubt import Doubt
 from landerd.estimation.health import HealthMonitor
 from landerd.estimation.motion_filter import ZERO
 from landerd.estimation.observation import Glimpse, ObservationModel, PadObservation
-from landerd.estimation.pad_filter import PadEstimate, PadFilter, SensorErrors
+from landerd.estimation.pad_filter import MAX_GAP_S, PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, slowest_foot, vehicle_state
 from landerd.geometry import Vec3, add, rotate, sub, transpose
 from landerd.messages import (
@@ -62,8 +62,13 @@ class Estimator:
     # ---- inputs --------------------------------------------------------------------------------
 
     def on_telemetry(self, message: LocalPosition | Attitude | GimbalState) -> None:
-        """Take a measurement; where the local frame jumped, the pad goes with it."""
-        jump = self.poses.add(message)
+        """Take a measurement; where the local frame jumped, the pad goes with it.
+
+        While a pad is known the heading goes on by which it was seen so far: one that the autopilot
+        sets anew may be wrong, and where it is right the old one did as well.
+        """
+        is_known = message.t - self.sighting_t <= MAX_GAP_S
+        jump = self.poses.add(message, keeps_heading=is_known)
         if jump is not None:
             self._filter.shift(jump)
 

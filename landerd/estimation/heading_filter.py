@@ -7,6 +7,10 @@ from landerd.geometry import wrap
 # Chosen by trial in the simulator: the row `turning` of `landerd campaign guidance`.
 TURN_RATE_RANDOM_WALK = math.radians(2.0)  # rad/s per sqrt(s): how a pad's turn rate may change
 SIGMA_INITIAL_TURN_RATE = math.radians(10.0)  # rad/s, of a new pad
+# What turns with the pad is not turned by a rate less certain than this, rad/s. Begun anew of two
+# pictures as its gimbal went silent, a heading turned by 14 degrees a second, 9 unsure, and took
+# the velocity along for as long as nothing was seen.
+MAX_SIGMA_TURN_RATE = math.radians(5.0)
 # No heading is known better than this from one picture, rad, however well it is fitted: gears have
 # play, and gimbal, clock and airframe a little of everything. In the field headings erred by 0.2 to
 # 0.9 degrees where 0.06 to 0.15 were stated (seeds 800 to 829). On some days one in five was
@@ -31,6 +35,11 @@ class HeadingFilter:
         self._t = -math.inf
         self._P = (0.0, 0.0, 0.0)  # covariance: of heading, heading with rate, rate
         self._refused: tuple[float, float, float] | None = None  # the last one: t, heading, sigma
+
+    @property
+    def sure_turn_rate(self) -> float:
+        """The turn rate as far as it may be gone by, rad/s; 0 while it is not well known."""
+        return self.turn_rate if self._P[2] < MAX_SIGMA_TURN_RATE**2 else 0.0
 
     def at(self, t: float) -> tuple[float, float]:
         """Return heading and its sigma at time t, rad; only while known."""

@@ -33,19 +33,21 @@ class History:
         max_gap_s: float = 0.2,
         rates: Callable[[Values], Values] | None = None,
         ahead_s: float = ANGLES_AHEAD_S,
+        held_s: float | None = None,
     ) -> None:
         """Make an empty history.
 
         Args:
             angles: for each value whether it is an angle that wraps, rad.
             keep_s: how far back measurements are kept.
-            max_gap_s: two measurements farther apart than this are not interpolated between, and
-                none is used farther than this beyond the newest.
+            max_gap_s: two measurements farther apart than this are not interpolated between.
             rates: returns how fast the first few of the values change, per s; None: not known.
             ahead_s: beyond the newest measurement they go on by their rates for so long.
+            held_s: and are known for so long; None: as long as is interpolated over.
         """
         self._rates = rates
         self._ahead_s = ahead_s
+        self._held_s = max_gap_s if held_s is None else held_s
         self._angles = tuple(angles)
         self._has_angles = any(angles)
         self._keep_s = keep_s
@@ -103,7 +105,7 @@ class History:
             return None
         i = bisect_left(self._times, t)
         if i == len(self._times):
-            return self._ahead(t) if t - self._times[-1] <= self.max_gap_s else None
+            return self._ahead(t) if t - self._times[-1] <= self._held_s else None
         if self._times[i] == t:
             return self._values[i]
         t0, t1 = self._times[i - 1], self._times[i]

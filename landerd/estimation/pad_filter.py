@@ -307,7 +307,7 @@ class PadFilter:
             sigma_velocity=self._motion.sigma_velocity(max(0.0, now - self._motion.t)),
             heading=heading if known else None,
             sigma_heading=sigma_heading,
-            turn_rate=self._heading.turn_rate if known else 0.0,
+            turn_rate=self._heading.sure_turn_rate if known else 0.0,
             normal=unit((*self._tilt, 1.0)),
             coupling=self._motion.coupling,
         )
@@ -419,7 +419,7 @@ class PadFilter:
         self._correct_tilt(seen)
         if seen.heading is not None:
             self._heading.update(seen.t, seen.heading, seen.sigma_heading)
-            self._motion.turn_rate = self._heading.turn_rate
+            self._motion.turn_rate = self._heading.sure_turn_rate
 
     def _adapt(self, seen: PadObservation, innovation: Innovation) -> None:
         """Let the assumed noises follow the innovations (Mehra 1970).

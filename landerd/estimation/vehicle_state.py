@@ -18,11 +18,12 @@ class VehicleState:
     feet: Vec3  # centre of the footprint in the plane of the feet, m
     velocity: Vec3  # m/s
     yaw: float  # rad
+    told_yaw: float  # as the autopilot has it: other where that was set anew, rad
     yaw_rate: float  # rad/s
     tilt: float  # of the airframe from level, rad
     roll_pitch_rate: float  # magnitude of the body's roll and pitch rates, rad/s
     airframe: VehicleSection
-    attitude: Values  # as measured: roll, pitch, yaw, rad, and the body's rates, rad/s
+    attitude: Values  # roll, pitch, yaw, rad, and the body's rates, rad/s
 
     @property
     def foot_velocity(self) -> Vec3:
@@ -59,7 +60,10 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
     yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
     tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(roll_rate, pitch_rate)
-    return VehicleState(feet, velocity, yaw, yaw_rate, tilt, roll_pitch_rate, vehicle, attitude[1])
+    told_yaw = wrap(yaw + poses.turned)
+    return VehicleState(
+        feet, velocity, yaw, told_yaw, yaw_rate, tilt, roll_pitch_rate, vehicle, attitude[1]
+    )
 
 
 def slowest_foot(vehicle: VehicleSection, velocity: Vec3, attitude: Values) -> Vec3:

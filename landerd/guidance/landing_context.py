@@ -85,7 +85,7 @@ class LandingContext:
         low: below the alignment height when the pad was last in sight.
         landed: what the autopilot's land detector has said since commit.
         pad_velocity: as last seen, local NED, m/s.
-        heading: of the vehicle as last known, local, rad: to stand level with.
+        heading: of the vehicle as the autopilot told it last, rad: to stand level with.
         foothold: where the feet are on the plate.
         hold_asked: the pilot asks to hold over the marker and not to land yet.
     """
@@ -173,7 +173,7 @@ class LandingContext:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
         vehicle = self.estimator.fresh_vehicle(step.now)
         if vehicle is not None:
-            self.heading = vehicle.yaw
+            self.heading = vehicle.told_yaw
         sight = self.sight = self._look(step, vehicle)
         if sight is None:
             self._rests_since, self._may_rest = math.inf, False

@@ -75,8 +75,11 @@ class Orders:
         self.commands.append(self._limiter.climb_away(north, east, self._dt))
 
     def stop(self) -> None:
-        """Order zero velocity and yaw rate at once; exempt from the limits of acceleration."""
-        self._setpoint_t = self._now
+        """Order zero velocity and yaw rate at once; exempt from the limits of acceleration.
+
+        What flies on soon after it has not stopped yet, and goes on from the velocity it has.
+        """
+        self._setpoint_t = -math.inf
         self.commands.append(self._limiter.stop())
 
     def stand_level(self, heading: float, pad_velocity: Vec3) -> None:

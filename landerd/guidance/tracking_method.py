@@ -49,6 +49,9 @@ MAX_SMOOTHED_MPS = 0.3
 VERTICAL_LAG_S = 0.35
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
 SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
+# Height over distance under which a pad that drives away is not to be seen by the time that it is
+# caught up with: 20 m away a ring of 1 m is 6 pixels wide then, and not found below 4 or 5.
+LEAST_STEEPNESS = 0.3
 
 # ---- heading -----------------------------------------------------------------------------------
 # Height over distance from which on the camera looks down on the pad (50 degrees below level), and
@@ -212,7 +215,10 @@ class TrackingMethod:
         self._integral = (k * north, k * east)
 
     def _sink_rate(self, relative: RelativeState, floor_m: float) -> float:
-        """Return the downward speed relative to the pad, m/s."""
+        """Return the downward speed relative to the pad, m/s; negative to climb."""
+        flat_m = self._too_low_m(relative)
+        if flat_m > 0.0:
+            return -min(SINK_RATE_KP * flat_m, self._limits.climb_mps)
         ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
         off = max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
@@ -225,6 +231,16 @@ class TrackingMethod:
             to_go = max(0.0, height - self._region.commit_height_m)
             speed = math.sqrt(self._touchdown_mps**2 + 2.0 * brake * to_go)
         return min(speed, self._limits.descent_mps)
+
+    def _too_low_m(self, relative: RelativeState) -> float:
+        """Return how much too low it is for the pad to stay in sight while it drives away, m."""
+        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+        leaves = north * v_north + east * v_east  # times the distance, m^2/s
+        if leaves <= 0.0:
+            return 0.0
+        leaves /= relative.distance
+        lags = self._lead_s + 0.5 * leaves / self._limits.acceleration_mps2
+        return LEAST_STEEPNESS * (relative.distance + leaves * lags) - relative.height
 
     def _yaw_rate(self, relative: RelativeState) -> float:
         """Return the yaw rate, rad/s."""

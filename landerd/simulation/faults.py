@@ -58,6 +58,11 @@ class Faults:
         self._phase = phase
         self._began = 0.0
 
+    @property
+    def lasts(self) -> bool:
+        """Whether one has begun and is not over."""
+        return any(n.began is not None and n.ended is None for n in self.happened)
+
     async def run(self) -> None:
         """Let them happen, for ever."""
         self._began = asyncio.get_running_loop().time()

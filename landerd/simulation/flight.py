@@ -175,6 +175,8 @@ class Simulation:
             lambda number: self._bench(number, gimbal.mount, pad, lens, seed),
             lambda: self.daemon.lander.phase,
         )
+        faults = self.faults
+        self.reach = self._judge.watch_reach(lambda: not faults.lasts) if options.faults else None
 
     @property
     def daemon(self) -> Daemon:
@@ -321,6 +323,7 @@ class Simulation:
             findings=self.monitor.found,
             happened=self.faults,
             worst=self.monitor.worst,
+            left_reach_t=self.reach.left_t if self.reach else None,
             recording=self.recording,
             innovation_gate=float(self.config.estimation.gate_sigma**2),
         )

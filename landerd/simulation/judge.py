@@ -2,11 +2,13 @@
 
 import asyncio
 import math
+from collections.abc import Callable
 
 from hw.gimbals.servo_mavlink import ServoMavlinkOptions
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.bounds import RuleBounds
 from hw.sim.judge.monitor import SafetyMonitor
+from hw.sim.judge.reach import Reach
 from hw.sim.judge.rules import Rules
 from hw.sim.judge.score import Score
 from hw.sim.judge.truth import Feet, Truth
@@ -16,7 +18,7 @@ from landerd.camera_model import CameraModel
 from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.messages import Frame
-from landerd.pad import PadLayout
+from landerd.pad import PadLayout, Square
 from landerd.simulation.surroundings import Surroundings
 
 
@@ -53,6 +55,7 @@ class Judge:
         self._layout = layout
         self._camera_rotation_deg = loaded.config.gimbal.camera_rotation_deg
         self._frustum = Frustum(camera_model)
+        self._bounds = bounds
         self._link, self._vehicle = around.link, around.vehicle
 
     def listen(self) -> None:
@@ -66,6 +69,23 @@ class Judge:
         """Hear from now on when angles of the gimbal reach landerd, and how old they are."""
         mount.reported = self.rules.on_gimbal
         self.rules.on_mounted(mount.hidden_heading(self._camera_rotation_deg))
+
+    def watch_reach(self, can_see: Callable[[], bool]) -> Reach:
+        """Watch from now on whether the pad drives away while landerd cannot go along with it.
+
+        Args:
+            can_see: nothing is made to go wrong at the moment.
+        """
+        largest_m = max(
+            m.size_m if isinstance(m, Square) else m.outer_diameter_m for m in self._layout.markers
+        )
+        marker_px = self._frustum.camera.fx * largest_m
+        return Reach(
+            self._world,
+            marker_px,
+            self._bounds,
+            lambda t: can_see() and self.rules.may_fly(t),
+        )
 
     def stop_listening(self) -> None:
         """Leave the link alone."""

@@ -34,6 +34,7 @@ class Flown:
     findings: Mapping[str, float]  # of the safety monitor, with the first time
     happened: Faults  # what was made to go wrong
     worst: Worst  # contact
+    left_reach_t: float | None  # of the camera's, while landerd could not follow; None: it did not
     recording: Recording
     innovation_gate: float  # sightings with a NIS beyond this were refused
 
@@ -43,6 +44,7 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
     score, lander, recording = flown.score, flown.lander, flown.recording
     first, contact = score.first_sighting_t, score.contact
     flown_s = flown.ended - flown.began
+    left_t = flown.left_reach_t
 
     def since_sighting(t: float | None) -> float | None:
         return t - first if t is not None and first is not None else None
@@ -73,6 +75,7 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "excused": _excused(flown),
         "faults_flown": flown.happened.as_plain(),
         "worst_contact": asdict(flown.worst),
+        "pad_out_of_reach_s": None if left_t is None else left_t - flown.began,
         "simulated_s": flown_s,
         "frames_per_s": recording.frames / flown_s,
         "faults": dict(flown.faults),

@@ -66,6 +66,7 @@ RULE = "3: set-points less often than 20 Hz (at 5.20 s)"
         (flown(landed=False, outcome="handed_back", lasts_s=9.0), []),
         (flown(landed=False, rules_broken=[UNSTOOD], excused=[UNSTOOD]), []),
         (flown(landed=False, outcome="taken_over", findings=[LED], excused=[LED]), []),
+        (flown(landed=False, outcome="handed_back", pad_out_of_reach_s=9.0), []),
     ],
 )
 def test_what_counts_as_a_failure(run: Run, found: list[str]) -> None:
@@ -94,3 +95,10 @@ def test_the_table_counts_by_fault_and_phase() -> None:
     lines = "\n".join(as_lines(found))
     assert "3 flights, 1 failed" in lines
     assert "seeds 2" in lines
+
+
+def test_a_pad_that_drove_out_of_reach_is_counted_apart() -> None:
+    runs = [flown(1), flown(2, landed=False, outcome="handed_back", pad_out_of_reach_s=9.0)]
+    found = summary(runs)
+    assert (found["short"], found["short_landed"], found["out_of_reach"]) == (1, 1, 1)
+    assert "not counted there: 1 whose pad drove out of reach" in as_lines(found)

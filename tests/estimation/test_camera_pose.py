@@ -63,6 +63,30 @@ def test_a_heading_that_is_set_anew_is_believed_after_a_while() -> None:
         assert newest[1][2] - 0.02 * i == pytest.approx(0.4 if i > 15 else 0.0)
 
 
+def test_a_heading_that_is_set_anew_is_gone_on_without_where_the_old_one_is_kept() -> None:
+    made = PoseHistory(AT_ORIGIN)
+    for i in range(60):
+        yaw = 0.02 * i + (0.4 if 10 < i <= 40 else 0.0)
+        made.add(Attitude(1.0 + 0.04 * i, 0.0, 0.0, yaw, (0.0, 0.0, 0.5)), keeps_heading=True)
+        newest = made.attitude.newest
+        assert newest is not None
+        assert newest[1][2] == pytest.approx(0.02 * i, abs=1e-6)
+        if i in (10, 25, 59):
+            assert made.turned == pytest.approx(0.4 if i == 25 else 0.0, abs=1e-6)
+
+
+def test_a_gimbal_that_goes_silent_is_not_taken_to_stand_still_for_long() -> None:
+    made = PoseHistory(AT_ORIGIN)
+    for i in range(20):
+        t = 1.0 + 0.02 * i
+        made.add(LocalPosition(t, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+        made.add(Attitude(t, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)))
+        if i <= 10:
+            made.add(GimbalState(t, 0.1 * i, 0.0, 0.0, Reference.BODY))
+    assert made.camera_pose(1.3) is not None
+    assert made.camera_pose(1.38) is None
+
+
 def test_a_velocity_that_is_said_twice_is_so_and_a_hard_knock_and_turn_are_no_jumps() -> None:
     made = PoseHistory(AT_ORIGIN)
     assert told(made, [1.0, 1.1, 20.0, 20.3], [0.0] * 4)[0] == 20.3

@@ -7,7 +7,7 @@ import pytest
 
 from landerd.config.models import CameraSection, Config
 from landerd.estimation.estimator import Estimator
-from landerd.messages import ClockSync, LocalPosition
+from landerd.messages import Attitude, ClockSync, LocalPosition
 from tests.estimation.hovering import BELOW, TELEMETRY, hear, shown
 
 
@@ -74,6 +74,22 @@ def test_a_jump_of_the_local_frame_takes_the_pad_along() -> None:
     assert before is not None
     assert after is not None
     assert after.position[0] - before.position[0] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("is_seen", [True, False])
+def test_a_heading_set_anew_is_kept_off_from_a_pad_that_is_known(is_seen: bool) -> None:
+    estimator = seeing(until=1.0)
+    before = estimator.vehicle(1.0)
+    begins = 1.02 if is_seen else 9.02
+    for i in range(20):
+        t = begins + 0.02 * i
+        hear(estimator, t, "position", "gimbal")
+        estimator.on_telemetry(Attitude(t, 0.0, 0.0, 0.7 if i else 0.0, (0.0, 0.0, 0.0)))
+    vehicle = estimator.vehicle(begins + 0.4)
+    assert before is not None
+    assert vehicle is not None
+    assert vehicle.yaw == pytest.approx(before.yaw if is_seen else 0.7)
+    assert vehicle.told_yaw == pytest.approx(0.7)  # to stand level with
 
 
 def test_after_a_restart_nothing_of_vehicle_or_pad_is_known() -> None:

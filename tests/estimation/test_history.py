@@ -129,3 +129,12 @@ def test_the_last_second_stays_known_and_what_is_older_is_let_go() -> None:
     assert history.at(49.505) == pytest.approx((4.9505,))
     assert history.at(49.0) is not None
     assert history.at(40.0) is None
+
+
+def test_what_may_not_be_held_for_long_is_not_known_for_long() -> None:
+    history = History(angles=[True], max_gap_s=0.3, held_s=0.15)
+    history.add(1.0, (0.1,))
+    assert history.at(1.14) == (0.1,)
+    assert history.at(1.16) is None
+    history.add(1.25, (0.2,))
+    assert history.at(1.125) == pytest.approx((0.15,))

@@ -664,6 +664,18 @@ def test_a_pad_that_begins_to_turn_is_turned_with_at_once() -> None:
     assert found.turn_rate == pytest.approx(rate, rel=0.25)
 
 
+def test_a_heading_begun_anew_of_two_pictures_turns_no_velocity() -> None:
+    # The last ones through a gimbal that turns and does not say so any more.
+    pad_filter = PadFilter(OPTIONS)
+    askew = {90: 0.1, 91: 0.14, 92: 0.18}
+    for i in range(93):
+        t = i / RATE
+        seen = sighting(t, (5.0 * t, 0.0, 0.0), heading=askew.get(i, 0.0), covariance=CLOSE)
+        pad_filter.update([replace(seen, sigma_heading=0.01)])
+    later = estimate(pad_filter, t + 1.0)
+    assert later.velocity == pytest.approx((5.0, 0.0, 0.0), abs=0.2)
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_position_that_is_no_number_is_refused(bad: float) -> None:
     pad_filter = settled()

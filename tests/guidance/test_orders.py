@@ -73,10 +73,18 @@ def test_after_a_pause_set_points_begin_at_the_vehicles_velocity(
     pause: float, goes_on: bool
 ) -> None:
     orders = begun(10.0)
-    orders.stop()
+    orders.fly((0.0, 0.0, 0.0), 0.0, may_descend=False)
     orders.begin(10.0 + pause, DT)
     orders.go_on_from((3.0, 0.0, 0.0))
     assert orders.velocity[0] == (0.0 if goes_on else 3.0)
+
+
+def test_what_was_told_to_stop_has_not_stopped_yet() -> None:
+    orders = begun(10.0)
+    orders.stop()
+    orders.begin(10.0 + DT, DT)
+    orders.go_on_from((3.0, 0.0, 0.0))
+    assert orders.velocity[0] == 3.0
 
 
 def test_to_stand_level_ends_the_velocity_that_was_flown() -> None:

@@ -193,3 +193,19 @@ def test_a_swing_that_smaller_gains_calm_keeps_them() -> None:
     for by_m in (0.3, 0.25, 0.15, 0.08, 0.04):
         left = swung(method, seconds=4.0, by_m=by_m)
     assert left < 0.6 * fresh
+
+
+@pytest.mark.parametrize(
+    ("height", "leaves_mps", "climbs"),
+    [
+        (3.0, 5.0, True),  # by the time that it is caught up with it is 20 m away
+        (8.0, 5.0, False),
+        (3.0, -1.0, False),  # it comes nearer
+    ],
+)
+def test_a_pad_that_drives_away_is_kept_in_sight_by_climbing(
+    height: float, leaves_mps: float, climbs: bool
+) -> None:
+    velocity, _ = order(12.0, height, rate=(leaves_mps, 0.0, 0.0))
+    assert (velocity[2] < -0.5) is climbs
+    assert velocity[2] >= -OPTIONS.limits.climb_mps

@@ -74,6 +74,17 @@ def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
     assert broken(simulation) == set()
 
 
+@pytest.mark.parametrize(("pad_mps", "is_out"), [(0.0, False), (5.0, True)])
+def test_a_pad_drives_out_of_reach_while_landerd_is_started_again(
+    pad_mps: float, is_out: bool
+) -> None:
+    simulation = flown("{fault: core-raises, at: {height_m: 1.0}}", f"sim.pad.speed_mps={pad_mps}")
+    assert simulation.reach is not None
+    assert (simulation.reach.left_t is not None) is is_out
+    assert simulation.score.landed is not is_out
+    assert broken(simulation) == set()
+
+
 def test_a_core_that_fails_is_started_again() -> None:
     latched: list[str] = []
 

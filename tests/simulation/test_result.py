@@ -41,6 +41,7 @@ def flown() -> Flown:
         findings={},
         happened=Faults((), lambda number: None, lambda: Phase.NOT_LANDING),  # type: ignore[arg-type,return-value]
         worst=Worst(),
+        left_reach_t=BEGAN + 12.0,
         recording=recording,
         innovation_gate=16.0,
     )
@@ -53,6 +54,7 @@ def test_a_flight_without_landing_has_no_figures_of_a_touchdown() -> None:
     assert (result["nis_ratio"], result["refused_percent"]) == (None, None)
     assert result["simulated_s"] == 20.0
     assert result["faults"] == {"image of a wrong size": 2}
+    assert result["pad_out_of_reach_s"] == 12.0
 
 
 def test_times_count_from_the_first_sighting_and_breaks_from_the_beginning() -> None:

@@ -4,12 +4,16 @@ import math
 from collections.abc import Callable
 
 from hw.sim.judge.bounds import ZERO, RuleBounds
-from landerd.geometry import Vec3, horizontal
+from landerd.geometry import Vec3, horizontal, norm, sub
 
 _TOLERANCE = 1.02  # of every limit: the set-points travel as 32-bit floats
 # Added to it: rounding makes 1e-5 m/s^2 and 5e-4 m/s^3 of set-points of 5 m/s 25 ms apart; these
 # are chosen, well above that and well below any sensible limit.
 _ACCELERATION_MARGIN_MPS2, _JERK_MARGIN_MPS3 = 0.02, 0.2
+# What is told to stop has not stopped yet: told to fly again it may go on from what it flies, as
+# near to that as it is told its velocity, which faults have off by 2 m/s, and nearer than standing.
+# To begin at zero would brake it for nothing.
+_AS_FLOWN_MPS = 2.5
 _GAP_S = 0.5  # after so long without set-points the next one is a first one
 
 
@@ -29,14 +33,32 @@ class SetpointLimits:
         self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
         self._stopped = (False, False)  # the last set-point: horizontally, vertically
 
-    def check(self, t: float, velocity: Vec3, yaw_rate: float, *, waves_off: bool = False) -> None:
-        """Judge a set-point of time t (s): local NED, m/s, and rad/s.
+    def check(
+        self,
+        t: float,
+        velocity: Vec3,
+        yaw_rate: float,
+        *,
+        waves_off: bool = False,
+        flown: Vec3 | None = None,
+    ) -> None:
+        """Judge a set-point.
 
-        Who waves off, just over the pad, may begin to climb at once.
+        Args:
+            t: when it comes, s.
+            velocity: that it asks for, local NED, m/s.
+            yaw_rate: likewise, rad/s.
+            waves_off: just over the pad it may begin to climb at once.
+            flown: the velocity that the vehicle has, m/s; None: not known.
         """
         self._check_size(t, velocity, yaw_rate)
-        if self.last_t is None or t - self.last_t > _GAP_S:
-            self._acceleration = None
+        goes_on = (
+            all(self._stopped)
+            and flown is not None
+            and norm(sub(velocity, flown)) < min(_AS_FLOWN_MPS, norm(flown))
+        )
+        if self.last_t is None or t - self.last_t > _GAP_S or goes_on:
+            self._acceleration, self._stopped = None, _stops(velocity)
         elif t > self.last_t:
             self._check_change(t, t - self.last_t, velocity, waves_off=waves_off)
         self.last_t, self._velocity = t, velocity
@@ -66,7 +88,7 @@ class SetpointLimits:
             (velocity[2] - before[2]) / dt,
         )
         was = self._acceleration or a
-        stops = (horizontal(velocity) < ZERO, abs(velocity[2]) < ZERO)
+        stops = _stops(velocity)
         # What was left out, on a link that was cut, may have been an order to stop. It is a mean
         # then, from which no jerk can be told.
         gap = dt > 1.5 * b.control_period_s
@@ -95,3 +117,8 @@ class SetpointLimits:
             self._broken(t, f"3: {axes} acceleration")
         if jerk > self._b.jerk_mps3 * _TOLERANCE + wobble * limit + _JERK_MARGIN_MPS3:
             self._broken(t, f"3: {axes} jerk")
+
+
+def _stops(velocity: Vec3) -> tuple[bool, bool]:
+    """Tell whether it is an order to stop, horizontally and vertically."""
+    return horizontal(velocity) < ZERO, abs(velocity[2]) < ZERO

@@ -60,6 +60,10 @@ class Rules:
         """Whether the last heartbeat said armed and GUIDED."""
         return self._evidence.armed and self._evidence.guided
 
+    def may_fly(self, t: float) -> bool:
+        """Tell whether landerd may fly at a time, s, on data young enough for it."""
+        return self._evidence.granted(t) and not self._evidence.stale(t)
+
     @property
     def in_another_mode(self) -> bool:
         """Whether it said armed and another mode."""
@@ -175,7 +179,13 @@ class Rules:
             self._limits.levelled()
         else:
             waves_off = evidence.waves_off(order)
-            self._limits.check(order.t, order.velocity, order.yaw_rate, waves_off=waves_off)
+            self._limits.check(
+                order.t,
+                order.velocity,
+                order.yaw_rate,
+                waves_off=waves_off,
+                flown=order.truth.velocity,
+            )
         evidence.last_order_t = order.t
         for tell in self.on_order:
             tell(order)

@@ -42,6 +42,7 @@ class Truth:
     misses: bool = False  # going on like this it touches with a foot beside the plate
     on_plate: bool = False  # all four feet stand on it
     landing_point: Vec3 = (0.0, 0.0, 0.0)  # local, m
+    velocity: Vec3 = (0.0, 0.0, 0.0)  # of the vehicle, m/s
     lean_m: float = 0.0  # by which the lowest foot is lower than the feet's centre
 
     @property
@@ -129,5 +130,6 @@ class Feet:
             misses=not self._are_over(pad, R, add(vehicle.position, ahead), math.inf),
             on_plate=self._are_over(pad, R, vehicle.position, STANDS_M),
             landing_point=pad.position,
+            velocity=vehicle.velocity,
             lean_m=max(rotate(R_pad_local, arm)[2] for arm in aside),
         )

@@ -58,6 +58,21 @@ def test_stopping_is_free_and_what_follows_may_begin_afresh() -> None:
     assert broken((3.0, 0.0, 0.5), stop, stop, (0.005, 0.0, 0.005)) == []
 
 
+@pytest.mark.parametrize(
+    ("velocity", "is_allowed"),
+    [
+        ((4.0, 0.0, -0.5), True),
+        ((0.0, 4.0, 0.0), False),  # it flies elsewhere
+    ],
+)
+def test_what_has_not_stopped_yet_may_go_on_as_it_flies(velocity: Vec3, is_allowed: bool) -> None:
+    found: list[str] = []
+    limits = SetpointLimits(BOUNDS, lambda t, rule: found.append(rule))
+    for i, each in enumerate([(4.5, 0.0, 0.0), (0.0, 0.0, 0.0), velocity]):
+        limits.check(DT * i, each, 0.0, flown=(4.3, 0.0, 0.0))
+    assert (found == []) is is_allowed
+
+
 def test_a_gap_is_no_step() -> None:
     assert broken((0.1, 0.0, 0.0), (3.0, 0.0, 0.0), dt=0.6) == []
 
