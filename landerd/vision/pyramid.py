@@ -1,7 +1,6 @@
 """The part of an image that is searched for rings, at the sizes at which it is."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +25,7 @@ _LARGEST_PX, SMALL_PX = 40.0, 24.0
 class Level:
     """The searched part of an image at another size, and the camera that would see just that."""
 
-    part: U8  # at its own size
+    finer: "U8 | Level"  # what it is made of: the part at its own size, or the next finer level
     camera: CameraModel
     corner: tuple[int, int]  # of the part: column and row, px of the image
     reduction: float  # pixels of the image along one of the level
@@ -35,18 +34,22 @@ class Level:
     @cached_property
     def image(self) -> U8:
         """What is searched, worked out when asked for: a ring that is near needs one level only."""
-        k, size = self.reduction, (self.camera.width, self.camera.height)
+        if isinstance(self.finer, Level):
+            finer, k = self.finer.image, self.reduction / self.finer.reduction
+        else:
+            finer, k = self.finer, self.reduction
         if k == 1.0:
-            return self.part
-        whole = self.part[: int(size[1] * k), : int(size[0] * k)] if k > 1.0 else self.part
+            return finer
+        w, h = self.camera.width, self.camera.height
+        whole = finer[: int(h * k), : int(w * k)] if k > 1.0 else finer
         interpolation = cv2.INTER_AREA if k > 1.0 else cv2.INTER_CUBIC
-        return np.asarray(cv2.resize(whole, size, interpolation=interpolation), dtype=np.uint8)
+        return np.asarray(cv2.resize(whole, (w, h), interpolation=interpolation), dtype=np.uint8)
 
 
 def levels(
     image: U8, camera: CameraModel, window: Window | None, expected_px: float | None
-) -> Iterator[Level]:
-    """Yield the part to search, coarse levels first: rings are looked for at 10 to 100 px.
+) -> list[Level]:
+    """Return the part to search, coarse levels first: rings are looked for at 10 to 100 px.
 
     Args:
         image: grey image (height, width).
@@ -63,15 +66,17 @@ def levels(
         halvings = [max(-1, round(math.log2(max(expected_px, 1.0) / _SEARCH_DIAMETER_PX)))]
     else:
         coarsest = max(0, math.ceil(math.log2(max(size, 1) / _COARSEST_PX)))
-        halvings = list(range(coarsest, -1, -1))
+        halvings = list(range(coarsest + 1))
+    made: list[Level] = []
     for n in halvings:
         k = 2.0**n
         small_h, small_w = int(crop.shape[0] / k), int(crop.shape[1] / k)
         if min(small_h, small_w) < _SMALLEST_SIDE_PX:
-            continue
+            break
         seeing = _seeing(camera, part, (small_h, small_w), k)
-        largest_px = math.inf if n == halvings[0] else _LARGEST_PX if n > 0 else SMALL_PX
-        yield Level(crop, seeing, (part.x0, part.y0), k, largest_px)
+        largest_px = math.inf if n == halvings[-1] else _LARGEST_PX if n > 0 else SMALL_PX
+        made.append(Level(made[-1] if made else crop, seeing, (part.x0, part.y0), k, largest_px))
+    return made[::-1]
 
 
 def _seeing(

@@ -53,6 +53,10 @@ _MIN_VISIBLE = 0.35  # just over the pad a ring is cut by the image's edge
 # were centimetres off, from starts 0.1 m away, 0.55 at most or 0.56 at least.
 _NEAR_PX, _MIN_NEAR_VISIBLE, _MIN_NEAR_PRODUCT, _MAX_NEAR_SIGMA_PX = 40.0, 0.2, 0.45, 0.45
 _HOPELESS_SUPPORT = 0.9  # of both edges' shares together
+# Both poses of a small ring show about the same edges: of 800 below this size, px, which edges
+# vouched for in the end, none showed less than 0.75 of the limit under the first pose, of 21
+# textures 20 did, and half of them 0.39.
+_ALIKE_PX, _HOPELESS_SHARE = 20.0, 0.6
 _MIN_CONTRAST = 12.0  # grey levels
 # How far a tone curve moves edges: px, of the blur, and what the print may be off, of the radius.
 # Gamma 2.4 moves the edge of a blurred black on white by 0.7 sigma. White twice over full scale
@@ -137,8 +141,7 @@ def explained(
         edges = edge_fit(image, camera, ring, start)
         if edges is not None:
             found.append(edges)
-        # Under the wrong one of two poses half of the edges are in place, in texture few.
-        if not found or sum(found[0].support) < _HOPELESS_SUPPORT:
+        if not found or _is_hopeless(found[0]):
             return None
     found, noise = _best_first(found)
     edges = found[0]
@@ -155,6 +158,15 @@ def explained(
         wider = [replace(f, inflation=inflation * edges.dependence * f.inflation) for f in fits]
         return Explained(wider, toned)
     return Explained([_ring_fit(e, ring, camera, noise, inflation) for e in found], toned)
+
+
+def _is_hopeless(e: EdgeFit) -> bool:
+    """Tell whether edges are of no ring, not under the mirrored pose either.
+
+    Under the wrong one of two poses half of a large ring's edges are in place, in texture few.
+    """
+    is_small = _shorter_px(e) < _ALIKE_PX
+    return sum(e.support) < _HOPELESS_SUPPORT or (is_small and _share(e) < _HOPELESS_SHARE)
 
 
 def edge_fits(
@@ -211,10 +223,7 @@ def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
 def is_ring_by_edges(e: EdgeFit, share: float = 1.0) -> bool:
     """Tell whether edges are those of a ring, black between white; or to a share of that."""
     return (
-        _has_edges(e)
-        and e.visible > _MIN_VISIBLE
-        and e.visible * _edges_in_place(e) > share * (_MIN_PRODUCT + _PRODUCT_PX / _shorter_px(e))
-        and not _is_dim_within(e)
+        _has_edges(e) and e.visible > _MIN_VISIBLE and _share(e) > share and not _is_dim_within(e)
     )
 
 
@@ -272,6 +281,11 @@ def _has_edges(e: EdgeFit) -> bool:
         and min(e.contrast) > _MIN_CONTRAST
         and _min_shift_px(e) < e.shift_px < _max_shift_px(e)
     )
+
+
+def _share(e: EdgeFit) -> float:
+    """Return how much of the limit the shares of a ring reach together."""
+    return e.visible * _edges_in_place(e) / (_MIN_PRODUCT + _PRODUCT_PX / _shorter_px(e))
 
 
 def _edges_in_place(e: EdgeFit) -> float:

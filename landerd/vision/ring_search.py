@@ -64,6 +64,9 @@ _CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows 
 # doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
 _HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
 _EDGE_SHARE = 0.5  # from which edges are looked at
+# Of a level's pixels, those at which dark and bright meet: of 250 tiles of photographs below it
+# nine in ten have less than 0.03 of them in the finest level, the fullest of all have 0.19.
+_MAX_EDGE_SHARE = 0.05
 _MOST_CUT = 2  # rings that the image's edge may cut
 
 
@@ -135,6 +138,7 @@ class RingSearch:
 
     def _find_clear_by(self, looks: Sequence[tuple[Level, Segmentation]], find: _Find) -> bool:
         ratio = self._ring.inner_ratio
+        looks = [(v, s) for v, s in looks if cv2.hasNonZero(self._dark(v, s))]  # not in the sky
         of_looks = find([Look(v.image, self._dark(v, s), v.largest_px) for v, s in looks], ratio)
         return any(
             self._find_clear(level, candidates)
@@ -147,6 +151,15 @@ class RingSearch:
         if key not in self._darks:
             self._darks[key] = segment(level.image)
         return self._darks[key]
+
+    def is_textured(self, level: Level, segment: Segmentation) -> bool:
+        """Tell whether a level is so full of what is dark that to label the next finer is dear.
+
+        What is counted is the same on any machine.
+        """
+        dark = self._dark(level, segment)
+        edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
+        return edges > _MAX_EDGE_SHARE * dark.size
 
     def _find_clear(self, level: Level, candidates: list[Candidate]) -> bool:
         for candidate in candidates:

@@ -13,6 +13,9 @@ from landerd.camera_model import F64
 # In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take.
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
 _FRAME_COST, _SEARCH_COST = 14, 7  # the second: of it, to tell what is worth more
+# Of an image that is searched in its finest level only, as to label that takes more than half of
+# what the rest of a search does: all stages of one ring.
+_FINEST_COST = 9
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
 
 
@@ -35,17 +38,21 @@ class Part(Enum):
     """What of a search an image gets."""
 
     WHOLE = "everything"
-    FIRST = "the ways to look that show most rings"
-    REST = "the others"
+    MOST = "the ways to look that show most rings; in texture without BROKEN's and FINEST's"
+    REST = "the other ways, and the outline of the pad's plate"
+    # Of images full of texture:
+    OTHERS = "the other ways"
+    BROKEN = "holes of rings that are joined to dark ground, and the plate's outline"
+    FINEST = "the finest level: three quarters of all pixels, for rings that are far away"
 
 
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A thorough search takes two images, one for each half of the ways to look. What would cost more
-    than an image may is cut short, and a later one goes on with what was not tried: places that
-    were refused come last, as they show in another reduction of the image; what was refused in the
-    same one is not tried again. So it comes to an end, after which a new search begins.
+    A thorough search takes two images, in texture four: one for each of its parts. What would cost
+    more than an image may is cut short, and a later one goes on with what was not tried: places
+    that were refused come last, as they show in another reduction of the image; what was refused
+    in the same one is not tried again. So it comes to an end, after which a new search begins.
 
     Attributes:
         part: what the image gets.
@@ -54,7 +61,7 @@ class RingWork:
 
     def __init__(self, *, parts: bool = True) -> None:
         """Begin with nothing known; with `parts` False an image gets the whole search."""
-        self._first = Part.FIRST if parts else Part.WHOLE
+        self._first = Part.MOST if parts else Part.WHOLE
         self._left, self._search_left = _FRAME_COST, _SEARCH_COST
         self._refused: list[Place] = []
         self._before = 0  # of them, in the images before
@@ -80,17 +87,18 @@ class RingWork:
         self.is_continued = self.part in self._begun
         self._begun.add(self.part)
         self._before = len(self._refused)
-        self._left, self._search_left = _FRAME_COST, _SEARCH_COST
+        self._left = _FINEST_COST if self.part is Part.FINEST else _FRAME_COST
+        self._search_left = _SEARCH_COST
         self._is_cut = False
 
     def end(self) -> None:
         """End the search of the images before: the next begins anew."""
         self._open, self._is_cut = [], False
 
-    def leave_rest(self) -> None:
-        """Leave the other ways to look for the next image, once in a search."""
-        if Part.REST not in self._begun:
-            self._open.append(Part.REST)
+    def leave(self, *parts: Part) -> None:
+        """Leave the other parts of a search for the next images, one each."""
+        if not self.is_continued:
+            self._open += parts
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""

@@ -27,17 +27,19 @@ frames a second sees a pad that goes by in few of them.
 |                            | model; the rest is left   |                                       |
 | nothing, squares left      | as below                  | round the rings found; if none, in    |
 |                            |                           | the whole image                       |
-| nothing, the search of the | the other thresholds; the | round the rings found                 |
-| frame before goes on       | plate's outline; or those |                                       |
-|                            | of before once more       |                                       |
+| nothing, the search of the | the next part of it, or   | round the rings found                 |
+| frame before goes on       | one of before once more   |                                       |
 | nothing, pad not expected  | the first threshold       | round the rings found                 |
 | nothing, pad expected      | not looked for            | not looked for                        |
 
-A thorough search of the whole image for rings takes two frames. What one may cost is counted
-(`ring_work.py`): a search that comes to the end of it is cut short, and a later frame goes on with
-what was not tried. To look for squares in the whole of an image full of texture costs a third of
-that: those of a pad that has a ring are left for the next frame, unless a ring was refused because
-nothing was seen beside it.
+A thorough search of the whole image for rings takes two frames: what shows most, then the other
+thresholds and the plate's outline. In an image full of texture it takes four, one each for what
+shows most, for the other thresholds, for broken rings and the plate's outline, and for far rings
+in the finest level, which is not looked at with the first threshold either. What a frame may cost
+is counted (`ring_work.py`): a search that comes to the end of it is cut short, and a later frame
+goes on with what was not tried. To look for squares in the whole of an image full of texture costs
+as much as a part: those of a pad that has a ring are left for the next frame, unless a ring was
+refused because nothing was seen beside it.
 
 Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`). A pad
 without rings that is not expected anywhere is looked for in every frame by its squares.

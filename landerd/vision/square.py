@@ -205,14 +205,11 @@ def is_textured(image: Image) -> bool:
 
     What is counted is the same on any machine.
     """
-    dark = cv2.adaptiveThreshold(
-        image,
-        255,
-        cv2.ADAPTIVE_THRESH_MEAN_C,
-        cv2.THRESH_BINARY_INV,
-        _EDGE_MEAN_PX,
-        _THRESHOLD_OFFSET,
-    )
+    # As cv2.adaptiveThreshold has it, in half the time.
+    side_px = (_EDGE_MEAN_PX, _EDGE_MEAN_PX)
+    mean = cv2.blur(image, side_px, borderType=cv2.BORDER_REPLICATE)
+    off = _THRESHOLD_OFFSET - 1
+    dark = cv2.compare(image, np.maximum(mean, off) - off, cv2.CMP_LT)
     edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
     return edges > _MAX_EDGE_SHARE * image.size
 

@@ -36,9 +36,12 @@ U8 = NDArray[np.uint8]
 # How a search looks for what is dark, in the coarsest level and in the others: of 100 pictures in
 # each of the conditions of `bench.vision_conditions` and 336 of the field world this way shows all
 # but 2 % of what local means and the extremes beside a pixel show together. A thorough search has
-# means as well: for the largest rings, and in its second picture for those in dirt and motion.
+# means as well: for the largest rings, and in a later picture for those in dirt and motion.
 _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
 _WIDE, _LOW = dark_by_mean(0.86), dark_by_mean(0.55)
+# What a search leaves for an image each where the first is full of texture: to label what is dark
+# takes the most time there. Squares are looked for in the next one, beside what takes the least.
+_IN_TEXTURE = (Part.OTHERS, Part.BROKEN, Part.FINEST)
 
 
 def find_rings(
@@ -65,8 +68,8 @@ def find_rings(
             ring apart, the pose that lies more level is put first.
         expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
         thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
-        work: what remembers where the search of the image before was cut short, and leaves a part
-            of it for the next one; None: nothing does, and all is looked for at once.
+        work: what remembers where the search of the image before was cut short, and leaves parts
+            of it for the next ones; None: nothing does, and all is looked for at once.
         response: what remembers the camera's; None: nothing does.
         beside: tells that a ring is another's, the search then goes on, or that the pad's plate is
             about one whose edges alone do not tell it, or known to be, and where it lies.
@@ -75,14 +78,9 @@ def find_rings(
     work.begin()
     response = response or CameraResponse()
     search = RingSearch(image, ring, camera, down, work, response, beside or Beside())
-    parts = list(levels(image, camera, window, expected_diameter_px))
+    parts = levels(image, camera, window, expected_diameter_px)
     is_whole = thorough and window is None
-    is_first = work.part is not Part.REST
-    if is_first and _find_first(search, parts, thorough=thorough, is_whole=is_whole):
-        return search.nearest_first()
-    if thorough and work.part is Part.FIRST:
-        work.leave_rest()
-    elif thorough and _find_rest(search, parts, is_whole=is_whole):
+    if any(_ways(search, parts, work, thorough=thorough, is_whole=is_whole)):
         return search.nearest_first()
     search.find_doubtful()
     if thorough and not search.found:
@@ -90,20 +88,28 @@ def find_rings(
     return search.nearest_first()
 
 
-def _find_first(search: RingSearch, parts: list[Level], *, thorough: bool, is_whole: bool) -> bool:
-    """Look in the ways that show most rings; tell whether they showed any."""
-    if any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough)):
-        return True
-    if is_whole and search.find_cut(parts[0], _WIDE):
-        return True
-    return search.find_holes([_look(level) for level in parts[:-1] or parts])
-
-
-def _find_rest(search: RingSearch, parts: list[Level], *, is_whole: bool) -> bool:
-    """Look in the other ways, in a whole image also for the plate; tell whether they showed any."""
-    if search.find_clear([(level, _WIDE) for level in _coarse(parts)]):
-        return True
-    return is_whole and search.find_on_plate(parts[:-1])
+def _ways(
+    search: RingSearch, parts: list[Level], work: RingWork, *, thorough: bool, is_whole: bool
+) -> Iterator[bool]:
+    """Look in the ways of the part that an image gets; yield of each whether it shows a ring."""
+    part = work.part
+    if part in (Part.WHOLE, Part.MOST):
+        yield any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough))
+        yield is_whole and search.find_cut(parts[0], _WIDE)
+    if part is Part.MOST:
+        is_dear = any(search.is_textured(*_look(level)) for level in parts[-2:-1])
+        if thorough:
+            work.leave(*_IN_TEXTURE if is_dear else (Part.REST,))
+        if is_dear:
+            return
+    if part in (Part.WHOLE, Part.MOST, Part.FINEST):
+        yield search.find_clear(_finest(parts))
+    if part in (Part.WHOLE, Part.MOST, Part.BROKEN):
+        yield search.find_holes([_look(level) for level in parts[:-1] or parts])
+    if thorough and part in (Part.WHOLE, Part.REST, Part.OTHERS):
+        yield search.find_clear([(level, _WIDE) for level in _coarse(parts)])
+    if is_whole and part in (Part.WHOLE, Part.REST, Part.BROKEN):
+        yield search.find_on_plate(parts[:-1])
 
 
 def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:
@@ -114,12 +120,16 @@ def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, 
     # Both ways in the coarsest level take less time than one in the next but one.
     largest = [(level, way) for way in (_WIDE, _LOW) for level in parts[:1]] if thorough else []
     yield [*largest, *(_look(level) for level in coarse[1:])]
-    yield [_look(level) for level in parts[1:] if level.largest_px <= SMALL_PX]
 
 
 def _coarse(parts: list[Level]) -> list[Level]:
     """Return the levels between the coarsest and the finest."""
     return [level for level in parts[1:] if level.largest_px > SMALL_PX]
+
+
+def _finest(parts: list[Level]) -> list[tuple[Level, Segmentation]]:
+    """Return what is looked at of the level at the image's own size, if there are others."""
+    return [_look(level) for level in parts[1:] if level.largest_px <= SMALL_PX]
 
 
 def _look(level: Level) -> tuple[Level, Segmentation]:

@@ -337,7 +337,7 @@ def test_in_fine_leaf_shade_the_plate_vouches_for_a_ring_whose_edges_are_broken(
         at, image = in_leaf_shade(seed)
         assert find_rings(image, RING, THESIS_CAMERA) == []
         vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
-        # A thorough search takes two pictures.
-        seen = [vision.process(Frame(k / 30, k, image)) for k in range(2)][-1]
-        assert len(seen.pad) > 0
+        # A thorough search takes two pictures, in texture four.
+        looks = (vision.process(Frame(k / 30, k, image)) for k in range(4))
+        seen = next(look for look in looks if look.pad)
         assert math.dist(seen.pad[0].position, at.position) < 0.2

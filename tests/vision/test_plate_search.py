@@ -89,9 +89,9 @@ def shaded_and_dirty(seed: int) -> tuple[View, U8]:
 def test_a_pad_is_seen_whose_ring_shade_and_dirt_have_broken_up(seed: int) -> None:
     at, image = shaded_and_dirty(seed)
     vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
-    # In the second: a thorough search takes two pictures.
-    seen = [vision.process(Frame(k / 30, k, image)) for k in range(2)][-1]
-    assert seen.pad
+    # In the second or, in texture, the third: a thorough search takes several pictures.
+    looks = (vision.process(Frame(k / 30, k, image)) for k in range(3))
+    seen = next(look for look in looks if look.pad)
     error = np.array(seen.pad[0].position) - at.position
     covariance = np.array(seen.pad[0].covariance)
     assert math.sqrt(error @ error) < 0.05 * at.position[2]

@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -30,6 +31,20 @@ def look_alikes() -> scenes.U8:
             hole = rng.uniform(0.5, 0.75) * 28.0
             image[(off < 28.0) & (off > hole)] -= 100.0
     return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def with_ring(ground: scenes.U8, view: scenes.View) -> scenes.U8:
+    """Return a picture of ground with a ring, in the white around it."""
+    optics = scenes.Optics(background="plain")
+    pad = scenes.render(view, CAMERA, optics, np.random.default_rng(3))
+    edge = scenes.outline(view, CAMERA, RING)
+    margin = 0.15 * float(np.ptp(edge, axis=0).max())
+    low = np.floor(edge.min(axis=0) - margin).astype(int)
+    high = np.ceil(edge.max(axis=0) + margin).astype(int)
+    part = np.s_[max(low[1], 0) : high[1], max(low[0], 0) : high[0]]
+    image = ground.copy()
+    image[part] = pad[part]
+    return image
 
 
 def test_an_image_costs_no_more_than_it_may() -> None:
@@ -76,23 +91,51 @@ def test_what_was_refused_is_forgotten_when_a_search_has_ended() -> None:
     assert not work.is_done(place(12.0))
 
 
-def test_a_search_takes_two_images_and_what_was_cut_short_another_turn() -> None:
+def test_a_search_takes_an_image_for_each_part_and_what_was_cut_short_another_turn() -> None:
     work = RingWork()
     work.begin()
-    assert work.part is Part.FIRST
+    assert work.part is Part.MOST
     work.cut()
-    work.leave_rest()
+    work.leave(Part.REST)
     work.begin()
     assert (work.part, work.is_continued) == (Part.REST, False)
     work.begin()
-    assert (work.part, work.is_continued) == (Part.FIRST, True)
-    work.leave_rest()  # was done already
+    assert (work.part, work.is_continued) == (Part.MOST, True)
+    work.leave(Part.REST)  # was done already
     assert not work.was_cut
     work.begin()
-    assert (work.part, work.is_continued) == (Part.FIRST, False)
-    work.leave_rest()
+    assert (work.part, work.is_continued) == (Part.MOST, False)
+    work.leave(Part.OTHERS, Part.FINEST)
+    work.begin()
+    assert (work.part, work.is_continued) == (Part.OTHERS, False)
     work.end()
     assert not work.was_cut
+
+
+def leaves() -> scenes.U8:
+    """Return a picture full of texture."""
+    rng = np.random.default_rng(5)
+    spots = cv2.GaussianBlur(rng.normal(size=(CAMERA.height, CAMERA.width)), (0, 0), 1.6)
+    grey: scenes.U8 = np.clip(110.0 + 60.0 * spots / spots.std(), 0, 255).astype(np.uint8)
+    return grey
+
+
+@pytest.mark.parametrize(
+    ("ground", "distance", "image"),
+    [
+        (leaves(), 10.0, 0),
+        (leaves(), 37.0, 3),
+        (np.full((CAMERA.height, CAMERA.width), 110, np.uint8), 37.0, 0),
+    ],
+)
+def test_in_texture_far_rings_are_looked_for_in_an_image_of_their_own(
+    ground: scenes.U8, distance: float, image: int
+) -> None:
+    view = scenes.look(CAMERA, distance, math.radians(20.0), pixel=(300.0, 250.0))
+    picture = with_ring(ground, view)
+    work = RingWork()
+    found = [bool(find_rings(picture, RING, CAMERA, work=work)) for _ in range(image + 1)]
+    assert found == [False] * image + [True]
 
 
 def test_the_search_of_a_still_comes_to_an_end() -> None:
@@ -108,18 +151,9 @@ def test_the_search_of_a_still_comes_to_an_end() -> None:
 def test_a_ring_among_look_alikes_is_found_in_one_of_the_next_images(
     pixel: tuple[float, float],
 ) -> None:
-    rng = np.random.default_rng(3)
     view = scenes.look(CAMERA, 8.0, math.radians(20.0), pixel=pixel)
-    optics = scenes.Optics(background="plain")
-    pad = scenes.render(view, CAMERA, optics, rng)
-    image = look_alikes()
     edge = scenes.outline(view, CAMERA, RING)
-    low, high = (
-        np.floor(edge.min(axis=0) - 8).astype(int),
-        np.ceil(edge.max(axis=0) + 8).astype(int),
-    )
-    part = np.s_[max(low[1], 0) : high[1], max(low[0], 0) : high[0]]
-    image[part] = pad[part]
+    image = with_ring(look_alikes(), view)
     work = RingWork()
     for _ in range(MOST_IMAGES):
         found = find_rings(image, RING, CAMERA, work=work)

@@ -183,5 +183,6 @@ def test_a_still_is_not_searched_to_its_end_while_something_is_left_for_the_next
     )
     vision.process(Frame(0.0, 0, grass))
     assert vision.was_cut is (pad == "thesis")
-    vision.process(Frame(0.1, 1, grass))
+    for k in range(1, 4):
+        vision.process(Frame(0.03 * k, k, grass))
     assert not vision.was_cut
