@@ -842,14 +842,19 @@ def test_4_it_stands_level_only_on_the_pad_and_not_at_once(
 
 
 @pytest.mark.parametrize(
-    ("slip_mps", "foot_mps", "broken"),
-    [(0.2, 0.2, False), (0.4, 0.4, True), (0.4, 0.0, False)],  # the last falls onto its feet
+    ("feet", "slip_mps", "foot_mps", "broken"),
+    [
+        (2, 0.2, 0.2, False),
+        (2, 0.4, 0.4, True),
+        (2, 0.4, 0.0, False),  # it falls onto its feet
+        (4, 0.4, 0.4, False),  # flat on the plate nothing else ends it
+    ],
 )
-def test_4_it_stands_level_only_when_it_does_not_slide(
-    slip_mps: float, foot_mps: float, broken: bool
+def test_4_it_stands_level_only_when_it_does_not_slide_on_an_edge(
+    feet: int, slip_mps: float, foot_mps: float, broken: bool
 ) -> None:
     court = Court()
-    court.truth = replace(ON_PAD, slip=slip_mps, foot_slip=foot_mps)
+    court.truth = replace(ON_PAD, feet_down=feet, slip=slip_mps, foot_slip=foot_mps)
     court.fly(0.7, SINK)
     court.level(0.1)
     rule = "4: level and without thrust while it slides"
