@@ -165,14 +165,6 @@ MUTANTS = [
         "simulation/test_faults.py::test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere",
     ),
     Mutant(
-        "the lens's direction is learned from what is alike for a while",
-        "landerd/estimation/pad_filter.py",
-        "diagonal(of_lens, of_lens, of_lens)",
-        "diagonal(0.0, 0.0, 0.0)",
-        "estimation/test_pad_filter.py"
-        "::test_what_shows_the_pad_aside_in_step_with_its_heave_is_not_taken_for_the_lens_direction",
-    ),
-    Mutant(
         "a pad that turns about itself and drives straight is trailed",
         "landerd/estimation/motion_filter.py",
         "turned = self.coupling * self.turn_rate * dt",
