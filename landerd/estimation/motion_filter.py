@@ -25,7 +25,6 @@ from landerd.geometry import (
     outer,
     rot_z,
     rotate,
-    rotate_covariance,
     scale,
     sub,
     transpose,
@@ -220,44 +219,41 @@ class MotionFilter:
         by_coupling = add(p, _shown(B, (by_b, by_g)))
         return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug), by_coupling)
 
-    def correct(self, innovation: Innovation, lens_noise: Mat3, clock_noise: Mat3) -> None:
+    def correct(self, innovation: Innovation, coloured: Mat3) -> None:
         """Take a measurement in.
-
-        The gains of the lens's direction and of the pictures' clock alone allow for more noise; by
-        Joseph's form all covariances but those of these biases are those of the best gain.
 
         Args:
             innovation: of it.
-            lens_noise: covariance of white noise that would tell as little of the lens's direction
-                as the noise does that stays alike for a while, m^2.
-            clock_noise: the same of the pictures' clock.
+            coloured: covariance of white noise that would tell as little of the pictures' clock as
+                the noise does that stays alike for a while, m^2. That clock's gain alone allows
+                for it; by Joseph's form all covariances but the clock's own variance are those of
+                the best gain.
         """
         vector, S_inverse = innovation.vector, innovation.S_inverse
         Up, Uv, Ub, Ug = innovation.PHt
-        Kp, Kv, Kg = matmul(Up, S_inverse), matmul(Uv, S_inverse), matmul(Ug, S_inverse)
-        about_x, about_y, _ = matmul(Ub, innovation.with_noise(lens_noise).S_inverse)
-        K_clock = rotate(innovation.with_noise(clock_noise).S_inverse, Ub[2])
-        Kb = (about_x, about_y, K_clock)
+        Kp, Kv = matmul(Up, S_inverse), matmul(Uv, S_inverse)
+        Kb, Kg = matmul(Ub, S_inverse), matmul(Ug, S_inverse)
         self.position = add(self.position, rotate(Kp, vector))
         self.velocity = add(self.velocity, rotate(Kv, vector))
         b, g = self.biases
-        self.biases = add(b, rotate(Kb, vector)), add(g, rotate(Kg, vector))
-        self._Pbg = _minus(self._Pbg, matmul(Ub, transpose(Kg)))
+        K_clock = rotate(innovation.with_noise(coloured).S_inverse, Ub[2])
+        clock = b[2] + dot(K_clock, vector)
+        clock_variance = self.Pbb[2][2] - dot(K_clock, Ub[2])
+        about_x, about_y, _ = add(b, rotate(Kb, vector))
+        self.biases = (about_x, about_y, clock), add(g, rotate(Kg, vector))
         Up, Uv, Ub, Ug = transpose(Up), transpose(Uv), transpose(Ub), transpose(Ug)
         self.Ppp = _symmetric(_minus(self.Ppp, matmul(Kp, Up)))
         self.Ppv = _minus(self.Ppv, matmul(Kp, Uv))
         self.Pvv = _symmetric(_minus(self.Pvv, matmul(Kv, Uv)))
         self._Ppb = _minus(self._Ppb, matmul(Kp, Ub))
         self._Pvb = _minus(self._Pvb, matmul(Kv, Ub))
-        told = matmul(Kb, Ub)
-        of_lens = rotate_covariance((about_x, about_y, ZERO), lens_noise)
-        of_clock = rotate_covariance((ZERO, ZERO, K_clock), clock_noise)
-        noise = matadd(rotate_covariance(Kb, innovation.S), matadd(of_lens, of_clock))
-        self.Pbb = _symmetric(matadd(_minus(_minus(self.Pbb, told), transpose(told)), noise))
+        x, y, z = _symmetric(_minus(self.Pbb, matmul(Kb, Ub)))
+        self.Pbb = (x, y, (z[0], z[1], clock_variance))
         self._Ppg = _minus(self._Ppg, matmul(Kp, Ug))
         self._Pvg = _minus(self._Pvg, matmul(Kv, Ug))
+        self._Pbg = _minus(self._Pbg, matmul(Kb, Ug))
         self.Pgg = _symmetric(_minus(self.Pgg, matmul(Kg, Ug)))
-        self._correct_coupling(innovation, (Kp, Kv, Kb, Kg))
+        self._correct_coupling(innovation, (Kp, Kv, (*Kb[:2], K_clock), Kg))
 
     def _correct_coupling(self, innovation: Innovation, K: tuple[Mat3, Mat3, Mat3, Mat3]) -> None:
         """Learn of the coupling, and correct the state by what is learned; K: the state's gains."""

@@ -77,11 +77,6 @@ CLOCK_TIME_CONSTANT_S = 1200.0
 # over the pad, where that moves little, it was taken for a clock 8 ms later on average, and that to
 # 3 ms. Of white noise that tells as little of the clock; chosen on 30 days of the field world.
 COLOURED_RAD, COLOURED_M = 0.003, 0.005  # of the range, and beside it
-# The same of the lens's direction: the 5 mm, alike for a third of a second of pictures at 25 Hz
-# (times the root of 2 * 25 Hz * 0.3 s). From afar it is learned as ever; low over the pad, where a
-# vehicle that goes along with it shows next to nothing of it, it drifted by 3 to 4 degrees within
-# 10 s with a stated sigma of half a degree, and the vehicle sank outside of the descent region.
-LENS_COLOURED_M = 0.02
 ADAPTATION_RATE = 0.05  # per frame: how fast the assumed noises follow the innovations
 OF_EXPECTED_SHARE = 0.1  # of the newest innovation in the mean of how large they are
 NOISE_SCALE_RANGE = (0.01, 100.0)  # of the white noise's variance, times what is said of it
@@ -409,9 +404,7 @@ class PadFilter:
         self._accepted += 1
         self._accepted_t = seen.t
         aside = (COLOURED_RAD * seen.range_m) ** 2 + COLOURED_M**2
-        of_clock = diagonal(aside, aside, aside)
-        of_lens = LENS_COLOURED_M**2
-        self._motion.correct(innovation, diagonal(of_lens, of_lens, of_lens), of_clock)
+        self._motion.correct(innovation, diagonal(aside, aside, aside))
         if not self._motion.is_sound:
             self._motion.forget_bias()
             self._start(seen)

@@ -295,28 +295,6 @@ def test_what_shows_the_pad_aside_and_is_flown_after_is_not_taken_for_a_late_clo
     assert abs(errors.clock_s) < 2.0 * errors.sigma_clock_s
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_what_shows_the_pad_aside_in_step_with_its_heave_is_not_taken_for_the_lens_direction(
-    seed: int,
-) -> None:
-    # 2 m over the pad, going up and down by 0.2 m, and shown 1 cm to and fro meanwhile: backlash
-    # of a quarter of a degree.
-    noise = random.Random(seed)
-    pad_filter = PadFilter(OPTIONS)
-    covariance = matscale(IDENTITY, 0.002**2)
-    for t in times(900):
-        swing = math.sin(2.0 * math.pi * 0.5 * t)
-        arm = 2.0 + 0.2 * swing
-        sideways = ((0.0, 0.0, 0.0), (0.0, arm, 0.0), (0.0, 0.0, 0.0))
-        white = (noise.gauss(0.0, 0.002), noise.gauss(0.0, 0.002), noise.gauss(0.0, 0.002))
-        seen_at = add(add(PAD, white), (0.0, 0.01 * swing, 0.0))
-        pad_filter.update(
-            [sighting(t, seen_at, covariance=covariance, bias_jacobian=sideways, range_m=arm)]
-        )
-    errors = pad_filter.sensor_errors
-    assert abs(errors.right) < 2.0 * errors.sigma_right
-
-
 def test_a_pad_on_a_curve_is_predicted_along_it() -> None:
     pad_filter = PadFilter(OPTIONS)
     rate, speed = math.radians(20.0), 3.0
