@@ -1,19 +1,19 @@
 """Rule 3: what one set-point may be, and how far the next one may be from it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from hw.sim.judge.bounds import ZERO, RuleBounds
-from landerd.geometry import Vec3, horizontal, norm, sub
+from landerd.geometry import Vec3, horizontal
 
 _TOLERANCE = 1.02  # of every limit: the set-points travel as 32-bit floats
 # Added to it: rounding makes 1e-5 m/s^2 and 5e-4 m/s^3 of set-points of 5 m/s 25 ms apart; these
 # are chosen, well above that and well below any sensible limit.
 _ACCELERATION_MARGIN_MPS2, _JERK_MARGIN_MPS3 = 0.02, 0.2
 # What is told to stop has not stopped yet: told to fly again it may go on from what it flies, as
-# near to that as it is told its velocity, which faults have off by 2 m/s, and nearer than standing.
-# To begin at zero would brake it for nothing.
-_AS_FLOWN_MPS = 2.5
+# near to that as it is told its velocity, which faults have off by 2 m/s, and nearer than standing
+# but for the noise. To begin at zero would brake it for nothing.
+_AS_FLOWN_MPS, _FLOWN_NOISE_MPS = 2.5, 0.1
 _GAP_S = 0.5  # after so long without set-points the next one is a first one
 
 
@@ -55,7 +55,8 @@ class SetpointLimits:
         goes_on = (
             all(self._stopped)
             and flown is not None
-            and norm(sub(velocity, flown)) < min(_AS_FLOWN_MPS, norm(flown))
+            and _is_as_flown(velocity[:2], flown[:2])
+            and (waves_off or _is_as_flown(velocity[2:], flown[2:]))
         )
         if self.last_t is None or t - self.last_t > _GAP_S or goes_on:
             self._acceleration, self._stopped = None, _stops(velocity)
@@ -117,6 +118,12 @@ class SetpointLimits:
             self._broken(t, f"3: {axes} acceleration")
         if jerk > self._b.jerk_mps3 * _TOLERANCE + wobble * limit + _JERK_MARGIN_MPS3:
             self._broken(t, f"3: {axes} jerk")
+
+
+def _is_as_flown(velocity: Sequence[float], flown: Sequence[float]) -> bool:
+    """Tell whether a velocity goes on from the one that is flown, m/s; some axes of both."""
+    most = min(_AS_FLOWN_MPS, math.hypot(*flown) + _FLOWN_NOISE_MPS)
+    return math.dist(velocity, flown) < most
 
 
 def _stops(velocity: Vec3) -> tuple[bool, bool]:

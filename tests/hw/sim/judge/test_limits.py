@@ -61,8 +61,10 @@ def test_stopping_is_free_and_what_follows_may_begin_afresh() -> None:
 @pytest.mark.parametrize(
     ("velocity", "is_allowed"),
     [
-        ((4.0, 0.0, -0.5), True),
+        ((4.0, 0.0, -0.05), True),
+        ((4.0, 0.0, -0.5), False),
         ((0.0, 4.0, 0.0), False),  # it flies elsewhere
+        ((0.5, 0.0, 0.0), False),  # and so fast
     ],
 )
 def test_what_has_not_stopped_yet_may_go_on_as_it_flies(velocity: Vec3, is_allowed: bool) -> None:
