@@ -22,8 +22,7 @@ import numpy as np
 
 from landerd.cli import main as landerd
 from landerd.config.files import config_dir, config_files
-from landerd.pad import Marker, load_pad
-from landerd.printing.measured import size_m
+from landerd.pad import Marker, load_pad, size_m
 from tests.printing.prints import Print, put_together, rasterised, trimmed
 from tests.vision import scenes
 

@@ -27,11 +27,12 @@ from landerd.config.files import Loaded, config_dir
 from landerd.devices import sim_options
 from landerd.drivers import read_configuration
 from landerd.messages import Frame, MarkerSighting, Prior, Sightings
+from landerd.pad import size_m
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
 from landerd.simulation.sight.detectors import ModelledDetectors
-from landerd.simulation.sight.world_view import Seen, WorldView, size_m
+from landerd.simulation.sight.world_view import Seen, WorldView
 from landerd.vision import Vision
 from landerd.vision.square import Image
 

@@ -152,6 +152,11 @@ class Plate(Section):
 Marker = Annotated[Ring | WhyCode | Square, Field(discriminator="kind")]
 
 
+def size_m(marker: Marker) -> float:
+    """Return what is measured of a marker: outer diameter, or outer edge of the black border."""
+    return marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m
+
+
 class PadLayout(Section):
     """All markers of a pad and its plate."""
 

@@ -16,9 +16,9 @@ from landerd.commands.shared import (
     write_text,
 )
 from landerd.config.files import config_dir, config_files
-from landerd.pad import Marker, PadError, PadLayout, load_pad
+from landerd.pad import Marker, PadError, PadLayout, load_pad, size_m
 from landerd.printing.contours import plate_size_mm, reaching_out
-from landerd.printing.measured import RULER, length_m, marker_names, measured, pad_file, size_m
+from landerd.printing.measured import RULER, length_m, marker_names, measured, pad_file
 from landerd.printing.page import Document
 from landerd.printing.pdf import LARGEST_MM, pdf
 from landerd.printing.proposal import View, propose

@@ -130,7 +130,7 @@ class PoseHistory:
         return None
 
     def _turned(self, t: float, said: Values, *, keeps_heading: bool) -> Values:
-        """Return an attitude of time t (s) as it is said, where its heading jumps by its rates."""
+        """Return an attitude of time t (s) as it is said; where its heading jumps, by its rates."""
         before = self.attitude.just_before(t)
         if before is None:
             return said

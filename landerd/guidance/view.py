@@ -8,7 +8,7 @@ from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
-from landerd.pad import Marker, PadLayout, Ring, Square
+from landerd.pad import Marker, PadLayout, Ring, size_m
 
 # Markers seen within this angle, rad, fit into the picture: chosen by hand for the thesis's camera
 # (78 by 63 degrees), with room for a gimbal that lags.
@@ -25,7 +25,7 @@ class View:
     def __init__(self, layout: PadLayout) -> None:
         telling: list[Marker] = [m for m in layout.markers if not isinstance(m, Ring)]
         telling = telling or list(layout.markers)
-        groups = [layout.markers, telling, [min(telling, key=_size)]]
+        groups = [layout.markers, telling, [min(telling, key=size_m)]]
         self._groups = [_corners(group) for group in groups]
 
     def ahead(self, estimator: Estimator, now: float, options: AimSection) -> Vec3 | None:
@@ -81,15 +81,11 @@ class View:
         return scale(middle, 0.5)
 
 
-def _size(marker: Marker) -> float:
-    return marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m
-
-
 def _corners(markers: Sequence[Marker]) -> list[Vec3]:
     """Return the corners of the rectangle around markers, pad frame."""
     north, east = [], []
     for m in markers:
-        (x, y), half = m.position_m, 0.5 * _size(m)
+        (x, y), half = m.position_m, 0.5 * size_m(m)
         north += [x - half, x + half]
         east += [y - half, y + half]
     n, s, e, w = max(north), min(north), max(east), min(east)

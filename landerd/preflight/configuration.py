@@ -7,7 +7,7 @@ from pathlib import Path
 from landerd.camera_model import CameraModel, load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
-from landerd.pad import WHYCODE_CORE, Marker, PadLayout, Plate, Ring, Square
+from landerd.pad import WHYCODE_CORE, Marker, PadLayout, Plate, Ring, Square, size_m
 from landerd.preflight.finding import Finding
 from landerd.preflight.sensors import FILE
 
@@ -106,7 +106,7 @@ def _over_each_other(layout: PadLayout) -> Iterator[Finding]:
 
 def _half(marker: Marker) -> float:
     """Return how far a marker reaches to any side at least, m."""
-    return 0.5 * marker.size_m if isinstance(marker, Square) else marker.radius_m
+    return 0.5 * size_m(marker)
 
 
 def _heart(marker: Marker) -> float:

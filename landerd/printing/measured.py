@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from landerd.pad import Marker, PadError, PadLayout, Square
+from landerd.pad import Marker, PadError, PadLayout, size_m
 from landerd.printing.sheets import RULER_MM
 
 RULER = "ruler"
@@ -41,11 +41,6 @@ def marker_names(layout: PadLayout) -> dict[str, Marker]:
                 name = f"{name}-{before + 1}"
         names[name] = marker
     return names
-
-
-def size_m(marker: Marker) -> float:
-    """Return what is measured of a marker: outer diameter, or outer edge of the black border."""
-    return marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m
 
 
 def measured(layout: PadLayout, sizes_m: Mapping[str, float]) -> PadLayout:

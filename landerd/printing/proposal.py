@@ -3,8 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from landerd.pad import Marker, PadError, PadLayout, Plate, Ring, Square, WhyCode
-from landerd.printing.measured import size_m
+from landerd.pad import Marker, PadError, PadLayout, Plate, Ring, Square, WhyCode, size_m
 
 # How large a marker must be in the image, px across, to be told in 99 of 100 pictures. It is from
 # the ranges in docs/markers.md, measured with the thesis's camera (focal length 391 px): a ring of

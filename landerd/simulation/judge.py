@@ -18,7 +18,7 @@ from landerd.camera_model import CameraModel
 from landerd.config.files import Loaded
 from landerd.devices import sim_options
 from landerd.messages import Frame
-from landerd.pad import PadLayout, Square
+from landerd.pad import PadLayout, size_m
 from landerd.simulation.surroundings import Surroundings
 
 
@@ -76,10 +76,7 @@ class Judge:
         Args:
             can_see: nothing is made to go wrong at the moment.
         """
-        largest_m = max(
-            m.size_m if isinstance(m, Square) else m.outer_diameter_m for m in self._layout.markers
-        )
-        marker_px = self._frustum.camera.fx * largest_m
+        marker_px = self._frustum.camera.fx * max(map(size_m, self._layout.markers))
         return Reach(
             self._world,
             marker_px,

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from landerd.camera_model import F64
-from landerd.pad import Marker, PadLayout, Square
+from landerd.pad import Marker, PadLayout, size_m
 
 ERRORS = 7  # numbers a marker
 TILT, SCALE = slice(3, 6), 6  # places among them
@@ -107,7 +107,7 @@ def _variances(marker: Marker, layout: PadLayout) -> list[float]:
     turns it, times the distance.
     """
     place, flat = layout.placement_sigma_m, math.radians(layout.flatness_deg)
-    size = marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m
+    size = size_m(marker)
     distance = math.hypot(*marker.position_m)
     is_beside = distance > 0.5 * size
     lifted = math.hypot(place, 0.5 * distance * flat) if is_beside else place

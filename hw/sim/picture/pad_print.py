@@ -25,7 +25,7 @@ from hw.sim.picture.view import F64, matrix, on_pad
 from hw.sim.picture.wetness import COVER, SHEEN, SPOTS, wet_cover
 from hw.sim.snapshot import PadPose
 from landerd.geometry import Mat3, Vec3
-from landerd.pad import Marker, PadLayout, Square
+from landerd.pad import Marker, PadLayout, Square, size_m
 
 F32 = NDArray[np.float32]
 
@@ -166,7 +166,7 @@ def _distance(pair: tuple[Marker, Marker]) -> float:
 
 
 def _radius(marker: Marker) -> float:
-    return 0.5 * (marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m)
+    return 0.5 * size_m(marker)
 
 
 def _used(grey: F32, pad: PadOptions, render: RenderOptions, seed: int) -> F32:

@@ -16,11 +16,11 @@ from hw.sim.picture.numbered import NumberedPictures, View
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3, cross
 from landerd.messages import CLIPPED_LEVEL, EDGES, GREY, Light, MarkerSighting, PoseSolution
-from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
+from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode, size_m
 from landerd.simulation.sight import statistics
 from landerd.simulation.sight.edge_fit import Across, SeenEdges, across, fitted
 from landerd.simulation.sight.edges import Edges, edges_of
-from landerd.simulation.sight.world_view import Seen, WorldView, size_m
+from landerd.simulation.sight.world_view import Seen, WorldView
 from landerd.vision.expected import Expected
 from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rotation_from, vec3
 from landerd.vision.print_fit import Fit

@@ -14,7 +14,7 @@ from hw.sim.picture.view import Frustum, in_camera, matrix, middle, on_pad
 from hw.sim.snapshot import CameraPose, PadPose
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import IDENTITY
-from landerd.pad import Marker, PadLayout, Ring, Square
+from landerd.pad import Marker, PadLayout, Ring
 from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.vision.pose import MIN_DEPTH_M, Pose, rotation_2d, turned_about_normal
 
@@ -164,8 +164,3 @@ def _placed(marker: Marker, edges: Edges) -> F64:
     if not isinstance(marker, Ring):
         points = points @ rotation_2d(math.radians(marker.heading_deg)).T
     return np.column_stack([points + np.array(marker.position_m), np.zeros(len(points))])
-
-
-def size_m(marker: Marker) -> float:
-    """Return a marker's side or diameter."""
-    return marker.size_m if isinstance(marker, Square) else marker.outer_diameter_m

@@ -180,13 +180,5 @@ class Court:
 class _NoLimits(SetpointLimits):
     """The orders of these tests jump; the limits have tests of their own."""
 
-    def check(
-        self,
-        t: float,
-        velocity: Vec3,
-        yaw_rate: float,
-        *,
-        waves_off: bool = False,
-        flown: Vec3 | None = None,
-    ) -> None:
+    def check(self, *args: object, **more: object) -> None:
         pass
