@@ -349,13 +349,14 @@ def test_2_landerd_may_die_at_any_height(timeout_s: float) -> None:
     assert simulation.rules.broken == {}
 
 
-def test_2_a_pad_that_stops_after_commit_is_waved_off() -> None:
+@pytest.mark.parametrize("seed", [1, 35, 45])
+def test_2_a_pad_that_stops_after_commit_is_waved_off(seed: int) -> None:
     async def script(simulation: Simulation) -> None:
         await phase_is(simulation, Phase.LANDED)
         pad = simulation.world._motion
         pad._brake, pad._brake_t = 5.0, simulation.world.t
 
-    simulation = fly(script, longest_s=20.0, overrides=[*ABOVE, "sim.pad.speed_mps=2.0"])
+    simulation = fly(script, longest_s=20.0, overrides=[*ABOVE, "sim.pad.speed_mps=2.0"], seed=seed)
     assert simulation.rules.broken == {}
 
 

@@ -11,7 +11,7 @@ it no less.
 
 import math
 
-from landerd.geometry import Mat3, Vec3, add, clamp, dot, rotate, scale
+from landerd.geometry import Mat3, Vec3, add, clamp, dot, rot_z, rotate, scale
 
 # Of pads that turn, so many drive where they look as long as nothing is seen of it.
 DRIVE_WHERE_THEY_LOOK = 0.95
@@ -49,6 +49,7 @@ class Coupling:
         acceleration = (-turn_rate * east, turn_rate * north, 0.0)
         p, v, b, g = self.by
         p = add(add(p, scale(v, dt)), scale(acceleration, 0.5 * dt * dt))
+        v = rotate(rot_z(self.value * turn_rate * dt), v)
         self.by = (p, add(v, scale(acceleration, dt)), b, g)
         self.variance = min(self.variance + RANDOM_WALK * RANDOM_WALK * dt, SIGMA * SIGMA)
 

@@ -8,8 +8,13 @@ from landerd.config.models import Config
 from landerd.estimation.camera_pose import DOWN, CameraPose, PoseHistory
 from landerd.estimation.doubt import Doubt
 from landerd.estimation.health import HealthMonitor
-from landerd.estimation.motion_filter import ZERO
-from landerd.estimation.observation import Glimpse, ObservationModel, PadObservation
+from landerd.estimation.observation import (
+    BiasModel,
+    Glimpse,
+    ObservationModel,
+    PadObservation,
+    camera_axes,
+)
 from landerd.estimation.pad_filter import MAX_GAP_S, PadEstimate, PadFilter, SensorErrors
 from landerd.estimation.vehicle_state import VehicleState, slowest_foot, vehicle_state
 from landerd.geometry import Vec3, add, rotate, sub, transpose
@@ -223,7 +228,8 @@ class Estimator:
             north = rotate(R_camera_local, (math.cos(pad.heading), math.sin(pad.heading), 0.0))
         position = rotate(R_camera_local, sub(pad.position, camera.position))
         # Where it will be seen is not where it is: the lens errs in the next frame too.
-        B = self._observations.bias_jacobian(camera, position, ZERO, ZERO, 0.0)
+        biases = BiasModel(*camera_axes(camera))
+        B = biases.jacobian(sub(pad.position, camera.position), biases.range_share)
         shown = rotate(R_camera_local, self._filter.shown(B))
         normal = rotate(R_camera_local, pad.normal)
         return PadPrior(add(position, shown), pad.sigma_m, north, normal)

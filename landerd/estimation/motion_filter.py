@@ -167,27 +167,30 @@ class MotionFilter:
 
     def at(self, dt: float) -> tuple[Vec3, Vec3, Mat3]:
         """Return position, velocity and the position's covariance dt after the last step."""
-        velocity = self.velocity
-        middle = velocity
-        turned = self.coupling * self.turn_rate * dt
-        if turned != 0.0:
-            middle = rotate(rot_z(0.5 * turned), velocity)
-            velocity = rotate(rot_z(turned), velocity)
-        return add(self.position, scale(middle, dt)), velocity, self._position_covariance_after(dt)
+        turn, ahead = self._transition(dt)
+        position = add(self.position, rotate(ahead, self.velocity))
+        return position, rotate(turn, self.velocity), self._position_covariance_after(dt, ahead)
 
     def predict(self, t: float) -> None:
         """Go on to time t."""
         dt = t - self.t
         self.t = t
         self._coupling.predict(dt, self.turn_rate, self.velocity)
+        turn, ahead = self._transition(dt)
         self.position, self.velocity, self.Ppp = self.at(dt)
-        self.Ppv = matadd(
-            matadd(self.Ppv, matscale(self.Pvv, dt)), diagonal(*scale(self.q, 0.5 * dt * dt))
-        )
-        self.Pvv = matadd(self.Pvv, diagonal(*scale(self.q, dt)))
-        self._Ppb = matadd(self._Ppb, matscale(self._Pvb, dt))
-        self._Ppg = matadd(self._Ppg, matscale(self._Pvg, dt))
+        noise = diagonal(*scale(self.q, 0.5 * dt * dt))
+        self.Ppv = matmul(matadd(self.Ppv, matmul(ahead, self.Pvv)), transpose(turn))
+        self.Ppv = matadd(self.Ppv, noise)
+        self.Pvv = matadd(_turned(self.Pvv, turn), diagonal(*scale(self.q, dt)))
+        self._Ppb = matadd(self._Ppb, matmul(ahead, self._Pvb))
+        self._Ppg = matadd(self._Ppg, matmul(ahead, self._Pvg))
+        self._Pvb, self._Pvg = matmul(turn, self._Pvb), matmul(turn, self._Pvg)
         self._fade_biases(dt)
+
+    def _transition(self, dt: float) -> tuple[Mat3, Mat3]:
+        """Return by what velocities turn within dt, and what of them is added to the position."""
+        turned = self.coupling * self.turn_rate * dt
+        return rot_z(turned), matscale(rot_z(0.5 * turned), dt)
 
     def _fade_biases(self, dt: float) -> None:
         """Let the Gauss-Markov biases go back to what is assumed of them."""
@@ -267,15 +270,21 @@ class MotionFilter:
         self.position, self.velocity = add(self.position, p), add(self.velocity, v)
         self.biases = add(self.biases[0], b), add(self.biases[1], g)
 
-    def _position_covariance_after(self, dt: float) -> Mat3:
-        cross = matadd(self.Ppv, transpose(self.Ppv))
-        grown = matadd(matadd(self.Ppp, matscale(cross, dt)), matscale(self.Pvv, dt * dt))
+    def _position_covariance_after(self, dt: float, ahead: Mat3) -> Mat3:
+        cross = matmul(self.Ppv, transpose(ahead))
+        grown = matadd(self.Ppp, matadd(cross, transpose(cross)))
+        grown = matadd(grown, _turned(self.Pvv, ahead))
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
 
 
 def _shown(B: Jacobian, biases: Biases) -> Vec3:
     """Return how far from where it is the biases show a point, m."""
     return add(rotate(B[0], biases[0]), rotate(B[1], biases[1]))
+
+
+def _turned(P: Mat3, by: Mat3) -> Mat3:
+    """Return the covariance of what was turned so."""
+    return matmul(matmul(by, P), transpose(by))
 
 
 def _decay(time_constants_s: Vec3, dt: float) -> Vec3:

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
-from landerd.estimation.motion_filter import Jacobian
+from landerd.estimation.motion_filter import ZERO, Jacobian
 from landerd.geometry import (
     Mat3,
     Vec3,
     add,
     clamp,
+    cross,
     diagonal,
     dot,
     heading_of,
@@ -57,23 +58,67 @@ class Clocks(NamedTuple):
 AS_STAMPED = Clocks()
 
 
+class BiasModel(NamedTuple):
+    """How the biases move what is seen, but for how far away it is.
+
+    Attributes:
+        about_x: axis of the camera, local NED, about which the lens may look too high.
+        about_y: the same, too far to the right.
+        by_clock: velocity of what is seen through local NED as the camera moves and turns, m/s.
+        by_gimbal: the same as the gimbal alone turns, m/s.
+        range_share: of the distance, 1 sigma of what ranges err by alike from frame to frame.
+    """
+
+    about_x: Vec3
+    about_y: Vec3
+    by_clock: Vec3 = ZERO
+    by_gimbal: Vec3 = ZERO
+    range_share: float = SIGMA_SCALE
+
+    def jacobian(self, arm: Vec3, range_share: float) -> Jacobian:
+        """Return how the biases move what is seen at the end of an arm from the camera, local NED.
+
+        Columns of the first block: the lens's direction about camera x and y (m/rad), the clock of
+        the pictures (m/s); of the second: the clock of the gimbal's angles (m/s), the range (m,
+        times its standard deviation), the autopilot's heading (m/rad).
+
+        Args:
+            arm: local NED, m.
+            range_share: of the distance, 1 sigma of what ranges err by alike.
+        """
+        # A lens turned by b about an axis of the camera shows the pad moved by arm x b.
+        return (
+            transpose((cross(arm, self.about_x), cross(arm, self.about_y), self.by_clock)),
+            transpose((self.by_gimbal, scale(arm, range_share), (-arm[1], arm[0], 0.0))),
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class PadObservation:
     """The pad in local NED as one frame shows it."""
 
     t: float  # exposure, s
     position: Vec3  # landing point, m
-    range_m: float  # from the camera
-    sight: Vec3  # unit vector from the camera to the landing point, local NED
+    arm: Vec3  # from the camera to the landing point, local NED, m
     covariance: Mat3  # of what is new in every frame by vision and gimbal noise, m^2
     telemetry_noise: Mat3  # of what the telemetry's timing adds, however quiet it seems, m^2
-    bias_jacobian: Jacobian  # of the position by the biases
+    biases: BiasModel
     hiccup: Mat3  # covariance of what a step in the telemetry's time or position may bring, m^2
     heading: float | None  # rad
     sigma_heading: float  # rad; infinite without heading
     normal: Vec3  # unit vector into the pad
     sigma_tilt: float  # of the normal, rad
     cost: float  # chi-square of the picture's fit
+
+    @property
+    def range_m(self) -> float:
+        """Distance from the camera, m."""
+        return norm(self.arm)
+
+    @property
+    def sight(self) -> Vec3:
+        """Unit vector from the camera to the landing point, local NED."""
+        return unit(self.arm)
 
     @property
     def tilt(self) -> float:
@@ -131,12 +176,14 @@ class ObservationModel:
         return PadObservation(
             t=t,
             position=add(add(camera.position, arm), shown),
-            range_m=norm(arm),
-            sight=unit(arm),
+            arm=arm,
             covariance=matadd(rotate_covariance(R, noise.covariance), self._pointing_noise(arm)),
             telemetry_noise=self._telemetry_noise(sub(turning, by_gimbal), by_gimbal),
-            bias_jacobian=self.bias_jacobian(
-                camera, solution.position, by_clock, by_gimbal, sigma_range
+            biases=BiasModel(
+                *camera_axes(camera),
+                by_clock,
+                by_gimbal,
+                math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / norm(arm)),
             ),
             hiccup=matadd(HICCUP, matscale(outer(by_clock, by_clock), HICCUP_S**2)),
             heading=heading,
@@ -158,34 +205,6 @@ class ObservationModel:
             return None
         centre, to_camera = feet
         return Glimpse(seen.t, centre, add(to_camera, scale(seen.sight, seen.range_m)))
-
-    def bias_jacobian(
-        self, camera: CameraPose, point: Vec3, by_clock: Vec3, by_gimbal: Vec3, sigma_range: float
-    ) -> Jacobian:
-        """Return how the biases move what is seen at a point of the camera frame, local NED.
-
-        Columns of the first block: the lens's direction about camera x and y (m/rad), the clock of
-        the pictures (m/s); of the second: the clock of the gimbal's angles (m/s), the range (m,
-        times its standard deviation), the autopilot's heading (m/rad).
-
-        Args:
-            camera: its pose at the exposure.
-            point: camera frame, m.
-            by_clock: as `_sweeps`; zero where clocks are of no matter.
-            by_gimbal: the same.
-            sigma_range: of the point's distance as vision says, m.
-        """
-        R = camera.R_local_camera
-        x, y, z = point
-        # A lens turned by b about camera x (up) and y (right) shows the pad moved by R (arm x b).
-        about_x, about_y = rotate(R, (0.0, z, -y)), rotate(R, (-z, 0.0, x))
-        arm = rotate(R, point)
-        distance = max(norm(arm), MIN_RANGE_M)
-        by_range = scale(arm, math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / distance))
-        return (
-            transpose((about_x, about_y, by_clock)),
-            transpose((by_gimbal, by_range, (-arm[1], arm[0], 0.0))),
-        )
 
     def _sweeps(self, t: float, gimbal_back_s: float, point: Vec3) -> tuple[Vec3, Vec3]:
         """Return how fast a point of the camera frame is swept through local NED, m/s.
@@ -216,6 +235,12 @@ class ObservationModel:
         late = self._sigma_late**2
         gimbal = outer(by_gimbal, by_gimbal)
         return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
+
+
+def camera_axes(camera: CameraPose) -> tuple[Vec3, Vec3]:
+    """Return the camera's x and y, local NED."""
+    x, y, _ = transpose(camera.R_local_camera)
+    return x, y
 
 
 def _without_systematic(s: PoseSolution) -> PoseSolution:

@@ -68,6 +68,7 @@ TILT_RANDOM_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
 SIGMA_GIMBAL_CLOCK_S = 0.015  # of the gimbal's angles against the pictures, beside the autopilot's
 SIGMA_HEADING = math.radians(2.0)  # rad, of the autopilot's heading
 RANGE_TIME_CONSTANT_S = 2.0  # of the errors of ranges, which change as the pad comes nearer
+ANOTHER_MARKER = 2.0  # by which is seen what says that its range errs by so much more, or less
 BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and gimbal's clock
 # Of the pictures' clock, which stays as it is for a flight. With 120 s it was known at 15 m, and
 # forgotten low over the pad for whatever moved like it there (bench/sensor_errors.py).
@@ -173,6 +174,8 @@ class PadFilter:
         self._noise_scale = (1.0, 1.0)
         self._last_innovation: Vec3 = (0.0, 0.0, 0.0)  # the position's, m
         self._of_expected = (1.0, 1.0)  # innovations' variance over the expected, level and down
+        # On average: how far down the pad is, local, m; what its ranges err by alike, 1 sigma.
+        self._down = self._range_share = 0.0
         self._heave = (-math.inf, 0.0)  # when looked at last, s; squared, m^2/s^2
         self.rejected = 0
         self.nis = math.nan
@@ -221,6 +224,7 @@ class PadFilter:
     def shift(self, by: Vec3) -> None:
         """The autopilot's local frame jumped: what was at x is now at x + by, m."""
         self._motion.shift(by)
+        self._down += by[2]
 
     def update(self, observations: list[PadObservation]) -> bool:
         """Take the likeliest observation of one frame in; tell whether it was accepted.
@@ -240,16 +244,18 @@ class PadFilter:
             return False
         if t <= self._motion.t:
             return False
-        self._tilt_variance += TILT_RANDOM_WALK**2 * (t - self._motion.t)
+        dt = t - self._motion.t
+        self._tilt_variance += TILT_RANDOM_WALK**2 * dt
         self._motion.predict(t)
         best, innovation = self._likeliest(possible)
+        self._average(best.biases.range_share, dt)
         self.nis = innovation.nis
         self._adapt(best, innovation)
         is_likely = self.nis <= self._nis_limit  # NaN is not
         # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
         tolerant = innovation if is_likely else innovation.with_noise(best.hiccup)
         is_near = tolerant.nis <= self._nis_limit
-        B = best.bias_jacobian
+        B = self._bias_jacobian(best)
         self.doubt.look(self._motion.course, B, innovation, likely=is_likely, near=is_near)
         if not is_likely and self._follow(best, innovation):
             tolerant, is_near = self._innovation(best), True
@@ -318,11 +324,12 @@ class PadFilter:
         self._of_expected = (1.0, 1.0)
         self._noise_scale = (1.0, 1.0)
         self._heave = (seen.t, 0.0)
+        self._down, self._range_share = seen.position[2], seen.biases.range_share
         self._motion.start(
             seen.t,
             seen.position,
             seen.covariance,
-            seen.bias_jacobian,
+            seen.biases.jacobian(seen.arm, seen.biases.range_share),
             SIGMA_INITIAL_VELOCITY_MPS,
         )
         self._tilt = (0.0, 0.0)
@@ -343,7 +350,7 @@ class PadFilter:
         # A pad that the vehicle goes along with hides the clock's error.
         motion = self._motion
         v = motion.velocity
-        (a, b, c), by_gimbal = seen.bias_jacobian
+        (a, b, c), by_gimbal = self._bias_jacobian(seen)
         by_lens = (
             (a[0], a[1], a[2] - v[0]),
             (b[0], b[1], b[2] - v[1]),
@@ -354,6 +361,35 @@ class PadFilter:
         unknown = matscale(motion.Pvv, motion.Pbb[2][2])
         noise = matadd(self._white_noise(seen), matadd(seen.telemetry_noise, unknown))
         return motion.innovation(seen.position, noise, (by_lens, by_gimbal))
+
+    def _bias_jacobian(self, seen: PadObservation) -> Jacobian:
+        """Return how the biases move what is seen where it should be seen.
+
+        Were it where it is seen, every sighting's noise would tell of the lens: hovering at 2 m,
+        of ranges that erred by 2 % from picture to picture, it learned 3 degrees within 10 s. (An
+        EKF that linearises where its newest measurement moved it learns what it cannot observe:
+        Huang, Mourikis and Roumeliotis 2010.)
+        """
+        motion, biases = self._motion, seen.biases
+        camera = sub(seen.position, seen.arm)
+        arm = sub((motion.position[0], motion.position[1], self._down), camera)
+        shown = self.shown(biases.jacobian(arm, self._range_share))
+        return biases.jacobian(add(arm, shown), self._range_share)
+
+    def _average(self, range_share: float, dt: float) -> None:
+        """Go on with what the Jacobian goes by, free of one picture's noise.
+
+        Args:
+            range_share: what the newest picture says its range may err by alike; it goes up and
+                down with the range as that was measured.
+            dt: since the last one, s.
+        """
+        ratio = range_share / self._range_share if self._range_share > 0.0 else math.inf
+        if not 1.0 / ANOTHER_MARKER < ratio < ANOTHER_MARKER:
+            self._range_share = range_share
+        newer = min(1.0, dt / RANGE_TIME_CONSTANT_S)
+        self._range_share += newer * (range_share - self._range_share)
+        self._down += newer * (self._motion.position[2] - self._down)
 
     def _white_noise(self, seen: PadObservation) -> Mat3:
         """Return what is new in every frame as it was learned, m^2.

@@ -6,13 +6,15 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import EstimationSection
-from landerd.estimation.observation import PadObservation
+from landerd.estimation.motion_filter import ZERO
+from landerd.estimation.observation import BiasModel, PadObservation
 from landerd.estimation.pad_filter import MIN_ACCELERATION_MPS2, PadEstimate, PadFilter
 from landerd.geometry import (
     IDENTITY,
     Mat3,
     Vec3,
     add,
+    diagonal,
     dot,
     horizontal,
     inverse,
@@ -36,6 +38,10 @@ NOTHING = matscale(IDENTITY, 0.0)
 # Seen obliquely: 4 cm across, 20 cm along the line of sight.
 R_SIGHT = rot_zyx(0.7, -0.9, 0.0)
 SIGMAS: Vec3 = (0.20, 0.04, 0.04)
+NEAR = rotate(R_SIGHT, (0.1, 0.0, 0.0))  # m
+EXACT = BiasModel(ZERO, ZERO, range_share=0.0)  # by a lens and clocks without errors
+# By a camera that looks straight down, its picture's top to the north.
+FROM_ABOVE = EXACT._replace(about_x=(0.0, 1.0, 0.0), about_y=(-1.0, 0.0, 0.0))
 COVARIANCE = rotate_covariance(
     R_SIGHT,
     ((SIGMAS[0] ** 2, 0.0, 0.0), (0.0, SIGMAS[1] ** 2, 0.0), (0.0, 0.0, SIGMAS[2] ** 2)),
@@ -52,8 +58,8 @@ def sighting(
     sigma_tilt: float = 0.05,
     cost: float = 0.0,
     covariance: Mat3 = COVARIANCE,
-    bias_jacobian: Mat3 = NOTHING,
-    range_m: float = 0.0,
+    biases: BiasModel = EXACT,
+    arm: Vec3 = NEAR,
 ) -> PadObservation:
     if noise is not None:
         error = (
@@ -69,11 +75,10 @@ def sighting(
     return PadObservation(
         t=t,
         position=position,
-        range_m=range_m,
-        sight=rotate(R_SIGHT, (1.0, 0.0, 0.0)),
+        arm=arm,
         covariance=covariance,
         telemetry_noise=NOTHING,
-        bias_jacobian=(bias_jacobian, NOTHING),
+        biases=biases,
         hiccup=HICCUP,
         heading=heading,
         sigma_heading=sigma_heading,
@@ -194,9 +199,10 @@ def test_a_heaving_deck_is_known_to_turn_when_it_is_seen_worse_for_a_moment() ->
         heave, by_tag = size * math.sin(omega * t), t > 14.0
         sigma, of_range = (0.006, 0.08) if by_tag else (0.001, 0.01)
         down = heave + 0.4 * of_range + noise.gauss(0.0, sigma)
-        seen = sighting(t, add(PAD, (0.0, 0.0, down)), covariance=matscale(IDENTITY, sigma * sigma))
-        by_range = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, of_range, 0.0))
-        pad_filter.update([replace(seen, bias_jacobian=(NOTHING, by_range))])
+        covariance = matscale(IDENTITY, sigma * sigma)
+        biases, arm = EXACT._replace(range_share=of_range), (0.0, 0.0, 1.0)
+        at = add(PAD, (0.0, 0.0, down))
+        pad_filter.update([sighting(t, at, covariance=covariance, biases=biases, arm=arm)])
         if by_tag:
             found = estimate(pad_filter, t)
             error = abs(found.velocity[2] - size * omega * math.cos(omega * t))
@@ -213,7 +219,7 @@ def test_what_swings_with_the_airframe_is_not_taken_for_the_pads_motion() -> Non
     for t in times(600):
         swing = 0.0015 * 8.0 * math.sin(2.0 * math.pi * t)
         seen_at = add(PAD, (swing + noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), 0.0))
-        pad_filter.update([sighting(t, seen_at, covariance=close, range_m=8.0)])
+        pad_filter.update([sighting(t, seen_at, covariance=close, arm=(0.0, 0.0, 8.0))])
         if t > 5.0:
             fastest = max(fastest, horizontal(estimate(pad_filter, t).velocity))
     assert fastest < 0.1
@@ -230,7 +236,7 @@ def test_what_a_nimble_airframe_sweeps_is_not_taken_for_the_pads_motion() -> Non
         sweep = turn * omega * range_m * math.cos(omega * t)  # m/s
         late = matscale(outer((sweep, 0.0, 0.0), (sweep, 0.0, 0.0)), 2.0 * 0.002**2)
         off = (0.006 * sweep + noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), 0.0)
-        seen = sighting(t, add(PAD, off), covariance=close, range_m=range_m)
+        seen = sighting(t, add(PAD, off), covariance=close, arm=(0.0, 0.0, range_m))
         pad_filter.update([replace(seen, telemetry_noise=late)])
         if t > 5.0:
             fastest = max(fastest, horizontal(estimate(pad_filter, t).velocity))
@@ -248,7 +254,7 @@ def test_a_pad_that_sways_is_tracked() -> None:
         seen_at = add(PAD, (noise.gauss(0.0, 0.005), sway + noise.gauss(0.0, 0.005), 0.0))
         if t > 3.0:
             worst = max(worst, abs(estimate(pad_filter, t).position[1] - PAD[1] - sway))
-        pad_filter.update([sighting(t, seen_at, covariance=close, range_m=4.0)])
+        pad_filter.update([sighting(t, seen_at, covariance=close, arm=(0.0, 0.0, 4.0))])
     assert worst < 0.05
 
 
@@ -259,15 +265,31 @@ def test_a_lens_that_points_off_moves_a_pad_no_longer_when_the_vehicle_has_stopp
     close = matscale(IDENTITY, 0.01**2)
     for t in times(200):
         arm = max(1.0, 15.0 - 3.0 * t)
-        sideways = ((0.0, 0.0, 0.0), (0.0, arm, 0.0), (0.0, 0.0, 0.0))
-        seen_at = add(PAD, (0.0, error * arm, 0.0))
-        pad_filter.update([sighting(t, seen_at, covariance=close, bias_jacobian=sideways)])
+        seen = sighting(t, add(PAD, (0.0, error * arm, 0.0)), covariance=close, biases=FROM_ABOVE)
+        pad_filter.update([replace(seen, arm=(0.0, 0.0, arm))])
         found = pad_filter.estimate(t)
         if found is not None and t > 2.0:
             assert abs(found.velocity[1]) < 1.2 * error * 3.0
     assert found is not None
     assert norm(sub(found.position, PAD)) < 1.2 * error
     assert norm(found.velocity) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ranges_that_err_from_picture_to_picture_tell_nothing_of_the_lens(seed: int) -> None:
+    # Hovering 2.4 m over the pad. A landing point beside its marker goes with the marker's range.
+    noise = random.Random(seed)
+    pad_filter = PadFilter(OPTIONS)
+    covariance = diagonal(0.004**2, 0.004**2, 0.03**2)
+    for t in times(900):
+        off = noise.gauss(0.0, 0.02)
+        aside = (0.08 * off + noise.gauss(0.0, 0.003), noise.gauss(0.0, 0.003), off)
+        biases = FROM_ABOVE._replace(range_share=0.01 + 0.05 * off)
+        seen = sighting(t, add(PAD, aside), covariance=covariance, biases=biases)
+        pad_filter.update([replace(seen, arm=add((0.0, 0.0, 2.4), aside))])
+    found = pad_filter.sensor_errors
+    assert math.degrees(math.hypot(found.up, found.right)) < 1.0
+    assert math.degrees(found.sigma_right) > 0.8
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -283,9 +305,9 @@ def test_what_shows_the_pad_aside_and_is_flown_after_is_not_taken_for_a_late_clo
     for t in times(1200):
         shown = keeps * shown + math.sqrt(1.0 - keeps * keeps) * noise.gauss(0.0, 0.005)
         seen = (shown + noise.gauss(0.0, 0.001), noise.gauss(0.0, 0.001), 1.0)
-        by_clock = ((0.0, 0.0, velocity), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        biases = EXACT._replace(by_clock=(velocity, 0.0, 0.0))
         pad_filter.update(
-            [sighting(t, seen, covariance=covariance, bias_jacobian=by_clock, range_m=1.0)]
+            [sighting(t, seen, covariance=covariance, biases=biases, arm=scale(NEAR, 10.0))]
         )
         found = pad_filter.estimate(t)
         if found is not None:
@@ -671,7 +693,7 @@ def quiet(count: int = 90) -> PadFilter:
     pad_filter = PadFilter(OPTIONS)
     for t in times(count):
         error = (noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005))
-        pad_filter.update([sighting(t, add(PAD, error), covariance=CLOSE, range_m=5.0)])
+        pad_filter.update([sighting(t, add(PAD, error), covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
     return pad_filter
 
 
@@ -680,9 +702,9 @@ def test_a_short_step_of_the_telemetry_does_not_blind() -> None:
     pad_filter = quiet()
     for t in times(5, 90 / RATE):
         seen_at = add(PAD, (0.05, 0.0, 0.0))
-        assert pad_filter.update([sighting(t, seen_at, covariance=CLOSE, range_m=5.0)])
+        assert pad_filter.update([sighting(t, seen_at, covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
     for t in times(5, 95 / RATE):
-        assert pad_filter.update([sighting(t, PAD, covariance=CLOSE, range_m=5.0)])
+        assert pad_filter.update([sighting(t, PAD, covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
     assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.05
 
 
@@ -697,7 +719,7 @@ def test_a_pad_that_begins_to_brake_is_followed_although_it_was_steady_for_long(
         s = t - 300 / RATE
         error = (noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005))
         seen = add(add(PAD, scale(brake, 0.5 * s * s)), error)
-        refused += not pad_filter.update([sighting(t, seen, covariance=CLOSE, range_m=5.0)])
+        refused += not pad_filter.update([sighting(t, seen, covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
         found = estimate(pad_filter, t)
         if s > 0.5:
             assert norm(sub(found.velocity, scale(brake, s))) < 0.4
@@ -715,7 +737,7 @@ def test_a_pad_that_brakes_gently_before_a_slow_camera_is_followed() -> None:
             continue
         error = (noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005), noise.gauss(0.0, 0.005))
         seen = add(add(PAD, (0.5 * s * s, 0.0, 0.0)), error)
-        pad_filter.update([sighting(t, seen, covariance=CLOSE, range_m=5.0)])
+        pad_filter.update([sighting(t, seen, covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
         if s > 0.45:
             found = estimate(pad_filter, t)
             assert norm(sub(found.velocity, (s, 0.0, 0.0))) < 0.25
@@ -727,7 +749,7 @@ def test_a_step_of_the_position_moves_the_pad_and_forgets_nothing_else() -> None
     moved = add(PAD, (0.0, 0.3, 0.0))
     refused = 0
     for t in times(20, 90 / RATE):
-        taken = pad_filter.update([sighting(t, moved, covariance=CLOSE, range_m=5.0)])
+        taken = pad_filter.update([sighting(t, moved, covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
         refused += not taken
         found = estimate(pad_filter, t)  # known all the time
         assert norm(found.velocity) < 0.2
@@ -739,7 +761,9 @@ def test_what_is_refused_here_and_there_does_not_begin_anew() -> None:
     pad_filter = quiet()
     for i, t in enumerate(times(20, 90 / RATE)):
         elsewhere = add(PAD, (3.0 * (-1) ** i, 2.0 * (i % 3), 0.0))
-        assert not pad_filter.update([sighting(t, elsewhere, covariance=CLOSE, range_m=5.0)])
+        assert not pad_filter.update(
+            [sighting(t, elsewhere, covariance=CLOSE, arm=(0.0, 0.0, 5.0))]
+        )
         assert norm(sub(estimate(pad_filter, t).position, PAD)) < 0.1
 
 
@@ -747,5 +771,5 @@ def test_a_pad_that_is_elsewhere_for_good_is_another_pad() -> None:
     pad_filter = quiet()
     other = add(PAD, (3.0, 0.0, 0.0))
     for t in times(30, 90 / RATE):
-        pad_filter.update([sighting(t, other, covariance=CLOSE, range_m=5.0)])
+        pad_filter.update([sighting(t, other, covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
     assert norm(sub(estimate(pad_filter, t).position, other)) < 0.05
