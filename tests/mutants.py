@@ -482,6 +482,14 @@ MUTANTS = [
         "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
     ),
     Mutant(
+        "4: levelled while it sinks as it would in the air",
+        TOUCHDOWN,
+        "is_pressed = released or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps",
+        "is_pressed = True",
+        "guidance/test_touchdown.py"
+        "::test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
+    ),
+    Mutant(
         "4: disarms on ON_GROUND sooner than the autopilot can know",
         TOUCHDOWN,
         "CONFIRMED_S = 0.5",

@@ -49,11 +49,7 @@ class Landing:
         )
         self._method = make_method(config)
         self._lost = LostPlan(guidance.lost)
-        self._touchdown = Touchdown(
-            guidance.touchdown_timeout_s,
-            guidance.touchdown_descent_mps,
-            0.5 * max(config.vehicle.footprint_m),
-        )
+        self._touchdown = Touchdown(config)
         context = self._context
         self._states: dict[State, LandingState] = {
             State.SILENT: Silent(context),
@@ -77,7 +73,7 @@ class Landing:
         self._phases.configure(guidance.descent)
         self._method.configure(config)
         self._lost.configure(guidance.lost)
-        self._touchdown.configure(guidance.touchdown_timeout_s, guidance.touchdown_descent_mps)
+        self._touchdown.configure(config)
 
     def on_landed_state(self, landed: Landed) -> None:
         """Take what the autopilot's land detector says; UNDEFINED when nothing is known."""

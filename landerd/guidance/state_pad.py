@@ -117,10 +117,10 @@ class Committed:
         After a step that came late, feet that have been down meanwhile are known from them.
         """
         heave = relative.pad_velocity[2]
-        ordered = self._context.orders.velocity[2] - heave
+        ordered = self._context.orders.velocity[2]
         unsure = 2.0 * relative.sigma_heave if clearance <= BUILD_ERROR_M else 0.0
         for t, foot in self._context.estimator.velocities(self._watched_t):
-            self._touchdown.watch(t, foot[2] - heave, ordered, unsure)
+            self._touchdown.watch(t, (foot[2], ordered), heave, unsure)
             self._watched_t = t
 
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
@@ -343,7 +343,7 @@ def _level_due(
     return touchdown.level_due(
         step.now,
         (vehicle.feet[2], context.pad_down(step.now)),
-        vehicle.foot_velocity[2],
+        (vehicle.foot_velocity[2], context.orders.velocity[2]),
         math.hypot(v_north - north, v_east - east),
         vehicle.roll_pitch_rate,
         math.hypot(north, east),
