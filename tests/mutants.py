@@ -490,6 +490,14 @@ MUTANTS = [
         "::test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
     ),
     Mutant(
+        "1b: stopped with thrust where it touches before that is sure",
+        LANDING,
+        "return Event.RELEASED_TOUCHING if touches else Event.RELEASED",
+        "return Event.RELEASED",
+        "guidance/test_landing.py"
+        "::test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there",
+    ),
+    Mutant(
         "4: disarms on ON_GROUND sooner than the autopilot can know",
         TOUCHDOWN,
         "CONFIRMED_S = 0.5",

@@ -105,11 +105,15 @@ class Committed:
         Feet that are touching are not lifted again for that: half on the pad is no place to climb
         from, nor to wait for thrust.
         """
+        return Event.CONTACT if self.takes_touch(now) else Event.SIGHT_LOST
+
+    def takes_touch(self, now: float) -> bool:
+        """Take feet that may have been down in the last step for feet on the pad; tell whether."""
         if self._touching is None:
-            return Event.SIGHT_LOST
+            return False
         self._touchdown.touch(now)
         self._context.foothold.touch(*self._touching)
-        return Event.CONTACT
+        return True
 
     def _watch(self, relative: RelativeState, clearance: float) -> None:
         """Show the touch-down each velocity measured since the last control step.

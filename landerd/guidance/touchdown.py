@@ -47,10 +47,10 @@ MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
 LEVEL_AFTER_S = 0.6
 LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
-# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and leaned
-# by more than this before the touch, rad: while as much is asked for ArduCopter keeps half of the
-# thrust of hover to steer with (measured), and what that carries slides in the wind that it leaned
-# against, ever faster. Levelled while it slides fast it would trip over its feet.
+# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and may not
+# fly on, or leaned by more than this before the touch, rad: while as much is asked for ArduCopter
+# keeps half of the thrust of hover to steer with (measured), and what that carries slides in the
+# wind that it leaned against, ever faster. Levelled while it slides fast it would trip.
 SLIDES_MPS, STEERS = 0.3, math.radians(15.0)
 # Pressed down, what stands sinks slower by so much of the gentle descent than it would in the air.
 # What answers late hovers for a second over a deck that begins to sink, where neither height nor
@@ -280,7 +280,7 @@ class Touchdown:
         waited = now - self._contact_t if self._contact_t is not None else -math.inf
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
-        slides = slip < SLIDES_MPS + error and self._tilt > STEERS
+        slides = slip < SLIDES_MPS + error and (self._tilt > STEERS or released)
         slides = slides and waited > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
         confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over

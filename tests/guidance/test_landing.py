@@ -322,6 +322,33 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
+def test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there() -> None:
+    """It was stopped there, with thrust; granted again it began from a velocity that was none."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.run(0.15)
+    assert flight.lander.state is State.COMMITTED
+    flight.pulse_us = LOW
+    to(flight, State.STANDING, at_most_s=0.2)
+    assert not flight.pressed
+    flight.run(0.8)
+    assert flight.pressed
+    flight.pulse_us = HIGH
+    assert to(flight, State.ON_PAD, at_most_s=0.2) == [State.STANDING, State.ON_PAD]
+
+
+def test_released_in_the_air_after_commit_it_is_stopped() -> None:
+    flight = Flight()
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.06:
+        flight.tick()
+    flight.pulse_us = LOW
+    to(flight, State.RELEASING, at_most_s=0.2)
+
+
 def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad() -> None:
     """It climbed away after 12 s on the pad, and tipped over in the stop that followed."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))

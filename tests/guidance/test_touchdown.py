@@ -248,6 +248,13 @@ def test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled(
     assert all(standing.level(1.0, slip=slip)[4:])
 
 
+def test_what_slides_lying_flat_when_it_may_not_fly_on_is_levelled() -> None:
+    # A velocity that is off by a constant looks like a slide: it was never levelled, but stopped.
+    assert not any(Standing().level(2.4, slip=0.15))
+    assert all(Standing().level(1.0, slip=0.15, released=True)[26:])
+    assert not any(Standing().level(2.4, slip=0.5, released=True))
+
+
 def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
