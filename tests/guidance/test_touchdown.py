@@ -12,7 +12,7 @@ GENTLE = 0.3  # m/s
 
 
 def make_touchdown(**autopilot: float) -> Touchdown:
-    return Touchdown(Config(autopilot=AutopilotSection(**autopilot)))
+    return Touchdown(Config(autopilot=AutopilotSection.model_validate(autopilot)))
 
 
 def has_touched(touchdown: Touchdown) -> bool:
