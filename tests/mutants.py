@@ -470,8 +470,8 @@ MUTANTS = [
     Mutant(
         "4: contact is believed at any height",
         TOUCHDOWN,
-        "if touches and clearance <= MAX_CONTACT_HEIGHT_M:",
-        "if touches:",
+        "is_slow = now - self._slow_since >= CONTACT_S and clearance <= highest_m",
+        "is_slow = now - self._slow_since >= CONTACT_S",
         "guidance/test_touchdown.py::test_no_contact_is_believed_higher_up_than_a_leg",
     ),
     Mutant(
@@ -488,6 +488,20 @@ MUTANTS = [
         "is_pressed = True",
         "guidance/test_touchdown.py"
         "::test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
+    ),
+    Mutant(
+        "4: contact is believed where the pad is seen lower",
+        PAD,
+        "highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M",
+        "highest_m = MAX_CONTACT_HEIGHT_M",
+        "guidance/test_landing.py::test_what_hovers_over_the_pad_that_it_sees_has_not_touched",
+    ),
+    Mutant(
+        "4: levelled as its feet come free after a wave-off",
+        PAD,
+        "THRUST_BACK_S, LIFTED_S = 0.6, 1.5",
+        "THRUST_BACK_S, LIFTED_S = 0.6, 0.0",
+        "guidance/test_landing.py::test_waved_off_it_is_not_levelled_as_its_feet_come_free",
     ),
     Mutant(
         "1b: stopped with thrust where it touches before that is sure",

@@ -25,8 +25,10 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# Told to climb, it lifts after so long, s: levelled at 0.7 s it hopped, and fell.
-THRUST_BACK_S = 0.6
+# Told to climb, it may lift after so long, s: levelled at 0.7 s it hopped, and fell. It has lifted
+# after so long, if it ever does: 1.1 and 1.5 s were flown. Levelled at 1.0 s, as its feet came free
+# of a deck that began to sink, one was thrown 0.7 m high, and down beside the pad.
+THRUST_BACK_S, LIFTED_S = 0.6, 1.5
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -71,7 +73,10 @@ class Committed:
         age = context.estimator.sight_age(step.now)
         clearance = _clearance(context, relative, vehicle, pad)
         self._watch(relative, clearance)
-        event = self._touchdown.step(step.now, age, clearance, context.landed)
+        # Over a deck that begins to sink a vehicle that answers late is as slow against it.
+        is_seen = age < context.options.lost.after_s
+        highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M
+        event = self._touchdown.step(step.now, age, clearance, context.landed, highest_m)
         self._touching = None
         if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
             self._touching = (relative, pad.heading)
@@ -271,8 +276,13 @@ class Leaving:
         if stands and step.now - self._began < THRUST_BACK_S:
             return Event.STANDS
         event = self._waving_off.order(step)
-        # Its thrust has not come: it is not clear of the pad.
-        return Event.STANDS if stands and event is Event.CLEAR_OF_PAD else event
+        if not (stands and event is Event.CLEAR_OF_PAD):
+            return event
+        # Its thrust has not come: it is not clear of the pad. What may fly on waits for it.
+        if not step.granted or step.now - self._began >= LIFTED_S:
+            return Event.STANDS
+        self._waving_off.climb()
+        return None
 
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
         """Tell whether it goes with the pad as last known: neither up nor down nor across."""

@@ -24,6 +24,9 @@ CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
 # vehicle that hovered sinks at 0.6 of the order by then. Without it contact was called 0.25 s after
 # commit, 11 cm up; and 9 cm up of a slow vehicle that was to sink quicker for its lean.
 ANSWER_S = 0.4
+# Before that, what it would sink at in the air by now counts, once it is so much of the gentle
+# descent: a deck that came up met the feet 0.06 s after commit, and was climbed away from.
+ANSWERED_SHARE = 0.5
 # From the last sighting until contact is noticed, s; the rule allows 1.0.
 MAX_BLIND_S = 0.97
 # No contact is believed with the lowest foot higher over the pad than this, m (design rule 4): a
@@ -109,6 +112,7 @@ class Touchdown:
         self._flat_at = (0.0, 0.0)  # local z of feet and pad then, m
         self._contact_t: float | None = None
         self._in_air: tuple[float, float] | None = None  # when, how fast it would sink then, m/s
+        self._flew_t = -math.inf  # last seen to sink as it would in the air, s
         self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
         self._disarm_t = -math.inf
@@ -134,6 +138,7 @@ class Touchdown:
         sighting_age: float,
         clearance: float,
         landed: Landed,
+        highest_m: float = MAX_CONTACT_HEIGHT_M,
     ) -> Event | None:
         """Return CONTACT or SIGHT_LOST when that has come, None to descend; called until contact.
 
@@ -142,11 +147,12 @@ class Touchdown:
             sighting_age: s since the exposure of the last accepted sighting.
             clearance: the least that the lowest foot may be over the pad as last known, m.
             landed: what the autopilot's land detector says.
+            highest_m: with no more clearance a slow sinking is believed to be contact.
         """
         # What sinks as ordered is in the air, whatever is said of it.
         says_so = landed is Landed.ON_GROUND and self.may_touch
-        touches = says_so or now - self._slow_since >= CONTACT_S
-        if touches and clearance <= MAX_CONTACT_HEIGHT_M:
+        is_slow = now - self._slow_since >= CONTACT_S and clearance <= highest_m
+        if is_slow or (says_so and clearance <= MAX_CONTACT_HEIGHT_M):
             self._contact_t = now
             return Event.CONTACT
         # A contact that begins only now would be noticed too late.
@@ -166,12 +172,15 @@ class Touchdown:
             unsure: it may sink by so much more and touch, m/s; 0 where no foot can be down.
         """
         sink_rate, ordered = sinking
-        self._fly_on(t, sink_rate, ordered)
+        in_air = self._fly_on(t, sink_rate, ordered) - heave
         self._ordered = [(at, o) for at, o in self._ordered if at > t - ANSWER_S]
         self._ordered.append((t, ordered - heave))
         answered = min(o for _, o in self._ordered)
         share = min(CONTACT_SINK_SHARE * answered + unsure, MAX_CONTACT_SINK_SHARE * answered)
-        self._note_slow(t, is_slow=t >= self._watch_from and sink_rate - heave < share)
+        if t < self._watch_from:
+            answers = in_air > ANSWERED_SHARE * self._descent_mps
+            share = CONTACT_SINK_SHARE * in_air if answers else -math.inf
+        self._note_slow(t, is_slow=sink_rate - heave < share)
 
     def _note_slow(self, t: float, *, is_slow: bool) -> None:
         self._slow_since = min(self._slow_since, t) if is_slow else math.inf
@@ -268,6 +277,8 @@ class Touchdown:
         self._note_slow(now, is_slow=sink_rate - by_deck < CONTACT_SINK_SHARE * self._descent_mps)
         held_up_by = self._fly_on(now, sink_rate, ordered) - sink_rate
         is_pressed = released or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps
+        if not is_pressed:
+            self._flew_t = now  # for all that is known
         error = PAD_SPEED_ERROR_SHARE * pad_speed
         if not (roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
             self._flat_since = math.inf
@@ -277,7 +288,8 @@ class Touchdown:
             self._still_since = max(self._flat_since, min(self._still_since, now))
         else:
             self._still_since = math.inf
-        waited = now - self._contact_t if self._contact_t is not None else -math.inf
+        since = max(self._contact_t, self._flew_t) if self._contact_t is not None else math.inf
+        waited = now - since
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
         slides = slip < SLIDES_MPS + error and (self._tilt > STEERS or released)

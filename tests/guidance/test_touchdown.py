@@ -88,6 +88,13 @@ def test_much_slower_than_ordered_for_a_fifth_of_a_second_is_contact() -> None:
     assert has_touched(descent.touchdown)
 
 
+def test_a_deck_that_comes_up_just_after_commit_is_known_to_touch_as_soon() -> None:
+    """0.4 s were waited for first, sight was lost meanwhile, and it climbed off the deck again."""
+    descent = Descent()
+    assert descent.go_on(0.1) is None
+    assert descent.go_on(0.25, sink_rate=0.0) is Event.CONTACT
+
+
 def test_a_short_slow_moment_is_no_contact() -> None:
     descent = Descent()
     descent.go_on(0.6)
@@ -133,6 +140,15 @@ def test_no_contact_is_believed_higher_up_than_a_leg() -> None:
     assert descent.go_on(0.3, sink_rate=0.0, clearance=0.09) is Event.CONTACT
 
 
+def test_where_the_pad_is_seen_lower_than_that_a_slow_moment_is_no_contact() -> None:
+    touchdown = Descent().touchdown
+    for i in range(40):
+        t = 50.0 + i * DT
+        touchdown.watch(t, (0.0, GENTLE))
+        assert touchdown.step(t, 0.05, 0.08, Landed.IN_AIR, highest_m=0.04) is None
+    assert touchdown.step(t, 0.05, 0.03, Landed.IN_AIR, highest_m=0.04) is Event.CONTACT
+
+
 def test_blind_on_the_pad_is_contact_all_the_same() -> None:
     descent = Descent()
     descent.go_on(0.5)
@@ -175,7 +191,8 @@ class Standing:
         self.touchdown = make_touchdown(**autopilot)
         self.touchdown.begin(0.0)
         self.t, self.down, self.pad_down = 10.0, -0.5, -0.5
-        self.touchdown.watch(self.t, (0.0, 0.3))
+        self.touchdown.watch(self.t - DT, (GENTLE, GENTLE))
+        self.touchdown.watch(self.t, (0.0, GENTLE))
         self.touchdown.step(self.t, 0.0, 0.0, Landed.ON_GROUND)
 
     def level(
@@ -291,7 +308,7 @@ def test_on_a_deck_that_sinks_it_stands_level_as_on_any_other() -> None:
 def test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air() -> None:
     """It hovered 4 cm over the deck for a second: by height and sinking it stood there."""
     standing = Standing(vertical_acceleration_mps2=1.6, vertical_jerk_mps3=2.1)  # 0.8 s late
-    heave = sinks = 0.0
+    heave, sinks = 0.0, GENTLE
     while heave < 0.3:
         heave += 0.2 * DT
         sinks += (heave + GENTLE - sinks) * DT / 1.0
@@ -299,6 +316,13 @@ def test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_th
         assert not any(standing.level(DT, sinks=heave, sink_rate=sinks, heave=(heave, 0.1)))
     # Now the deck has it, and carries it on.
     assert standing.level(2.0, sinks=0.3, sink_rate=0.3, heave=(0.3, 0.1))[-1]
+
+
+def test_what_flew_for_long_after_it_was_taken_to_touch_is_not_levelled_on_one_edge() -> None:
+    """Over a deck that began to sink, 2.4 s before it touched: it was levelled 0.2 s after that."""
+    standing = Standing()
+    assert not any(standing.level(3.0, sink_rate=GENTLE, heave=(0.0, 0.1)))
+    assert not any(standing.level(0.55, slip=0.5))
 
 
 def test_level_it_is_carried_by_a_deck_that_nobody_looks_at_any_more() -> None:
