@@ -470,8 +470,8 @@ MUTANTS = [
     Mutant(
         "4: contact is believed at any height",
         TOUCHDOWN,
-        "if touches and clearance <= MAX_CONTACT_HEIGHT_M:",
-        "if touches:",
+        "is_slow = now - self._slow_since >= CONTACT_S and clearance <= highest_m",
+        "is_slow = now - self._slow_since >= CONTACT_S",
         "guidance/test_touchdown.py::test_no_contact_is_believed_higher_up_than_a_leg",
     ),
     Mutant(
@@ -480,6 +480,36 @@ MUTANTS = [
         "self._level = due and now - self._slow_since >= CONTACT_S",
         "self._level = due",
         "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
+    ),
+    Mutant(
+        "4: levelled while it sinks as it would in the air",
+        TOUCHDOWN,
+        "is_pressed = released or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps",
+        "is_pressed = True",
+        "guidance/test_touchdown.py"
+        "::test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
+    ),
+    Mutant(
+        "4: contact is believed where the pad is seen lower",
+        PAD,
+        "highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M",
+        "highest_m = MAX_CONTACT_HEIGHT_M",
+        "guidance/test_landing.py::test_what_hovers_over_the_pad_that_it_sees_has_not_touched",
+    ),
+    Mutant(
+        "4: levelled as its feet come free after a wave-off",
+        PAD,
+        "THRUST_BACK_S, LIFTED_S = 0.6, 1.5",
+        "THRUST_BACK_S, LIFTED_S = 0.6, 0.0",
+        "guidance/test_landing.py::test_waved_off_it_is_not_levelled_as_its_feet_come_free",
+    ),
+    Mutant(
+        "1b: stopped with thrust where it touches before that is sure",
+        LANDING,
+        "return Event.RELEASED_TOUCHING if touches else Event.RELEASED",
+        "return Event.RELEASED",
+        "guidance/test_landing.py"
+        "::test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there",
     ),
     Mutant(
         "4: disarms on ON_GROUND sooner than the autopilot can know",

@@ -90,10 +90,12 @@ class AutopilotSection(Section):
     system_id: Annotated[int, Field(ge=1, le=255)] = 1  # SYSID_THISMAV (4.7: MAV_SYSID)
     # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
     guided_timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
-    # how it shapes velocities (WPNAV_ACCEL, WPNAV_ACCEL_Z, PSC_JERK_XY), until it tells that too
+    # how it shapes velocities (WPNAV_ACCEL, WPNAV_ACCEL_Z, PSC_JERK_XY, PSC_JERK_Z), until it tells
+    # that too
     acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
     vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0
     jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
+    vertical_jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned

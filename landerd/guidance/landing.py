@@ -49,18 +49,15 @@ class Landing:
         )
         self._method = make_method(config)
         self._lost = LostPlan(guidance.lost)
-        self._touchdown = Touchdown(
-            guidance.touchdown_timeout_s,
-            guidance.touchdown_descent_mps,
-            0.5 * max(config.vehicle.footprint_m),
-        )
+        self._touchdown = Touchdown(config)
         context = self._context
+        self._committed = Committed(context, self._method, self._touchdown)
         self._states: dict[State, LandingState] = {
             State.SILENT: Silent(context),
             State.RELEASING: Releasing(context),
             State.TRACKING: Tracking(context, self._phases, self._method),
             State.SEARCHING: Searching(context, self._lost),
-            State.COMMITTED: Committed(context, self._method, self._touchdown),
+            State.COMMITTED: self._committed,
             State.WAVING_OFF: Leaving(context, self._touchdown, in_sight=True),
             State.LEAVING: Leaving(context, self._touchdown),
             State.ON_PAD: OnPad(context, self._touchdown),
@@ -77,7 +74,7 @@ class Landing:
         self._phases.configure(guidance.descent)
         self._method.configure(config)
         self._lost.configure(guidance.lost)
-        self._touchdown.configure(guidance.touchdown_timeout_s, guidance.touchdown_descent_mps)
+        self._touchdown.configure(config)
 
     def on_landed_state(self, landed: Landed) -> None:
         """Take what the autopilot's land detector says; UNDEFINED when nothing is known."""
@@ -155,7 +152,10 @@ class Landing:
             case Authority.GRANTED:
                 return Event.GRANTED
             case Authority.RELEASED:
-                return Event.RELEASED_LOW if self._must_leave() else Event.RELEASED
+                if self._must_leave():
+                    return Event.RELEASED_LOW
+                touches = self.state is State.COMMITTED and self._committed.takes_touch(self._now)
+                return Event.RELEASED_TOUCHING if touches else Event.RELEASED
             case Authority.SILENT:
                 # ArduCopter says that what it has disarmed is on the ground; a heartbeat alone may
                 # be false.

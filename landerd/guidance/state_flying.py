@@ -117,6 +117,8 @@ class Tracking:
         # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
         seen_m = relative.height + context.estimator.doubt.off_m
         if phases.goes_around and seen_m < o.descent.commit_height_m:
+            # With the pad: a deck that comes up may have its feet, and they would be dragged.
+            north, east, _ = relative.pad_velocity
             context.orders.climb_away(north, east)
         else:
             context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
@@ -186,6 +188,11 @@ class WavingOff:
         """Order the climb until the time is over."""
         if step.now - self._began >= WAVE_OFF_S or self._climbed_m(step.now) >= WAVE_OFF_M:
             return Event.CLEAR_OF_PAD
+        self.climb()
+        return None
+
+    def climb(self) -> None:
+        """Order the climb."""
         context = self._context
         sight = context.sight
         if sight is not None:
@@ -193,7 +200,6 @@ class WavingOff:
         context.orders.enter(Phase.NOT_LANDING, self._why)
         north, east, _ = context.pad_velocity
         context.orders.climb_away(north, east)
-        return None
 
     def _climbed_m(self, now: float) -> float:
         """Return how far it has climbed from the pad, if that heaves on as it did; 0: not known."""

@@ -25,8 +25,10 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# Told to climb, it lifts after so long, s: levelled at 0.7 s it hopped, and fell.
-THRUST_BACK_S = 0.6
+# Told to climb, it may lift after so long, s: levelled at 0.7 s it hopped, and fell. It has lifted
+# after so long, if it ever does: 1.1 and 1.5 s were flown. Levelled at 1.0 s, as its feet came free
+# of a deck that began to sink, one was thrown 0.7 m high, and down beside the pad.
+THRUST_BACK_S, LIFTED_S = 0.6, 1.5
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -71,7 +73,10 @@ class Committed:
         age = context.estimator.sight_age(step.now)
         clearance = _clearance(context, relative, vehicle, pad)
         self._watch(relative, clearance)
-        event = self._touchdown.step(step.now, age, clearance, context.landed)
+        # Over a deck that begins to sink a vehicle that answers late is as slow against it.
+        is_seen = age < context.options.lost.after_s
+        highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M
+        event = self._touchdown.step(step.now, age, clearance, context.landed, highest_m)
         self._touching = None
         if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
             self._touching = (relative, pad.heading)
@@ -105,11 +110,15 @@ class Committed:
         Feet that are touching are not lifted again for that: half on the pad is no place to climb
         from, nor to wait for thrust.
         """
+        return Event.CONTACT if self.takes_touch(now) else Event.SIGHT_LOST
+
+    def takes_touch(self, now: float) -> bool:
+        """Take feet that may have been down in the last step for feet on the pad; tell whether."""
         if self._touching is None:
-            return Event.SIGHT_LOST
+            return False
         self._touchdown.touch(now)
         self._context.foothold.touch(*self._touching)
-        return Event.CONTACT
+        return True
 
     def _watch(self, relative: RelativeState, clearance: float) -> None:
         """Show the touch-down each velocity measured since the last control step.
@@ -117,10 +126,10 @@ class Committed:
         After a step that came late, feet that have been down meanwhile are known from them.
         """
         heave = relative.pad_velocity[2]
-        ordered = self._context.orders.velocity[2] - heave
+        ordered = self._context.orders.velocity[2]
         unsure = 2.0 * relative.sigma_heave if clearance <= BUILD_ERROR_M else 0.0
         for t, foot in self._context.estimator.velocities(self._watched_t):
-            self._touchdown.watch(t, foot[2] - heave, ordered, unsure)
+            self._touchdown.watch(t, (foot[2], ordered), heave, unsure)
             self._watched_t = t
 
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
@@ -267,8 +276,13 @@ class Leaving:
         if stands and step.now - self._began < THRUST_BACK_S:
             return Event.STANDS
         event = self._waving_off.order(step)
-        # Its thrust has not come: it is not clear of the pad.
-        return Event.STANDS if stands and event is Event.CLEAR_OF_PAD else event
+        if not (stands and event is Event.CLEAR_OF_PAD):
+            return event
+        # Its thrust has not come: it is not clear of the pad. What may fly on waits for it.
+        if not step.granted or step.now - self._began >= LIFTED_S:
+            return Event.STANDS
+        self._waving_off.climb()
+        return None
 
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
         """Tell whether it goes with the pad as last known: neither up nor down nor across."""
@@ -343,7 +357,7 @@ def _level_due(
     return touchdown.level_due(
         step.now,
         (vehicle.feet[2], context.pad_down(step.now)),
-        vehicle.foot_velocity[2],
+        (vehicle.foot_velocity[2], context.orders.velocity[2]),
         math.hypot(v_north - north, v_east - east),
         vehicle.roll_pitch_rate,
         math.hypot(north, east),

@@ -34,6 +34,7 @@ class Event(Enum):
     GRANTED = "armed, GUIDED, switch high: landerd may fly"
     RELEASED = "switch low, RC or heartbeat stale, autopilot restarted, latched, about to end"
     RELEASED_LOW = "the same, just over a pad that moves, or touching it but not standing yet"
+    RELEASED_TOUCHING = "the same, as feet seem to touch a slower one"
     SILENCED = "not armed or not GUIDED"
     DISARMED = "silenced because disarmed, all feet on the pad as last seen"
     DISARMED_OFF_PAD = "the same, a foot beside the pad as last seen"
@@ -107,6 +108,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     },
     State.COMMITTED: {
         **_FLYING,
+        # Before contact was sure: stopped there for good it would stand with thrust.
+        Event.RELEASED_TOUCHING: State.STANDING,
         Event.CONTACT: State.ON_PAD,
         # No sighting for so long that contact would come too late (until then it sinks on with the
         # pad as last known), or position or attitude stale.
@@ -155,5 +158,6 @@ OUTCOMES: Mapping[Event, str] = {
     Event.SILENCED: "taken over",
     Event.RELEASED: "released",
     Event.RELEASED_LOW: "released",
+    Event.RELEASED_TOUCHING: "released",
     **dict.fromkeys(HAND_BACKS, "handed_back"),
 }

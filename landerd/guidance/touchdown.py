@@ -6,6 +6,7 @@ What was tried in wind is the campaign `guidance` with its rows wind-8 and wind-
 
 import math
 
+from landerd.config.models import Config
 from landerd.geometry import clamp
 from landerd.guidance.states import Event
 from landerd.messages import Landed
@@ -23,6 +24,9 @@ CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
 # vehicle that hovered sinks at 0.6 of the order by then. Without it contact was called 0.25 s after
 # commit, 11 cm up; and 9 cm up of a slow vehicle that was to sink quicker for its lean.
 ANSWER_S = 0.4
+# Before that, what it would sink at in the air by now counts, once it is so much of the gentle
+# descent: a deck that came up met the feet 0.06 s after commit, and was climbed away from.
+ANSWERED_SHARE = 0.5
 # From the last sighting until contact is noticed, s; the rule allows 1.0.
 MAX_BLIND_S = 0.97
 # No contact is believed with the lowest foot higher over the pad than this, m (design rule 4): a
@@ -46,11 +50,18 @@ MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
 LEVEL_AFTER_S = 0.6
 LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
-# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and leaned
-# by more than this before the touch, rad: while as much is asked for ArduCopter keeps half of the
-# thrust of hover to steer with (measured), and what that carries slides in the wind that it leaned
-# against, ever faster. Levelled while it slides fast it would trip over its feet.
+# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and may not
+# fly on, or leaned by more than this before the touch, rad: while as much is asked for ArduCopter
+# keeps half of the thrust of hover to steer with (measured), and what that carries slides in the
+# wind that it leaned against, ever faster. Levelled while it slides fast it would trip.
 SLIDES_MPS, STEERS = 0.3, math.radians(15.0)
+# Pressed down, what stands sinks slower by so much of the gentle descent than it would in the air.
+# What answers late hovers for a second over a deck that begins to sink, where neither height nor
+# sinking against the deck tell it from what stands: 4 cm up it was within 0.03 m/s of the air's.
+PRESSED_DOWN_SHARE = 0.3
+# A vehicle answers so much later than ArduPilot's shaper, s. Measured with 0.2 s of that: one that
+# hovered sinks at 0.6 of the order 0.4 s after it.
+LATE_S = 0.2
 # Or so soon, where it leans by so much more than in the air, rad, on a pad that is seen to take it
 # along: an autopilot that holds its velocity against a pad that brakes tips over on it.
 LEVEL_TIPPING_S, TIPS = 0.3, math.radians(5.0)
@@ -74,22 +85,23 @@ class Touchdown:
         stands: the vehicle stands still on the pad, as far as is known.
     """
 
-    def __init__(self, timeout_s: float, descent_mps: float, reach_m: float) -> None:
-        """Make one that has not begun.
-
-        Args:
-            timeout_s: for ON_GROUND after contact.
-            descent_mps: gentle descent after commit.
-            reach_m: from the centre of the feet to the furthest edge of the footprint.
-        """
-        self._reach_m = reach_m
-        self.configure(timeout_s, descent_mps)
+    def __init__(self, config: Config) -> None:
+        """Make one that has not begun."""
+        self._reach_m = 0.5 * max(config.vehicle.footprint_m)  # of the furthest edge
+        self.configure(config)
         self.begin(-math.inf)
 
-    def configure(self, timeout_s: float, descent_mps: float) -> None:
-        """Take a new time limit and a new gentle descent."""
-        self._timeout_s = timeout_s
-        self._descent_mps = descent_mps
+    def configure(self, config: Config) -> None:
+        """Take changed parameters.
+
+        ArduPilot's shaper asks for an acceleration of jerk / acceleration times what is missing of
+        the velocity: a first-order lag of acceleration / jerk.
+        """
+        self._timeout_s = config.guidance.touchdown_timeout_s
+        self._descent_mps = config.guidance.touchdown_descent_mps
+        autopilot = config.autopilot
+        self._acceleration = autopilot.vertical_acceleration_mps2
+        self._lag_s = self._acceleration / autopilot.vertical_jerk_mps3 + LATE_S
 
     def begin(self, now: float) -> None:
         """Start at commit, at time now."""
@@ -99,6 +111,8 @@ class Touchdown:
         self._flat_since = self._still_since = math.inf  # lies flat; and does not slide
         self._flat_at = (0.0, 0.0)  # local z of feet and pad then, m
         self._contact_t: float | None = None
+        self._in_air: tuple[float, float] | None = None  # when, how fast it would sink then, m/s
+        self._flew_t = -math.inf  # last seen to sink as it would in the air, s
         self._level = self.stands = False
         self._tilt = 0.0  # largest since commit, rad
         self._disarm_t = -math.inf
@@ -124,6 +138,7 @@ class Touchdown:
         sighting_age: float,
         clearance: float,
         landed: Landed,
+        highest_m: float = MAX_CONTACT_HEIGHT_M,
     ) -> Event | None:
         """Return CONTACT or SIGHT_LOST when that has come, None to descend; called until contact.
 
@@ -132,11 +147,12 @@ class Touchdown:
             sighting_age: s since the exposure of the last accepted sighting.
             clearance: the least that the lowest foot may be over the pad as last known, m.
             landed: what the autopilot's land detector says.
+            highest_m: with no more clearance a slow sinking is believed to be contact.
         """
         # What sinks as ordered is in the air, whatever is said of it.
         says_so = landed is Landed.ON_GROUND and self.may_touch
-        touches = says_so or now - self._slow_since >= CONTACT_S
-        if touches and clearance <= MAX_CONTACT_HEIGHT_M:
+        is_slow = now - self._slow_since >= CONTACT_S and clearance <= highest_m
+        if is_slow or (says_so and clearance <= MAX_CONTACT_HEIGHT_M):
             self._contact_t = now
             return Event.CONTACT
         # A contact that begins only now would be noticed too late.
@@ -144,21 +160,38 @@ class Touchdown:
         lost = begins_late or sighting_age > MAX_BLIND_S
         return Event.SIGHT_LOST if lost else None
 
-    def watch(self, t: float, sink_rate: float, ordered: float, unsure: float = 0.0) -> None:
-        """Take a measurement; called from commit on for each, and before `step`.
+    def watch(
+        self, t: float, sinking: tuple[float, float], heave: float = 0.0, unsure: float = 0.0
+    ) -> None:
+        """Take a measurement; called from commit to contact for each, and before `step`.
 
         Args:
             t: of the measurement, s.
-            sink_rate: downward against the pad's heave, m/s.
-            ordered: the same of the last set-point, m/s.
+            sinking: downward, measured and of the last set-point, m/s.
+            heave: of the pad, downward, m/s.
             unsure: it may sink by so much more and touch, m/s; 0 where no foot can be down.
         """
+        sink_rate, ordered = sinking
+        in_air = self._fly_on(t, sink_rate, ordered) - heave
         self._ordered = [(at, o) for at, o in self._ordered if at > t - ANSWER_S]
-        self._ordered.append((t, ordered))
+        self._ordered.append((t, ordered - heave))
         answered = min(o for _, o in self._ordered)
         share = min(CONTACT_SINK_SHARE * answered + unsure, MAX_CONTACT_SINK_SHARE * answered)
-        slow = t >= self._watch_from and sink_rate < share
-        self._slow_since = min(self._slow_since, t) if slow else math.inf
+        if t < self._watch_from:
+            answers = in_air > ANSWERED_SHARE * self._descent_mps
+            share = CONTACT_SINK_SHARE * in_air if answers else -math.inf
+        self._note_slow(t, is_slow=sink_rate - heave < share)
+
+    def _note_slow(self, t: float, *, is_slow: bool) -> None:
+        self._slow_since = min(self._slow_since, t) if is_slow else math.inf
+
+    def _fly_on(self, t: float, sink_rate: float, ordered: float) -> float:
+        """Return how fast it would sink in the air at t by what was ordered since commit, m/s."""
+        at, sinks = self._in_air or (t, sink_rate)
+        most = self._acceleration * (t - at)
+        sinks += clamp(min(1.0, (t - at) / self._lag_s) * (ordered - sinks), -most, most)
+        self._in_air = t, sinks
+        return sinks
 
     @property
     def has_touched(self) -> bool:
@@ -208,7 +241,7 @@ class Touchdown:
         self,
         now: float,
         down: tuple[float, float],
-        sink_rate: float,
+        sinking: tuple[float, float],
         slip: float,
         roll_pitch_rate: float,
         pad_speed: float,
@@ -229,7 +262,7 @@ class Touchdown:
         Args:
             now: s; called at every control step from contact on.
             down: local z of the feet, and of the pad as far as that may have sunk, m.
-            sink_rate: measured, downward, m/s; infinity when not known.
+            sinking: downward, measured and of the last set-point, m/s; infinity when not known.
             slip: measured speed across the pad, m/s; infinity when not known.
             roll_pitch_rate: measured, rad/s; infinity when not known.
             pad_speed: horizontal, against which slip is measured, m/s.
@@ -238,12 +271,16 @@ class Touchdown:
             tips: the pad takes it along, and thrust tips it over.
             released: landerd may not fly on, and what stands is pressed down no longer.
         """
-        sinks, sigma = heave
+        (sink_rate, ordered), (heaves, sigma) = sinking, heave
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
-        by_deck = clamp(sinks + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
-        self.watch(now, sink_rate - by_deck, self._descent_mps)
+        by_deck = clamp(heaves + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
+        self._note_slow(now, is_slow=sink_rate - by_deck < CONTACT_SINK_SHARE * self._descent_mps)
+        held_up_by = self._fly_on(now, sink_rate, ordered) - sink_rate
+        is_pressed = released or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps
+        if not is_pressed:
+            self._flew_t = now  # for all that is known
         error = PAD_SPEED_ERROR_SHARE * pad_speed
-        if not roll_pitch_rate < MAX_ROLL_PITCH_RATE:
+        if not (roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
             self._flat_since = math.inf
         elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:
             self._flat_since, self._flat_at = now, down
@@ -251,17 +288,19 @@ class Touchdown:
             self._still_since = max(self._flat_since, min(self._still_since, now))
         else:
             self._still_since = math.inf
-        waited = now - self._contact_t if self._contact_t is not None else -math.inf
+        since = max(self._contact_t, self._flew_t) if self._contact_t is not None else math.inf
+        waited = now - since
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
-        slides = slip < SLIDES_MPS + error and self._tilt > STEERS and waited > LEVEL_AFTER_S
-        slides = slides and now - self._flat_since >= STILL_S
+        slides = slip < SLIDES_MPS + error and (self._tilt > STEERS or released)
+        slides = slides and waited > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
         confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
         stands = stands or (released and confirmed)  # and not stopped there, nor pressed down
         stays = stands and (released or still_s >= LEVEL_STILL_S)
         late = waited > LEVEL_AT_LATEST_S or tips_over or slides or stays
-        due = self._level or (late and (released or landed is not Landed.ON_GROUND))
+        may_level = released or (is_pressed and landed is not Landed.ON_GROUND)
+        due = self._level or (late and may_level)
         self._level = due and now - self._slow_since >= CONTACT_S
         self.stands = stands or self._level or confirmed
         return self._level

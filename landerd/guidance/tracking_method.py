@@ -44,9 +44,9 @@ PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
 MAX_SMOOTHED_MPS = 0.3
 
 # ---- vertical ----------------------------------------------------------------------------------
-# Lag of the answer to a vertical order, s: ArduCopter 4.5.7 in SITL was half there after 0.43 s
-# (bench/step_response.py).
-VERTICAL_LAG_S = 0.35
+# Lag of the answer to a vertical order, s: at least, and what it is beyond the shaper's. ArduCopter
+# 4.5.7 in SITL was half there after 0.43 s, with 0.2 s of the shaper's (bench/step_response.py).
+VERTICAL_LAG_S, VERTICAL_LATE_S = 0.35, 0.15
 SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
 SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
 # Height over distance under which a pad that drives away is not to be seen by the time that it is
@@ -94,6 +94,8 @@ class TrackingMethod:
         )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
         self._calmed = 1.0  # of the gain; of the integral's its square
+        vertical_s = vehicle.vertical_acceleration_mps2 / vehicle.vertical_jerk_mps3
+        self._vertical_lag_s = max(VERTICAL_LAG_S, vertical_s + VERTICAL_LATE_S)
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits
@@ -222,7 +224,7 @@ class TrackingMethod:
         ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
         off = max(ahead, relative.distance) + 2.0 * relative.sigma_m
         floor = max(floor_m, region_height(self._region, off))
-        height = relative.height - VERTICAL_LAG_S * max(0.0, relative.error_rate[2] * -1.0)
+        height = relative.height - self._vertical_lag_s * max(0.0, -relative.error_rate[2])
         brake = self._gains.descent_brake_mps2
         if floor > 0.0:
             speed = _braking_speed(max(0.0, height - floor), SINK_RATE_KP, brake)

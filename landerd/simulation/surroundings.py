@@ -75,6 +75,7 @@ class StandIn:
                 wpnav_accel_mps2=options.response.acceleration_mps2,
                 wpnav_accel_z_mps2=options.response.vertical_acceleration_mps2,
                 psc_jerk_xy_mps3=options.response.jerk_mps3,
+                psc_jerk_z_mps3=options.response.jerk_mps3,
             ),
             options=options.autopilot,
             flying=True,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import IDENTITY, Vec3, add, cross, matscale, rot_zyx, rotate, sub
+from landerd.geometry import IDENTITY, Vec3, add, cross, horizontal, matscale, rot_zyx, rotate, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
 from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
@@ -267,6 +267,19 @@ def test_too_low_to_try_any_longer_it_climbs_at_once() -> None:
     assert flight.setpoints[-1][1].velocity[2] == -never_fit.guidance.limits.climb_mps
 
 
+def test_too_low_and_aside_it_climbs_before_it_goes_back_over_the_pad() -> None:
+    """A deck that came up had its feet meanwhile, and it was dragged along at 0.4 m/s."""
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit).engaged()
+    while flight.height > 0.1:
+        flight.tick()
+    flight.position = add(flight.position, (-0.25, 0.0, 0.0))
+    flight.run(0.2)
+    assert "climbing again" in flight.lander.reason
+    assert flight.height < 0.16
+    assert horizontal(flight.setpoints[-1][1].velocity) < 0.1
+
+
 def test_where_pictures_show_it_higher_than_telemetry_does_it_climbs_within_its_limits() -> None:
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
     flight = Flight(config=never_fit).engaged()
@@ -320,6 +333,33 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     flight.run(0.5)
     assert len(flight.setpoints) == climbs
     assert len(flight.pressed) > levelled
+
+
+def test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there() -> None:
+    """It was stopped there, with thrust; granted again it began from a velocity that was none."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.run(0.15)
+    assert flight.lander.state is State.COMMITTED
+    flight.pulse_us = LOW
+    to(flight, State.STANDING, at_most_s=0.2)
+    assert not flight.pressed
+    flight.run(0.8)
+    assert flight.pressed
+    flight.pulse_us = HIGH
+    assert to(flight, State.ON_PAD, at_most_s=0.2) == [State.STANDING, State.ON_PAD]
+
+
+def test_released_in_the_air_after_commit_it_is_stopped() -> None:
+    flight = Flight()
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.06:
+        flight.tick()
+    flight.pulse_us = LOW
+    to(flight, State.RELEASING, at_most_s=0.2)
 
 
 def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad() -> None:
@@ -565,7 +605,7 @@ def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_aga
     assert flight.lander.outcome == "landed"
 
 
-@pytest.mark.parametrize(("stale_s", "waves_off_s"), [(0.0, 0.6), (0.4, 1.1)])
+@pytest.mark.parametrize(("stale_s", "waves_off_s"), [(0.0, 0.6), (0.4, 1.6)])
 def test_waved_off_as_it_touches_unnoticed_it_stays_while_its_thrust_is_not_back(
     stale_s: float, waves_off_s: float
 ) -> None:
@@ -588,6 +628,39 @@ def test_waved_off_as_it_touches_unnoticed_it_stays_while_its_thrust_is_not_back
     assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
     assert flight.lander.outcome == "landed"
     assert len(flight.setpoints) == climbs  # level without thrust from then on
+
+
+def test_what_hovers_over_the_pad_that_it_sees_has_not_touched() -> None:
+    """Over a deck that began to sink: it was on the pad for landerd, up to 0.3 m over it."""
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.1:
+        flight.tick()
+    hovers = flight.position
+    for _ in range(30):
+        flight.position, flight.velocity = hovers, (0.0, 0.0, 0.0)
+        flight.tick()
+    assert flight.lander.state is State.COMMITTED
+
+
+def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
+    """After a second on a deck that began to sink: it was thrown 0.7 m high, and down beside it."""
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.05:
+        flight.tick()
+    flight.silent = {Attitude, LocalPosition}
+    to(flight, State.WAVING_OFF, at_most_s=0.35)
+    on_pad = (*flight.position[:2], flight.pad[2] - flight.config.vehicle.gear_height_m)
+    waved_off_t = flight.t
+    while flight.t < waved_off_t + 1.2:
+        flight.silent = flight.silent if flight.t < waved_off_t + 0.4 else set()
+        flight.position, flight.velocity = on_pad, (0.0, 0.0, 0.0)
+        flight.tick()
+    flight.run(1.0)
+    assert not flight.pressed
+    assert flight.lander.state is not State.ON_PAD
+    assert flight.height > 0.2
 
 
 @pytest.mark.parametrize("beside_m", [0.0, 1.5])

@@ -29,6 +29,10 @@ def test_whatever_it_flies_the_gate_ends_it_stopping_first_where_it_may(state: S
     assert TRANSITIONS[state][Event.SILENCED] is State.SILENT
 
 
+def test_released_as_it_seems_to_touch_it_stops_as_on_the_pad() -> None:
+    assert TRANSITIONS[State.COMMITTED][Event.RELEASED_TOUCHING] is State.STANDING
+
+
 def test_what_leaves_the_pad_stops_before_it_is_silent() -> None:
     assert TRANSITIONS[State.LEAVING][Event.CLEAR_OF_PAD] is State.RELEASING
     assert TRANSITIONS[State.LEAVING][Event.STANDS] is State.STANDING

@@ -2,6 +2,7 @@ import math
 
 import pytest
 
+from landerd.config.models import AutopilotSection, Config
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import Touchdown
 from landerd.messages import Landed
@@ -10,8 +11,8 @@ DT = 0.025
 GENTLE = 0.3  # m/s
 
 
-def make_touchdown() -> Touchdown:
-    return Touchdown(timeout_s=5.0, descent_mps=GENTLE, reach_m=0.22)
+def make_touchdown(**autopilot: float) -> Touchdown:
+    return Touchdown(Config(autopilot=AutopilotSection.model_validate(autopilot)))
 
 
 def has_touched(touchdown: Touchdown) -> bool:
@@ -39,7 +40,7 @@ class Descent:
         """Return the event that ends the descent, None when there is none."""
         for _ in range(round(seconds / DT)):
             self.t += DT
-            self.touchdown.watch(self.t, sink_rate, ordered)
+            self.touchdown.watch(self.t, (sink_rate, ordered))
             event = self.touchdown.step(self.t, sighting_age, clearance, landed)
             if event is not None:
                 return event
@@ -68,13 +69,13 @@ def test_on_a_deck_whose_heave_is_badly_known_less_is_contact() -> None:
     touchdown = make_touchdown()
     touchdown.begin(0.0)
     for i in range(50):
-        touchdown.watch(i * DT, 0.1, 0.3 + 0.1, unsure=0.1)
+        touchdown.watch(i * DT, (0.0, 0.3), -0.1, unsure=0.1)
     assert touchdown.step(50 * DT, 0.05, 0.0, Landed.IN_AIR) is Event.CONTACT
     # In the air nothing makes contact of what sinks as ordered.
     descent = Descent()
     for _ in range(80):
         descent.t += DT
-        descent.touchdown.watch(descent.t, 0.28, 0.3, unsure=0.5)
+        descent.touchdown.watch(descent.t, (0.28, 0.3), unsure=0.5)
         assert descent.touchdown.step(descent.t, 0.05, 0.0, Landed.IN_AIR) is None
 
 
@@ -85,6 +86,13 @@ def test_much_slower_than_ordered_for_a_fifth_of_a_second_is_contact() -> None:
     assert descent.go_on(1.0, sink_rate=0.05) is Event.CONTACT
     assert 0.2 <= descent.t - start <= 0.2 + 2 * DT
     assert has_touched(descent.touchdown)
+
+
+def test_a_deck_that_comes_up_just_after_commit_is_known_to_touch_as_soon() -> None:
+    """0.4 s were waited for first, sight was lost meanwhile, and it climbed off the deck again."""
+    descent = Descent()
+    assert descent.go_on(0.1) is None
+    assert descent.go_on(0.25, sink_rate=0.0) is Event.CONTACT
 
 
 def test_a_short_slow_moment_is_no_contact() -> None:
@@ -132,6 +140,15 @@ def test_no_contact_is_believed_higher_up_than_a_leg() -> None:
     assert descent.go_on(0.3, sink_rate=0.0, clearance=0.09) is Event.CONTACT
 
 
+def test_where_the_pad_is_seen_lower_than_that_a_slow_moment_is_no_contact() -> None:
+    touchdown = Descent().touchdown
+    for i in range(40):
+        t = 50.0 + i * DT
+        touchdown.watch(t, (0.0, GENTLE))
+        assert touchdown.step(t, 0.05, 0.08, Landed.IN_AIR, highest_m=0.04) is None
+    assert touchdown.step(t, 0.05, 0.03, Landed.IN_AIR, highest_m=0.04) is Event.CONTACT
+
+
 def test_blind_on_the_pad_is_contact_all_the_same() -> None:
     descent = Descent()
     descent.go_on(0.5)
@@ -170,11 +187,12 @@ def test_five_seconds_without_on_ground_is_unconfirmed() -> None:
 class Standing:
     """A contact at 10 s; stepped at the control rate."""
 
-    def __init__(self) -> None:
-        self.touchdown = make_touchdown()
+    def __init__(self, **autopilot: float) -> None:
+        self.touchdown = make_touchdown(**autopilot)
         self.touchdown.begin(0.0)
         self.t, self.down, self.pad_down = 10.0, -0.5, -0.5
-        self.touchdown.watch(self.t, 0.0, 0.3)
+        self.touchdown.watch(self.t - DT, (GENTLE, GENTLE))
+        self.touchdown.watch(self.t, (0.0, GENTLE))
         self.touchdown.step(self.t, 0.0, 0.0, Landed.ON_GROUND)
 
     def level(
@@ -201,7 +219,7 @@ class Standing:
                 self.touchdown.level_due(
                     self.t,
                     (self.down, self.pad_down),
-                    sink_rate,
+                    (sink_rate, GENTLE + max(0.0, heave[0])),
                     slip,
                     roll_pitch_rate,
                     pad_speed,
@@ -247,6 +265,13 @@ def test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled(
     assert all(standing.level(1.0, slip=slip)[4:])
 
 
+def test_what_slides_lying_flat_when_it_may_not_fly_on_is_levelled() -> None:
+    # A velocity that is off by a constant looks like a slide: it was never levelled, but stopped.
+    assert not any(Standing().level(2.4, slip=0.15))
+    assert all(Standing().level(1.0, slip=0.15, released=True)[26:])
+    assert not any(Standing().level(2.4, slip=0.5, released=True))
+
+
 def test_what_a_pad_tips_over_is_levelled_before_it_stands_still() -> None:
     standing = Standing()
     assert not any(standing.level(0.25, roll_pitch_rate=0.8, tips=True))
@@ -280,6 +305,26 @@ def test_on_a_deck_that_sinks_it_stands_level_as_on_any_other() -> None:
     assert not any(Standing().level(4.0, sinks=0.3, sink_rate=0.3, heave=(0.0, 0.03)))
 
 
+def test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air() -> None:
+    """It hovered 4 cm over the deck for a second: by height and sinking it stood there."""
+    standing = Standing(vertical_acceleration_mps2=1.6, vertical_jerk_mps3=2.1)  # 0.8 s late
+    heave, sinks = 0.0, GENTLE
+    while heave < 0.3:
+        heave += 0.2 * DT
+        sinks += (heave + GENTLE - sinks) * DT / 1.0
+        # It keeps so near to the deck as nobody can tell.
+        assert not any(standing.level(DT, sinks=heave, sink_rate=sinks, heave=(heave, 0.1)))
+    # Now the deck has it, and carries it on.
+    assert standing.level(2.0, sinks=0.3, sink_rate=0.3, heave=(0.3, 0.1))[-1]
+
+
+def test_what_flew_for_long_after_it_was_taken_to_touch_is_not_levelled_on_one_edge() -> None:
+    """Over a deck that began to sink, 2.4 s before it touched: it was levelled 0.2 s after that."""
+    standing = Standing()
+    assert not any(standing.level(3.0, sink_rate=GENTLE, heave=(0.0, 0.1)))
+    assert not any(standing.level(0.55, slip=0.5))
+
+
 def test_level_it_is_carried_by_a_deck_that_nobody_looks_at_any_more() -> None:
     # It heaves at 0.3 m/s. Without thrust what is in the air falls.
     standing = Standing()
@@ -306,7 +351,9 @@ def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time(
     touchdown = make_touchdown()
     touchdown.begin(0.0)
     due = [
-        touchdown.level_due(5.0 + i * DT, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR)
+        touchdown.level_due(
+            5.0 + i * DT, (0.0, 0.0), (0.0, GENTLE), 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR
+        )
         for i in range(200)
     ]
     assert not any(due)

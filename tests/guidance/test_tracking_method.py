@@ -112,6 +112,18 @@ def test_braking_its_descent_leaves_room_for_the_decks_own_acceleration() -> Non
         assert (speed**2 - lower**2) / (2 * 0.02) < most
 
 
+def test_a_vehicle_that_answers_late_up_and_down_brakes_its_descent_sooner() -> None:
+    """It sank at 0.6 m/s 0.3 m over a deck that came up, which struck it at 0.8 m/s."""
+    late = {"vertical_acceleration_mps2": 2.0, "vertical_jerk_mps3": 2.5}  # 0.8 s
+    config = CONFIG.model_copy(update={"autopilot": CONFIG.autopilot.model_copy(update=late)})
+    sinking = situation(height=1.0, rate=(0.0, 0.0, -0.8))
+    quick, slow = (
+        TrackingMethod(each).step(Phase.DESCENT, sinking, 0.0, DT)[0][2]
+        for each in (CONFIG, config)
+    )
+    assert slow < quick - 0.2
+
+
 def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> None:
     """Over a pad at 10 m/s, with lags of 1.75 and 2.5 s: without compensation in twice the time."""
     for acceleration, jerk in ((3.5, 2.0), (5.0, 2.0)):

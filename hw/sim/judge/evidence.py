@@ -83,7 +83,7 @@ class Evidence:
         last_order_t: the last order.
         stops_since: since when all orders are to stop, or to stand level.
         free_t: the last time that landerd did not have to stream orders.
-        barred_t: the last time that landerd might not fly.
+        barred_t: the last time that landerd might not fly, or did not: silent for the release time.
         touched: a foot was down, and the vehicle has not climbed away since.
         touched_t: when a foot was last seen down.
         touching_since: since when but for bounces, whether orders came meanwhile or not.
@@ -272,7 +272,7 @@ class Evidence:
 
     @property
     def lands_since(self) -> float:
-        """Since when it touches and landerd may fly: what contact asks for is owed from then."""
+        """Since when it touches and landerd flies: what contact asks for is owed from then."""
         return max(self.touching_since, self.barred_t)
 
     def stale(self, t: float) -> bool:

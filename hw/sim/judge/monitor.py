@@ -24,7 +24,9 @@ TIPS_ON_DEG = 5.0  # a vehicle that leans against wind as it touches tips from t
 TOUCHED_S = 1.0  # so long after a touch a tilt is that of a vehicle that tips over,
 CLIMBS_MPS = 0.5  # unless it climbs so fast with all feet up: then it leans as it flies
 BOUNCE_S = 0.1  # feet up for longer: the next touch is another contact
-OTHERS_S = 1.0  # flown by others, or by nobody after them, for longer: they have tipped it over
+# Flown by others, or by nobody after them, for longer they have tipped it over; or for so long
+# before the first foot was down, s: it is their stop that a pad that drives tips it over with.
+OTHERS_S, OTHERS_AIRBORNE_S = 1.0, 0.2
 # What wind, gusts and the lag of the inner loops may add to what is ordered.
 _SPEED_SHARE, _SPEED_MPS, _ACCELERATION_MPS2, _LEAN_DEG = 1.2, 1.0, 6.0, 15.0
 _LIKELY_LEAN_DEG = 45.0  # where no ANGLE_MAX is given
@@ -91,7 +93,7 @@ class SafetyMonitor:
         lean = world.options.airframe.angle_max_deg or _LIKELY_LEAN_DEG
         self._lean = math.radians(lean + _LEAN_DEG)
         self._order: Order | None = None
-        self._touched_t = -math.inf
+        self._touched_t = self._set_down_t = -math.inf  # a foot down, last and after a flight
         self._leant_deg = 0.0  # in the air, last
         self._promise: tuple[float, Promise] | None = None  # until when, what
         world.on_step.append(self._on_step)
@@ -170,6 +172,8 @@ class SafetyMonitor:
     def _touch(self, world: World) -> None:
         t, before = world.t, self._touched_t
         self._touched_t = t
+        if t - before > TOUCHED_S:
+            self._set_down_t = t
         if t - before <= BOUNCE_S:
             return
         on_pad = world.vehicle.on_pad
@@ -184,6 +188,7 @@ class SafetyMonitor:
         self.worst.tilt_deg = max(self.worst.tilt_deg, tilt_deg)
         if tilt_deg > max(TIPS_DEG, self._leant_deg + TIPS_ON_DEG):
             by_others = t - self._ours_t > OTHERS_S
+            by_others |= self._set_down_t - self._ours_t > OTHERS_AIRBORNE_S
             self._find(t, TIPPED_BY_OTHERS if by_others else f"tipped over {TIPS_DEG:g} degrees")
 
     def _watch_air(self, world: World, tilt: float) -> None:

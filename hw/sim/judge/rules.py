@@ -227,7 +227,8 @@ class Rules:
             is_over = is_over or last_t - since >= release_s
         if not (evidence.armed and evidence.guided) or is_over:
             evidence.free_t = t
-        if not evidence.granted(t):
+        # Left standing there and released, it is silent until it sees the pad (1c).
+        if not evidence.granted(t) or last_t is None or t - last_t > b.release_s:
             evidence.barred_t = t
         for text, is_broken in TIME_RULES:
             if is_broken(evidence, t, b):

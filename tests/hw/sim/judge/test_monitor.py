@@ -90,6 +90,17 @@ def test_what_others_tip_over() -> None:
     assert "tipped over 30 degrees" not in watched.found
 
 
+def test_what_others_set_down_on_a_pad_that_drives() -> None:
+    quick = {"acceleration_mps2": 5.0, "jerk_mps3": 20.0}
+    watched = Watched(pad={"speed_mps": 6.0}, response=quick).order((6.0, 0.0, 0.0), 5.0)
+    while watched.world.height > 0.2:
+        watched.order((6.0, 0.0, 0.3), 0.025)
+    watched.flies = False
+    watched.order((0.0, 0.0, 0.6), 0.9, told=False)
+    assert "tipped over in the hands of others" in watched.found
+    assert "tipped over 30 degrees" not in watched.found
+
+
 def test_one_that_is_handed_over_as_it_tips() -> None:
     watched = Watched(pad={"speed_mps": 8.0}).order((0.0, 0.0, 0.6), 0.5)
     vehicle = watched.world.vehicle

@@ -717,6 +717,22 @@ def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_agai
     assert (rule in court.broken) == broken
 
 
+def test_6_who_sees_no_pad_and_is_silent_does_not_wait_for_confirmation() -> None:
+    """The heartbeat was back, and the gimbal silent: it could not know where it stood."""
+    court = Court()
+    court.truth = ON_PAD
+    court.fly(1.0, SINK)
+    court.pulse = 1100
+    court.level(1.0)
+    court.wait(2.0)
+    court.pulse = 1900
+    court.wait(9.0)
+    court.fly(6.0, SINK)
+    assert court.broken == []
+    court.fly(1.0, SINK)
+    assert court.broken == ["6: a touch-down not confirmed, and the pilot not told"]
+
+
 def test_4_it_may_stop_as_soon_as_half_the_round_trip_makes_its_data_stale() -> None:
     for goes_on_s, broken in ((0.45, False), (0.3, True)):
         court = Court()
