@@ -14,8 +14,8 @@ from landerd.camera_model import F64
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
 _FRAME_COST = 14  # half of it to tell what is worth more
 # Of an image that gets one of texture's parts, where to label takes half of the time: to fit one
-# ring and its edges; in an image that goes on with it, one in shadow or motion.
-_PART_COST, _CONTINUED_COST = 6, 9
+# ring and its edges; in an image that goes on with it, one behind a response, in shadow or motion.
+_PART_COST, _CONTINUED_COST = 6, 11
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
 
 
@@ -70,6 +70,7 @@ class RingWork:
         self._refused: list[Place] = []
         self._before = 0  # of them, in the images before
         self._unexplained: list[Place] = []
+        self._told_before = 0  # of both
         self._is_cut = False
         self._open: list[Part] = []  # what is left for the next images, in turn
         self._begun: set[Part] = set()
@@ -79,11 +80,16 @@ class RingWork:
     @property
     def was_cut(self) -> bool:
         """Whether the search goes on in the next image."""
-        return self._is_cut or bool(self._open)
+        return self._goes_on() or bool(self._open)
+
+    def _goes_on(self) -> bool:
+        """Tell whether the part that the image got goes on, which comes to something new then."""
+        is_news = len(self._refused) + len(self._unexplained) > self._told_before
+        return self._is_cut and (is_news or not self.is_continued)
 
     def begin(self) -> None:
         """Begin the search of another image, or go on with the last one's."""
-        if self._is_cut:
+        if self._goes_on():
             self._open.append(self.part)
         if not self._open:
             self._refused, self._unexplained, self._begun = [], [], set()
@@ -92,6 +98,7 @@ class RingWork:
         self.is_continued = self.part in self._begun
         self._begun.add(self.part)
         self._before = len(self._refused)
+        self._told_before = self._before + len(self._unexplained)
         self._left = self._cost()
         self._search_left = max(ROUGH_COST + FULL_COST, self._left // 2)
         self._is_cut = False

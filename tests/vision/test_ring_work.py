@@ -120,6 +120,20 @@ def test_a_search_takes_an_image_for_each_part_and_what_was_cut_short_another_tu
     assert not work.was_cut
 
 
+def test_a_search_that_comes_to_nothing_new_ends() -> None:
+    work = RingWork()
+    work.begin()
+    for tell in (work.refuse, work.leave_unexplained, work.refuse):
+        tell(place(100.0))
+        work.cut()
+        work.begin()
+        assert work.is_continued
+    work.cut()
+    assert not work.was_cut
+    work.begin()
+    assert not work.is_continued
+
+
 def test_a_part_of_a_search_of_texture_costs_less_and_shadow_and_motion_wait() -> None:
     work = RingWork()
     work.begin()
