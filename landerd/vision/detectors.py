@@ -20,6 +20,7 @@ from landerd.vision.plate_check import PlateCheck
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
+from landerd.vision.pyramid import is_blank
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Beside, Refusal
 from landerd.vision.ring_work import RingWork
@@ -90,6 +91,10 @@ class Detectors(Protocol):
         evened_px: int | None = None,
     ) -> list[FoundSquare]:
         """See `SquareFinder.find`."""
+        ...
+
+    def is_blank(self, image: Image) -> bool:
+        """See `pyramid.is_blank`."""
         ...
 
     def is_textured(self, image: Image) -> bool:
@@ -226,6 +231,10 @@ class PixelDetectors:
     ) -> list[FoundSquare]:
         """See `SquareFinder.find`."""
         return self._squares.find(image, window, scale, smallest_px, evened_px=evened_px)
+
+    def is_blank(self, image: Image) -> bool:
+        """See `pyramid.is_blank`."""
+        return is_blank(image)
 
     def is_textured(self, image: Image) -> bool:
         """See `square.is_textured`."""

@@ -212,11 +212,12 @@ def is_toned(fit: RingFit, ring: Ring) -> bool:
 def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether the edges show what motion or a response would not make.
 
-    That are brighter rings within the stroke, or no edge where the hole of this ratio would end.
+    That are brighter rings within the stroke, or no edge where the hole of this ratio would end, or
+    no edges of a ring at all.
     """
     e = edge_fit(image, camera, ring, (fit.position, fit.normal))
     if e is None:
-        return False
+        return True
     return min(e.support) < _LEAST_EITHER or (min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE)
 
 

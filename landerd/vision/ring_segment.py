@@ -145,6 +145,7 @@ class Look:
     dark: U8  # (height, width), 255 where it is dark, else 0
     # Diameter of the largest ring wanted; infinity: those just over the pad, too.
     largest_px: float = math.inf
+    smallest_px: float = 0.0  # the longer one of the smallest ring wanted
 
 
 def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Candidate]]:
@@ -159,8 +160,8 @@ def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
     is_near = np.array([math.isinf(k.largest_px) for k in looks])
     holed_px = np.where(is_near, _HOLED_AREA_PX, math.inf)
     mosaic = Mosaic([k.image for k in looks], [k.dark for k in looks])
-    largest_px = _largest_px(looks)
-    c = _ring_like(mosaic, mosaic.components(largest_px.max(), holed_px), inner_ratio, largest_px)
+    sizes_px = _sizes_px(looks)
+    c = _ring_like(mosaic, mosaic.components(sizes_px[1].max(), holed_px), inner_ratio, sizes_px)
     ratio = _ratios(c, inner_ratio)
     c, aside = _in_perspective(mosaic, c, ratio, holed_px)
     axes = _axes(c, ratio)
@@ -180,9 +181,9 @@ def hole_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
     if not looks:
         return []
     mosaic = Mosaic([k.image for k in looks], [~k.dark for k in looks])
-    largest_px = inner_ratio * _largest_px(looks)
+    sizes_px = inner_ratio * _sizes_px(looks)
     anywhere = np.zeros(len(looks))
-    c = _disc_like(mosaic.components(largest_px.max(), anywhere), largest_px)
+    c = _disc_like(mosaic.components(sizes_px[1].max(), anywhere), sizes_px)
     ratio = np.full(len(c.area), inner_ratio)
     axes = _axes(c, np.zeros(len(c.area))) / inner_ratio
     aside = np.zeros((len(c.area), 2))
@@ -192,9 +193,10 @@ def hole_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
     ]
 
 
-def _largest_px(looks: Sequence[Look]) -> F64:
-    """Return the diameter of the largest ring wanted of each look, (looks,)."""
-    return np.array([min(k.largest_px, _MAX_EXTENT * max(k.image.shape)) for k in looks])
+def _sizes_px(looks: Sequence[Look]) -> F64:
+    """Return the longer diameters of the smallest and the largest ring wanted, (2, looks)."""
+    largest = [min(k.largest_px, _MAX_EXTENT * max(k.image.shape)) for k in looks]
+    return np.array([[k.smallest_px for k in looks], largest])
 
 
 def _likeliest(
@@ -225,8 +227,9 @@ def _likeliest(
     return found
 
 
-def _disc_like(c: Components, largest_px: F64) -> Components:
-    """Return the components with the shape of a disc below its look's diameter, largest first."""
+def _disc_like(c: Components, sizes_px: F64) -> Components:
+    """Return the components with the shape of a disc of its look's sizes, largest first."""
+    smallest_px, largest_px = sizes_px
     compactness = _compactness(c, 0.0)
     longer, shorter = _diameters(c, 0.0)
     good = (
@@ -235,6 +238,7 @@ def _disc_like(c: Components, largest_px: F64) -> Components:
         & (shorter >= _MIN_HOLE_PX)
         & (shorter * _MAX_ASPECT >= longer)
         & (longer < largest_px[c.part])
+        & (longer >= smallest_px[c.part])
     )
     return _largest(c, good)
 
@@ -254,13 +258,14 @@ def _largest(c: Components, good: Mask) -> Components:
     return c.at(largest_first[:_MAX_COMPONENTS])
 
 
-def _ring_like(mosaic: Mosaic, c: Components, k: float, largest_px: F64) -> Components:
-    """Return the components with the shape of a ring below its look's diameter, largest first.
+def _ring_like(mosaic: Mosaic, c: Components, k: float, sizes_px: F64) -> Components:
+    """Return the components with the shape of a ring of its look's sizes, largest first.
 
     The second moments of a ring with semi-axes A are A A^T (1 + k^2) / 4, its area is
     pi det A (1 - k^2): area over root of the moments' determinant tells a ring of any obliqueness
     from discs and bars.
     """
+    smallest_px, largest_px = sizes_px
     compactness = _compactness(c, k)
     longer, shorter = _diameters(c, k)
     rows, columns = np.rint(c.y).astype(np.intp), np.rint(c.x).astype(np.intp)
@@ -272,6 +277,7 @@ def _ring_like(mosaic: Mosaic, c: Components, k: float, largest_px: F64) -> Comp
         & (shorter >= _MIN_WIDTH_PX)
         & (shorter * _MAX_ASPECT >= longer)
         & (longer < largest_px[c.part])
+        & (longer >= smallest_px[c.part])
     )
     return _largest(c, good)
 

@@ -12,10 +12,10 @@ from landerd.camera_model import F64
 
 # In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take.
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
-_FRAME_COST, _SEARCH_COST = 14, 7  # the second: of it, to tell what is worth more
-# Of an image that is searched in its finest level only, as to label that takes more than half of
-# what the rest of a search does: all stages of one ring.
-_FINEST_COST = 9
+_FRAME_COST = 14  # half of it to tell what is worth more
+# Of an image that gets one of texture's parts, where to label takes half of the time: to fit one
+# ring and its edges; in an image that goes on with it, one behind a response, in shadow or motion.
+_PART_COST, _CONTINUED_COST = 6, 11
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
 
 
@@ -42,14 +42,15 @@ class Part(Enum):
     REST = "the other ways, and the outline of the pad's plate"
     # Of images full of texture:
     OTHERS = "the other ways"
-    BROKEN = "holes of rings that are joined to dark ground, and the plate's outline"
+    PLATE = "the outline of the pad's plate"
+    BROKEN = "holes of rings that are joined to dark ground"
     FINEST = "the finest level: three quarters of all pixels, for rings that are far away"
 
 
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A thorough search takes two images, in texture four: one for each of its parts. What would cost
+    A thorough search takes two images, in texture five: one for each of its parts. What would cost
     more than an image may is cut short, and a later one goes on with what was not tried: places
     that were refused come last, as they show in another reduction of the image; what was refused
     in the same one is not tried again. So it comes to an end, after which a new search begins.
@@ -57,39 +58,56 @@ class RingWork:
     Attributes:
         part: what the image gets.
         is_continued: an image before got that part, but not to the end.
+        is_spread: the search is of images full of texture, over more than two of them.
+        smallest_px: the larger diameter of the smallest ring that is wanted.
     """
 
-    def __init__(self, *, parts: bool = True) -> None:
+    def __init__(self, *, parts: bool = True, smallest_px: float = 0.0) -> None:
         """Begin with nothing known; with `parts` False an image gets the whole search."""
+        self.smallest_px = smallest_px
         self._first = Part.MOST if parts else Part.WHOLE
-        self._left, self._search_left = _FRAME_COST, _SEARCH_COST
+        self._left = self._search_left = 0
         self._refused: list[Place] = []
         self._before = 0  # of them, in the images before
         self._unexplained: list[Place] = []
+        self._told_before = 0  # of both
         self._is_cut = False
         self._open: list[Part] = []  # what is left for the next images, in turn
         self._begun: set[Part] = set()
         self.part = self._first
-        self.is_continued = False
+        self.is_continued = self.is_spread = False
 
     @property
     def was_cut(self) -> bool:
         """Whether the search goes on in the next image."""
-        return self._is_cut or bool(self._open)
+        return self._goes_on() or bool(self._open)
+
+    def _goes_on(self) -> bool:
+        """Tell whether the part that the image got goes on, which comes to something new then."""
+        is_news = len(self._refused) + len(self._unexplained) > self._told_before
+        return self._is_cut and (is_news or not self.is_continued)
 
     def begin(self) -> None:
         """Begin the search of another image, or go on with the last one's."""
-        if self._is_cut:
+        if self._goes_on():
             self._open.append(self.part)
         if not self._open:
             self._refused, self._unexplained, self._begun = [], [], set()
+            self.is_spread = False
         self.part = self._open.pop(0) if self._open else self._first
         self.is_continued = self.part in self._begun
         self._begun.add(self.part)
         self._before = len(self._refused)
-        self._left = _FINEST_COST if self.part is Part.FINEST else _FRAME_COST
-        self._search_left = _SEARCH_COST
+        self._told_before = self._before + len(self._unexplained)
+        self._left = self._cost()
+        self._search_left = max(ROUGH_COST + FULL_COST, self._left // 2)
         self._is_cut = False
+
+    def _cost(self) -> int:
+        """Return what the image may cost."""
+        if self.part in (Part.WHOLE, Part.MOST, Part.REST):
+            return _FRAME_COST
+        return _CONTINUED_COST if self.is_continued else _PART_COST
 
     def end(self) -> None:
         """End the search of the images before: the next begins anew."""
@@ -99,6 +117,7 @@ class RingWork:
         """Leave the other parts of a search for the next images, one each."""
         if not self.is_continued:
             self._open += parts
+            self.is_spread = len(parts) > 1
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""

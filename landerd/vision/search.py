@@ -65,7 +65,7 @@ class Search:
         self._state = policy.SearchState()
         self._refuses_bare = self._saw_bare = self._vouched = False
         self._round: dict[MarkerSighting, list[FoundSquare]] = {}  # squares decoded, by their ring
-        self._ring_work = {ring: RingWork() for ring in layout.rings}
+        self._ring_work = {r: RingWork(smallest_px=min_ring_px) for r in layout.rings}
 
     @property
     def was_cut(self) -> bool:
@@ -110,6 +110,10 @@ class Search:
                 which = policy.rings_beside([_telling_side_px(s) for s in squares])
                 rings = self._rings_expected(image, expected, down, which)
         seen = Seen(bool(rings), bool(squares), ring_only)
+        if not (rings or squares) and self._detectors.is_blank(image):
+            self._end_rings()
+            self._state = policy.SearchState()
+            return [], []
         layout = self._layout
         elsewhere = policy.elsewhere(
             self._state, t, seen, is_expected=expected is not None, has_rings=bool(layout.rings)
@@ -117,8 +121,7 @@ class Search:
         if elsewhere.rings is not RingSearch.NONE:
             rings = self._rings_anywhere(image, down, elsewhere.rings)
         if rings or squares:
-            for work in self._ring_work.values():
-                work.end()
+            self._end_rings()
         was_cut = any(w.was_cut for w in self._ring_work.values())
         squares_wait = elsewhere.squares_wait and not rings and self._may_squares_wait(image)
         self._state = policy.after(self._state, t, seen, was_cut=was_cut, squares_wait=squares_wait)
@@ -128,6 +131,11 @@ class Search:
         if where is not SquareSearch.NONE and layout.squares:
             squares = self._squares_elsewhere(image, rings, where)
         return rings, squares
+
+    def _end_rings(self) -> None:
+        """Let the next search of the whole image for rings begin anew."""
+        for work in self._ring_work.values():
+            work.end()
 
     def _may_squares_wait(self, image: Image) -> bool:
         """Tell whether squares in a whole image cost much and nothing speaks for a pad in it."""

@@ -41,7 +41,7 @@ _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
 _WIDE, _LOW = dark_by_mean(0.86), dark_by_mean(0.55)
 # What a search leaves for an image each where the first is full of texture: to label what is dark
 # takes the most time there. Squares are looked for in the next one, beside what takes the least.
-_IN_TEXTURE = (Part.OTHERS, Part.BROKEN, Part.FINEST)
+_IN_TEXTURE = (Part.OTHERS, Part.PLATE, Part.BROKEN, Part.FINEST)
 
 
 def find_rings(
@@ -108,7 +108,7 @@ def _ways(
         yield search.find_holes([_look(level) for level in parts[:-1] or parts])
     if thorough and part in (Part.WHOLE, Part.REST, Part.OTHERS):
         yield search.find_clear([(level, _WIDE) for level in _coarse(parts)])
-    if is_whole and part in (Part.WHOLE, Part.REST, Part.BROKEN):
+    if is_whole and part in (Part.WHOLE, Part.REST, Part.PLATE):
         yield search.find_on_plate(parts[:-1])
 
 

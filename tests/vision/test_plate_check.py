@@ -50,7 +50,7 @@ def is_seen(painted: PadLayout, at: View, optics: Optics) -> bool:
     """Tell whether one of some pictures shows the thesis's pad: a search may go on in the next."""
     image = render(at, IDEAL_CAMERA, optics, np.random.default_rng(2), painted)
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
+    return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(5))
 
 
 @pytest.mark.parametrize("distance", [3.0, 8.0, 20.0, 36.0])
@@ -113,7 +113,7 @@ def ring_on_clouds(ground: float, depth: float, size_px: float, margin: float, s
 
 def is_pad_in(image: U8) -> bool:
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
+    return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(5))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -218,7 +218,7 @@ def test_where_all_is_blown_out_what_is_left_of_a_print_tells_the_pad(distance: 
         image = render(at, IDEAL_CAMERA, soft, np.random.default_rng(2), painted)
         blown = np.clip(4.0 * image, 0.0, 255.0).astype(np.uint8)
         vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-        return any(vision.process(Frame(i / 30.0, i, blown)).pad for i in range(4))
+        return any(vision.process(Frame(i / 30.0, i, blown)).pad for i in range(5))
 
     assert is_seen_blown_out(UNREADABLE)
     assert not is_seen_blown_out(BARE)
@@ -255,7 +255,7 @@ def test_nor_is_one_over_most_of_its_plate(distance: float, heading: float) -> N
     shaded = Optics(background="grass", shadow=edge)
     image = render(at, THESIS_CAMERA, shaded, np.random.default_rng(2), UNREADABLE)
     vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
-    assert any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(4))
+    assert any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(5))
 
 
 def test_a_ring_by_itself_is_what_it_should_be_for_a_pad_of_one_ring() -> None:

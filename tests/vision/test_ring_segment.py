@@ -12,6 +12,7 @@ from landerd.vision.ring_segment import (
     Segmentation,
     dark_between,
     dark_by_mean,
+    hole_candidates,
     ring_candidates,
 )
 
@@ -44,6 +45,14 @@ def test_a_ring_of_even_ink_is_proposed_with_its_outline() -> None:
     assert len(found) == 1
     assert np.abs(found[0].outline.centre - CENTRE).max() < 0.5
     assert np.abs(found[0].outline.axes - RADIUS_PX * np.eye(2)).max() < 1.5
+
+
+@pytest.mark.parametrize(("smallest_px", "proposed"), [(1.8 * RADIUS_PX, 1), (2.2 * RADIUS_PX, 0)])
+def test_a_ring_smaller_than_is_wanted_is_not_proposed(smallest_px: float, proposed: int) -> None:
+    image = picture(np.full((100, 120), BLACK))
+    look = Look(image, DARK(image), smallest_px=smallest_px)
+    assert len(ring_candidates([look], RATIO)[0]) == proposed
+    assert len(hole_candidates([look], RATIO)[0]) == proposed
 
 
 def test_a_ring_with_something_across_it_is_proposed() -> None:

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from landerd.vision import ring_work
-from landerd.vision.ring_work import FULL_COST, HARD_COST, ROUGH_COST, Part, Place, RingWork
+from landerd.vision.ring_work import (
+    EDGE_COST,
+    FULL_COST,
+    HARD_COST,
+    ROUGH_COST,
+    Part,
+    Place,
+    RingWork,
+)
 from landerd.vision.whycon import find_rings
 from tests.vision import scenes
 
@@ -112,6 +120,44 @@ def test_a_search_takes_an_image_for_each_part_and_what_was_cut_short_another_tu
     assert not work.was_cut
 
 
+def test_a_search_that_comes_to_nothing_new_ends() -> None:
+    work = RingWork()
+    work.begin()
+    for tell in (work.refuse, work.leave_unexplained, work.refuse):
+        tell(place(100.0))
+        work.cut()
+        work.begin()
+        assert work.is_continued
+    work.cut()
+    assert not work.was_cut
+    work.begin()
+    assert not work.is_continued
+
+
+def test_a_part_of_a_search_of_texture_costs_less_and_shadow_and_motion_wait() -> None:
+    work = RingWork()
+    work.begin()
+    assert work.has(FULL_COST + EDGE_COST + HARD_COST)
+    work.leave(Part.REST)
+    assert not work.is_spread
+    work.end()
+    work.begin()
+    work.leave(Part.OTHERS)
+    work.leave(Part.BROKEN, Part.FINEST)
+    assert work.is_spread
+    work.begin()
+    assert work.has(ROUGH_COST + FULL_COST + EDGE_COST)
+    assert not work.has(FULL_COST + HARD_COST)
+    work.cut()
+    for part in (Part.BROKEN, Part.FINEST, Part.OTHERS):
+        work.begin()
+        assert (work.part, work.is_spread) == (part, True)
+    assert work.is_continued
+    assert work.has(ROUGH_COST + FULL_COST + HARD_COST)
+    work.begin()
+    assert not work.is_spread
+
+
 def leaves() -> scenes.U8:
     """Return a picture full of texture."""
     rng = np.random.default_rng(5)
@@ -124,7 +170,7 @@ def leaves() -> scenes.U8:
     ("ground", "distance", "image"),
     [
         (leaves(), 10.0, 0),
-        (leaves(), 37.0, 3),
+        (leaves(), 37.0, 4),
         (np.full((CAMERA.height, CAMERA.width), 110, np.uint8), 37.0, 0),
     ],
 )

@@ -183,6 +183,18 @@ def test_a_still_is_not_searched_to_its_end_while_something_is_left_for_the_next
     )
     vision.process(Frame(0.0, 0, grass))
     assert vision.was_cut is (pad == "thesis")
-    for k in range(1, 4):
+    for k in range(1, 5):
         vision.process(Frame(0.03 * k, k, grass))
     assert not vision.was_cut
+
+
+@pytest.mark.parametrize("blank", [0, 3])
+def test_the_first_picture_after_clear_sky_is_searched_thoroughly(blank: int) -> None:
+    rng = np.random.default_rng(5)
+    sky = np.linspace(200.0, 240.0, 480)[:, None] + rng.normal(0.0, 1.0, (480, 640))
+    view = look(BIG_CAMERA, 9.0, 0.3, pixel=(330, 260))
+    moving = render(view, BIG_CAMERA, Optics(motion_px=(14.0, 10.0)), np.random.default_rng(1))
+    images = [*[sky.astype(np.uint8)] * blank, moving]
+    vision = Vision(THESIS_PAD, BIG_CAMERA, VisionSection())
+    shown = [bool(vision.process(Frame(i / 30, i, image)).pad) for i, image in enumerate(images)]
+    assert shown == [False] * blank + [True]

@@ -223,6 +223,10 @@ class ModelledDetectors:
                 found.append(FoundCode(code, self._code_poses(code, sight, normal)))
         return found
 
+    def is_blank(self, image: Image) -> bool:
+        """Return False, as of `is_textured`."""
+        return False
+
     def is_textured(self, image: Image) -> bool:
         """Return False: what is modelled costs nothing to look for."""
         return False
