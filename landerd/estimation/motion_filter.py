@@ -25,6 +25,7 @@ from landerd.geometry import (
     outer,
     rot_z,
     rotate,
+    rotate_covariance,
     scale,
     sub,
     transpose,
@@ -181,7 +182,7 @@ class MotionFilter:
         noise = diagonal(*scale(self.q, 0.5 * dt * dt))
         self.Ppv = matmul(matadd(self.Ppv, matmul(ahead, self.Pvv)), transpose(turn))
         self.Ppv = matadd(self.Ppv, noise)
-        self.Pvv = matadd(_turned(self.Pvv, turn), diagonal(*scale(self.q, dt)))
+        self.Pvv = matadd(rotate_covariance(turn, self.Pvv), diagonal(*scale(self.q, dt)))
         self._Ppb = matadd(self._Ppb, matmul(ahead, self._Pvb))
         self._Ppg = matadd(self._Ppg, matmul(ahead, self._Pvg))
         self._Pvb, self._Pvg = matmul(turn, self._Pvb), matmul(turn, self._Pvg)
@@ -273,18 +274,13 @@ class MotionFilter:
     def _position_covariance_after(self, dt: float, ahead: Mat3) -> Mat3:
         cross = matmul(self.Ppv, transpose(ahead))
         grown = matadd(self.Ppp, matadd(cross, transpose(cross)))
-        grown = matadd(grown, _turned(self.Pvv, ahead))
+        grown = matadd(grown, rotate_covariance(ahead, self.Pvv))
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
 
 
 def _shown(B: Jacobian, biases: Biases) -> Vec3:
     """Return how far from where it is the biases show a point, m."""
     return add(rotate(B[0], biases[0]), rotate(B[1], biases[1]))
-
-
-def _turned(P: Mat3, by: Mat3) -> Mat3:
-    """Return the covariance of what was turned so."""
-    return matmul(matmul(by, P), transpose(by))
 
 
 def _decay(time_constants_s: Vec3, dt: float) -> Vec3:
