@@ -101,6 +101,16 @@ class AutopilotSection(Section):
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned
     signing_time: Path | None = None  # where their time stamp is kept; None: beside the key
 
+    @property
+    def shaper_lag_s(self) -> float:
+        """How late its shaper answers: it asks for jerk / acceleration times the error, 1/s."""
+        return self.acceleration_mps2 / self.jerk_mps3
+
+    @property
+    def vertical_shaper_lag_s(self) -> float:
+        """The same up and down, s."""
+        return self.vertical_acceleration_mps2 / self.vertical_jerk_mps3
+
 
 class RcSection(Section):
     """The pilot's gate."""

@@ -27,7 +27,7 @@ TREND_SIGHTINGS = 3  # in a row at least tell a trend: two may be outliers
 
 
 class Doubt:
-    """Looks at every innovation; doubt begins with an unlikely one and ends with a likely one.
+    """Looks at unlikely innovations; doubt begins with one and ends with a likely one.
 
     Attributes:
         lasts_s: for how long every sighting was farther off than noise explains, s.
@@ -53,22 +53,17 @@ class Doubt:
         B: Jacobian,
         innovation: Innovation,
         *,
-        likely: bool,
         near: bool,
     ) -> None:
-        """Take the innovation of a sighting.
+        """Take the innovation of a sighting that is farther off than noise explains.
 
         Args:
             course: of the pad at its exposure, as expected.
             B: the sighting's Jacobian by the biases.
             innovation: of the position.
-            likely: noise explains it.
-            near: noise, or a short step of the telemetry.
+            near: a short step of the telemetry explains it.
         """
         t = course.t
-        if likely:
-            self.end(t)
-            return
         if self._began is None:
             self._began = course, innovation.S
             self._first, self._is_near = innovation.vector, near

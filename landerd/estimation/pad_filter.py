@@ -255,10 +255,13 @@ class PadFilter:
         # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
         tolerant = innovation if is_likely else innovation.with_noise(best.hiccup)
         is_near = tolerant.nis <= self._nis_limit
-        B = self._bias_jacobian(best)
-        self.doubt.look(self._motion.course, B, innovation, likely=is_likely, near=is_near)
-        if not is_likely and self._follow(best, innovation):
-            tolerant, is_near = self._innovation(best), True
+        if is_likely:
+            self.doubt.end(t)
+        else:
+            B = self._bias_jacobian(best)
+            self.doubt.look(self._motion.course, B, innovation, near=is_near)
+            if self._follow(best, innovation):
+                tolerant, is_near = self._innovation(best), True
         if not is_near:
             return self._reject(best, tolerant)
         self._accept(best, tolerant)

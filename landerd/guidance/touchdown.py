@@ -92,16 +92,12 @@ class Touchdown:
         self.begin(-math.inf)
 
     def configure(self, config: Config) -> None:
-        """Take changed parameters.
-
-        ArduPilot's shaper asks for an acceleration of jerk / acceleration times what is missing of
-        the velocity: a first-order lag of acceleration / jerk.
-        """
+        """Take changed parameters."""
         self._timeout_s = config.guidance.touchdown_timeout_s
         self._descent_mps = config.guidance.touchdown_descent_mps
         autopilot = config.autopilot
         self._acceleration = autopilot.vertical_acceleration_mps2
-        self._lag_s = self._acceleration / autopilot.vertical_jerk_mps3 + LATE_S
+        self._lag_s = autopilot.vertical_shaper_lag_s + LATE_S
 
     def begin(self, now: float) -> None:
         """Start at commit, at time now."""

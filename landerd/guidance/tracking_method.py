@@ -83,7 +83,7 @@ class TrackingMethod:
         """
         options, vehicle = config.guidance, config.autopilot
         self._gains = options.tracking
-        shaper_s = vehicle.acceleration_mps2 / vehicle.jerk_mps3
+        shaper_s = vehicle.shaper_lag_s
         lag_s = min(shaper_s, _quickest_lag(vehicle.jerk_mps3, options.limits, shaper_s))
         self._compensation = shaper_s / lag_s - 1.0
         self._lead_s = max(lag_s, MIN_LEAD_S) + options.tracking.lead_s
@@ -94,8 +94,7 @@ class TrackingMethod:
         )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
         self._calmed = 1.0  # of the gain; of the integral's its square
-        vertical_s = vehicle.vertical_acceleration_mps2 / vehicle.vertical_jerk_mps3
-        self._vertical_lag_s = max(VERTICAL_LAG_S, vertical_s + VERTICAL_LATE_S)
+        self._vertical_lag_s = max(VERTICAL_LAG_S, vehicle.vertical_shaper_lag_s + VERTICAL_LATE_S)
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
         self._region = options.descent
         self._limits = options.limits

@@ -701,17 +701,23 @@ def test_4_what_stood_when_its_orders_were_cut_off_stands_when_they_come_again()
     assert "4: did not go with the pad after contact" not in court.broken
 
 
-@pytest.mark.parametrize(("presses_s", "broken"), [(6.0, False), (7.0, True)])
-def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_again(
-    presses_s: float, broken: bool
-) -> None:
+def left_standing(silent_s: float) -> Court:
+    """Released on the pad, level without thrust, silent for so long, and granted again."""
     court = Court()
     court.truth = ON_PAD
     court.fly(1.0, SINK)
     court.pulse = 1100
     court.level(1.0)
-    court.wait(5.0)
+    court.wait(silent_s)
     court.pulse = 1900
+    return court
+
+
+@pytest.mark.parametrize(("presses_s", "broken"), [(6.0, False), (7.0, True)])
+def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_again(
+    presses_s: float, broken: bool
+) -> None:
+    court = left_standing(5.0)
     court.fly(presses_s, SINK)
     rule = "6: a touch-down not confirmed, and the pilot not told"
     assert (rule in court.broken) == broken
@@ -719,13 +725,7 @@ def test_6_what_was_left_standing_there_is_unconfirmed_from_when_it_may_fly_agai
 
 def test_6_who_sees_no_pad_and_is_silent_does_not_wait_for_confirmation() -> None:
     """The heartbeat was back, and the gimbal silent: it could not know where it stood."""
-    court = Court()
-    court.truth = ON_PAD
-    court.fly(1.0, SINK)
-    court.pulse = 1100
-    court.level(1.0)
-    court.wait(2.0)
-    court.pulse = 1900
+    court = left_standing(2.0)
     court.wait(9.0)
     court.fly(6.0, SINK)
     assert court.broken == []
