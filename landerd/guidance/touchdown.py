@@ -272,7 +272,9 @@ class Touchdown:
         by_deck = clamp(heaves + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
         self._note_slow(now, is_slow=sink_rate - by_deck < CONTACT_SINK_SHARE * self._descent_mps)
         held_up_by = self._fly_on(now, sink_rate, ordered) - sink_rate
-        is_pressed = released or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps
+        # Told to climb, what has touched is held down, if by anything.
+        told_up = ordered <= 0.0
+        is_pressed = released or told_up or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps
         if not is_pressed:
             self._flew_t = now  # for all that is known
         error = PAD_SPEED_ERROR_SHARE * pad_speed

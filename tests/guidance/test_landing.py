@@ -335,6 +335,26 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
+def test_what_its_thrust_has_not_lifted_stays_there_when_the_autopilot_begins_anew() -> None:
+    """Nothing was known of the pad any more: it was levelled when it lifted at last, and fell."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    flight.detects_landing = False
+    to(flight, State.ON_PAD)
+    flight.pitch_rate = 0.8  # rocks
+    flight.run(0.2)
+    flight.restart_autopilot()
+    flight.visible = False
+    on_pad, restarted_t = flight.position[2], flight.t
+    while flight.lander.state is not State.STANDING:
+        assert flight.t < restarted_t + 0.6
+        flight.position = (*flight.position[:2], on_pad)
+        flight.velocity = flight.pad_velocity
+        flight.pitch_rate = 0.0 if flight.t > restarted_t + 0.1 else 0.8
+        flight.tick()
+    flight.run(0.5)
+    assert len(flight.pressed) > 10
+
+
 def test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there() -> None:
     """It was stopped there, with thrust; granted again it began from a velocity that was none."""
     flight = Flight()
