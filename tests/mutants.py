@@ -499,8 +499,8 @@ MUTANTS = [
     Mutant(
         "4: levelled as its feet come free after a wave-off",
         PAD,
-        "THRUST_BACK_S, LIFTED_S = 0.6, 1.5",
-        "THRUST_BACK_S, LIFTED_S = 0.6, 0.0",
+        "UNPRESSED_BACK_S, LIFTED_S = 0.6, 0.3, 1.5",
+        "UNPRESSED_BACK_S, LIFTED_S = 0.6, 0.3, 0.0",
         "guidance/test_landing.py::test_waved_off_it_is_not_levelled_as_its_feet_come_free",
     ),
     Mutant(

@@ -25,10 +25,12 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# Told to climb, it may lift after so long, s: levelled at 0.7 s it hopped, and fell. It has lifted
-# after so long, if it ever does: 1.1 and 1.5 s were flown. Levelled at 1.0 s, as its feet came free
-# of a deck that began to sink, one was thrown 0.7 m high, and down beside the pad.
-THRUST_BACK_S, LIFTED_S = 0.6, 1.5
+# Told to climb, it may lift after so long, s: levelled at 0.7 s it hopped, and fell. What was not
+# pressed down before has hardly lost its thrust: one that touched as it was told to climb lifted
+# after 0.5 s, just as it was levelled, and fell. It has lifted after so long, if it ever does: 1.1
+# and 1.5 s were flown. Levelled at 1.0 s, as its feet came free of a deck that began to sink, one
+# was thrown 0.7 m high, and down beside the pad.
+THRUST_BACK_S, UNPRESSED_BACK_S, LIFTED_S = 0.6, 0.3, 1.5
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -256,11 +258,14 @@ class Leaving:
         self._in_sight = in_sight
         self._waving_off = WavingOff(context)
         self._began = -math.inf
+        self._thrust_back_s = THRUST_BACK_S
         self._rests_since = math.inf  # goes with the pad
 
     def enter(self, step: ControlStep) -> None:
         """Begin to climb."""
         self._began, self._rests_since = step.now, math.inf
+        pressed_s = self._touchdown.pressed_s(step.now)
+        self._thrust_back_s = min(THRUST_BACK_S, UNPRESSED_BACK_S + pressed_s)
         self._waving_off.enter(step)
 
     def order(self, step: ControlStep) -> Event | None:
@@ -273,7 +278,7 @@ class Leaving:
                 self._note_contact(step.now, vehicle)
             _level_due(self._context, self._touchdown, step, vehicle)
         stands = rests and self._touchdown.stands
-        if stands and step.now - self._began < THRUST_BACK_S:
+        if stands and step.now - self._began < self._thrust_back_s:
             return Event.STANDS
         event = self._waving_off.order(step)
         if not (stands and event is Event.CLEAR_OF_PAD):

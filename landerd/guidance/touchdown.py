@@ -218,6 +218,10 @@ class Touchdown:
         """Whether the sinking is so slow that the feet may touch; called until contact."""
         return self._slow_since < math.inf
 
+    def pressed_s(self, now: float) -> float:
+        """Return for how long it has sunk too slowly for what is in the air, s."""
+        return max(0.0, now - self._slow_since)
+
     def disarm_due(self, now: float, landed: Landed) -> bool:
         """Tell whether the disarm command is to be sent now."""
         if not self._confirmed(now, landed) or now - self._disarm_t < DISARM_EVERY_S:

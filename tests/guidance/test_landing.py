@@ -317,6 +317,7 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     to(flight, State.COMMITTED)
     while flight.contact_t is None:
         flight.tick()
+    flight.run(0.25)  # pressed down
     flight.pulse_us = LOW
     on_pad, released_t = flight.position[2], flight.t
     gone: list[State] = []
@@ -625,10 +626,11 @@ def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_aga
     assert flight.lander.outcome == "landed"
 
 
-@pytest.mark.parametrize(("stale_s", "waves_off_s"), [(0.0, 0.6), (0.4, 1.6)])
-def test_waved_off_as_it_touches_unnoticed_it_stays_while_its_thrust_is_not_back(
-    stale_s: float, waves_off_s: float
+@pytest.mark.parametrize("stale_s", [0.0, 0.4])
+def test_waved_off_as_it_touches_unnoticed_it_stays_where_its_thrust_does_not_come_back(
+    stale_s: float,
 ) -> None:
+    """It was not pressed down before: levelled after half a second, it lifted all the same."""
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
     while flight.height > 0.05:
@@ -640,10 +642,11 @@ def test_waved_off_as_it_touches_unnoticed_it_stays_while_its_thrust_is_not_back
         flight.t,
     )
     while flight.lander.state is State.WAVING_OFF:
-        assert flight.t < waved_off_t + waves_off_s
+        assert flight.t < waved_off_t + 1.6
         flight.silent = flight.silent if flight.t < waved_off_t + stale_s else set()
         flight.position, flight.velocity = on_pad, (0.0, 0.0, 0.0)
         flight.tick()
+    assert flight.t > waved_off_t + 1.4
     climbs = len(flight.setpoints)
     assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
     assert flight.lander.outcome == "landed"
