@@ -484,7 +484,7 @@ MUTANTS = [
     Mutant(
         "4: levelled while it sinks as it would in the air",
         TOUCHDOWN,
-        "is_pressed = released or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps",
+        "is_pressed = released or told_up or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps",
         "is_pressed = True",
         "guidance/test_touchdown.py"
         "::test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
@@ -495,6 +495,22 @@ MUTANTS = [
         "highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M",
         "highest_m = MAX_CONTACT_HEIGHT_M",
         "guidance/test_landing.py::test_what_hovers_over_the_pad_that_it_sees_has_not_touched",
+    ),
+    Mutant(
+        "4: told to climb, what the pad holds is taken to fly",
+        TOUCHDOWN,
+        "told_up = ordered <= 0.0",
+        "told_up = False",
+        "guidance/test_landing.py"
+        "::test_what_its_thrust_has_not_lifted_stays_there_when_the_autopilot_begins_anew",
+    ),
+    Mutant(
+        "4: levelled half a second after it was told to climb as it touched",
+        PAD,
+        "UNPRESSED_BACK_S, LIFTED_S = 0.6, 0.3, 1.5",
+        "UNPRESSED_BACK_S, LIFTED_S = 0.6, 0.6, 1.5",
+        "guidance/test_landing.py"
+        "::test_waved_off_as_it_touches_unnoticed_it_stays_where_its_thrust_does_not_come_back",
     ),
     Mutant(
         "4: levelled as its feet come free after a wave-off",
@@ -510,6 +526,14 @@ MUTANTS = [
         "return Event.RELEASED",
         "guidance/test_landing.py"
         "::test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there",
+    ),
+    Mutant(
+        "2: the descent region grows without end",
+        PHASES,
+        "k = clamp((self._waited_s - WIDENS_AFTER_S) / WIDENS_S, 0.0, 1.0)",
+        "k = max(0.0, (self._waited_s - WIDENS_AFTER_S) / WIDENS_S)",
+        "guidance/test_phases.py"
+        "::test_what_gusts_keep_from_sinking_may_sink_farther_off_in_the_end_but_not_ever_farther",
     ),
     Mutant(
         "4: disarms on ON_GROUND sooner than the autopilot can know",

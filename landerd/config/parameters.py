@@ -27,7 +27,7 @@ SECTIONS = ("guidance", "rc")
 # Gains and the shape of the descent region; all else is locked while the vehicle is armed.
 IN_FLIGHT = re.compile(
     r"guidance\.(?!limits|lost|descent)\w+\.(?!integral_limit)[\w.]+"
-    r"|guidance\.descent\.(k1_m|k2_per_m|close_factor|slowest_mps)"
+    r"|guidance\.descent\.(k1_m|k2_per_m|widest_k1_m|close_factor|slowest_mps)"
 )
 # Longer ones first.
 _UNITS = {

@@ -20,7 +20,13 @@ class Method(Protocol):
         """Begin a landing."""
 
     def step(
-        self, phase: Phase, relative: RelativeState, floor_m: float, dt: float
+        self,
+        phase: Phase,
+        relative: RelativeState,
+        floor_m: float,
+        dt: float,
+        *,
+        widening: float = 1.0,
     ) -> tuple[Vec3, float]:
         """Return velocity (local NED, m/s) and yaw rate (rad/s)."""
 

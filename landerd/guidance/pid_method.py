@@ -48,7 +48,13 @@ class PidMethod:
         self._saturated = self._down_saturated = False
 
     def step(
-        self, phase: Phase, relative: RelativeState, floor_m: float, dt: float
+        self,
+        phase: Phase,
+        relative: RelativeState,
+        floor_m: float,
+        dt: float,
+        *,
+        widening: float = 1.0,
     ) -> tuple[Vec3, float]:
         """Return velocity (local NED, m/s) and yaw rate (rad/s).
 
@@ -57,6 +63,7 @@ class PidMethod:
             relative: pad relative to vehicle.
             floor_m: height over the pad to come down to.
             dt: time since the last step, s.
+            widening: not used: it sinks whenever it may.
         """
         error, rate = relative.error, relative.error_rate
         for pid in (self._north, self._east):

@@ -88,7 +88,9 @@ class Tracking:
         o = context.options
         hold_m = o.hold.height_m if context.hold_asked else 0.0
         floor_m = max(phases.floor_m, hold_m)
-        velocity, yaw_rate = self._method.step(phases.phase, relative, floor_m, step.dt)
+        velocity, yaw_rate = self._method.step(
+            phases.phase, relative, floor_m, step.dt, widening=phases.widening
+        )
         if phases.goes_around:
             # From a deck that comes up it climbs as fast.
             velocity = (velocity[0], velocity[1], min(0.0, relative.heave) - o.lost.climb_mps)
@@ -132,7 +134,7 @@ class Tracking:
         if context.takes_too_long(step.now):
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
-        phases.watch_lean(sight.lean, relative.height, step.dt)
+        phases.watch(sight.lean, relative, step.dt)
         phase, why = phases.step(relative, sight.age, may_land=not context.hold_asked)
         context.orders.enter(phase, why)
         self._tell_of_hold(phase, relative)

@@ -110,7 +110,13 @@ class TrackingMethod:
         self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
 
     def step(
-        self, phase: Phase, relative: RelativeState, floor_m: float, dt: float
+        self,
+        phase: Phase,
+        relative: RelativeState,
+        floor_m: float,
+        dt: float,
+        *,
+        widening: float = 1.0,
     ) -> tuple[Vec3, float]:
         """Return velocity (local NED, m/s) and yaw rate (rad/s).
 
@@ -119,6 +125,7 @@ class TrackingMethod:
             relative: pad relative to vehicle.
             floor_m: height over the pad to come down to.
             dt: time since the last step, s.
+            widening: of the descent region's radius.
         """
         gains = self._gains
         relative = self._smoothed(relative, dt)
@@ -133,7 +140,7 @@ class TrackingMethod:
         velocity = (
             v[0] + k * north + self._integral[0],
             v[1] + k * east + self._integral[1],
-            relative.heave + self._sink_rate(relative, floor_m),
+            relative.heave + self._sink_rate(relative, floor_m, widening),
         )
         return self._compensated(velocity, relative), self._yaw_rate(relative)
 
@@ -215,14 +222,14 @@ class TrackingMethod:
         k = MAX_INTEGRAL_MPS / size if size > MAX_INTEGRAL_MPS else 1.0
         self._integral = (k * north, k * east)
 
-    def _sink_rate(self, relative: RelativeState, floor_m: float) -> float:
+    def _sink_rate(self, relative: RelativeState, floor_m: float, widening: float) -> float:
         """Return the downward speed relative to the pad, m/s; negative to climb."""
         flat_m = self._too_low_m(relative)
         if flat_m > 0.0:
             return -min(SINK_RATE_KP * flat_m, self._limits.climb_mps)
         ahead = math.hypot(*_error_ahead(relative, min(self._lead_s, SINK_LOOKS_AHEAD_S)))
         off = max(ahead, relative.distance) + 2.0 * relative.sigma_m
-        floor = max(floor_m, region_height(self._region, off))
+        floor = max(floor_m, region_height(self._region, off / widening))
         height = relative.height - self._vertical_lag_s * max(0.0, -relative.error_rate[2])
         brake = self._gains.descent_brake_mps2
         if floor > 0.0:

@@ -137,7 +137,7 @@ def rule_bounds(loaded: Loaded, around: Surroundings, *, has_heading: bool) -> R
         yaw_rate=math.radians(limits.yaw_rate_deg_s),
         braking_mps2=min(limits.acceleration_mps2, response.acceleration_mps2),
         vertical_braking_mps2=response.vertical_acceleration_mps2,
-        k1_m=descent.k1_m,
+        k1_m=max(descent.k1_m, descent.widest_k1_m),
         k2_per_m=descent.k2_per_m,
         alignment_height_m=descent.alignment_height_m,
         has_heading=has_heading,

@@ -50,6 +50,38 @@ def test_what_is_carried_out_of_the_region_stops_sinking_before_it_is_out() -> N
     assert phases().may_descend(situation(inside, 1.0, rate=(-0.4, 0.0, 0.0)))
 
 
+def flown(p: Phases, seconds: float, *, sinks_mps: float) -> None:
+    """Have it in DESCENT for some time, outside the narrow region."""
+    p.restart()
+    for _ in range(3):
+        p.step(situation(0.05, 1.0))
+    off = situation(0.16, 0.5, rate=(0.0, 0.0, -sinks_mps))
+    for _ in range(round(seconds / 0.1)):
+        p.watch(0.0, off, 0.1)
+        assert p.step(off)[0] is Phase.DESCENT
+
+
+def test_what_gusts_keep_from_sinking_may_sink_farther_off_in_the_end_but_not_ever_farther() -> (
+    None
+):
+    p = phases()
+    flown(p, 4.0, sinks_mps=0.0)
+    assert not p.may_descend(situation(0.16, 0.5))
+    flown(p, 60.0, sinks_mps=0.0)
+    assert p.may_descend(situation(0.16, 0.5))
+    widest = OPTIONS.widest_k1_m / OPTIONS.k1_m * descent_radius(OPTIONS, 0.5)
+    assert p.may_descend(situation(0.99 * widest, 0.5))
+    assert not p.may_descend(situation(1.01 * widest, 0.5))
+    flown(p, 60.0, sinks_mps=0.3)  # the next landing sinks
+    assert not p.may_descend(situation(0.16, 0.5))
+
+
+def test_a_region_that_is_wide_from_the_start_stays_as_it_is() -> None:
+    wide = Phases(OPTIONS.model_copy(update={"k1_m": 0.24}), has_heading=True)
+    flown(wide, 60.0, sinks_mps=0.0)
+    assert wide.widening == 1.0
+
+
 def test_a_landing_goes_through_table_2_1_in_order() -> None:
     p = phases()
     seen = [
