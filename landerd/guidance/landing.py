@@ -58,7 +58,7 @@ class Landing:
             State.TRACKING: Tracking(context, self._phases, self._method),
             State.SEARCHING: Searching(context, self._lost),
             State.COMMITTED: self._committed,
-            State.WAVING_OFF: Leaving(context, self._touchdown, in_sight=True),
+            State.WAVING_OFF: Leaving(context, self._touchdown, flies_on=True),
             State.LEAVING: Leaving(context, self._touchdown),
             State.ON_PAD: OnPad(context, self._touchdown),
             State.STANDING: Standing(context, self._touchdown),

@@ -69,7 +69,14 @@ class Limiter:
             east: the same. The climb is exempt from the acceleration limits.
             dt: time since the last set-point, s.
         """
-        n, e, d = self._capped((north, east, -self._limits.climb_mps))
+        return self._at_once(north, east, -self._limits.climb_mps, dt)
+
+    def end_climb(self, north: float, east: float, dt: float) -> Setpoint:
+        """Return the same, but one that neither climbs nor sinks any more."""
+        return self._at_once(north, east, 0.0, dt)
+
+    def _at_once(self, north: float, east: float, down: float, dt: float) -> Setpoint:
+        n, e, d = self._capped((north, east, down))
         self._slew_horizontal(n, e, min(dt, MAX_STEP_S))
         self._v[2], self._a[2], self._yaw_rate = min(d, 0.0), 0.0, 0.0
         return Setpoint(self.velocity, 0.0)

@@ -74,6 +74,11 @@ class Orders:
         self._setpoint_t = self._now
         self.commands.append(self._limiter.climb_away(north, east, self._dt))
 
+    def end_climb(self, north: float, east: float) -> None:
+        """Order not to climb any more, at once, with this velocity, m/s."""
+        self._setpoint_t = self._now
+        self.commands.append(self._limiter.end_climb(north, east, self._dt))
+
     def stop(self) -> None:
         """Order zero velocity and yaw rate at once; exempt from the limits of acceleration.
 

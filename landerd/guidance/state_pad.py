@@ -25,12 +25,9 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# Told to climb, it may lift after so long, s: levelled at 0.7 s it hopped, and fell. What was not
-# pressed down before has hardly lost its thrust: one that touched as it was told to climb lifted
-# after 0.5 s, just as it was levelled, and fell. It has lifted after so long, if it ever does: 1.1
-# and 1.5 s were flown. Levelled at 1.0 s, as its feet came free of a deck that began to sink, one
-# was thrown 0.7 m high, and down beside the pad.
-THRUST_BACK_S, UNPRESSED_BACK_S, LIFTED_S = 0.6, 0.3, 1.5
+# Told to climb, it may lift after so long at the latest, s: levelled at 0.7 s it hopped, and fell.
+# It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
+THRUST_BACK_S, LIFTED_S = 0.6, 2.5
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -239,33 +236,36 @@ class Leaving:
 
     Pressed down on it, thrust takes a second to come back. What stands still before that stays
     there: it would be stopped just as it lifts, and tip over. What is told to climb and rests is on
-    the pad, also where contact had not been noticed yet.
+    the pad, also where contact had not been noticed yet. Where landerd may fly on, it is pressed
+    down once more, not levelled: levelled just as they lifted, vehicles were thrown 0.4 and 0.7 m
+    high, and down beside the pad.
     """
 
     def __init__(
-        self, context: LandingContext, touchdown: Touchdown, *, in_sight: bool = False
+        self, context: LandingContext, touchdown: Touchdown, *, flies_on: bool = False
     ) -> None:
         """Make the state.
 
         Args:
             context: of the landing.
             touchdown: of the descent.
-            in_sight: it stands only where it is seen to: it may just be turning, from sinking to
-                climbing, over a pad that slides away.
+            flies_on: landerd may. Then it stands only where it is seen to: it may just be turning,
+                from sinking to climbing, over a pad that slides away.
         """
         self._context = context
         self._touchdown = touchdown
-        self._in_sight = in_sight
+        self._flies_on = flies_on
         self._waving_off = WavingOff(context)
         self._began = -math.inf
-        self._thrust_back_s = THRUST_BACK_S
+        self._thrust_back_s = 0.0
         self._rests_since = math.inf  # goes with the pad
 
     def enter(self, step: ControlStep) -> None:
         """Begin to climb."""
         self._began, self._rests_since = step.now, math.inf
-        pressed_s = self._touchdown.pressed_s(step.now)
-        self._thrust_back_s = min(THRUST_BACK_S, UNPRESSED_BACK_S + pressed_s)
+        down = self._context.orders.velocity[2]
+        back_s = self._touchdown.thrust_back_s(step.now, down)
+        self._thrust_back_s = back_s if self._flies_on else min(back_s, THRUST_BACK_S)
         self._waving_off.enter(step)
 
     def order(self, step: ControlStep) -> Event | None:
@@ -278,16 +278,28 @@ class Leaving:
                 self._note_contact(step.now, vehicle)
             _level_due(self._context, self._touchdown, step, vehicle)
         stands = rests and self._touchdown.stands
-        if stands and step.now - self._began < self._thrust_back_s:
-            return Event.STANDS
+        waited_s = step.now - self._began
+        if stands and waited_s < self._thrust_back_s:
+            return self._stay(step.now)
         event = self._waving_off.order(step)
         if not (stands and event is Event.CLEAR_OF_PAD):
             return event
         # Its thrust has not come: it is not clear of the pad. What may fly on waits for it.
-        if not step.granted or step.now - self._began >= LIFTED_S:
-            return Event.STANDS
+        if not self._flies_on or waited_s >= LIFTED_S:
+            return self._stay(step.now)
         self._waving_off.climb()
         return None
+
+    def _stay(self, now: float) -> Event | None:
+        """Leave it on the pad; where it is pressed down the climb ends at once."""
+        orders = self._context.orders
+        if self._flies_on and orders.velocity[2] < 0.0:
+            north, east, _ = self._context.pad_velocity
+            orders.end_climb(north, east)
+            return None
+        if self._flies_on:
+            self._touchdown.press(now)
+        return Event.STANDS
 
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
         """Tell whether it goes with the pad as last known: neither up nor down nor across."""
@@ -300,7 +312,7 @@ class Leaving:
     def _note_contact(self, now: float, vehicle: VehicleState) -> None:
         context = self._context
         pad = context.estimator.pad(now)
-        if pad is None or (self._in_sight and not context.rests(now)):
+        if pad is None or (self._flies_on and not context.rests(now)):
             return
         relative = context.relative(vehicle, pad)
         if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:

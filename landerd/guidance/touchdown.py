@@ -75,6 +75,11 @@ MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet, but one m
 # No deck that can be landed on sinks faster, m/s. What sinks faster without thrust falls.
 FASTEST_HEAVE_MPS = 0.6
 
+# Told to climb, what is on the pad may lift after so long, s, and what it was pressed down before,
+# and what the autopilot takes from sinking to climbing as fast: of two that were told to climb as
+# they touched, one of 2.2 m/s^2 lifted after 0.5 s, one of 0.9 m/s^2 after 1.5 s.
+LIFTS_S = 0.15
+
 DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
 
 
@@ -199,6 +204,12 @@ class Touchdown:
         if self._contact_t is None:
             self._contact_t = t
 
+    def press(self, t: float) -> None:
+        """Take it that the vehicle touches at t (s): it is pressed down before it is levelled."""
+        self._contact_t = t
+        self._flat_since = self._still_since = math.inf
+        self._level = self.stands = False
+
     def settle(self, t: float) -> None:
         """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
         self.touch(t)
@@ -218,9 +229,16 @@ class Touchdown:
         """Whether the sinking is so slow that the feet may touch; called until contact."""
         return self._slow_since < math.inf
 
-    def pressed_s(self, now: float) -> float:
-        """Return for how long it has sunk too slowly for what is in the air, s."""
-        return max(0.0, now - self._slow_since)
+    def thrust_back_s(self, now: float, ordered: float) -> float:
+        """Return how long after it is told to climb the vehicle on the pad stays there, s.
+
+        Args:
+            now: when it is told, s.
+            ordered: what it was to sink at before, m/s.
+        """
+        pressed_s = max(0.0, now - self._slow_since)
+        turns_s = 2.0 * max(0.0, ordered) / self._acceleration
+        return LIFTS_S + turns_s + pressed_s
 
     def disarm_due(self, now: float, landed: Landed) -> bool:
         """Tell whether the disarm command is to be sent now."""

@@ -626,31 +626,32 @@ def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_aga
     assert flight.lander.outcome == "landed"
 
 
-@pytest.mark.parametrize("stale_s", [0.0, 0.4])
-def test_waved_off_as_it_touches_unnoticed_it_stays_where_its_thrust_does_not_come_back(
-    stale_s: float,
+@pytest.mark.parametrize(("acceleration", "stays_s"), [(1.0, 0.4), (2.5, 2.5)])
+def test_waved_off_as_it_touches_unnoticed_it_is_pressed_down_where_its_thrust_is_not_back(
+    acceleration: float, stays_s: float
 ) -> None:
-    """It was not pressed down before: levelled after half a second, it lifted all the same."""
-    flight = Flight().engaged()
+    """Levelled instead, just as it lifted, it was thrown 0.4 m high and down beside the pad."""
+    autopilot = {"vertical_acceleration_mps2": acceleration}
+    flight = Flight(config=Config.model_validate({"autopilot": autopilot})).engaged()
     to(flight, State.COMMITTED)
     while flight.height > 0.05:
         flight.tick()
     flight.silent = {Attitude, LocalPosition}  # stale before the touch shows
     to(flight, State.WAVING_OFF, at_most_s=0.35)
-    on_pad, waved_off_t = (
-        (*flight.position[:2], flight.pad[2] - flight.config.vehicle.gear_height_m),
-        flight.t,
-    )
+    flight.silent = set()
+    ground = flight.pad[2] - flight.config.vehicle.gear_height_m
+    on_pad, waved_off_t = (*flight.position[:2], ground), flight.t
     while flight.lander.state is State.WAVING_OFF:
-        assert flight.t < waved_off_t + 1.6
-        flight.silent = flight.silent if flight.t < waved_off_t + stale_s else set()
+        assert flight.t < waved_off_t + stays_s + 0.2
         flight.position, flight.velocity = on_pad, (0.0, 0.0, 0.0)
         flight.tick()
-    assert flight.t > waved_off_t + 1.4
+    assert flight.t > waved_off_t + stays_s - 0.1
     climbs = len(flight.setpoints)
+    assert flight.setpoints[-2][1].velocity[2] == 0.0  # the climb ends at once
+    assert not flight.pressed
     assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
     assert flight.lander.outcome == "landed"
-    assert len(flight.setpoints) == climbs  # level without thrust from then on
+    assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[climbs:])
 
 
 def test_what_hovers_over_the_pad_that_it_sees_has_not_touched() -> None:
