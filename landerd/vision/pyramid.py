@@ -33,7 +33,9 @@ class Level:
     camera: CameraModel
     corner: tuple[int, int]  # of the part: column and row, px of the image
     reduction: float  # pixels of the image along one of the level
-    largest_px: float  # diameter in the level of the rings to look for: larger ones are in another
+    # Diameter in the level of the rings to look for, of oblique ones the geometric mean of both:
+    # larger ones are in another.
+    largest_px: float
 
     @cached_property
     def image(self) -> U8:

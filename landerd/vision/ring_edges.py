@@ -44,7 +44,9 @@ _BESIDE = (np.arange(_RAYS)[:, None] + np.arange(-_LEVEL_RAYS, _LEVEL_RAYS + 1))
 _COARSE_NOISE_PX, _LEAST_NOISE_PX = 0.3, 0.04
 _SHIFT_SIGMA_PX = 0.5  # of what a tone curve moves edges by
 _CLIPPED_SHIFT_BLURS = 1.3  # white that is 2.5 to 5 times over full scale moves an edge so far
-_SHADED_SHARE = 0.12  # of the rays: a shadow as wide as a ring's hole dims as many beyond it
+# Of the rays: a shadow as wide as a ring's hole dims as many beyond it, and dirt leaves as many of
+# a hole clean.
+_SHADED_SHARE = 0.12
 _NEAREST_M = 1e-3
 _MIN_RADIUS_PX = 3.0
 _MIN_RAYS = 20  # of both edges together
@@ -77,6 +79,7 @@ class EdgeFit:
     covariance: F64  # (5, 5) of centre and tilt on the plane's axes, m^2, m rad, rad^2
     levels: tuple[float, float, float]  # inside, black, outside
     shaded: float  # level of the outside's darkest part: the white there, if a shadow crosses it
+    clean: float  # level of the inside's brightest part: the white there, if dirt hides most of it
     # Of white over the black beside it, edge by edge, whatever the light: outer and inner ones.
     contrast: tuple[float, float]  # grey levels
     depth: tuple[float, float]  # share of the white
@@ -353,7 +356,8 @@ def _judged(
         dependence=few,
         covariance=covariance[:5, :5],
         levels=levels,
-        shaded=_darkest(edges.levels[0, 1][seen[0]]),
+        shaded=_ranked(edges.levels[0, 1][seen[0]], _SHADED_SHARE),
+        clean=_ranked(edges.levels[1, 1][seen[1]], 1.0 - _SHADED_SHARE),
         contrast=(contrast[0], contrast[1]),
         depth=(depth[0], depth[1]),
         uneven=_uneven(edges.levels[0, 1][seen[0]]),
@@ -372,9 +376,9 @@ def _median(values: F64, where: Mask) -> float:
     return float(np.median(values[where])) if where.any() else 0.0
 
 
-def _darkest(levels: F64) -> float:
-    """Return the level of the darkest part."""
-    return float(np.sort(levels)[int(_SHADED_SHARE * len(levels))]) if len(levels) else 0.0
+def _ranked(levels: F64, share: float) -> float:
+    """Return the level that such a share is darker than."""
+    return float(np.sort(levels)[int(share * len(levels))]) if len(levels) else 0.0
 
 
 def _dependence(equations: _Equations, radius_px: float) -> float:

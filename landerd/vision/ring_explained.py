@@ -229,9 +229,12 @@ def is_ring_by_edges(e: EdgeFit, share: float = 1.0) -> bool:
 
 
 def _is_dim_within(e: EdgeFit) -> bool:
-    """Tell whether the hole is not of the same white: of none around, wherever a shadow lies."""
-    inside, black, outside = e.levels
-    return is_dim_within(inside, black, outside) and is_dim_within(inside, black, e.shaded)
+    """Tell whether the hole is not of the same white: of none around, wherever a shadow lies.
+
+    Nor where it is clean: dirt may cover most of it.
+    """
+    _, black, outside = e.levels
+    return is_dim_within(e.clean, black, outside) and is_dim_within(e.clean, black, e.shaded)
 
 
 def _told(e: EdgeFit, vouches: Vouches | None) -> float | None:

@@ -150,6 +150,13 @@ def test_a_small_oblique_ring_in_half_a_shadow_is_seen() -> None:
     assert check(image, view, 0.02) == "edges"
 
 
+@pytest.mark.parametrize("distance", [13.0, 14.0, 15.0])
+def test_a_long_ring_whose_short_sides_the_blur_all_but_hides_is_seen(distance: float) -> None:
+    """30 px long and 13 wide it was too long for the only level in which it is whole."""
+    view = seen(distance, 64.0)
+    assert len(find_rings(picture(0.7 * light(view, blur_px=1.8)), RING, CAMERA)) == 1
+
+
 @pytest.mark.parametrize("distance", [14.0, 17.0])
 def test_a_ring_too_oblique_to_be_found_is_tracked(distance: float) -> None:
     image, view = half_shaded(distance, 65.0)
@@ -170,6 +177,18 @@ def test_a_leg_across_the_ring_is_cut_out() -> None:
     x, y = (edge.mean(axis=0) + np.array([0.0, 0.25 * np.ptp(edge[:, 1])])).tolist()
     bar = scenes.Bar((x, y), (1.0, 0.2), 0.08 * float(np.ptp(edge, axis=0).max()), 60.0)
     check(picture(0.75 * light(view, bar=bar)), view, 0.003)
+
+
+def test_a_ring_is_seen_whose_hole_is_for_the_most_part_dirty() -> None:
+    """The white that is left in it was taken for that of a wheel's hub, dimmer than all around."""
+    view = seen(6.0, 15.0)
+    level = 0.7 * light(view)
+    edge = scenes.outline(view, CAMERA, RING)
+    (x, y), reach = edge.mean(axis=0), 0.2 * float(np.ptp(edge[:, 0]))
+    rows, columns = np.indices(level.shape)
+    off = np.hypot(columns - x, rows - y)
+    dirty = (off < 1.15 * reach) & (np.arctan2(rows - y, columns - x) > -2.0)  # four fifths of it
+    assert check(picture(np.where(dirty, 0.5, 1.0) * level), view, 0.01) == "edges"
 
 
 def test_a_plain_picture_is_told_by_its_grey_levels() -> None:
