@@ -62,6 +62,8 @@ class Committed:
     def order(self, step: ControlStep) -> Event | None:
         """Order a descent relative to the pad's own vertical motion, and go along with it."""
         context = self._context
+        if self._touchdown.unconfirmed(step.now, context.landed):
+            context.orders.say(Severity.CRITICAL, pilot_texts.UNCONFIRMED)
         vehicle = context.estimator.fresh_vehicle(step.now)
         pad = self._pad_now(step.now)
         if vehicle is None or pad is None:

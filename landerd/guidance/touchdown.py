@@ -106,6 +106,7 @@ class Touchdown:
 
     def begin(self, now: float) -> None:
         """Start at commit, at time now."""
+        self._began = now
         self._watch_from = now + ANSWER_S
         self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
         self._slow_since = math.inf
@@ -346,6 +347,9 @@ class Touchdown:
         return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:
-        """Tell whether the land detector has been silent for too long after contact."""
-        late = self._contact_t is not None and now - self._contact_t > self._timeout_s
-        return late and landed is not Landed.ON_GROUND
+        """Tell whether the land detector has been silent for too long, after contact or commit.
+
+        Velocities that are wrong may show no contact: commit is a second before it.
+        """
+        since = self._began if self._contact_t is None else self._contact_t
+        return now - since > self._timeout_s and landed is not Landed.ON_GROUND

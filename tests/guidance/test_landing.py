@@ -9,7 +9,15 @@ from landerd.config.models import Config, GuidanceSection
 from landerd.geometry import IDENTITY, Vec3, add, cross, horizontal, matscale, rot_zyx, rotate, sub
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
-from landerd.messages import Attitude, LocalPosition, Phase, PoseSolution, PressDown, Setpoint
+from landerd.messages import (
+    Attitude,
+    Input,
+    LocalPosition,
+    Phase,
+    PoseSolution,
+    PressDown,
+    Setpoint,
+)
 from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
@@ -652,6 +660,39 @@ def test_waved_off_as_it_touches_unnoticed_it_is_pressed_down_where_its_thrust_i
     assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
     assert flight.lander.outcome == "landed"
     assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[climbs:])
+
+
+def test_the_pilot_is_told_of_a_touch_down_that_wrong_velocities_hide() -> None:
+    """It pressed down for 7 s, told to sink ever faster as it seemed to sink, and said nothing."""
+    flight = Drifting().engaged()
+    flight.detects_landing = False
+    to(flight, State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.run(5.5)
+    assert flight.lander.state is State.COMMITTED
+    assert any("touch-down not confirmed" in text for text in flight.texts)
+
+
+class Drifting(Flight):
+    """Its autopilot's height runs away downwards from commit on."""
+
+    drift_mps = drift_m = 0.0
+
+    def _telemetry(self) -> list[Input]:
+        if self.lander.state is State.COMMITTED:
+            self.drift_mps = min(self.drift_mps + 1.5 * DT, 8.0)
+        self.drift_m += self.drift_mps * DT
+        return [
+            replace(
+                message,
+                position=add(message.position, (0.0, 0.0, self.drift_m)),
+                velocity=add(message.velocity, (0.0, 0.0, self.drift_mps)),
+            )
+            if isinstance(message, LocalPosition)
+            else message
+            for message in super()._telemetry()
+        ]
 
 
 def test_what_hovers_over_the_pad_that_it_sees_has_not_touched() -> None:

@@ -16,7 +16,7 @@ def make_touchdown(**autopilot: float) -> Touchdown:
 
 
 def has_touched(touchdown: Touchdown) -> bool:
-    return touchdown.unconfirmed(math.inf, Landed.IN_AIR)  # only a contact waits for ON_GROUND
+    return touchdown.has_touched
 
 
 class Descent:
@@ -384,8 +384,11 @@ def test_the_more_it_leans_the_quicker_all_feet_are_to_be_down() -> None:
     assert touchdown.descent(0.0) == GENTLE
 
 
-def test_without_contact_nothing_is_unconfirmed_however_long_it_takes() -> None:
-    assert not Descent().touchdown.unconfirmed(math.inf, Landed.IN_AIR)
+def test_a_commit_that_shows_no_contact_for_long_is_unconfirmed_too() -> None:
+    touchdown = make_touchdown()
+    touchdown.begin(10.0)
+    assert not touchdown.unconfirmed(14.9, Landed.IN_AIR)
+    assert touchdown.unconfirmed(15.1, Landed.IN_AIR)
 
 
 def test_the_next_landing_begins_in_the_air() -> None:
