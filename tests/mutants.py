@@ -287,7 +287,7 @@ MUTANTS = [
     Mutant(
         "4: never says that touch-down is not confirmed",
         TOUCHDOWN,
-        "return late and landed is not Landed.ON_GROUND",
+        "return now - since > self._timeout_s and landed is not Landed.ON_GROUND",
         "return False",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),
@@ -357,8 +357,8 @@ MUTANTS = [
     Mutant(
         "1b: a wave-off does not climb",
         LIMITS,
-        "self._capped((north, east, -self._limits.climb_mps))",
-        "self._capped((north, east, self._limits.climb_mps))",
+        "self._at_once(north, east, -self._limits.climb_mps, dt)",
+        "self._at_once(north, east, self._limits.climb_mps, dt)",
         "guidance/test_landing.py::test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding",
     ),
     Mutant(
