@@ -783,8 +783,8 @@ MUTANTS = [
     Mutant(
         "2: comes down however far it leans",
         PHASES,
-        "self.leans = leans and height",
-        "self.leans = False and height",
+        "self.leans = leans and relative.height",
+        "self.leans = False and relative.height",
         "guidance/test_landing.py::"
         "test_leaning_too_far_to_touch_it_waits_high_over_the_pad_for_a_lull_and_then_hands_back",
     ),
