@@ -753,6 +753,22 @@ def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m:
     assert flight.phases[-1] is Phase.LANDED
 
 
+def test_a_landing_begun_where_the_autopilot_says_it_stands_ends_there() -> None:
+    """Started anew on the pad, landerd saw itself over it and aside, and told it to climb."""
+    flight = Flight()
+    to(flight.engaged(), State.ON_PAD)
+    flight.armed = False
+    to(flight, State.SILENT)
+    flight.armed = True
+    flight.pulse_us = LOW
+    flight.pad = add(flight.pad, (0.17, 0.0, 0.09))
+    flight.run(1.5)
+    flight.pulse_us = HIGH
+    begun = len(flight.setpoints)
+    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+
+
 def test_a_landing_that_begins_on_a_pad_just_come_in_sight_does_not_take_off() -> None:
     flight = Flight()
     flight.detects_landing = False
