@@ -216,7 +216,8 @@ def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
     """Tell whether the edges show what motion or a response would not make.
 
     That are brighter rings within the stroke, or fewer edges in place than those of a ring that
-    something vouches for.
+    something vouches for: of 900 rings in all kinds of light none had fewer than 0.76 of the limit,
+    small squares with a hole 0.6.
     """
     e = edge_fit(image, camera, ring, (fit.position, fit.normal))
     if e is None:
