@@ -72,10 +72,10 @@ def tiles(folder: Path, count: int) -> Iterator[tuple[str, U8]]:
             yield f"{file.name} {x},{y}", np.ascontiguousarray(tile, dtype=np.uint8)
 
 
-def look_alikes(count: int) -> Iterator[tuple[str, U8]]:
+def look_alikes(count: int, seed: int) -> Iterator[tuple[str, U8]]:
     """Yield made pictures of what looks like a ring."""
     ratio = scenes.THESIS_PAD.rings[0].inner_ratio
-    made = scenes.hard_negatives(np.random.default_rng([1, 99]), CAMERA, ratio)
+    made = scenes.hard_negatives(np.random.default_rng([seed, 99]), CAMERA, ratio)
     yield from islice(made, count)
 
 
@@ -116,6 +116,7 @@ def main() -> None:
     parser.add_argument("--tiles", type=int, default=200, help="about so many (200)")
     parser.add_argument("--frames", type=int, default=5, help="of one tile in a row (5)")
     parser.add_argument("--pads", nargs="+", choices=PADS, default=list(PADS))
+    parser.add_argument("--seed", type=int, default=1, help="of made look-alikes (1)")
     args = parser.parse_args()
     detect = partial(peers.quick().squares, dictionary="APRILTAG_36h11")
     cv2.setNumThreads(1)
@@ -123,7 +124,7 @@ def main() -> None:
     first: dict[str, list[float]] = {name: [] for name in args.pads}
     worst: dict[str, list[float]] = {name: [] for name in args.pads}
     alarms: dict[str, int] = dict.fromkeys(args.pads, 0)
-    given = tiles(args.folder, args.tiles) if args.folder else look_alikes(args.tiles)
+    given = tiles(args.folder, args.tiles) if args.folder else look_alikes(args.tiles, args.seed)
     for where, image in given:
         peer.append(timed_ms(lambda image=image: detect(image)))  # type: ignore[misc]
         for name in args.pads:

@@ -8,7 +8,9 @@ are outliers.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -34,6 +36,9 @@ _INTO_BLACK, _INTO_WHITE = 0.27, 0.2
 _FINE_PX = 4.0
 _COARSE_ROUNDS, _FINE_ROUNDS = 1, 2
 _DESCENTS = 2  # steps to the edges of one round
+_SHIFT, _RATIO = 5, 6  # rows of a step, after those of centre and tilt
+_FREED_DESCENTS = 4
+_LEAST_RATIO, _MOST_RATIO = 0.1, 0.95
 _SETTLED_PX = 0.1  # a round that moves the edges by less is the last
 # Share of the rays that must be near the edges after the first round, and how near, of the radius:
 # rings in all kinds of light gave 0.65 and more, half of the textures less than 0.6.
@@ -84,6 +89,16 @@ class EdgeFit:
     contrast: tuple[float, float]  # grey levels
     depth: tuple[float, float]  # share of the white
     uneven: float  # how much the light changes about the ring: four fifths of the white, over it
+    freed: Callable[[], "Freed"]  # what ratio the edges have by themselves, worked out when asked
+
+
+@dataclass(frozen=True)
+class Freed:
+    """Where the ratio is fitted as well."""
+
+    ratio: float  # inner over outer diameter
+    shift_px: float  # of both edges then, into the black
+    noise_px: float
 
 
 @dataclass(frozen=True)
@@ -234,7 +249,8 @@ class _Equations:
 
     residual: F64  # (2 n,), px
     weight: F64  # (2 n,)
-    H: F64  # (6, 6): centre, tilt, shift; over the variance of an edge
+    H: F64  # (7, 7): centre, tilt, shift, ratio; over the variance of an edge
+    b: F64  # (7,), the right side
     scale: float  # of the variance, from the residuals
     axes: F32
 
@@ -244,28 +260,54 @@ def _descended(
 ) -> tuple[Pose, float, float, _Equations] | None:
     """Return pose, shift and noise after some robust steps to the edges."""
     for _ in range(_DESCENTS):
-        equations, b, noise = _normal_equations(edges, ring, camera, pose, shift, least_noise)
-        solved, step = cv2.solve(equations.H, b[:, None])
-        if not solved or not np.isfinite(step).all():
+        equations, noise = _normal_equations(edges, ring, camera, pose, shift, least_noise)
+        step = _solved(equations, _SHIFT + 1)
+        moved = None if step is None else _moved(pose, step, equations.axes)
+        if step is None or moved is None:
             return None
-        step = step[:, 0]
-        t, normal = pose
-        e = equations.axes.astype(np.float64)
-        moved = t + step[:3] @ e
-        turned = normal + np.clip(step[3:5], -0.2, 0.2) @ e[:2]
-        if not 0.5 * t[2] < moved[2] < 2.0 * t[2]:
-            return None
-        pose = (moved, turned / np.linalg.norm(turned))
-        shift += float(step[5])
-        if float(pose[1] @ moved) < 0.15 * float(np.linalg.norm(moved)):
-            return None
+        pose = moved
+        shift += float(step[_SHIFT])
     return pose, shift, noise, equations
+
+
+def _freed(
+    edges: _Edges, ring: Ring, camera: CameraModel, pose: Pose, shift: float, noise: float
+) -> Freed:
+    """Return the ratio of the same edges, from a fit that was held to the ring's."""
+    for _ in range(_FREED_DESCENTS):
+        equations, noise = _normal_equations(edges, ring, camera, pose, shift, _LEAST_NOISE_PX)
+        step = _solved(equations, _RATIO + 1)
+        moved = None if step is None else _moved(pose, step, equations.axes)
+        if step is None or moved is None:
+            break
+        pose = moved
+        shift += float(step[_SHIFT])
+        ratio = min(max(ring.inner_ratio + float(step[_RATIO]), _LEAST_RATIO), _MOST_RATIO)
+        ring = ring.model_copy(update={"inner_ratio": ratio})
+    return Freed(ring.inner_ratio, shift, noise)
+
+
+def _solved(equations: _Equations, rows: int) -> F64 | None:
+    """Return the step of the first unknowns, the others held; None: it is none."""
+    solved, step = cv2.solve(equations.H[:rows, :rows], equations.b[:rows, None])
+    return np.asarray(step[:, 0]) if solved and np.isfinite(step).all() else None
+
+
+def _moved(pose: Pose, step: F64, axes: F32) -> Pose | None:
+    """Return a pose moved by a step on its plane's axes; None if that is wild."""
+    t, normal = pose
+    e = axes.astype(np.float64)
+    moved = t + step[:3] @ e
+    turned = normal + np.clip(step[3:5], -0.2, 0.2) @ e[:2]
+    turned = turned / np.linalg.norm(turned)
+    is_seen = float(turned @ moved) >= 0.15 * float(np.linalg.norm(moved))
+    return (moved, turned) if 0.5 * t[2] < moved[2] < 2.0 * t[2] and is_seen else None
 
 
 def _normal_equations(
     edges: _Edges, ring: Ring, camera: CameraModel, pose: Pose, shift: float, least_noise: float
-) -> tuple[_Equations, F64, float]:
-    """Return the equations about a pose, their right side, and the noise of edges, px."""
+) -> tuple[_Equations, float]:
+    """Return the equations about a pose, and the noise of edges, px."""
     focal = math.sqrt(camera.fx * camera.fy)
     t32, axes = plane_axes(pose[0][None], pose[1][None])
     g = PlaneView(edges.rays, focal, t32, axes)
@@ -282,10 +324,11 @@ def _normal_equations(
         * min(_true_blur_px(edges, shift), 0.1 * ring.radius_m / float(scale.min())) ** 2
     )
     residual = (g.rho[0] - radii) / scale + bend + inwards * shift
-    J = np.empty((6, 2 * n))
+    J = np.empty((_RATIO + 1, 2 * n))
     J[:3] = g.u[0] / scale
     J[3:5] = (g.a[0] * g.rho[0])[None] * g.u[0, :2] / scale
-    J[5] = -inwards
+    J[_SHIFT] = -inwards
+    J[_RATIO] = np.repeat([0.0, ring.radius_m], n) / scale
     off = np.abs(residual[edges.seen])
     middle = len(off) // 2
     noise = max(least_noise, SIGMA_PER_MAD * float(np.partition(off, middle)[middle]))
@@ -295,11 +338,11 @@ def _normal_equations(
     b = (J * weight) @ residual / noise**2
     H[3, 3] += 1.0
     H[4, 4] += 1.0
-    H[5, 5] += 1.0 / _SHIFT_SIGMA_PX**2
-    b[5] -= shift / _SHIFT_SIGMA_PX**2
+    H[_SHIFT, _SHIFT] += 1.0 / _SHIFT_SIGMA_PX**2
+    b[_SHIFT] -= shift / _SHIFT_SIGMA_PX**2
     used = float(weight.sum())
     spread = float((weight * residual**2).sum()) / max(used - 6.0, 4.0) / noise**2
-    return _Equations(residual, weight, H, spread, axes[0]), b, noise
+    return _Equations(residual, weight, H, b, spread, axes[0]), noise
 
 
 def _true_blur_px(edges: _Edges, shift_px: float) -> float:
@@ -326,7 +369,7 @@ def _judged(
     support = near.reshape(2, _RAYS).sum(axis=1) / there
     dark, bright, ridge = _areas(image, camera, ring, pose, edges, max(shift, 0.0) / radius_px)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
-    inverse = np.asarray(np.linalg.inv(equations.H), dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(equations.H[:_RATIO, :_RATIO]), dtype=np.float64)
     covariance = inverse * max(equations.scale, 0.3) * few
     seen = edges.seen.reshape(2, _RAYS)
     levels = (
@@ -361,6 +404,7 @@ def _judged(
         contrast=(contrast[0], contrast[1]),
         depth=(depth[0], depth[1]),
         uneven=_uneven(edges.levels[0, 1][seen[0]]),
+        freed=partial(_freed, edges, ring, camera, pose, shift, noise),
     )
 
 

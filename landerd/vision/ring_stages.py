@@ -20,7 +20,7 @@ from landerd.vision.ring_light import evenly_lit
 from landerd.vision.ring_pixels import pixels_near
 from landerd.vision.ring_pose import F64, Pose, mirrored, poses_through
 from landerd.vision.ring_residuals import coherent_residual
-from landerd.vision.ring_response import LINEAR_RESPONSE, is_clipped
+from landerd.vision.ring_response import LINEAR_RESPONSE, is_cameras
 from landerd.vision.ring_segment import Candidate
 
 U8 = NDArray[np.uint8]
@@ -360,7 +360,7 @@ def _is_ring_behind(fit: RingFit, response: F64, ring: Ring) -> bool:
         fit.contrast > max(_MIN_CONTRAST, _MIN_NOISY_CONTRAST_NOISES * fit.noise)
         and fit.coherent < _MAX_COHERENT
         and fit.inliers > _MIN_INLIERS
-        and not is_clipped(response)
+        and is_cameras(response, min(fit.inside, fit.outside))
         and _has_ratio(fit, ring)
     )
 

@@ -246,6 +246,53 @@ def test_a_target_of_several_rings_is_none_of_ours() -> None:
     assert find_rings(image, RING, CAMERA) == []
 
 
+@pytest.mark.parametrize(
+    ("ratio", "distance", "tilt_deg", "white"),
+    [
+        # as behind the toe of a curve, but white is near full scale
+        (0.3, 24.0, 55.0, 0.75),
+        (0.325, 24.0, 45.0, 0.6),
+        (0.325, 28.0, 45.0, 0.9),
+        # as behind gamma, but one that moves edges by more of their blur than any does
+        (0.52, 24.0, 45.0, 0.75),
+        (0.52, 28.0, 25.0, 0.6),
+        (0.52, 32.0, 5.0, 0.75),
+        (0.54, 28.0, 55.0, 0.6),
+        # as of white that has spread, but it is below full scale, or spreads as far to every side
+        (0.54, 12.0, 45.0, 0.95),
+        (0.54, 12.0, 45.0, 1.0),
+        (0.56, 20.0, 45.0, 1.0),
+    ],
+)
+def test_a_ring_of_another_ratio_is_none_of_ours_behind_a_curve(
+    ratio: float, distance: float, tilt_deg: float, white: float
+) -> None:
+    other = RING.model_copy(update={"inner_ratio": ratio})
+    layout = scenes.THESIS_PAD.model_copy(update={"markers": (other,)})
+    level = white * light(seen(distance, tilt_deg), layout=layout)
+    assert find_rings(picture(level), RING, CAMERA) == []
+
+
+@pytest.mark.parametrize(
+    ("size", "squeeze", "angle_deg"),
+    [(9.75, 0.6, 10.0), (10.25, 0.6, 80.0), (11.0, 0.55, 10.0), (12.0, 0.5, 0.0)],
+)
+def test_a_small_square_with_a_hole_is_none_of_ours(
+    size: float, squeeze: float, angle_deg: float
+) -> None:
+    """Grey levels of so few pixels fit well, but the corners are not where the edge would be."""
+    k, n = 8, 40
+    patch = np.full((n * k, n * k), 90.0, np.float32)
+    for side, level in ((1.24 * size, 200.0), (size, 30.0), (RING.inner_ratio * size, 200.0)):
+        at = ((n / 2 + 0.3) * k, (n / 2 + 0.2) * k)
+        corners = cv2.boxPoints((at, (side * k, side * k * squeeze), angle_deg))
+        cv2.fillPoly(patch, [np.rint(corners).astype(np.int32)], level)
+    image = np.full((CAMERA.height, CAMERA.width), 90.0)
+    blurred = cv2.GaussianBlur(patch, (0, 0), 0.6 * k)
+    image[220:260, 280:320] = cv2.resize(blurred, (n, n), interpolation=cv2.INTER_AREA)
+    assert find_rings(picture(image / 255.0), RING, CAMERA) == []
+
+
 def test_a_soft_shadow_moves_edges_by_no_more_than_sigma_tells() -> None:
     inside = 0
     for seed in range(12):
