@@ -209,7 +209,7 @@ class DescentSection(Section):
 
     k1_m: Annotated[float, Field(gt=0, le=1)] = 0.12  # down within k1 exp(k2 height) of the pad
     k2_per_m: Annotated[float, Field(ge=0, le=1)] = 0.36
-    widest_k1_m: Annotated[float, Field(gt=0, le=1)] = 0.16  # of k1, where gusts keep it off
+    widest_k1_m: Annotated[float, Field(gt=0, le=1)] = 0.16  # k1 grows to it in gusts
     close_factor: Annotated[float, Field(gt=1, le=10)] = 3.0  # CLOSE_APPROACH in this times delta
     # not below this while the heading is off
     alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
