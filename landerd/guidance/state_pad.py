@@ -294,13 +294,14 @@ class Leaving:
 
     def _stay(self, now: float) -> Event | None:
         """Leave it on the pad; where it is pressed down the climb ends at once."""
+        if not self._flies_on:
+            return Event.STANDS
         orders = self._context.orders
-        if self._flies_on and orders.velocity[2] < 0.0:
+        if orders.velocity[2] < 0.0:
             north, east, _ = self._context.pad_velocity
             orders.end_climb(north, east)
             return None
-        if self._flies_on:
-            self._touchdown.press(now)
+        self._touchdown.press(now)
         return Event.STANDS
 
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:

@@ -229,18 +229,26 @@ def _likeliest(
 
 def _disc_like(c: Components, sizes_px: F64) -> Components:
     """Return the components with the shape of a disc of its look's sizes, largest first."""
-    smallest_px, largest_px = sizes_px
     compactness = _compactness(c, 0.0)
-    longer, shorter = _diameters(c, 0.0)
     good = (
         (compactness > _MIN_DISC_COMPACTNESS)
         & (compactness < _MAX_DISC_COMPACTNESS)
-        & (shorter >= _MIN_HOLE_PX)
+        & _is_sized(c, 0.0, sizes_px, _MIN_HOLE_PX)
+    )
+    return _largest(c, good)
+
+
+def _is_sized(c: Components, k: float, sizes_px: F64, least_px: float) -> Mask:
+    """Tell which rings of a ratio are of their look's sizes, and no narrower than some px."""
+    smallest_px, largest_px = sizes_px
+    longer, shorter = _diameters(c, k)
+    sized: Mask = (
+        (shorter >= least_px)
         & (shorter * _MAX_ASPECT >= longer)
         & (np.sqrt(longer * shorter) < largest_px[c.part])
         & (longer >= smallest_px[c.part])
     )
-    return _largest(c, good)
+    return sized
 
 
 def _diameters(c: Components, k: float) -> tuple[F64, F64]:
@@ -265,19 +273,14 @@ def _ring_like(mosaic: Mosaic, c: Components, k: float, sizes_px: F64) -> Compon
     pi det A (1 - k^2): area over root of the moments' determinant tells a ring of any obliqueness
     from discs and bars.
     """
-    smallest_px, largest_px = sizes_px
     compactness = _compactness(c, k)
-    longer, shorter = _diameters(c, k)
     rows, columns = np.rint(c.y).astype(np.intp), np.rint(c.x).astype(np.intp)
     grey = mosaic.grey(c.part, rows, columns)
     is_bloomed = (compactness > _MIN_BLOOMED_COMPACTNESS) & (grey > _CLIPPED)
     good = (
         ((compactness > _MIN_COMPACTNESS) | is_bloomed)
         & (compactness < _MAX_COMPACTNESS)
-        & (shorter >= _MIN_WIDTH_PX)
-        & (shorter * _MAX_ASPECT >= longer)
-        & (np.sqrt(longer * shorter) < largest_px[c.part])
-        & (longer >= smallest_px[c.part])
+        & _is_sized(c, k, sizes_px, _MIN_WIDTH_PX)
     )
     return _largest(c, good)
 

@@ -15,10 +15,6 @@ def make_touchdown(**autopilot: float) -> Touchdown:
     return Touchdown(Config(autopilot=AutopilotSection.model_validate(autopilot)))
 
 
-def has_touched(touchdown: Touchdown) -> bool:
-    return touchdown.has_touched
-
-
 class Descent:
     """A touch-down that is stepped at the control rate from commit on."""
 
@@ -85,7 +81,7 @@ def test_much_slower_than_ordered_for_a_fifth_of_a_second_is_contact() -> None:
     start = descent.t
     assert descent.go_on(1.0, sink_rate=0.05) is Event.CONTACT
     assert 0.2 <= descent.t - start <= 0.2 + 2 * DT
-    assert has_touched(descent.touchdown)
+    assert descent.touchdown.has_touched
 
 
 def test_a_deck_that_comes_up_just_after_commit_is_known_to_touch_as_soon() -> None:
@@ -125,7 +121,7 @@ def test_blind_after_commit_it_goes_on_for_less_than_a_second_and_then_aborts() 
     descent = Descent()
     assert descent.go_on(DT, sighting_age=0.7) is None
     assert descent.go_on(DT, sighting_age=1.0) is Event.SIGHT_LOST
-    assert not has_touched(descent.touchdown)
+    assert not descent.touchdown.has_touched
 
 
 def test_blind_in_the_air_it_aborts_while_contact_could_still_have_been_noticed_in_time() -> None:
@@ -394,5 +390,5 @@ def test_a_commit_that_shows_no_contact_for_long_is_unconfirmed_too() -> None:
 def test_the_next_landing_begins_in_the_air() -> None:
     descent = Descent().to_contact()
     descent.touchdown.begin(descent.t)
-    assert not has_touched(descent.touchdown)
+    assert not descent.touchdown.has_touched
     assert descent.go_on(1.0) is None
