@@ -288,7 +288,7 @@ class AimSection(Section):
     lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: how late the gimbal answers
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
     idle_yaw_deg: Finite = 0.0  # where the camera looks while no pad is known
-    idle_pitch_deg: Finite = -23.0  # the thesis's 0.4 rad
+    idle_pitch_deg: Finite = -50.0  # a pad that the flight begins near is in the picture
     search_after_s: NotNegative = 5.0  # without a sighting: sweep down and up
 
 

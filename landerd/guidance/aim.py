@@ -35,8 +35,9 @@ VISIBLE_ASIDE = math.radians(28.0)
 
 # ---- search ------------------------------------------------------------------------------------
 SWEEP_PITCH_RATE = math.radians(20.0)  # rad/s
-# A picture is 63 degrees high: in the sweep's lowest one lies what is straight below.
-SWEEP_LOW, SWEEP_HIGH = math.radians(-75.0), math.radians(-40.0)
+# A picture is 63 degrees high: in these lies what is 9 degrees and more below the horizon, ahead
+# and, pitched past straight down, behind: a pad that stops is flown past.
+SWEEP_LOW, SWEEP_HIGH = math.radians(-140.0), math.radians(-40.0)
 # On the way it looks so far down: what is 9 to 71 degrees below the horizon is in every picture.
 # With the sweep, two of 37 field days flew past a pad that was in sight for too few of them.
 ON_COURSE_PITCH = math.radians(-40.0)
@@ -159,14 +160,14 @@ class Aim:
         )
 
     def _sweep_round(self, dt: float) -> None:
-        """Sweep down and up, at another yaw each time."""
+        """Sweep down and behind, and back up, at another yaw each time."""
         low = max(SWEEP_LOW, self._pitch_limits[0])
         high = min(max(SWEEP_HIGH, self._idle_pitch), self._pitch_limits[1])
         pitch = self.command.pitch + self._sweep * SWEEP_PITCH_RATE * dt
         if (pitch <= low and self._sweep < 0.0) or (pitch >= high and self._sweep > 0.0):
             self._sweep = -self._sweep
             self._sweeps += 1
-        self._turn_to(self._idle_yaw + (0.0, SWEEP_YAW, -SWEEP_YAW)[self._sweeps // 2 % 3], dt)
+        self._turn_to(self._idle_yaw + (0.0, SWEEP_YAW, -SWEEP_YAW)[self._sweeps % 3], dt)
         self.command = self._limited(self.command.yaw, pitch)
 
     def _turn_to(self, yaw: float, dt: float) -> None:

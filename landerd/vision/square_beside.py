@@ -132,10 +132,10 @@ class SquareBeside:
             return None
         north = R[:, :2] @ rotation_2d(float(self._angles[k]))
         start = self._square(R[:, 2], t, north, np.zeros((6, 6)))
-        found = self._edges.find_hidden(image, camera, start)
-        if found is None or float(found.normal @ R[:, 2]) < _SAME_PLANE_COS:
+        found = self._edges.fit_hidden(image, camera, start)
+        if found is None or float(found.pose.normal @ R[:, 2]) < _SAME_PLANE_COS:
             return None
-        top = R[:, :2].T @ found.R[:, 0]
+        top = R[:, :2].T @ found.pose.R[:, 0]
         return float(whole[k]), math.atan2(top[1], top[0]) - self._heading
 
     def _square(self, normal: F64, t: F64, north: F64, information: F64) -> Pose:

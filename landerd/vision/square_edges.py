@@ -162,10 +162,8 @@ class SquareEdges:
             pose, shift = fitted.pose, fitted.shift_px
         return None
 
-    def find_hidden(self, image: Image, camera: CameraModel, start: Pose) -> Pose | None:
-        """Return the pose of a print of which part is hidden; None: what is seen is another's.
-
-        Dirt and shade take steps away and add few where cells meet; another code has other steps.
+    def fit_hidden(self, image: Image, camera: CameraModel, start: Pose) -> SquareEdgeFit | None:
+        """Return the fit of a print of which part is hidden; None: what is seen is another's.
 
         Args:
             image: grey image (height, width).
@@ -173,17 +171,23 @@ class SquareEdges:
             start: a pose under which no edge is off by half a cell.
         """
         fit = self.fit(image, camera, start)
-        if fit is None or fit.outline_support < _MIN_HIDDEN_OUTLINE:
-            return None
+        return fit if fit is not None and self.is_own(image, camera, fit) else None
+
+    def is_own(self, image: Image, camera: CameraModel, fit: SquareEdgeFit) -> bool:
+        """Tell whether what is seen of a print that was fitted is this one's, hidden in part.
+
+        Dirt and shade take steps away and add few where cells meet; another code has other steps.
+        """
+        if fit.outline_support < _MIN_HIDDEN_OUTLINE:
+            return False
         cell_px = self._cell_px(fit.pose, camera)
         reach = min(_REACH, _FINE_PX / cell_px)
         steps = self._look(image, camera, fit.pose, self._foreign, reach)
         if steps is None:
-            return None
+            return False
         residual, _ = self._linearised(steps, fit.pose, fit.shift_px)
         count = fit.own_steps + int(_near(steps, residual, cell_px).sum())
-        is_own = count >= _MIN_STEPS and fit.own_steps >= _MIN_OWN_STEPS * count
-        return fit.pose if is_own else None
+        return count >= _MIN_STEPS and fit.own_steps >= _MIN_OWN_STEPS * count
 
     def _cell_px(self, pose: Pose, camera: CameraModel) -> float:
         return math.sqrt(camera.fx * camera.fy) * self._cell / float(pose.t[2])

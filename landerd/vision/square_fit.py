@@ -119,8 +119,8 @@ class SquarePrint(MarkerPrint):
         fit = self.fit(image, camera, expected, has_rival=False)
         if fit is None or fit.explained < _MIN_NEAR_EXPLAINED:
             return self._by_edges(image, camera, expected)
-        if fit.contradicted > _MAX_CONTRADICTED:
-            return None
+        if fit.contradicted > _MAX_CONTRADICTED:  # by another's cells, or by glare
+            return self._edges.fit_hidden(image, camera, expected)
         if fit.explained > _MIN_TRACKED_EXPLAINED:
             return fit
         # Nothing of it is another print's: what is not as printed may be hidden.
@@ -140,7 +140,9 @@ class SquarePrint(MarkerPrint):
         is_print = fit.support > _MIN_SUPPORT and fit.code_support > _MIN_CODE_SUPPORT
         is_border = fit.outline_support > _MIN_OUTLINE_SUPPORT
         is_shown = is_border and fit.code_support > _MIN_SHOWN_SUPPORT
-        return fit if is_print or (may_be_hidden and is_shown) else None
+        if is_print or (may_be_hidden and is_shown) or self._edges.is_own(image, camera, fit):
+            return fit
+        return None
 
     def _is_telling(self, north: F64, east: F64) -> NDArray[np.bool_]:
         reach = self._code_reach

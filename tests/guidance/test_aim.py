@@ -232,16 +232,16 @@ def search(
     return commands
 
 
-def test_it_waits_at_idle_and_then_sweeps_down_and_back() -> None:
+def test_it_waits_at_idle_and_then_sweeps_over_what_lies_below_and_behind_and_back() -> None:
     made = Aim(AimSection(idle_pitch_deg=-23.0, search_after_s=5.0), GimbalSection())
     commands = search(made, 40.0)
     assert all(c.pitch == math.radians(-23.0) for c in commands[: round(4.9 / 0.025)])
     pitches = [math.degrees(c.pitch) for c in commands]
-    assert min(pitches) == pytest.approx(-75.0, abs=1.0)
+    assert min(pitches) == pytest.approx(-140.0, abs=1.0)
     after_lowest = pitches[pitches.index(min(pitches)) :]
     assert max(after_lowest) == pytest.approx(-23.0, abs=1.0)
     # First ahead, then to either side.
-    lowest = next(i for i, pitch in enumerate(pitches) if pitch < -74.0)
+    lowest = next(i for i, pitch in enumerate(pitches) if pitch < -139.0)
     assert all(c.yaw == 0.0 for c in commands[:lowest])
     yaws = [math.degrees(c.yaw) for c in commands]
     assert (min(yaws), max(yaws)) == pytest.approx((-50.0, 50.0))
@@ -319,4 +319,4 @@ def test_a_gimbal_that_cannot_look_back_stays_within_its_limits() -> None:
 def test_without_a_direction_it_searches_again() -> None:
     made = pointed((1.0, 0.0, 0.5))
     pitches = [math.degrees(c.pitch) for c in search(made, 12.0, start=3.0)]
-    assert min(pitches) == pytest.approx(-75.0, abs=1.0)
+    assert min(pitches) == pytest.approx(-140.0, abs=1.0)

@@ -1,6 +1,7 @@
 """A square in its vehicle's sharp shadow, as the last metre of a landing in the sun shows it."""
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -115,6 +116,51 @@ def test_another_tag_under_that_dirt_is_not_taken_for_it(number: int) -> None:
     other = TAG.model_copy(update={"id": number})
     layout = THESIS_PAD.model_copy(update={"markers": (other,)})
     assert tracked(at(1.0), dirty(at(1.0), layout)) is None
+
+
+def half_hidden(view: View, layout: PadLayout = THESIS_PAD) -> U8:
+    """Return a picture of a pad with half of its tag under dirt as dark as its print."""
+    image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
+    blot = [(-0.17, -0.2), (-0.17, 0.03), (-0.05, -0.02), (0.02, 0.02), (0.08, -0.03), (0.17, 0.0)]
+    outline = np.array([(*p, 0.0) for p in [*blot, (0.17, -0.2)]]) + CENTRE
+    px = CAMERA.pixels(np.array(view.position) + outline @ view.R_camera_pad.T)
+    cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 45.0, shift=4)
+    return image
+
+
+def veiled(view: View, layout: PadLayout = THESIS_PAD) -> U8:
+    """Return a picture of a pad with a spot of glare beside the middle of its tag."""
+    image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
+    middle = truth(view) + view.R_camera_pad @ np.array([0.05, 0.1, 0.0])
+    x0, y0 = CAMERA.pixels(middle[None])[0]
+    x, y = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
+    wide = 0.08 * CAMERA.fx / truth(view)[2]
+    veil = 150.0 * np.exp(-0.5 * ((x - x0) ** 2 + (y - y0) ** 2) / wide**2)
+    lit: U8 = np.clip(0.6 * image + veil, 0, 255).astype(np.uint8)
+    return lit
+
+
+@pytest.mark.parametrize("height", [1.0, 1.4])
+@pytest.mark.parametrize("shown", [half_hidden, veiled])
+def test_a_tag_that_is_half_hidden_or_under_glare_is_tracked_by_the_steps_of_its_code(
+    shown: Callable[[View], U8], height: float
+) -> None:
+    view = at(height)
+    fit = tracked(view, shown(view))
+    assert fit is not None
+    error = fit.pose.t - truth(view)
+    assert np.linalg.norm(error) < 0.005
+    assert error @ fit.pose.information[:3, :3] @ error < CHI2_999
+
+
+@pytest.mark.parametrize("number", [7, 10, 122, 316, 417])
+@pytest.mark.parametrize("shown", [half_hidden, veiled])
+def test_another_tag_so_disturbed_is_not_taken_for_it(
+    shown: Callable[[View, PadLayout], U8], number: int
+) -> None:
+    other = TAG.model_copy(update={"id": number})
+    layout = THESIS_PAD.model_copy(update={"markers": (other,)})
+    assert tracked(at(1.0), shown(at(1.0), layout)) is None
 
 
 def test_a_shadow_on_a_plate_that_is_painted_over_is_no_tag() -> None:
