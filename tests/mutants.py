@@ -216,8 +216,8 @@ MUTANTS = [
     Mutant(
         "2: commits too high",
         PHASES,
-        "relative.height < self._options.commit_height_m",
-        "relative.height < 1.0",
+        "and relative.height < self._options.commit_height_m",
+        "and relative.height < 1.0",
         "guidance/test_phases.py::"
         "test_it_commits_only_aligned_over_the_pad_and_below_the_commit_height",
     ),
@@ -399,9 +399,25 @@ MUTANTS = [
     Mutant(
         "2: commits with an old sighting",
         PHASES,
-        "and sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S < MAX_BLIND_S",
-        "and sighting_age < MAX_BLIND_S",
+        "blind_s = sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S",
+        "blind_s = sighting_age",
         "guidance/test_phases.py::test_the_higher_it_commits_the_younger_the_last_sighting_must_be",
+    ),
+    Mutant(
+        "2: sinks on where sight is too old to commit",
+        FLYING,
+        "may_descend = may_descend and not phases.is_blind(relative, sight.age)",
+        "may_descend = may_descend",
+        "guidance/test_landing.py::"
+        "test_blind_below_the_commit_height_and_not_committed_it_sinks_no_farther",
+    ),
+    Mutant(
+        "aim: a pad that stopped is not looked for behind",
+        "landerd/guidance/aim.py",
+        "SWEEP_LOW, SWEEP_HIGH = math.radians(-140.0), math.radians(-40.0)",
+        "SWEEP_LOW, SWEEP_HIGH = math.radians(-75.0), math.radians(-40.0)",
+        "guidance/test_aim.py::"
+        "test_it_waits_at_idle_and_then_sweeps_over_what_lies_below_and_behind_and_back",
     ),
     Mutant(
         "2: commits to a bad touch-down",

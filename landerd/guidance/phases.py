@@ -186,9 +186,14 @@ class Phases:
             and relative.height < self._options.commit_height_m
             and not self.goes_around
             and relative.error_rate[2] < MAX_CLIMB_MPS
-            and sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S < MAX_BLIND_S
+            and not self.is_blind(relative, sighting_age)
             and self.will_land_well(relative)
         )
+
+    def is_blind(self, relative: RelativeState, sighting_age: float) -> bool:
+        """Tell whether it is too low to sink on, and sight (of that age, s) too old to commit."""
+        blind_s = sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S
+        return relative.height < self._options.commit_height_m and blind_s >= MAX_BLIND_S
 
     def will_land_well(self, relative: RelativeState) -> bool:
         """Tell whether the error and the speed at touch-down will be inside their limits."""

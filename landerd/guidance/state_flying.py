@@ -116,6 +116,7 @@ class Tracking:
         is_inside = step.now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
         may_descend = is_inside and is_sure and relative.height > floor_m
+        may_descend = may_descend and not phases.is_blind(relative, sight.age)
         # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
         seen_m = relative.height + context.estimator.doubt.off_m
         if phases.goes_around and seen_m < o.descent.commit_height_m:

@@ -250,6 +250,19 @@ def test_committed_and_sight_is_lost_it_sinks_on_then_climbs_without_holding() -
     assert flight.lander.aborts == 1
 
 
+def test_blind_below_the_commit_height_and_not_committed_it_sinks_no_farther() -> None:
+    """It sank on until sight was 0.5 s old, and its feet touched before the climb took hold."""
+    flight = Flight().engaged()
+    while flight.height > 0.26:
+        flight.tick()
+    flight.visible = False
+    flight.run(0.4)
+    assert flight.lander.state is State.TRACKING
+    assert flight.setpoints[-1][1].velocity[2] <= 0.0
+    to(flight, State.SEARCHING, at_most_s=0.5)
+    assert flight.height > 0.1
+
+
 def test_waved_off_from_a_pad_that_drives_off_it_climbs_away_with_it() -> None:
     """It climbed where it was, its feet on a pad that was carried away: that tipped it over."""
     flight = Flight().engaged()
