@@ -412,6 +412,13 @@ MUTANTS = [
         "test_blind_below_the_commit_height_and_not_committed_it_sinks_no_farther",
     ),
     Mutant(
+        "4: a contact that was none is believed for good",
+        PAD,
+        "if now - self._clear_since >= MISSES_S:",
+        "if False:",
+        "guidance/test_landing.py::test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it",
+    ),
+    Mutant(
         "aim: a pad that stopped is not looked for behind",
         "landerd/guidance/aim.py",
         "SWEEP_LOW, SWEEP_HIGH = math.radians(-140.0), math.radians(-40.0)",

@@ -35,6 +35,13 @@ class Footing:
         self._last: Glimpse | None = None
         self._known = (0.0, 0.0)  # by which the pad should have moved under the feet since, m
 
+    @property
+    def rise_m(self) -> float:
+        """How far the feet are seen to have risen from the pad since they touched, m."""
+        if self._first is None or self._last is None:
+            return 0.0
+        return self._last.to_pad[2] - self._first.to_pad[2]
+
     def look(self, glimpse: Glimpse, pad_velocity: Vec3) -> bool:
         """Take a glimpse of the pad; tell whether it is a new one.
 

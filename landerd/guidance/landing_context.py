@@ -252,6 +252,11 @@ class LandingContext:
             self.pad_velocity = (north, east, self._known_velocity[2])
 
     @property
+    def rise_m(self) -> float:
+        """How far the feet are seen to have risen from the pad since contact was noticed, m."""
+        return self._footing.rise_m
+
+    @property
     def is_carried(self) -> bool:
         """Whether the pad is seen to take the vehicle along, otherwise than it was known to go."""
         return self._footing.holds

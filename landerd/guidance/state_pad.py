@@ -28,6 +28,10 @@ MIN_DESCENT_MPS = 0.05
 # Told to climb, it may lift after so long at the latest, s: levelled at 0.7 s it hopped, and fell.
 # It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
 THRUST_BACK_S, LIFTED_S = 0.6, 2.5
+# What was taken for contact was a gust where the feet are seen to have risen by so much since, m, and
+# to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own it
+# was carried off. The touch turns the lens less than that.
+RISES_M = 0.05
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -172,15 +176,16 @@ class Committed:
 class OnPad:
     """Goes with the pad and presses down until the autopilot knows that it has landed.
 
-    Once the vehicle stands still, level without thrust instead; then disarms. Sight plays no part,
-    though until it stands still pictures are looked at.
-    Only the gate ends this state. When the land detector stays silent, the pilot is told, the
-    outcome is `touchdown_unconfirmed`, and the orders go on.
+    Once the vehicle stands still, level without thrust instead; then disarms. Until it stands still
+    pictures are looked at: seen to rise from the pad, it was not on it. Otherwise only the gate ends
+    this state. When the land detector stays silent, the pilot is told, the outcome is
+    `touchdown_unconfirmed`, and the orders go on.
     """
 
     def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
         self._context = context
         self._touchdown = touchdown
+        self._clear_since = math.inf  # of the pad
 
     def enter(self, step: ControlStep) -> None:
         """Begin to go with the pad; contact was noted when it was found.
@@ -189,11 +194,15 @@ class OnPad:
         """
         self._context.outcome = None
         self._context.touch(step.now)
+        self._clear_since = math.inf
 
     def order(self, step: ControlStep) -> Event | None:
         """Order disarming when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
         context.ride(step)
+        self._clear_since = min(self._clear_since, now) if self._is_clear(now) else math.inf
+        if now - self._clear_since >= MISSES_S:
+            return Event.NO_CONTACT
         if self._touchdown.disarm_due(now, context.landed):
             orders.disarm()
         if self._touchdown.unconfirmed(now, context.landed):
@@ -205,6 +214,17 @@ class OnPad:
             down = self._touchdown.descent(0.0) + max(0.0, context.heave(now)[0])
             orders.fly((north, east, down), 0.0, may_descend=True)
         return None
+
+    def _is_clear(self, now: float) -> bool:
+        """Tell whether it is seen to have risen from the pad, higher than contact is believed."""
+        context = self._context
+        if self._touchdown.stands or context.rise_m < RISES_M:
+            return False
+        vehicle, pad = context.estimator.fresh_vehicle(now), context.estimator.pad(now)
+        if vehicle is None or pad is None:
+            return False
+        lowest_m = context.foothold.clearance(context.relative(vehicle, pad), vehicle.tilt)
+        return lowest_m > MAX_CONTACT_HEIGHT_M
 
 
 class Standing:

@@ -50,6 +50,7 @@ class Event(Enum):
     STANDS = "stands still on the pad, whatever was ordered"
     COMMITS = "just over the pad, and the touch-down will be good, or it stands there already"
     CONTACT = "feet on the pad, or ON_GROUND said since commit"
+    NO_CONTACT = "seen to rise from the pad: what was taken for contact was none"
     # Hand-backs to the pilot, who must have the switch low before landerd flies again:
     PAD_NOT_FOUND = "searched for guidance.lost.give_up_s"
     NO_LANDING_POSSIBLE = "too many descents were refused at commit or broken off"
@@ -134,7 +135,8 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     },
     State.ON_PAD: {
         **_FLYING,
-        # Sight plays no part any more: no picture is even searched.
+        # Before it stands, which ends sight: no picture is even searched then.
+        Event.NO_CONTACT: State.COMMITTED,
         Event.RELEASED: State.STANDING,
         Event.DISARMED: State.SILENT,
         Event.DISARMED_OFF_PAD: State.SILENT,

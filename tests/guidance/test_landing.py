@@ -721,6 +721,31 @@ def test_what_hovers_over_the_pad_that_it_sees_has_not_touched() -> None:
     assert flight.lander.state is State.COMMITTED
 
 
+def test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it() -> None:
+    """It was pressed down in the air, carried off by a velocity taken for the pad's, and tipped."""
+    flight = Flight(pad_velocity=(2.0, 0.0, 0.0)).engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.07:
+        flight.tick()
+
+    def held(up_mps: float) -> None:
+        height = flight.height
+        flight.tick()
+        lifted = height + up_mps * DT - flight.height
+        flight.position = add(flight.position, (0.0, 0.0, -lifted))
+        flight.velocity = (*flight.velocity[:2], -up_mps)
+
+    while flight.lander.state is State.COMMITTED:
+        held(0.0)
+    assert flight.lander.state is State.ON_PAD
+    while flight.lander.state is State.ON_PAD:
+        held(0.15)
+        assert flight.height < 0.22
+    assert flight.lander.state is State.COMMITTED
+    to(flight, State.ON_PAD)
+    assert flight.distance < 0.1
+
+
 def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
     """After a second on a deck that began to sink: it was thrown 0.7 m high, and down beside it."""
     flight = Flight().engaged()

@@ -51,6 +51,7 @@ def test_it_gets_onto_the_pad_only_by_commit_and_contact() -> None:
         (State.TRACKING, Event.COMMITS, State.COMMITTED),
         (State.COMMITTED, Event.CONTACT, State.ON_PAD),
         (State.WAVING_OFF, Event.STANDS, State.ON_PAD),  # of a commit, and contact not noticed
+        (State.ON_PAD, Event.NO_CONTACT, State.COMMITTED),  # of a commit, and there was none
         (State.STANDING, Event.GRANTED, State.ON_PAD),
     ]
 
