@@ -28,9 +28,9 @@ MIN_DESCENT_MPS = 0.05
 # Told to climb, it may lift after so long at the latest, s: levelled at 0.7 s it hopped, and fell.
 # It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
 THRUST_BACK_S, LIFTED_S = 0.6, 2.5
-# What was taken for contact was a gust where the feet are seen to have risen by so much since, m, and
-# to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own it
-# was carried off. The touch turns the lens less than that.
+# What was taken for contact was a gust where the feet are seen to have risen by so much since, m,
+# and to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own
+# it was carried off. The touch turns the lens less than that.
 RISES_M = 0.05
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
@@ -176,9 +176,9 @@ class Committed:
 class OnPad:
     """Goes with the pad and presses down until the autopilot knows that it has landed.
 
-    Once the vehicle stands still, level without thrust instead; then disarms. Until it stands still
-    pictures are looked at: seen to rise from the pad, it was not on it. Otherwise only the gate ends
-    this state. When the land detector stays silent, the pilot is told, the outcome is
+    Once the vehicle stands still, level without thrust instead; then disarms. Until it stands
+    still pictures are looked at: seen to rise from the pad, it was not on it. Otherwise only the
+    gate ends this state. When the land detector stays silent, the pilot is told, the outcome is
     `touchdown_unconfirmed`, and the orders go on.
     """
 
