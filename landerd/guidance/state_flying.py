@@ -97,9 +97,10 @@ class Tracking:
         elif relative.height < hold_m:
             climb = min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
             velocity = (velocity[0], velocity[1], relative.heave - climb)
-        # Were this the last order, the autopilot's own timeout must stop the vehicle in time.
+        # Were this the last order, the autopilot's own timeout must stop the vehicle in time, also
+        # where it is lower than it seems.
         safe = safe_sink_rate(
-            relative.height,
+            relative.height - 2.0 * relative.sigma_height,
             -relative.error_rate[2],
             context.guided_timeout_s,
             context.braking_mps2,
