@@ -43,10 +43,16 @@ def crossing(grey: F64, middle: F64, along: F64) -> tuple[F64, F64, Mask]:
     return found, rise, np.isfinite(least)
 
 
-def is_step(black: F64, white: F64) -> Mask:
-    """Tell where black beside white is as print and light make it."""
-    most_black = np.where(white < _CLIPPED, _MOST_BLACK, _MOST_BLACK_CLIPPED) * white
-    step: Mask = (white - black > _LEAST_STEP) & (black < most_black)
+def is_step(black: F64, white: F64, most_black: float = _MOST_BLACK) -> Mask:
+    """Tell where black beside white is as print and light make it.
+
+    Args:
+        black: levels beside edges, and
+        white: on their other side.
+        most_black: of black, over white that is not clipped.
+    """
+    most = np.where(white < _CLIPPED, most_black, _MOST_BLACK_CLIPPED) * white
+    step: Mask = (white - black > _LEAST_STEP) & (black < most)
     return step
 
 

@@ -128,20 +128,39 @@ def half_hidden(view: View, layout: PadLayout = THESIS_PAD) -> U8:
     return image
 
 
-def veiled(view: View, layout: PadLayout = THESIS_PAD) -> U8:
-    """Return a picture of a pad with a spot of glare beside the middle of its tag."""
+def glaring(
+    view: View, aside: tuple[float, float], spot: tuple[float, float], layout: PadLayout
+) -> U8:
+    """Return a picture of a pad with a spot of glare near its tag.
+
+    Args:
+        view: of the pad.
+        aside: of the spot from the tag's middle, camera frame, m.
+        spot: how bright it is, grey levels, its standard deviation, m, and what share is left of
+            the print's own contrast.
+        layout: of the pad.
+    """
     image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
-    middle = truth(view) + view.R_camera_pad @ np.array([0.05, 0.1, 0.0])
-    x0, y0 = CAMERA.pixels(middle[None])[0]
+    x0, y0 = CAMERA.pixels((truth(view) + np.array([*aside, 0.0]))[None])[0]
     x, y = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
-    wide = 0.08 * CAMERA.fx / truth(view)[2]
-    veil = 150.0 * np.exp(-0.5 * ((x - x0) ** 2 + (y - y0) ** 2) / wide**2)
-    lit: U8 = np.clip(0.6 * image + veil, 0, 255).astype(np.uint8)
+    level, wide = spot[0], spot[1] * CAMERA.fx / truth(view)[2]
+    veil = level * np.exp(-0.5 * ((x - x0) ** 2 + (y - y0) ** 2) / wide**2)
+    lit: U8 = np.clip(spot[2] * image + 20.0 + veil, 0, 255).astype(np.uint8)
     return lit
 
 
+def beside_glare(view: View, layout: PadLayout = THESIS_PAD) -> U8:
+    """Return a picture of a pad with glare on a side of its tag."""
+    return glaring(view, (0.05, 0.1), (150.0, 0.08, 0.6), layout)
+
+
+def under_glare(view: View, layout: PadLayout = THESIS_PAD) -> U8:
+    """Return a picture of a pad with glare on its whole tag: black is 0.85 of the white beside."""
+    return glaring(view, (0.0, 0.0), (190.0, 0.12, 0.25), layout)
+
+
 @pytest.mark.parametrize("height", [1.0, 1.4])
-@pytest.mark.parametrize("shown", [half_hidden, veiled])
+@pytest.mark.parametrize("shown", [half_hidden, beside_glare, under_glare])
 def test_a_tag_that_is_half_hidden_or_under_glare_is_tracked_by_the_steps_of_its_code(
     shown: Callable[[View], U8], height: float
 ) -> None:
@@ -153,8 +172,8 @@ def test_a_tag_that_is_half_hidden_or_under_glare_is_tracked_by_the_steps_of_its
     assert error @ fit.pose.information[:3, :3] @ error < CHI2_999
 
 
-@pytest.mark.parametrize("number", [7, 10, 122, 316, 417])
-@pytest.mark.parametrize("shown", [half_hidden, veiled])
+@pytest.mark.parametrize("number", [7, 316, 417])
+@pytest.mark.parametrize("shown", [half_hidden, beside_glare, under_glare])
 def test_another_tag_so_disturbed_is_not_taken_for_it(
     shown: Callable[[View, PadLayout], U8], number: int
 ) -> None:
