@@ -419,6 +419,13 @@ MUTANTS = [
         "guidance/test_landing.py::test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it",
     ),
     Mutant(
+        "4: level without thrust while it rises",
+        PAD,
+        "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.heaves:",
+        "if False:",
+        "guidance/test_landing.py::test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling",
+    ),
+    Mutant(
         "aim: a pad that stopped is not looked for behind",
         "landerd/guidance/aim.py",
         "SWEEP_LOW, SWEEP_HIGH = math.radians(-140.0), math.radians(-40.0)",

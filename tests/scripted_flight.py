@@ -265,6 +265,7 @@ class Flight:
             case PressDown():
                 assert self.contact_t is not None
                 self.pressed.append(command)
+                self.order = Setpoint(self.pad_velocity, 0.0)  # without thrust it stays there
             case GimbalCommand():
                 self._aimed = command
             case StatusText():

@@ -376,6 +376,10 @@ def _stand_level(
         level = touchdown.without_data(step.now, context.landed, released=released)
     else:
         level = _level_due(context, touchdown, step, vehicle, released=released)
+        climb_mps = -vehicle.foot_velocity[2]
+        if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.heaves:
+            touchdown.press(step.now)
+            level = False
         if not touchdown.stands:
             context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
     if level:

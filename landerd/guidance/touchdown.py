@@ -80,6 +80,11 @@ FASTEST_HEAVE_MPS = 0.6
 # they touched, one of 2.2 m/s^2 lifted after 0.5 s, one of 0.9 m/s^2 after 1.5 s.
 LIFTS_S = 0.15
 
+# Levelled as its thrust was coming back, it lifts all the same, and falls beside the pad: where it
+# has risen so far since, m, and rises so fast, m/s, it is to fly. Telemetry that is wrong in height
+# alone does not say so, and a deck that was seen to heave may carry it up.
+LIFTED_M, LIFTS_MPS = 0.08, 0.15
+
 DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
 
 
@@ -116,6 +121,7 @@ class Touchdown:
         self._in_air: tuple[float, float] | None = None  # when, how fast it would sink then, m/s
         self._flew_t = -math.inf  # last seen to sink as it would in the air, s
         self._level = self.stands = False
+        self._level_down: float | None = None  # local z of the feet when it was levelled, m
         self._tilt = 0.0  # largest since commit, rad
         self._disarm_t = -math.inf
 
@@ -210,6 +216,18 @@ class Touchdown:
         self._contact_t = t
         self._flat_since = self._still_since = math.inf
         self._level = self.stands = False
+        self._level_down = None
+
+    def lifts(self, feet_down: float, climb_mps: float) -> bool:
+        """Tell whether what is level on a pad that does not heave rises from it.
+
+        Args:
+            feet_down: local z of the feet, m; called at every control step while it is level.
+            climb_mps: measured.
+        """
+        if self._level_down is None:
+            self._level_down = feet_down
+        return self._level_down - feet_down > LIFTED_M and climb_mps > LIFTS_MPS
 
     def settle(self, t: float) -> None:
         """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""

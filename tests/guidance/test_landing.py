@@ -766,6 +766,22 @@ def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
     assert flight.height > 0.2
 
 
+def test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling() -> None:
+    """It was thrown half a metre high, level and without thrust, and fell beside the pad."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    while not flight.pressed:
+        flight.tick()
+    ordered = len(flight.setpoints)
+    for _ in range(round(0.3 / DT)):
+        flight.tick()
+        flight.position = add(flight.position, (0.0, 0.0, -0.5 * DT))
+        flight.velocity = (*flight.velocity[:2], -0.5)
+    assert len(flight.setpoints) > ordered
+    assert flight.setpoints[-1][1].velocity[0] == pytest.approx(1.0, abs=0.1)
+
+
 @pytest.mark.parametrize("beside_m", [0.0, 1.5])
 def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m: float) -> None:
     flight = Flight()

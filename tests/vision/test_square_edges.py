@@ -129,7 +129,7 @@ def half_hidden(view: View, layout: PadLayout = THESIS_PAD) -> U8:
 
 
 def glaring(
-    view: View, aside: tuple[float, float], spot: tuple[float, float], layout: PadLayout
+    view: View, aside: tuple[float, float], spot: tuple[float, float, float], layout: PadLayout
 ) -> U8:
     """Return a picture of a pad with a spot of glare near its tag.
 
