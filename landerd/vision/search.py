@@ -63,7 +63,7 @@ class Search:
         self._min_ring_px = min_ring_px
         self._detectors = detectors
         self._state = policy.SearchState()
-        self._refuses_bare = self._saw_bare = self._vouched = False
+        self._saw_bare = self._vouched = False
         self._round: dict[MarkerSighting, list[FoundSquare]] = {}  # squares decoded, by their ring
         self._ring_work = {r: RingWork(smallest_px=min_ring_px) for r in layout.rings}
 
@@ -80,7 +80,6 @@ class Search:
         down: Vec3 | None,
         *,
         holds_heading: bool,
-        refuses_bare: bool = False,
         vouched: bool = False,
     ) -> tuple[list[FoundRing], list[FoundSquare]]:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
@@ -92,11 +91,11 @@ class Search:
             down: unit vector of gravity, camera frame.
             holds_heading: whether the estimate knows the heading well enough for some frames
                 without a square.
-            refuses_bare: whether rings are another's that lack the white round the pad's other
-                markers; the search goes on behind them.
-            vouched: whether those where the pad is expected are its own all the same.
+            vouched: whether rings where the pad is expected are its own though they lack the white
+                round the pad's other markers. Elsewhere those are another's, and the search goes on
+                behind them.
         """
-        self._refuses_bare, self._saw_bare, self._vouched = refuses_bare, False, vouched
+        self._saw_bare, self._vouched = False, vouched
         self._round = {}
         rings: list[FoundRing] = []
         squares: list[FoundSquare] = []
@@ -187,10 +186,7 @@ class Search:
             vouched=self._vouched,
         )
 
-    def _refusal(self, image: Image, ring: Ring) -> Refusal | None:
-        if not self._refuses_bare:
-            return None
-
+    def _refusal(self, image: Image, ring: Ring) -> Refusal:
         def is_bare(sighting: MarkerSighting) -> bool:
             # They are looked for in any case, and take less time than the plate.
             if self._squares_round(image, ring, sighting):

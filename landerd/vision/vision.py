@@ -112,7 +112,6 @@ class Vision:
             expected,
             prior.down,
             holds_heading=prior.pad is not None,
-            refuses_bare=_is_heading_open(prior),
             vouched=vouched,
         )
         candidates = [self._ring(frame.t, ring, sighting) for ring, sighting in rings]

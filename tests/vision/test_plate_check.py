@@ -237,6 +237,23 @@ def test_the_pad_is_seen_behind_a_nearer_ring_that_is_another_s() -> None:
     assert all(math.dist(p.position, far.position) < 0.3 for p in seen)
 
 
+def test_while_a_leg_hides_the_pad_that_is_known_another_s_ring_is_not_taken_for_it() -> None:
+    """Its heading was known, and a tyre 10 m off was followed and descended to."""
+    at = look(IDEAL_CAMERA, 6.0, 0.4, pixel=(150.0, 230.0), tilt_towards=1.0, heading=0.3)
+    tyre = look(IDEAL_CAMERA, 9.0, 0.4, pixel=(480.0, 230.0), tilt_towards=1.0, heading=0.3)
+    rng = np.random.default_rng(2)
+    image = render(at, IDEAL_CAMERA, Optics(), rng, THESIS_PAD)
+    image[:, 320:] = render(tyre, IDEAL_CAMERA, Optics(), rng, BARE)[:, 320:]
+    hidden = image.copy()
+    hidden[:, :320] = 30
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    seen = [vision.process(Frame(i / 30.0, i, image)) for i in range(5)][-1].pad[0]
+    assert seen.north is not None
+    prior = Prior(pad=PadPrior(seen.position, 0.05, normal=seen.normal, north=seen.north))
+    for i in range(5, 15):
+        assert not vision.process(Frame(i / 30.0, i, hidden), prior).pad
+
+
 @pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
 def test_a_shadow_over_a_part_of_the_pad_is_no_reason_to_refuse_its_ring(turn: float) -> None:
     at = view(6.0, 0.3)
