@@ -341,6 +341,8 @@ class Touchdown:
         may_level = released or (is_pressed and landed is not Landed.ON_GROUND)
         due = self._level or (late and may_level)
         self._level = due and now - self._slow_since >= CONTACT_S
+        if not self._level:
+            self._level_down = None
         self.stands = stands or self._level or confirmed
         return self._level
 
