@@ -406,8 +406,8 @@ MUTANTS = [
     Mutant(
         "2: sinks on where sight is too old to commit",
         FLYING,
-        "may_descend = may_descend and not phases.is_blind(relative, sight.age)",
-        "may_descend = may_descend",
+        "is_blind = phases.is_blind(relative, sight.age)",
+        "is_blind = False",
         "guidance/test_landing.py::"
         "test_blind_below_the_commit_height_and_not_committed_it_sinks_no_farther",
     ),

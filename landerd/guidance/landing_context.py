@@ -181,10 +181,9 @@ class LandingContext:
         self._pad_seen = step.now, sight.pad_down
         relative, o = sight.relative, self.options
         # Just begun, it may not know yet how the lens errs; the autopilot knows what stands.
-        at_least = relative.height - 2.0 * relative.sigma_height
         is_there = (
             relative.height <= MAX_CONTACT_HEIGHT_M
-            and (at_least <= BUILD_ERROR_M or self.landed is Landed.ON_GROUND)
+            and (relative.least_height <= BUILD_ERROR_M or self.landed is Landed.ON_GROUND)
             and not self.foothold.will_miss(
                 relative, sight.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
             )

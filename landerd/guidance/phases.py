@@ -114,8 +114,7 @@ class Phases:
             relative: pad relative to vehicle.
             off_m: so far from there the newest sighting shows the pad: it may have jumped, m.
         """
-        at_least = relative.height - 2.0 * relative.sigma_height
-        radius = self._radius(at_least)
+        radius = self._radius(relative.least_height)
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
         distance = relative.distance
         outward = (north * v_north + east * v_east) / max(distance, MIN_DISTANCE_M)

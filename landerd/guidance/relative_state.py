@@ -75,6 +75,11 @@ class RelativeState:
         return dot((k * north, k * east, down), self.normal)
 
     @property
+    def least_height(self) -> float:
+        """Height of the feet over the pad that may be counted on, m: its own uncertainty counts."""
+        return self.height - 2.0 * self.sigma_height
+
+    @property
     def heave(self) -> float:
         """Vertical velocity of the pad to go along with, m/s: less of it the less it is known."""
         return self.pad_velocity[2] / (1.0 + (self.sigma_heave / HALF_KNOWN_HEAVE_MPS) ** 2)

@@ -100,7 +100,7 @@ class Tracking:
         # Were this the last order, the autopilot's own timeout must stop the vehicle in time, also
         # where it is lower than it seems.
         safe = safe_sink_rate(
-            relative.height - 2.0 * relative.sigma_height,
+            relative.least_height,
             -relative.error_rate[2],
             context.guided_timeout_s,
             context.braking_mps2,
@@ -116,8 +116,8 @@ class Tracking:
             self._outside_t = step.now
         is_inside = step.now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
-        may_descend = is_inside and is_sure and relative.height > floor_m
-        may_descend = may_descend and not phases.is_blind(relative, sight.age)
+        is_blind = phases.is_blind(relative, sight.age)
+        may_descend = is_inside and is_sure and not is_blind and relative.height > floor_m
         # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
         seen_m = relative.height + context.estimator.doubt.off_m
         if phases.goes_around and seen_m < o.descent.commit_height_m:

@@ -500,12 +500,18 @@ def test_released_as_it_slides_across_a_pad_that_stopped_it_is_not_levelled() ->
     assert flight.pressed == []
 
 
-def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
+def without_thrust() -> Flight:
+    """Return a flight whose vehicle just stands level, without thrust, on a pad of 1 m/s."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
     flight.detects_landing = False
     to(flight.engaged(), State.ON_PAD)
     while not flight.pressed:
         flight.tick()
+    return flight
+
+
+def test_levelled_on_the_pad_it_stays_so_when_data_are_stale() -> None:
+    flight = without_thrust()
     flight.run(0.15)
     flown, levelled = len(flight.setpoints), len(flight.pressed)
     flight.silent = {LocalPosition}
@@ -768,11 +774,7 @@ def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
 
 def test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling() -> None:
     """It was thrown half a metre high, level and without thrust, and fell beside the pad."""
-    flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
-    flight.detects_landing = False
-    to(flight.engaged(), State.ON_PAD)
-    while not flight.pressed:
-        flight.tick()
+    flight = without_thrust()
     ordered = len(flight.setpoints)
     for _ in range(round(0.3 / DT)):
         flight.tick()

@@ -95,10 +95,15 @@ def test_another_tag_in_that_shadow_is_not_taken_for_it(number: int) -> None:
 
 def dirty(view: View, layout: PadLayout = THESIS_PAD) -> U8:
     """Return a picture of a pad with dirt on the middle of its tag, as dark as its print."""
-    image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
     angles = np.arange(24) * math.pi / 12.0
-    blot = 0.1 * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(24)]) + CENTRE
-    px = CAMERA.pixels(np.array(view.position) + blot @ view.R_camera_pad.T)
+    return blotted(view, 0.1 * np.column_stack([np.cos(angles), np.sin(angles)]), layout)
+
+
+def blotted(view: View, blot: F64, layout: PadLayout) -> U8:
+    """Return a picture of a pad with a blot of an outline (n, 2), m from its tag's middle."""
+    image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
+    outline = np.column_stack([blot, np.zeros(len(blot))]) + CENTRE
+    px = CAMERA.pixels(np.array(view.position) + outline @ view.R_camera_pad.T)
     cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 45.0, shift=4)
     return image
 
@@ -120,12 +125,8 @@ def test_another_tag_under_that_dirt_is_not_taken_for_it(number: int) -> None:
 
 def half_hidden(view: View, layout: PadLayout = THESIS_PAD) -> U8:
     """Return a picture of a pad with half of its tag under dirt as dark as its print."""
-    image = render(view, CAMERA, Optics(noise=0.0), np.random.default_rng(7), layout)
     blot = [(-0.17, -0.2), (-0.17, 0.03), (-0.05, -0.02), (0.02, 0.02), (0.08, -0.03), (0.17, 0.0)]
-    outline = np.array([(*p, 0.0) for p in [*blot, (0.17, -0.2)]]) + CENTRE
-    px = CAMERA.pixels(np.array(view.position) + outline @ view.R_camera_pad.T)
-    cv2.fillPoly(image, [np.rint(px * 16.0).astype(np.int32)], 45.0, shift=4)
-    return image
+    return blotted(view, np.array([*blot, (0.17, -0.2)]), layout)
 
 
 def glaring(
