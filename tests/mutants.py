@@ -200,6 +200,13 @@ MUTANTS = [
         "test_2_no_descent_without_a_young_sighting",
     ),
     Mutant(
+        "1d: a moment of stale attitude ends a descent",
+        CONTEXT,
+        "return is_seen and now - self.tracked_t < MOMENT_S and self.outcome is None",
+        "return False",
+        "test_lander.py::test_moments_of_stale_attitude_break_off_no_descent_and_longer_ones_do",
+    ),
+    Mutant(
         "2: descends outside the region",
         PHASES,
         "return distance + off_m + leaves + 2.0 * relative.sigma_m < radius",

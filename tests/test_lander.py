@@ -389,6 +389,26 @@ def test_stale_attitude_or_position_stops_sooner_than_a_lost_pad(kind: type) -> 
     assert flight.lander.phase is Phase.NOT_LANDING
 
 
+def test_moments_of_stale_attitude_break_off_no_descent_and_longer_ones_do() -> None:
+    flight = Flight(position=(0.3, 0.0, -3.5)).engaged()
+    while flight.height > 1.5:
+        flight.tick()
+    freshness_s = flight.config.freshness.attitude_s
+    flown_by = set()
+    for _ in range(flight.config.guidance.lost.retries + 1):
+        flight.silent = {Attitude}
+        flight.run(freshness_s + 0.1)
+        flown_by.add(flight.lander.phase)
+        flight.silent = set()
+        flight.run(0.15)
+        flown_by.add(flight.lander.phase)
+    assert flown_by == {Phase.NOT_LANDING, Phase.DESCENT}  # no landing begins anew
+    assert flight.lander.aborts == 0
+    flight.silent = {Attitude}
+    flight.run(freshness_s + 0.4)
+    assert flight.lander.aborts == 1
+
+
 def test_without_a_position_it_does_not_climb() -> None:
     flight = Flight().engaged()
     flight.silent = {LocalPosition}

@@ -27,6 +27,10 @@ FAST_PAD_MPS = 0.5
 # and camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to
 # slide.
 BUILD_ERROR_M = 0.04
+# What ends for less than this, s, breaks off no descent where it is the vehicle's own data: on a
+# lossy link attitude was stale for a tick now and again, each time the landing began anew, and the
+# sixth time it was handed back.
+MOMENT_S = 0.3
 # Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
 # climbing takes half of it.
 RESTS_MPS = 0.1
@@ -84,6 +88,7 @@ class LandingContext:
         aborts: times a descent was broken off, or the pad went out of sight while flying.
         low: below the alignment height when the pad was last in sight.
         landed: what the autopilot's land detector has said since commit.
+        tracked_t: when it was flown by sight of the pad last, s; -inf: not since it was broken off.
         pad_velocity: as last seen, local NED, m/s.
         heading: of the vehicle as the autopilot told it last, rad: to stand level with.
         foothold: where the feet are on the plate.
@@ -100,6 +105,7 @@ class LandingContext:
         self.outcome: str | None = None
         self.aborts = 0
         self.low = self.hold_asked = False
+        self.tracked_t = -math.inf
         self.landed = Landed.UNDEFINED
         self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
         self.heading = 0.0
@@ -297,8 +303,14 @@ class LandingContext:
         """Tell whether the landing should have come to commit by now."""
         return now - self._began > self.options.lost.total_s
 
+    def goes_on(self, now: float) -> bool:
+        """Tell whether nothing but the vehicle's own data is missing, and that for a moment."""
+        is_seen = self.estimator.sight_age(now) < self.options.lost.after_s
+        return is_seen and now - self.tracked_t < MOMENT_S and self.outcome is None
+
     def break_off(self) -> None:
         """Count an abort; those of descents are limited in number (guidance.lost.retries)."""
+        self.tracked_t = -math.inf
         self.aborts += 1
         if self.low and not self.hold_asked:
             self._descents_broken_off += 1

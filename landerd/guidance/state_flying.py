@@ -55,8 +55,10 @@ class Tracking:
         self._seen_from = 0.0  # in sight without a break since then, s
 
     def enter(self, step: ControlStep) -> None:
-        """Begin a landing, from the velocity that the vehicle has."""
+        """Begin a landing, from the velocity that the vehicle has, or go on with it."""
         context = self._context
+        if context.goes_on(step.now):
+            return
         vehicle = context.estimator.fresh_vehicle(step.now)
         if vehicle is not None:
             north, east, down = vehicle.velocity
@@ -77,6 +79,7 @@ class Tracking:
         if sight is None:
             is_low = self._context.just_over_fast_pad
             return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
+        self._context.tracked_t = step.now
         if self._context.stands(step.now) and not self._context.hold_asked:
             self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS
@@ -228,16 +231,17 @@ class Searching:
         self._lost_down = 0.0  # local z where the pad went out of sight, m
 
     def enter(self, step: ControlStep) -> None:
-        """Count the abort, and begin the plan where the vehicle is."""
+        """Begin the plan where the vehicle is."""
         context = self._context
         vehicle = context.estimator.fresh_vehicle(step.now)
         self._lost_down = vehicle.feet[2] if vehicle else 0.0
         self._plan.begin(step.now, self._lost_down, low=context.low)
-        context.break_off()
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order what the plan says, without turning."""
+        """Order what the plan says, without turning; count the abort, once, if it is one."""
         context = self._context
+        if context.tracked_t > -math.inf and not context.goes_on(step.now):
+            context.break_off()
         if context.sight is not None:
             return Event.PAD_IN_SIGHT
         vehicle = context.estimator.fresh_vehicle(step.now)
