@@ -7,6 +7,7 @@ from landerd.config.models import AimSection
 from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
+from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
 from landerd.pad import Marker, PadLayout, Ring, size_m
 
@@ -46,7 +47,9 @@ class View:
         then = now + options.lead_s
         remembered = now - estimator.sighting_t < options.search_after_s
         pad = estimator.pad(then) if remembered else None
-        pad = pad or estimator.unconfirmed(then, GLANCE_S)
+        if pad is None:
+            maybe = estimator.unconfirmed(then, GLANCE_S)
+            pad = None if _flies_away(estimator.vehicle(now), maybe) else maybe
         return self.direction(estimator.poses, pad, then - attitude[0]) if pad else None
 
     def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
@@ -79,6 +82,18 @@ class View:
             if dot(*diagonal) > math.cos(MAX_GROUP_ANGLE):
                 break
         return scale(middle, 0.5)
+
+
+def _flies_away(vehicle: VehicleState | None, pad: PadEstimate | None) -> bool:
+    """Tell whether the vehicle is flown away from what may be a pad: pilots fly to theirs.
+
+    Boards of others, passed on the way and refused again and again, kept the camera turned back
+    while the pad ahead came and went.
+    """
+    if pad is None or vehicle is None or vehicle.course is None:
+        return False
+    north, east, _ = sub(pad.position, vehicle.feet)
+    return north * vehicle.velocity[0] + east * vehicle.velocity[1] < 0.0
 
 
 def _corners(markers: Sequence[Marker]) -> list[Vec3]:

@@ -95,3 +95,14 @@ def test_so_is_what_was_seen_once_after_another_was_lost() -> None:
     direction = View(PAD).ahead(estimator, 6.0, AimSection())
     assert direction is not None
     assert math.atan2(direction[1], direction[2]) == pytest.approx(0.4, abs=0.05)
+
+
+@pytest.mark.parametrize(("speed", "looks"), [(4.0, True), (-4.0, False), (-1.0, True)])
+def test_what_was_seen_once_is_not_looked_back_at_on_the_way(speed: float, looks: bool) -> None:
+    # Boards of others turned the camera back while the pad ahead came and went.
+    estimator = Estimator(Config())
+    for i in range(30):
+        hear(estimator, 0.05 * i, "attitude", "gimbal")
+        estimator.on_telemetry(LocalPosition(0.05 * i, (0.0, 0.0, -5.0), (0.0, speed, 0.0)))
+    estimator.on_sightings(shown(1.45, replace(BELOW, position=(2.0, 0.0, 5.0))))  # to the east
+    assert (View(PAD).ahead(estimator, 1.46, AimSection()) is not None) is looks
