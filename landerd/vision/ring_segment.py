@@ -30,6 +30,8 @@ LARGE_STROKE_PX = 21  # in the coarsest level; there a local mean shows the larg
 _NEAR_PX = 7  # side of the surrounding with the least level
 _NEAR_SHARE = 0.4  # of the way from it to the closed level; 0.5 loses leaf shade and legs
 _NEAR_STEP = 19  # grey levels between the two; up to that, nothing is dark
+# In deep shadow white itself is no brighter, and noise less: such a share of it, and grey levels.
+_NEAR_STEP_SHARE, _LEAST_NEAR_STEP = 0.6, 8
 _LOCAL_MEAN_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
 _MAX_COMPONENTS = 400  # whose spokes are looked at, largest first
 _MAX_OUTLINES = 8  # returned
@@ -109,6 +111,8 @@ class Candidate:
 def dark_between(stroke_px: int) -> Segmentation:
     """Return what finds strokes of up to such a width that are darker than both sides."""
     stroke, near = (np.ones((side, side), np.uint8) for side in (stroke_px, _NEAR_PX))
+    # Of each grey level beside.
+    most = np.clip(_NEAR_STEP_SHARE * np.arange(256), _LEAST_NEAR_STEP, _NEAR_STEP).astype(np.uint8)
 
     def segment(image: U8) -> U8:
         smooth = cv2.blur(image, (3, 3))
@@ -116,7 +120,7 @@ def dark_between(stroke_px: int) -> Segmentation:
         least = cv2.erode(smooth, near, borderType=cv2.BORDER_REPLICATE)
         between = cv2.addWeighted(beside, _NEAR_SHARE, least, 1.0 - _NEAR_SHARE, 0.0)
         dark = cv2.compare(image, between, cv2.CMP_LT)
-        _, steep = cv2.threshold(cv2.subtract(beside, least), _NEAR_STEP, 255, cv2.THRESH_BINARY)
+        steep = cv2.compare(cv2.subtract(beside, least), cv2.LUT(beside, most), cv2.CMP_GT)
         return np.asarray(cv2.bitwise_and(dark, steep), dtype=np.uint8)
 
     return segment

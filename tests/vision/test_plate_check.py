@@ -75,11 +75,15 @@ def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(
     assert is_seen(UNREADABLE, view(distance, 0.3), blurred)
 
 
-def is_seen_half_in_shadow(painted: PadLayout, distance: float) -> bool:
+ACROSS = Shadow(0.2, (302.0, 226.0), (math.cos(1.9), math.sin(1.9)))
+
+
+def is_seen_half_in_shadow(
+    painted: PadLayout, distance: float, shadow: Shadow = ACROSS, noise: float = 3.0
+) -> bool:
     """Tell whether a picture shows the pad: sunny ground is as bright as white in the shade."""
     at = look(THESIS_CAMERA, distance, 0.4, pixel=(300.0, 230.0), heading=2.5)
-    shadow = Shadow(0.2, (302.0, 226.0), (math.cos(1.9), math.sin(1.9)))
-    shaded = Optics(background="grass", shadow=shadow)
+    shaded = Optics(background="grass", shadow=shadow, noise=noise)
     image = render(at, THESIS_CAMERA, shaded, np.random.default_rng(2), painted)
     vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
     return bool(vision.process(Frame(0.0, 0, image)).pad)
@@ -89,6 +93,12 @@ def is_seen_half_in_shadow(painted: PadLayout, distance: float) -> bool:
 def test_a_shadow_across_the_pad_does_not_hide_its_plate(distance: float) -> None:
     assert is_seen_half_in_shadow(UNREADABLE, distance)
     assert not is_seen_half_in_shadow(BARE, distance)
+
+
+def test_nor_does_a_deep_one_that_leaves_the_plates_edge_in_the_sun() -> None:
+    deep = Shadow(0.1, (298.6, 237.5), (math.cos(5.0), math.sin(5.0)))
+    assert is_seen_half_in_shadow(UNREADABLE, 15.0, deep, noise=1.0)
+    assert not is_seen_half_in_shadow(BARE, 15.0, deep, noise=1.0)
 
 
 @pytest.mark.parametrize("distance", [12.0, 15.0])

@@ -162,6 +162,18 @@ def test_shadow_edge_across_the_ring() -> None:
     assert error_m(found[0], view) < 0.02
 
 
+@pytest.mark.parametrize("distance", [5.0, 9.0, 13.0])
+def test_beside_the_sun_in_a_shadow_so_deep_that_white_is_darker_there_than_black_in_the_sun(
+    distance: float,
+) -> None:
+    view = look(distance, 30, (320.0, 240.0))
+    shadow = scenes.Shadow(0.1, (300.0, 240.0), (0.8, 0.6))
+    image = shot(view, scenes.Optics(shadow=shadow, noise=0.8, background="grass"))
+    found = find_rings(image, RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.03
+
+
 def test_motion_of_ten_pixels() -> None:
     view = look(10.0, 30)
     found = find_rings(shot(view, scenes.Optics(motion_px=(8.0, 6.0))), RING, CAMERA)
