@@ -245,9 +245,13 @@ def _joint(
         mean: of the markers' errors as known before, (7 k,), and
         known: its information, (7 k, 7 k).
     """
-    R = _start_rotation(measured, first, prior_north)
-    pose = Pose(R, first.t - R @ measured[0].place, np.zeros((6, 6)), 0.0)
     errors = mean
+    # Of the first marker no other solution: with its errors as they are known it starts where that
+    # shows it. From elsewhere a mirrored one seemed nearer, of a bent pad low under the camera.
+    measured = [replace(measured[0], poses=(first,)), *measured[1:]]
+    R = _start_rotation(measured, first, prior_north) @ cv2.Rodrigues(errors[TILT])[0].T
+    t = first.t * (1.0 + errors[SCALE]) - R @ (measured[0].place + errors[:3])
+    pose = Pose(R, t, np.zeros((6, 6)), 0.0)
     yaw_information = _MIN_YAW_INFORMATION
     if prior_north is not None and not _has_north(measured):
         yaw_information = 1.0 / _PRIOR_NORTH_SIGMA**2
