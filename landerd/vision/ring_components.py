@@ -19,6 +19,7 @@ Mask = NDArray[np.bool_]
 
 _MIN_AREA_PX = 12  # a ring of 5 px without its hole
 _MIN_HOLE = 0.05  # of a component's area: a plain ring's has 0.2
+_MIN_CORNERS = 6  # of a hull: five define an ellipse
 
 
 @dataclass(frozen=True)
@@ -101,14 +102,7 @@ class Mosaic:
 
         In its image's pixels; None: there is none that is large enough.
         """
-        part, middle = c.part[i], np.array([c.x[i], c.y[i]])
-        # An ellipse's own reach is 2 sigmas, and perspective stretches it.
-        reach = 3.0 * np.sqrt([c.xx[i], c.yy[i]])
-        size = (self.widths[part], self.heights[part])
-        x0, y0 = np.maximum(np.floor(middle - reach), 0.0).astype(int)
-        x1, y1 = np.minimum(np.ceil(middle + reach) + 1, size).astype(int)
-        top = self._tops[part]
-        box = self._dark[top + y0 : top + y1, x0 + 1 : x1 + 1]
+        box, x0, y0 = self._box(c, i)
         contours, tree = cv2.findContours(box, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
         holes = [contour for contour, of in zip(contours, tree[0], strict=True) if of[3] >= 0]
         if not holes:
@@ -117,6 +111,34 @@ class Mosaic:
         if m["m00"] < _MIN_HOLE * c.area[i]:
             return None
         return np.array([x0 + m["m10"] / m["m00"], y0 + m["m01"] / m["m00"]])
+
+    def outer_edge(self, c: Components, i: int) -> tuple[F64, F64] | None:
+        """Return middle (2,) and axes (2, 2) of the ellipse round one of the components.
+
+        Through the corners of its hull: of a ring that is broken they lie on what is left of it.
+        None: it has too few.
+        """
+        box, x0, y0 = self._box(c, i)
+        contours, _ = cv2.findContours(box, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        hull = cv2.convexHull(max(contours, key=len))
+        if len(hull) < _MIN_CORNERS:
+            return None
+        (x, y), widths, angle = cv2.fitEllipseDirect(hull)
+        radii = 0.5 * (np.array(widths) + 1.0)  # corners are the middles of pixels
+        a = math.radians(angle)
+        turn = np.array([(math.cos(a), -math.sin(a)), (math.sin(a), math.cos(a))])
+        return np.array([x0 + x, y0 + y]), turn * radii
+
+    def _box(self, c: Components, i: int) -> tuple[U8, int, int]:
+        """Return what is dark about one of the components, and where that begins, x and y."""
+        part, middle = c.part[i], np.array([c.x[i], c.y[i]])
+        # An ellipse's own reach is 2 sigmas, and perspective stretches it.
+        reach = 3.0 * np.sqrt([c.xx[i], c.yy[i]])
+        size = (self.widths[part], self.heights[part])
+        x0, y0 = np.maximum(np.floor(middle - reach), 0.0).astype(int)
+        x1, y1 = np.minimum(np.ceil(middle + reach) + 1, size).astype(int)
+        top = self._tops[part]
+        return self._dark[top + y0 : top + y1, x0 + 1 : x1 + 1], int(x0), int(y0)
 
 
 def _picked(good: Mask, of: NDArray[np.signedinteger]) -> tuple[Indices, Indices, Indices]:

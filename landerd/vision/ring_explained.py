@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,7 @@ from landerd.messages import EDGES
 from landerd.pad import Ring
 from landerd.vision.edge_profile import edge_cost
 from landerd.vision.ring_covariance import frontal_inflation
-from landerd.vision.ring_edges import EdgeFit, edge_fit
+from landerd.vision.ring_edges import EdgeFit, edge_fit, points_on
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import F64, Pose, mirrored
@@ -81,6 +82,11 @@ _ANOTHER_RATIO, _ANOTHER_NOISE = 0.2, 1.5
 _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
 _SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
 
+# Where noise is more than this share of the contrast, edges that are not seen are looked for once
+# more in a smoother image, sigma in px.
+_NOISY, _SMOOTH_PX = 0.15, 0.8
+_NOISE_MASK = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32)
+
 # Errors of edges that are common to all of them, or to one side, px; and of their shift.
 _EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
 # Light that changes across an edge moves it, and the opposite one the same way: px, at light that
@@ -134,6 +140,36 @@ def explained(
             known to be none.
         vouches: for a ring whose edges alone do not tell it; None: nothing does.
     """
+    found = _explained(image, camera, ring, fits, vouches)
+    if found is None and _is_noisy(image, camera, ring, fits[0]):
+        smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), dtype=np.uint8)
+        found = _explained(smooth, camera, ring, fits, vouches)
+    return found
+
+
+def _is_noisy(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether the pixels about a ring are so noisy that its edges are lost in it.
+
+    Immerkaer, "Fast noise variance estimation", CVIU 1996: a mask that edges all but cancel.
+    """
+    px = camera.pixels(points_on(ring, (fit.position, fit.normal)))
+    h, w = image.shape
+    x0, y0 = np.clip(np.floor(px.min(axis=0)), 0, (w, h)).astype(int)
+    x1, y1 = np.clip(np.ceil(px.max(axis=0)) + 1, 0, (w, h)).astype(int)
+    if min(x1 - x0, y1 - y0) < len(_NOISE_MASK):
+        return False
+    left = cv2.filter2D(image[y0:y1, x0:x1], cv2.CV_32F, _NOISE_MASK)[1:-1, 1:-1]
+    noise = math.sqrt(0.5 * math.pi) / 6.0 * float(np.abs(left).mean())
+    return noise > _NOISY * fit.contrast
+
+
+def _explained(
+    image: U8,
+    camera: CameraModel,
+    ring: Ring,
+    fits: list[RingFit],
+    vouches: Vouches | None,
+) -> Explained | None:
     best = fits[0]
     found: list[EdgeFit] = []
     starts = [(best.position, best.normal)]

@@ -116,7 +116,8 @@ def test_of_a_bent_pad_low_under_the_camera_the_mirrored_tag_is_not_taken() -> N
     bend = np.array([0.0, -math.radians(4.3), 0.0])
     mean, _ = errors.of([1])
     errors.learn(0.0, [1], np.concatenate([mean[:3], bend, mean[6:]]), 0.01 * errors.first([1]))
-    place = np.array([*layout.markers[1].position_m, 0.0])
+    (square,) = layout.squares
+    place = np.array([*square.position_m, 0.0])
     low = look(CAMERA, 1.2, 0.2, pixel=(150.0, 120.0))
     R = low.R_camera_pad @ cv2.Rodrigues(bend)[0]
     t = np.array(low.position) + low.R_camera_pad @ place
@@ -124,8 +125,8 @@ def test_of_a_bent_pad_low_under_the_camera_the_mirrored_tag_is_not_taken() -> N
     sight = t / np.linalg.norm(t)
     mirrored = rotation_from(2.0 * sight * float(sight @ R[:, 2]) - R[:, 2], R[:, 0])
     hazy = Pose(mirrored, 1.04 * t, np.diag([7e5, 7e5, 7e3, 7e3, 7e3, 7e3]), 4600.0)
-    square = Measurement(1, place, math.radians(layout.markers[1].heading_deg), (sharp, hazy))
-    pad, *_ = pad_poses([square], errors, None, None)
+    seen = Measurement(1, place, math.radians(square.heading_deg), (sharp, hazy))
+    pad, *_ = pad_poses([seen], errors, None, None)
     assert math.dist(pad.position, low.position) < 0.01
     assert math.dist(pad.normal, low.normal) < 0.01
 

@@ -190,6 +190,25 @@ def test_a_thin_leg_across_the_ring(level: float) -> None:
     assert error_m(found[0], view) < 0.02
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("distance", [12.0, 15.0])
+def test_glare_that_leaves_a_part_of_a_small_ring_in_noise(distance: float, seed: int) -> None:
+    view = look(distance, 25, (320.0, 240.0))
+    optics = scenes.Optics(white=120.0, black=55.0, noise=0.0, blur_px=1.2, background="grass")
+    edge = scenes.outline(view, CAMERA, RING)
+    middle = edge.mean(axis=0)
+    wedge = [middle, *(middle + 1.05 * (edge[20 * seed : 20 * seed + 8] - middle))]  # 45 degrees
+    spot = np.zeros((480, 640))
+    cv2.fillPoly(spot, [np.rint(np.array(wedge)).astype(np.int32)], 1.0)
+    image = shot(view, optics).astype(np.float64)
+    light = np.asarray(cv2.GaussianBlur(spot, (0, 0), 1.5))
+    glaring = image + light * np.maximum(120.0 - image, 0.0)
+    noisy = np.random.default_rng(seed).normal(glaring, 14.0)
+    found = find_rings(np.clip(noisy, 0.0, 255.0).astype(np.uint8), RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.1 * distance
+
+
 def test_dirt_that_joins_the_ring_to_dark_ground() -> None:
     view = look(9.0, 20, (320.0, 300.0))
     image = shot(view, scenes.Optics(black=65.0, background="asphalt"))
