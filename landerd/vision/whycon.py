@@ -25,6 +25,7 @@ from landerd.vision.ring_segment import (
     Segmentation,
     dark_between,
     dark_by_mean,
+    dark_in_small,
 )
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import TRACKED_BAND_PX, expected_poses, tracked_fits
@@ -108,6 +109,8 @@ def _ways(
         yield search.find_holes([_look(level) for level in parts[:-1] or parts])
     if thorough and part in (Part.WHOLE, Part.REST, Part.OTHERS):
         yield search.find_clear([(level, _WIDE) for level in _coarse(parts)])
+    if thorough and part in (Part.WHOLE, Part.REST):
+        yield search.find_clear([(level, dark_in_small) for level in parts[-2:]])
     if is_whole and part in (Part.WHOLE, Part.REST, Part.PLATE):
         yield search.find_on_plate(parts[:-1])
 

@@ -190,6 +190,22 @@ def test_a_thin_leg_across_the_ring(level: float) -> None:
     assert error_m(found[0], view) < 0.02
 
 
+@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize(
+    ("blur_px", "tilt_deg", "distance"), [(2.0, 50.0, 20.0), (2.0, 60.0, 14.0), (2.4, 60.0, 14.0)]
+)
+def test_a_small_oblique_ring_in_blur(
+    blur_px: float, tilt_deg: float, distance: float, number: int
+) -> None:
+    view = look(distance, tilt_deg, (320.0 + 7 * number, 240.0 - 5 * number))
+    optics = scenes.Optics(
+        blur_px=blur_px, black=60.0, white=180.0, noise=1.5, background="asphalt"
+    )
+    found = find_rings(shot(view, optics, number), RING, CAMERA)
+    assert len(found) == 1
+    assert error_m(found[0], view) < 0.1 * distance
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("distance", [12.0, 15.0])
 def test_glare_that_leaves_a_part_of_a_small_ring_in_noise(distance: float, seed: int) -> None:
