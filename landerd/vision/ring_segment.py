@@ -157,7 +157,7 @@ def dark_in_small(image: U8) -> U8:
     """
     smooth = cv2.blur(image, (3, 3), borderType=cv2.BORDER_REPLICATE)
     mean = cv2.blur(image, (_SMALL_MEAN_PX, _SMALL_MEAN_PX), borderType=cv2.BORDER_REPLICATE)
-    dark = cv2.compare(smooth, cv2.subtract(mean, _SMALL_STEP), cv2.CMP_LT)
+    _, dark = cv2.threshold(cv2.subtract(mean, smooth), _SMALL_STEP, 255, cv2.THRESH_BINARY)
     return np.asarray(dark, dtype=np.uint8)
 
 
