@@ -241,33 +241,39 @@ def _likeliest(
     is_shown = (share >= _MIN_SHARE) & ((share >= _CLEAR_SHARE) | (score >= _MIN_SCORE))
     is_shown &= ~is_bloomed | (white > _CLIPPED)
     picked = np.flatnonzero(is_shown & (roughness < _MAX_ROUGHNESS))
-    of = [
-        (c.part[i], Candidate(Ellipse(centre[i], outer[i]), share[i], score[i], is_bloomed[i]))
+    shown = [
+        (int(c.part[i]), _candidate(centre[i], outer[i], share[i], score[i], is_bloomed[i]))
         for i in picked
     ]
     is_rough = (roughness >= _MAX_ROUGHNESS) & (roughness < _BROKEN_ROUGHNESS)
     broken = np.flatnonzero(is_shown & is_rough & (share < _CLEAR_SHARE) & ~is_bloomed)
-    of += _mended(mosaic, c.at(broken[np.argsort(-score[broken])][:_MOST_BROKEN]), inner_ratio)
-    for part, candidate in sorted(of, key=lambda k: (-k[1].share, -k[1].score)):
+    likeliest = broken[np.argsort(-score[broken], kind="stable")][:_MOST_BROKEN]
+    shown += _mended(mosaic, c.at(likeliest), inner_ratio)
+    for part, candidate in sorted(shown, key=lambda k: (-k[1].share, -k[1].score)):
         if len(found[part]) < _MAX_OUTLINES:
             found[part].append(candidate)
     return found
 
 
+def _candidate(centre: F64, axes: F64, share: float, score: float, bloomed: bool) -> Candidate:
+    return Candidate(Ellipse(centre, axes), float(share), float(score), bool(bloomed))
+
+
 def _mended(mosaic: Mosaic, c: Components, ratio: float) -> list[tuple[int, Candidate]]:
-    """Return which components are what is left of a ring, and in which image."""
-    edges = [(i, edge) for i in range(len(c.area)) if (edge := mosaic.outer_edge(c, i))]
+    """Return which components are what is left of rings, and in which images.
+
+    Their outlines are those of their hulls.
+    """
+    edges = {i: edge for i in range(len(c.area)) if (edge := mosaic.outer_edge(c, i))}
     if not edges:
         return []
-    c = c.at(np.array([i for i, _ in edges]))
-    x, y = np.array([centre for _, (centre, _) in edges]).T
-    axes = np.array([axes for _, (_, axes) in edges])
-    c = replace(c, x=x, y=y)
-    aside, ratios = np.zeros((len(x), 2)), np.full(len(x), ratio)
+    centre, axes = (np.array(values) for values in zip(*edges.values(), strict=True))
+    c = replace(c.at(np.array(list(edges))), x=centre[:, 0], y=centre[:, 1])
+    aside, ratios = np.zeros_like(centre), np.full(len(centre), ratio)
     share, score, _, roughness = _spokes(mosaic, c, aside, axes, ratios)
     is_ring = (share >= _MENDED_SHARE) & (score >= _MIN_SCORE) & (roughness < _MENDED_ROUGHNESS)
     return [
-        (c.part[i], Candidate(Ellipse(edges[i][1][0], axes[i]), share[i], score[i]))
+        (int(c.part[i]), _candidate(centre[i], axes[i], share[i], score[i], bloomed=False))
         for i in np.flatnonzero(is_ring)
     ]
 
