@@ -120,10 +120,12 @@ class Mosaic:
         """
         box, x0, y0 = self._box(c, i)
         contours, _ = cv2.findContours(box, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        hull = cv2.convexHull(max(contours, key=len))
+        hull = cv2.convexHull(max(contours, key=len)) if contours else ()
         if len(hull) < _MIN_CORNERS:
             return None
-        (x, y), widths, angle = cv2.fitEllipseDirect(hull)
+        (x, y), widths, angle = cv2.fitEllipseDirect(np.asarray(hull))
+        if not np.isfinite((x, y, *widths)).all():
+            return None
         radii = 0.5 * (np.array(widths) + 1.0)  # corners are the middles of pixels
         a = math.radians(angle)
         turn = np.array([(math.cos(a), -math.sin(a)), (math.sin(a), math.cos(a))])

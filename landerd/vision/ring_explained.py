@@ -83,8 +83,8 @@ _CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: 
 _SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
 
 # Where noise is more than this share of the contrast, edges that are not seen are looked for once
-# more in a smoother image, sigma in px.
-_NOISY, _SMOOTH_PX = 0.15, 0.8
+# more where all about the ring, by a share of its size, is smoother, sigma in px.
+_NOISY, _SMOOTH_MARGIN, _SMOOTH_PX = 0.15, 0.5, 0.8
 _NOISE_MASK = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32)
 
 # Errors of edges that are common to all of them, or to one side, px; and of their shift.
@@ -141,26 +141,32 @@ def explained(
         vouches: for a ring whose edges alone do not tell it; None: nothing does.
     """
     found = _explained(image, camera, ring, fits, vouches)
-    if found is None and _is_noisy(image, camera, ring, fits[0]):
-        smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), dtype=np.uint8)
-        found = _explained(smooth, camera, ring, fits, vouches)
-    return found
+    smooth = _smoothed(image, camera, ring, fits[0]) if found is None else None
+    return found if smooth is None else _explained(smooth, camera, ring, fits, vouches)
 
 
-def _is_noisy(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
-    """Tell whether the pixels about a ring are so noisy that its edges are lost in it.
+def _smoothed(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> U8 | None:
+    """Return the image with a smoother ring; None: its pixels are not so noisy that edges are lost.
 
-    Immerkaer, "Fast noise variance estimation", CVIU 1996: a mask that edges all but cancel.
+    Noise as Immerkaer, "Fast noise variance estimation", CVIU 1996: a mask that edges all but
+    cancel.
     """
     px = camera.pixels(points_on(ring, (fit.position, fit.normal)))
-    h, w = image.shape
-    x0, y0 = np.clip(np.floor(px.min(axis=0)), 0, (w, h)).astype(int)
-    x1, y1 = np.clip(np.ceil(px.max(axis=0)) + 1, 0, (w, h)).astype(int)
-    if min(x1 - x0, y1 - y0) < len(_NOISE_MASK):
-        return False
-    left = cv2.filter2D(image[y0:y1, x0:x1], cv2.CV_32F, _NOISE_MASK)[1:-1, 1:-1]
-    noise = math.sqrt(0.5 * math.pi) / 6.0 * float(np.abs(left).mean())
-    return noise > _NOISY * fit.contrast
+    low, high = px.min(axis=0), px.max(axis=0)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        return None
+    margin, size = _SMOOTH_MARGIN * (high - low), image.shape[::-1]
+    x0, y0 = np.clip(low - margin, 0, size).astype(int)
+    x1, y1 = np.clip(high + margin, 0, size).astype(int)
+    about = image[y0:y1, x0:x1]
+    if min(about.shape) < len(_NOISE_MASK):
+        return None
+    left = cv2.filter2D(about, cv2.CV_32F, _NOISE_MASK)[1:-1, 1:-1]
+    if math.sqrt(0.5 * math.pi) / 6.0 * float(np.abs(left).mean()) < _NOISY * fit.contrast:
+        return None
+    smooth = image.copy()
+    smooth[y0:y1, x0:x1] = cv2.GaussianBlur(about, (0, 0), _SMOOTH_PX)
+    return smooth
 
 
 def _explained(
