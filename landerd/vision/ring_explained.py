@@ -24,6 +24,7 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import F64, Pose, mirrored
 from landerd.vision.ring_stages import is_dim_within
+from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
 
@@ -152,20 +153,20 @@ def _smoothed(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> U8 | 
     cancel.
     """
     px = camera.pixels(points_on(ring, (fit.position, fit.normal)))
-    low, high = px.min(axis=0), px.max(axis=0)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+    if not np.isfinite(px).all():
         return None
-    margin, size = _SMOOTH_MARGIN * (high - low), image.shape[::-1]
-    x0, y0 = np.clip(low - margin, 0, size).astype(int)
-    x1, y1 = np.clip(high + margin, 0, size).astype(int)
-    about = image[y0:y1, x0:x1]
+    low, high = px.min(axis=0), px.max(axis=0)
+    margin = _SMOOTH_MARGIN * (high - low)
+    (x0, y0), (x1, y1) = (low - margin).tolist(), (high + margin).tolist()
+    w = Window(int(x0), int(y0), int(x1), int(y1)).within(camera.width, camera.height)
+    about = image[w.y0 : w.y1, w.x0 : w.x1]
     if min(about.shape) < len(_NOISE_MASK):
         return None
     left = cv2.filter2D(about, cv2.CV_32F, _NOISE_MASK)[1:-1, 1:-1]
     if math.sqrt(0.5 * math.pi) / 6.0 * float(np.abs(left).mean()) < _NOISY * fit.contrast:
         return None
     smooth = image.copy()
-    smooth[y0:y1, x0:x1] = cv2.GaussianBlur(about, (0, 0), _SMOOTH_PX)
+    smooth[w.y0 : w.y1, w.x0 : w.x1] = cv2.GaussianBlur(about, (0, 0), _SMOOTH_PX)
     return smooth
 
 

@@ -37,7 +37,8 @@ U8 = NDArray[np.uint8]
 # How a search looks for what is dark, in the coarsest level and in the others: of 100 pictures in
 # each of the conditions of `bench.vision_conditions` and 336 of the field world this way shows all
 # but 2 % of what local means and the extremes beside a pixel show together. A thorough search has
-# means as well: for the largest rings, and in a later picture for those in dirt and motion.
+# means as well: for the largest rings, and in a later picture for those in dirt and motion and for
+# small ones in blur.
 _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
 _WIDE, _LOW = dark_by_mean(0.86), dark_by_mean(0.55)
 # What a search leaves for an image each where the first is full of texture: to label what is dark
