@@ -20,7 +20,7 @@ from landerd.vision.ring_explained import Vouches
 
 U8 = NDArray[np.uint8]
 
-_MIN_RADIUS_PX = 3.5  # of the ring: nothing can be said of smaller ones
+_MIN_RADIUS_PX = 3.5  # of the ring: nothing can be said against smaller ones
 _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
 
 
@@ -61,7 +61,7 @@ class PlateCheck:
             return None
 
         def vouches(t: F64, normal: F64, contrast: float) -> bool:
-            return not self._is_bare(image, ring, t, normal)
+            return self._has_outlines(image, ring, t, normal) is not False
 
         return vouches
 
@@ -69,11 +69,15 @@ class PlateCheck:
         """Tell whether there is no heading under which a ring's pose has the plate about it."""
         if px_per_m(self._camera, t, normal) * ring.radius_m < _MIN_RADIUS_PX:
             return False
+        return self._has_outlines(image, ring, t, normal) is False
+
+    def _has_outlines(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool | None:
+        """Tell whether a ring's pose may have the plate about it; None: it cannot be looked at."""
         axes = rotation_from(normal, any_across(normal))[:, :2]
         rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
         levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
         if np.isnan(levels).any():
-            return False
+            return None
         black, white = np.median(levels.reshape(2, -1), axis=1).tolist()
         outline = self._outlines[ring]
-        return not outline.may_be_seen(image, self._camera, t, axes, (black, white))
+        return outline.may_be_seen(image, self._camera, t, axes, (black, white))

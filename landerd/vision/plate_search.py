@@ -29,12 +29,16 @@ U8 = NDArray[np.uint8]
 _WAYS = ((61, 1.15), (41, 1.35))
 _BRIGHTER_BY = 6.0
 _LEAST_OUTLINE_PX, _LEAST_AREA_PX, _MOST_AREA = 24, 60.0, 0.4  # the last: share of the level
-# Of the outline's length: corners that are off by less make one straight side.
-_STRAIGHT = 0.06
-# Shares of areas: hull in four corners, hull filled; and area over the outline's square (a square
-# has 1/16).
-_LEAST_FOUR, _LEAST_FILLED, _LEAST_WIDE = 0.85, 0.6, 0.02
-_MOST_QUADS = 6  # in a search, those with the straightest sides
+# Shares of areas: hull in the four sides round it, hull filled; and area over the outline's square
+# (a square has 1/16). Blur rounds the corners of small ones.
+_LEAST_FOUR, _LEAST_FILLED, _LEAST_WIDE = 0.8, 0.6, 0.02
+_MOST_QUADS = 12  # in a search, those with the straightest sides
+# Sides are where the picture falls off most steeply: places along each, as shares, how far across
+# them is looked, px, and how far the corners may move.
+_ALONG = np.linspace(0.12, 0.88, 16)
+_ACROSS = np.arange(-3.0, 3.01, 0.5)  # less far for sides shorter than this
+_ROUNDS, _FULL_SIDE_PX, _SHORTEST_SIDE_PX, _MOST_MOVED_PX = 2, 9.0, 4.0, 6.0
+_LEAST_FALL, _LEAST_PLACES = 4.5, 6  # in half a px, and places of a side with it
 _MOST_OFF, _MOST_OFF_PX = 0.06, 1.0  # of corners, share of the shortest side and px
 _BESIDE = 0.12  # from the outline to either side, of the ring's radius
 # Before any pose is known: from the outline, of the shortest side in the image; and share with a
@@ -75,8 +79,9 @@ class PlateSearch:
         quads = [q for level in levels for way in _WAYS for q in _quads(level, *way)]
         straightest = sorted(quads, key=lambda found: -found[0])[:_MOST_QUADS]
         likest, best = 0.0, None
-        for _, corners in straightest:
-            if not _is_outlined(image, corners):
+        for _, outline in straightest:
+            corners = _on_steps(image, outline)
+            if corners is None or not _is_outlined(image, corners):
                 continue
             for R, t in self._poses(camera, corners):
                 share = self._share_seen(image, camera, R, t)
@@ -116,6 +121,46 @@ class PlateSearch:
         return float(plate * hole * white)
 
 
+def _on_steps(image: U8, corners: F64) -> F64 | None:
+    """Return corners (4, 2) whose sides are where white ends; None: it does not along a side."""
+    moved = corners
+    for _ in range(_ROUNDS):
+        sides = np.roll(moved, -1, axis=0) - moved
+        lengths = np.hypot(*sides.T)
+        if lengths.min() < _SHORTEST_SIDE_PX:
+            return None
+        out = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / lengths[:, None]
+        out *= np.sign(np.cross(sides[0], sides[1]))
+        across = np.minimum(1.0, lengths / _FULL_SIDE_PX)[:, None] * _ACROSS
+        places = moved[:, None] + _ALONG[:, None] * sides[:, None]
+        at = places[:, :, None] + across[:, None, :, None] * out[:, None, None]
+        x, y = at.astype(np.float32).reshape(-1, len(_ACROSS), 2).transpose(2, 0, 1)
+        grey = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        levels = grey.reshape(at.shape[:3]).astype(np.float64)
+        falls = np.maximum(levels[..., :-1] - levels[..., 1:], 0.0) ** 2
+        weight = falls.sum(axis=2)
+        between = 0.5 * (across[:, :-1] + across[:, 1:])
+        off = (falls * between[:, None]).sum(axis=2) / np.maximum(weight, 1e-6)
+        is_step = weight > _LEAST_FALL**2
+        if is_step.sum(axis=1).min() < _LEAST_PLACES:
+            return None
+        lines = np.stack(
+            [_line(p[seen]) for p, seen in zip(places + off[..., None] * out[:, None], is_step, strict=True)]
+        )
+        crossed = np.cross(np.roll(lines, 1, axis=0), lines)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = crossed[:, :2] / crossed[:, 2:]
+        if not (np.abs(moved - corners) < _MOST_MOVED_PX).all():
+            return None
+    return moved
+
+
+def _line(points: F64) -> F64:
+    """Return the homogeneous line (3,) through most of some points (n, 2)."""
+    dx, dy, x, y = cv2.fitLine(points.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01).ravel()
+    return np.cross((x, y, 1.0), (x + dx, y + dy, 1.0))
+
+
 def _is_outlined(image: U8, corners: F64) -> bool:
     """Tell whether steps are seen along most of four sides: poses take several times as long."""
     sides = np.roll(corners, -1, axis=0) - corners
@@ -147,11 +192,11 @@ def _quads(level: Level, around_px: int, factor: float) -> list[tuple[float, F64
         area, length = cv2.contourArea(hull), cv2.arcLength(hull, True)
         if not max(_LEAST_AREA_PX, _LEAST_WIDE * length**2) < area < _MOST_AREA * bright.size:
             continue
-        if inside <= _LEAST_FILLED * area:
+        if inside <= _LEAST_FILLED * area or len(hull) < 4:
             continue
-        corners = cv2.approxPolyDP(hull, _STRAIGHT * length, True)
-        share = cv2.contourArea(corners) / area
+        corners = cv2.approxPolyN(hull.astype(np.float32), 4, ensure_convex=True).reshape(-1, 2)
+        share = area / max(cv2.contourArea(corners), 1.0)
         if len(corners) == 4 and share > _LEAST_FOUR:
-            at = (corners.reshape(4, 2) + 0.5) * level.reduction - 0.5 + level.corner
+            at = (corners + 0.5) * level.reduction - 0.5 + level.corner
             found.append((share, at.astype(np.float64)))
     return found

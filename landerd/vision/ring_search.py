@@ -15,7 +15,7 @@ from landerd.pad import Ring
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_cut import cut_rings
-from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained
+from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained, vouched_small
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_pose import F64, mirrored, poses_through
@@ -36,6 +36,7 @@ from landerd.vision.ring_stages import (
     may_be_behind,
     may_have_edges,
     start_at_outline,
+    start_at_pose,
     start_by_rough_fit,
     tells_ratio,
 )
@@ -70,6 +71,7 @@ _EDGE_SHARE = 0.5  # from which edges are looked at
 # Of a level's pixels, those at which dark and bright meet: of 250 tiles of photographs below it
 # nine in ten have less than 0.03 of them in the finest level, the fullest of all have 0.19.
 _MAX_EDGE_SHARE = 0.05
+_OFF_PLATE = 0.12  # of the range: what a fit may be off the place that its plate's outline tells
 _MOST_CUT = 2  # rings that the image's edge may cut
 
 
@@ -214,6 +216,10 @@ class RingSearch:
         # Where there is more than the ring on it, the plate itself vouches.
         vouches = None if self._vouches is None else lambda *_: True
         fits = edge_fits(self._image, self._camera, self._ring, starts, vouches)
+        if not fits and self._work.affords(FULL_COST):
+            grey = full_fits(self._image, self._camera, self._ring, start_at_pose(pose))
+            grey = [f for f in grey if _is_near(f.position, pose[0])]
+            fits = vouched_small(self._camera, self._ring, grey, vouches) if grey else []
         return bool(fits) and self._report(fits)
 
     def find_doubtful(self) -> None:
@@ -396,6 +402,11 @@ def _place(level: Level, candidate: Candidate) -> Place:
 def _may_be_toned(one: _Doubtful) -> bool:
     """Tell whether a response or edges may explain what a plain fit does not."""
     return one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
+
+
+def _is_near(position: F64, plate: F64) -> bool:
+    """Tell whether a ring is where its plate's outline tells, (3,) both, m."""
+    return float(np.linalg.norm(position - plate)) < _OFF_PLATE * float(np.linalg.norm(plate))
 
 
 def _covers(sighting: MarkerSighting, camera: CameraModel, position: F64) -> bool:

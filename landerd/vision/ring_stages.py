@@ -115,6 +115,11 @@ def start_at_outline(level: Level, candidate: Candidate, ring: Ring) -> Start | 
     return None if poses is None else Start(poses[0], _BLUR_PX)
 
 
+def start_at_pose(pose: Pose) -> Start:
+    """Return what begins at a pose told by something else."""
+    return Start(pose, _BLUR_PX)
+
+
 def start_by_rough_fit(level: Level, candidate: Candidate, ring: Ring) -> Start | None:
     """Return the better pose of a candidate in a reduced image; None if it is no ring."""
     poses = poses_through(level.camera.rays(candidate.outline.points()), ring.radius_m)

@@ -113,7 +113,7 @@ def _ways(
     if thorough and part in (Part.WHOLE, Part.REST):
         yield search.find_clear([(level, dark_in_small) for level in parts[-2:]])
     if is_whole and part in (Part.WHOLE, Part.REST, Part.PLATE):
-        yield search.find_on_plate(parts[:-1])
+        yield search.find_on_plate(parts if part is not Part.PLATE else parts[:-1])
 
 
 def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:
