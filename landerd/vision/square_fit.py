@@ -156,8 +156,11 @@ class SquarePrint(MarkerPrint):
         if known_normal is not None and pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS:
             return []
         focal = 0.5 * (camera.fx + camera.fy)
-        # Where another pose is known to be near, blurred or bloomed corners are no reason to doubt.
-        most_px = _MAX_RIVAL_ERROR_PX if known_normal is None else math.inf
+        # Where another pose is known to be near, blurred or bloomed corners are no reason to doubt:
+        # no pad lies as this one would.
+        is_steep = down is not None and float(pose.normal @ np.array(down)) < _TILTED_COS
+        is_near = known_normal is not None or is_steep
+        most_px = math.inf if is_near else _MAX_RIVAL_ERROR_PX
         rivals = []
         for start, error in planar_poses(self.corner_rays(pose), self._size):
             if down is not None and _is_settled_by_gravity(pose, start, np.array(down)):

@@ -8,7 +8,7 @@ import numpy as np
 
 from landerd.camera_model import F64, CameraModel, used_part
 from landerd.config.models import VisionSection
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, dot
 from landerd.messages import BESIDE, GREY, Frame, MarkerSighting, PoseSolution, Prior, Sightings
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
@@ -17,7 +17,7 @@ from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import Expected, SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
-from landerd.vision.pose import Pose, circle, solution, turned_about_normal
+from landerd.vision.pose import SAME_SOLUTION_COS, Pose, circle, solution, turned_about_normal
 from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image
@@ -331,5 +331,8 @@ def _unambiguous_normal(rings: list[FoundRing]) -> Vec3 | None:
     if len(rings) != 1:
         return None
     best, *others = rings[0][1].solutions
-    is_unambiguous = all(s.cost > best.cost + _AMBIGUOUS_CHI2 for s in others)
+    is_unambiguous = all(
+        s.cost > best.cost + _AMBIGUOUS_CHI2 or dot(s.normal, best.normal) > SAME_SOLUTION_COS
+        for s in others
+    )
     return best.normal if is_unambiguous else None
