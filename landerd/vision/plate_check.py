@@ -21,6 +21,7 @@ from landerd.vision.ring_explained import Vouches
 U8 = NDArray[np.uint8]
 
 _MIN_RADIUS_PX = 3.5  # of the ring: nothing can be said against smaller ones
+_MOST_CUT = 0.3  # of what tells its black and white, that may be out of the picture
 _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
 
 
@@ -76,8 +77,8 @@ class PlateCheck:
         axes = rotation_from(normal, any_across(normal))[:, :2]
         rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
         levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
-        if np.isnan(levels).any():
+        if np.isnan(levels).mean() > _MOST_CUT:
             return None
-        black, white = np.median(levels.reshape(2, -1), axis=1).tolist()
+        black, white = np.nanmedian(levels.reshape(2, -1), axis=1).tolist()
         outline = self._outlines[ring]
         return outline.may_be_seen(image, self._camera, t, axes, (black, white))

@@ -25,6 +25,8 @@ _HEADINGS = 64
 _BESIDE_PLATE, _BESIDE_PRINT, _BLUR_PX = 0.12, 0.16, 1.5
 _PER_SIDE = 8  # places on each side of an outline
 _LEAST_SEEN = 0.7  # of the places that must be in the picture
+# Where fewer are: of the plate's, and the share of those with a step below which it is another's.
+_LEAST_CUT, _LEAST_PLATE_CUT = 0.25, 0.7
 _LEAST_PRINT_PX = 3.0  # of smaller prints nothing is known
 # A step, as share of the ring's contrast, which is understated where white is over full scale, and
 # grey levels.
@@ -129,9 +131,12 @@ class PlateOutline:
         is_seen = both - off >= (_LEAST_CLIPPED if is_clipped else _LEAST)
         is_shadowed = bright > _BRIGHTEST
         is_seen |= both_own >= np.where(is_shadowed, _LEAST_IN_SHADOW, _LEAST_IN_OWN_LIGHT)
+        is_cut = np.minimum(plate_view, prints_view) <= _LEAST_SEEN
         is_seen |= plate >= _LEAST_PLATE * plate_view
         is_seen |= prints - off * prints_view >= _LEAST_PRINTS * prints_view
-        return np.asarray(is_seen | (np.minimum(plate_view, prints_view) <= _LEAST_SEEN))
+        is_seen &= ~is_cut
+        is_without = (plate_view > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_view)
+        return np.asarray(is_seen | (is_cut & ~is_without))
 
 
 def plate_corners(plate: Plate) -> F64:
