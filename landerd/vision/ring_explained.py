@@ -18,13 +18,12 @@ from landerd.camera_model import CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
 from landerd.vision.edge_profile import edge_cost
-from landerd.vision.pose import px_per_m
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_edges import EdgeFit, edge_fit, points_on
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import F64, Pose, mirrored
-from landerd.vision.ring_stages import is_dim_within
+from landerd.vision.ring_stages import is_blurred_away, is_dim_within
 from landerd.vision.window import Window
 
 U8 = NDArray[np.uint8]
@@ -45,12 +44,12 @@ _MIN_PRODUCT, _PRODUCT_PX = 0.27, 2.7  # this, and this over the shorter radius
 _VOUCHED = 0.7
 # Of the covariance then: of 53 such rings in leaf shade 62 in 100 lay inside 99 % without it.
 _VOUCHED_INFLATION = 4.0
-# So small, shorter radius in px, that a fit to grey levels may be the ring's though it leaves more
-# than noise: shares of the contrast and of the pixels, by how much of it the ratio is off, and its
-# sigma. Of 2200 looks at rings on 200 field days 40 were of rings that nothing else showed, within
-# 7 % of the range; two of others', whose ratio had a sigma above that.
-_MOST_SMALL_PX, _SMALL_NOISE, _SMALL_INLIERS = 6.0, 0.18, 0.55
-_SMALL_RATIO, _SMALL_RATIO_SIGMA = 0.25, 0.03
+# What grey levels must show to be a ring's of which the edges tell too little, small or shaded as
+# it is: shares of the contrast and of the pixels, the lesser contrast over the greater, by how much
+# of it the ratio is off, and its sigma. Of 4300 looks at rings on 205 field days 100 were of rings
+# that nothing else showed, within 8 % of the range, and two of others'.
+_GREY_NOISE, _GREY_INLIERS, _GREY_EVEN = 0.25, 0.35, 0.7
+_GREY_RATIO, _GREY_RATIO_SIGMA = 0.22, 0.032
 _MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
 _MIN_SHARE = 0.6  # dark and bright
 _MIN_VISIBLE = 0.35  # just over the pad a ring is cut by the image's edge
@@ -152,27 +151,28 @@ def explained(
     smooth = _smoothed(image, camera, ring, fits[0]) if found is None else None
     if smooth is not None:
         found = _explained(smooth, camera, ring, fits, vouches)
-    if found is None and (small := vouched_small(camera, ring, fits, vouches)):
-        return Explained(small, is_toned=False)
+    if found is None and (vouched := vouched_grey(camera, ring, fits, vouches)):
+        return Explained(vouched, is_toned=False)
     return found
 
 
-def vouched_small(
+def vouched_grey(
     camera: CameraModel, ring: Ring, fits: list[RingFit], vouches: Vouches | None
 ) -> list[RingFit]:
-    """Return the fits to grey levels of a ring that is too small for its edges to tell.
+    """Return the fits to grey levels of a ring whose edges tell too little.
 
     If something vouches for it; empty: nothing does, or it is no ring.
     """
     best = fits[0]
-    off = abs(best.ratio - ring.inner_ratio)
+    inside, outside = best.inside - best.black, best.outside - best.black
     is_near = (
-        px_per_m(camera, best.position, best.normal) * ring.radius_m < _MOST_SMALL_PX
-        and best.noise < _SMALL_NOISE * best.contrast
-        and best.inliers > _SMALL_INLIERS
-        and best.contrast > _MIN_CONTRAST
-        and off < _SMALL_RATIO * ring.inner_ratio
-        and best.sigma_ratio < _SMALL_RATIO_SIGMA
+        best.contrast > _MIN_CONTRAST
+        and best.noise < _GREY_NOISE * best.contrast
+        and best.inliers > _GREY_INLIERS
+        and best.contrast > _GREY_EVEN * max(inside, outside)
+        and abs(best.ratio - ring.inner_ratio) < _GREY_RATIO * ring.inner_ratio
+        and best.sigma_ratio < _GREY_RATIO_SIGMA
+        and not is_blurred_away(best, ring, camera)
     )
     if vouches is None or not is_near:
         return []

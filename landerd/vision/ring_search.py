@@ -15,7 +15,7 @@ from landerd.pad import Ring
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_cut import cut_rings
-from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained, vouched_small
+from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained, vouched_grey
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_pose import F64, mirrored, poses_through
@@ -219,7 +219,7 @@ class RingSearch:
         if not fits and self._work.affords(FULL_COST):
             grey = full_fits(self._image, self._camera, self._ring, start_at_pose(pose))
             grey = [f for f in grey if _is_near(f.position, pose[0])]
-            fits = vouched_small(self._camera, self._ring, grey, vouches) if grey else []
+            fits = vouched_grey(self._camera, self._ring, grey, vouches) if grey else []
         return bool(fits) and self._report(fits)
 
     def find_doubtful(self) -> None:

@@ -327,7 +327,7 @@ def may_have_edges(plain: RingFit, share: float) -> bool:
 
 def is_ring(fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether a fit describes a ring of this ratio well."""
-    if _is_blurred_away(fit, ring, camera) or is_dim_within(fit.inside, fit.black, fit.outside):
+    if is_blurred_away(fit, ring, camera) or is_dim_within(fit.inside, fit.black, fit.outside):
         return False
     if fit.response is not None:
         return _is_ring_behind(fit, fit.response, ring)
@@ -349,7 +349,7 @@ def _is_noisy(fit: RingFit) -> bool:
     return is_even and fit.contrast > _MIN_NOISY_CONTRAST_NOISES * fit.noise
 
 
-def _is_blurred_away(fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
+def is_blurred_away(fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether the blur is so wide that anything would look like a ring."""
     focal = math.sqrt(camera.fx * camera.fy)
     radius = ring.radius_m / float(fit.position[2])
