@@ -32,7 +32,7 @@ _LEAST_OUTLINE_PX, _LEAST_AREA_PX, _MOST_AREA = 24, 60.0, 0.4  # the last: share
 # Shares of areas: hull in the four sides round it, hull filled; and area over the outline's square
 # (a square has 1/16). Blur rounds the corners of small ones.
 _LEAST_FOUR, _LEAST_FILLED, _LEAST_WIDE = 0.8, 0.6, 0.02
-_MOST_QUADS = 12  # in a search, those with the straightest sides
+_MOST_QUADS = 8  # in a search, those with the straightest sides
 # Sides are where the picture falls off most steeply: places along each, as shares, how far across
 # them is looked, px, and how far the corners may move.
 _ALONG = np.linspace(0.12, 0.88, 16)
@@ -93,7 +93,7 @@ class PlateSearch:
         """Return poses (R, t) of the plate that have these corners (4, 2), px, in the image."""
         rays = camera.rays(corners)
         sides = np.diff(rays, axis=0)
-        if sides[0, 0] * sides[1, 1] < sides[0, 1] * sides[1, 0]:
+        if not _is_clockwise(sides):
             rays, corners = rays[::-1], corners[::-1]
         side_px = float(np.sqrt(((corners - np.roll(corners, 1, axis=0)) ** 2).sum(axis=1)).min())
         most_off = (_MOST_OFF * side_px + _MOST_OFF_PX) / camera.fx
@@ -125,28 +125,9 @@ def _on_steps(image: U8, corners: F64) -> F64 | None:
     """Return corners (4, 2) whose sides are where white ends; None: it does not along a side."""
     moved = corners
     for _ in range(_ROUNDS):
-        sides = np.roll(moved, -1, axis=0) - moved
-        lengths = np.hypot(*sides.T)
-        if lengths.min() < _SHORTEST_SIDE_PX:
+        lines = _side_lines(image, moved)
+        if lines is None:
             return None
-        out = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / lengths[:, None]
-        out *= np.sign(np.cross(sides[0], sides[1]))
-        across = np.minimum(1.0, lengths / _FULL_SIDE_PX)[:, None] * _ACROSS
-        places = moved[:, None] + _ALONG[:, None] * sides[:, None]
-        at = places[:, :, None] + across[:, None, :, None] * out[:, None, None]
-        x, y = at.astype(np.float32).reshape(-1, len(_ACROSS), 2).transpose(2, 0, 1)
-        grey = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        levels = grey.reshape(at.shape[:3]).astype(np.float64)
-        falls = np.maximum(levels[..., :-1] - levels[..., 1:], 0.0) ** 2
-        weight = falls.sum(axis=2)
-        between = 0.5 * (across[:, :-1] + across[:, 1:])
-        off = (falls * between[:, None]).sum(axis=2) / np.maximum(weight, 1e-6)
-        is_step = weight > _LEAST_FALL**2
-        if is_step.sum(axis=1).min() < _LEAST_PLACES:
-            return None
-        lines = np.stack(
-            [_line(p[seen]) for p, seen in zip(places + off[..., None] * out[:, None], is_step, strict=True)]
-        )
         crossed = np.cross(np.roll(lines, 1, axis=0), lines)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = crossed[:, :2] / crossed[:, 2:]
@@ -155,10 +136,41 @@ def _on_steps(image: U8, corners: F64) -> F64 | None:
     return moved
 
 
+def _side_lines(image: U8, corners: F64) -> F64 | None:
+    """Return homogeneous lines (4, 3) where white ends near each side; None: it does not."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.hypot(*sides.T)
+    if lengths.min() < _SHORTEST_SIDE_PX:
+        return None
+    out = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / lengths[:, None]
+    out *= 1.0 if _is_clockwise(sides) else -1.0
+    across = np.minimum(1.0, lengths / _FULL_SIDE_PX)[:, None] * _ACROSS
+    places = corners[:, None] + _ALONG[:, None] * sides[:, None]
+    at = places[:, :, None] + across[:, None, :, None] * out[:, None, None]
+    x, y = at.astype(np.float32).reshape(-1, len(_ACROSS), 2).transpose(2, 0, 1)
+    grey = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    levels = grey.reshape(at.shape[:3]).astype(np.float64)
+    falls = np.maximum(levels[..., :-1] - levels[..., 1:], 0.0) ** 2
+    weight = falls.sum(axis=2)
+    between = 0.5 * (across[:, :-1] + across[:, 1:])
+    off = (falls * between[:, None]).sum(axis=2) / np.maximum(weight, 1e-6)
+    is_step = weight > _LEAST_FALL**2
+    if is_step.sum(axis=1).min() < _LEAST_PLACES:
+        return None
+    ends = places + off[..., None] * out[:, None]
+    return np.stack([_line(p[seen]) for p, seen in zip(ends, is_step, strict=True)])
+
+
 def _line(points: F64) -> F64:
     """Return the homogeneous line (3,) through most of some points (n, 2)."""
-    dx, dy, x, y = cv2.fitLine(points.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01).ravel()
-    return np.cross((x, y, 1.0), (x + dx, y + dy, 1.0))
+    fitted = cv2.fitLine(points.astype(np.float32), cv2.DIST_HUBER, 0, 0.01, 0.01)
+    dx, dy, x, y = fitted.ravel().astype(np.float64).tolist()
+    return np.array([-dy, dx, dy * x - dx * y])
+
+
+def _is_clockwise(sides: F64) -> bool:
+    """Tell which way round in the image a convex outline goes, by its first two sides (2, 2)."""
+    return bool(sides[0, 0] * sides[1, 1] >= sides[0, 1] * sides[1, 0])
 
 
 def _is_outlined(image: U8, corners: F64) -> bool:

@@ -50,6 +50,9 @@ _VOUCHED_INFLATION = 4.0
 # that nothing else showed, within 8 % of the range, and two of others'.
 _GREY_NOISE, _GREY_INLIERS, _GREY_EVEN = 0.25, 0.35, 0.7
 _GREY_RATIO, _GREY_RATIO_SIGMA = 0.22, 0.032
+# What residuals of neighbours have in common, of the contrast: squares with a hole leave 0.13 to
+# 0.38 of it; so do half of those hundred rings.
+_GREY_COHERENT = 0.12
 _MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
 _MIN_SHARE = 0.6  # dark and bright
 _MIN_VISIBLE = 0.35  # just over the pad a ring is cut by the image's edge
@@ -173,6 +176,7 @@ def vouched_grey(
         and abs(best.ratio - ring.inner_ratio) < _GREY_RATIO * ring.inner_ratio
         and best.sigma_ratio < _GREY_RATIO_SIGMA
         and not is_blurred_away(best, ring, camera)
+        and best.coherent < _GREY_COHERENT
     )
     if vouches is None or not is_near:
         return []

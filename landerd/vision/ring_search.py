@@ -219,7 +219,7 @@ class RingSearch:
         if not fits and self._work.affords(FULL_COST):
             grey = full_fits(self._image, self._camera, self._ring, start_at_pose(pose))
             grey = [f for f in grey if _is_near(f.position, pose[0])]
-            fits = vouched_grey(self._camera, self._ring, grey, vouches) if grey else []
+            fits = vouched_grey(self._camera, self._ring, grey, self._vouches) if grey else []
         return bool(fits) and self._report(fits)
 
     def find_doubtful(self) -> None:

@@ -39,10 +39,10 @@ class Part(Enum):
 
     WHOLE = "everything"
     MOST = "the ways to look that show most rings; in texture without BROKEN's and FINEST's"
-    REST = "the other ways, and the outline of the pad's plate"
-    # Of images full of texture:
-    OTHERS = "the other ways"
+    REST = "the other ways"
     PLATE = "the outline of the pad's plate"
+    # Of images full of texture:
+    OTHERS = "the other ways, without those for small rings"
     BROKEN = "holes of rings that are joined to dark ground"
     FINEST = "the finest level: three quarters of all pixels, for rings that are far away"
 
@@ -50,7 +50,7 @@ class Part(Enum):
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A thorough search takes two images, in texture five: one for each of its parts. What would cost
+    A thorough search takes three images, in texture five: one for each of its parts. What would cost
     more than an image may is cut short, and a later one goes on with what was not tried: places
     that were refused come last, as they show in another reduction of the image; what was refused
     in the same one is not tried again. So it comes to an end, after which a new search begins.
@@ -58,7 +58,7 @@ class RingWork:
     Attributes:
         part: what the image gets.
         is_continued: an image before got that part, but not to the end.
-        is_spread: the search is of images full of texture, over more than two of them.
+        is_spread: the search is of images full of texture, over five of them.
         smallest_px: the larger diameter of the smallest ring that is wanted.
     """
 
@@ -117,7 +117,7 @@ class RingWork:
         """Leave the other parts of a search for the next images, one each."""
         if not self.is_continued:
             self._open += parts
-            self.is_spread = len(parts) > 1
+            self.is_spread = len(parts) > 2
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""

@@ -32,8 +32,8 @@ frames a second sees a pad that goes by in few of them.
 | nothing, pad not expected  | the first threshold       | round the rings found                 |
 | nothing, pad expected      | not looked for            | not looked for                        |
 
-A thorough search of the whole image for rings takes two frames: what shows most, then the other
-thresholds and the plate's outline. In an image full of texture it takes five, one each for what
+A thorough search of the whole image for rings takes three frames: what shows most, the other
+thresholds, and the plate's outline. In an image full of texture it takes five, one each for what
 shows most, for the other thresholds, for the plate's outline, for broken rings, and for far rings
 in the finest level, which is not looked at with the first threshold either. After an image with
 nothing in it, as clear sky, the next one is searched thoroughly. What a frame may cost

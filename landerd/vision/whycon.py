@@ -101,7 +101,7 @@ def _ways(
     if part is Part.MOST:
         is_dear = any(search.is_textured(*_look(level)) for level in parts[-2:-1])
         if thorough:
-            work.leave(*_IN_TEXTURE if is_dear else (Part.REST,))
+            work.leave(*_IN_TEXTURE if is_dear else (Part.REST, Part.PLATE))
         if is_dear:
             return
     if part in (Part.WHOLE, Part.MOST, Part.FINEST):
@@ -112,8 +112,8 @@ def _ways(
         yield search.find_clear([(level, _WIDE) for level in _coarse(parts)])
     if thorough and part in (Part.WHOLE, Part.REST):
         yield search.find_clear([(level, dark_in_small) for level in parts[-2:]])
-    if is_whole and part in (Part.WHOLE, Part.REST, Part.PLATE):
-        yield search.find_on_plate(parts if part is not Part.PLATE else parts[:-1])
+    if is_whole and part in (Part.WHOLE, Part.PLATE):
+        yield search.find_on_plate(parts[:-1] if work.is_spread else parts)
 
 
 def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:
