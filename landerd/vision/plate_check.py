@@ -62,7 +62,7 @@ class PlateCheck:
             return None
 
         def vouches(t: F64, normal: F64, contrast: float) -> bool:
-            return self._has_outlines(image, ring, t, normal) is not False
+            return self._has_outlines(image, ring, t, normal) is True
 
         return vouches
 
@@ -73,7 +73,7 @@ class PlateCheck:
         return self._has_outlines(image, ring, t, normal) is False
 
     def _has_outlines(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool | None:
-        """Tell whether a ring's pose may have the plate about it; None: it cannot be looked at."""
+        """Tell whether a ring's pose has the plate about it; None: it cannot be looked at."""
         axes = rotation_from(normal, any_across(normal))[:, :2]
         rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
         levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
@@ -81,4 +81,4 @@ class PlateCheck:
             return None
         black, white = np.nanmedian(levels.reshape(2, -1), axis=1).tolist()
         outline = self._outlines[ring]
-        return outline.may_be_seen(image, self._camera, t, axes, (black, white))
+        return outline.is_seen(image, self._camera, t, axes, (black, white))

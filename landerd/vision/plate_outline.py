@@ -81,10 +81,12 @@ class PlateOutline:
         # Every second heading first: most pads are seen under one of them.
         self._turns = np.stack(turns[::2]), np.stack(turns[1::2])
 
-    def may_be_seen(
+    def is_seen(
         self, image: U8, camera: CameraModel, t: F64, axes: F64, levels: tuple[float, float]
-    ) -> bool:
-        """Tell whether enough of the outlines is seen under one heading, or cannot be looked at.
+    ) -> bool | None:
+        """Tell whether enough of the outlines is seen under one heading.
+
+        None: under none, but under one it cannot be looked at.
 
         Args:
             image: grey image (height, width).
@@ -98,20 +100,23 @@ class PlateOutline:
         ways = self._ways * np.clip(_BLUR_PX / px, self._beside, 0.5)[:, None]
         points = np.concatenate([self._places + ways, self._places - ways])
         is_known = self._is_plate | (px > _LEAST_PRINT_PX)
+        is_cut = False
         for turns in self._turns:
             grey = levels_at(image, camera, t + (points @ turns).reshape(-1, 2) @ axes.T)
             inside, beyond = np.moveaxis(grey.reshape(len(turns), 2, -1), 1, 0)
-            if self._may_be_seen(inside, beyond, is_known, levels).any():
+            seen, may_be = self._seen(inside, beyond, is_known, levels)
+            if seen.any():
                 return True
-        return False
+            is_cut |= bool(may_be.any())
+        return None if is_cut else False
 
-    def _may_be_seen(
+    def _seen(
         self, inside: F64, beyond: F64, is_known: Mask, levels: tuple[float, float]
-    ) -> Mask:
-        """Tell the same of each heading, from the grey levels (headings, n) beside the outlines.
+    ) -> tuple[Mask, Mask]:
+        """Tell of each heading whether they are seen, and whether they cannot be looked at.
 
-        Of ground that is over full scale as white is, and of what is_known (n,) excludes, nothing
-        is known.
+        From the grey levels (headings, n) beside the outlines. Of ground that is over full scale as
+        white is, and of what is_known (n,) excludes, nothing is known.
         """
         (black, white), is_plate = levels, self._is_plate
         contrast, is_clipped = max(white - black, 1.0), white > _CLIPPED
@@ -134,9 +139,8 @@ class PlateOutline:
         is_cut = np.minimum(plate_view, prints_view) <= _LEAST_SEEN
         is_seen |= plate >= _LEAST_PLATE * plate_view
         is_seen |= prints - off * prints_view >= _LEAST_PRINTS * prints_view
-        is_seen &= ~is_cut
         is_without = (plate_view > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_view)
-        return np.asarray(is_seen | (is_cut & ~is_without))
+        return is_seen & ~is_cut, is_cut & ~is_without
 
 
 def plate_corners(plate: Plate) -> F64:

@@ -50,7 +50,7 @@ class Part(Enum):
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A thorough search takes three images, in texture five: one for each of its parts. What would cost
+    A thorough search takes three images, in texture five: one for each of its parts. What costs
     more than an image may is cut short, and a later one goes on with what was not tried: places
     that were refused come last, as they show in another reduction of the image; what was refused
     in the same one is not tried again. So it comes to an end, after which a new search begins.

@@ -63,6 +63,29 @@ def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     assert is_seen(UNREADABLE, view(distance, heading), grass)
 
 
+@pytest.mark.parametrize("seed", [3, 11, 16, 18, 22])
+def test_nor_at_the_pictures_edge_one_beside_which_what_is_in_view_is_not_white(seed: int) -> None:
+    rng = np.random.default_rng([9, seed])
+    distance = rng.uniform(8.0, 20.0)
+    at = look(
+        THESIS_CAMERA,
+        distance,
+        rng.uniform(0.2, 0.6),
+        pixel=(rng.uniform(150, 450), 479 - rng.uniform(1.05, 1.3) * 398 * 0.5 / distance),
+        tilt_towards=1.57,
+        heading=rng.uniform(0.0, 6.28),
+    )
+    plate = Plate(north_m=0.53, south_m=0.53, east_m=0.53, west_m=0.53)
+    narrow = BARE.model_copy(update={"plate": plate})
+    for painted, is_pad in ((narrow, False), (THESIS_PAD, True)):
+        optics = Optics(background="grass")
+        image = render(at, THESIS_CAMERA, optics, np.random.default_rng(3), painted)
+        vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+        down = tuple(at.normal.tolist())
+        looks = [vision.process(Frame(i / 30.0, i, image), Prior(down=down)) for i in range(5)]
+        assert any(bool(seen.pad) for seen in looks) is is_pad
+
+
 @pytest.mark.parametrize("margin_m", [0.52, 0.56])
 @pytest.mark.parametrize("distance", [6.0, 12.0, 20.0])
 def test_nor_is_one_whose_margin_is_too_narrow_to_look_white(

@@ -52,6 +52,21 @@ def test_the_outline_of_a_plate_tells_where_its_ring_is(heading: float, tilt: fl
         assert math.dist(where, ring_at(at)) < 0.08 * distance
 
 
+def test_small_plates_that_blur_has_rounded_tell_it_to_two_percent_of_the_range() -> None:
+    near = 0
+    for seed in range(20):
+        rng = np.random.default_rng([5, seed])
+        distance = rng.uniform(12.0, 22.0)
+        at = random_view(rng, THESIS_CAMERA, distance, rng.uniform(0.4, 1.0), RING)
+        assert at is not None
+        image = render(at, THESIS_CAMERA, Optics(background="asphalt", blur_px=1.0), rng)
+        pose = PlateSearch(THESIS_PAD, RING).find(
+            image, levels(image, THESIS_CAMERA, None, None), THESIS_CAMERA
+        )
+        near += pose is not None and math.dist(pose[0], ring_at(at)) < 0.02 * distance
+    assert near >= 15  # of 20; 6 by the corners of their hulls
+
+
 def test_a_plate_with_something_else_on_it_is_not_the_pad() -> None:
     at = look(THESIS_CAMERA, 8.0, 0.4, pixel=(250.0, 260.0))
     optics = Optics(background="asphalt", black=40.0, blur_px=0.8)

@@ -67,6 +67,46 @@ def test_ring_and_tag_together_tell_north() -> None:
     assert float(np.dot(north, view.R_camera_pad[:, 0])) > math.cos(math.radians(0.3))
 
 
+def test_of_a_tag_beside_its_ring_the_level_pose_is_taken_and_not_the_mirrored_one() -> None:
+    rng = np.random.default_rng([7, 44])
+    at = look(
+        BIG_CAMERA,
+        rng.uniform(2.0, 3.2),
+        rng.uniform(0, 0.12),
+        pixel=(rng.uniform(250, 380), rng.uniform(190, 270)),
+        tilt_towards=rng.uniform(0, 6.28),
+        heading=rng.uniform(0, 6.28),
+    )
+    white = float(rng.choice([195.0, 255.0, 300.0]))
+    optics = Optics(white=white, blur_px=rng.uniform(0.6, 1.6), noise=rng.uniform(2, 10))
+    image = render(at, BIG_CAMERA, optics, np.random.default_rng(3))
+    vision = Vision(THESIS_PAD, BIG_CAMERA, VisionSection())
+    seen = vision.process(Frame(0.0, 0, image), Prior(down=tuple(at.normal.tolist())))
+    assert {m.kind for m in seen.markers} == {"whycon", "apriltag"}
+    assert math.dist(seen.pad[0].position, at.position) < 0.05
+
+
+@pytest.mark.parametrize("seed", [14, 56])
+def test_a_small_ring_that_a_camera_has_sharpened_or_that_lies_flat_is_seen(seed: int) -> None:
+    rng = np.random.default_rng([8, seed])
+    distance = rng.uniform(18, 30)
+    at = look(
+        BIG_CAMERA,
+        distance,
+        rng.uniform(0.95, 1.2),
+        pixel=(rng.uniform(150, 450), rng.uniform(60, 300)),
+        tilt_towards=1.57,
+        heading=rng.uniform(0, 6.28),
+    )
+    optics = Optics(background="asphalt", blur_px=rng.uniform(0.5, 0.8), noise=rng.uniform(1, 3))
+    image = render(at, BIG_CAMERA, optics, np.random.default_rng(3))
+    vision = Vision(THESIS_PAD, BIG_CAMERA, VisionSection())
+    prior = Prior(down=tuple(at.normal.tolist()))
+    looks = [vision.process(Frame(k / 30, k, image), prior) for k in range(6)]
+    seen = next(look for look in looks if look.pad)
+    assert math.dist(seen.pad[0].position, at.position) < 0.1 * distance
+
+
 def test_tag_alone_near_the_ground_tells_the_landing_point_outside_the_image() -> None:
     # 0.75 m behind the tag, and the tag seen at 55 degrees in a lower corner of the image.
     view = look(THESIS_CAMERA, 0.8, math.radians(55), pixel=(165, 165), tilt_towards=-math.pi / 2)
