@@ -117,7 +117,7 @@ class RingWork:
         """Leave the other parts of a search for the next images, one each."""
         if not self.is_continued:
             self._open += parts
-            self.is_spread = len(parts) > 2
+            self.is_spread = Part.FINEST in parts
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""

@@ -104,7 +104,7 @@ def test_a_search_takes_an_image_for_each_part_and_what_was_cut_short_another_tu
     work.begin()
     assert work.part is Part.MOST
     work.cut()
-    work.leave(Part.REST)
+    work.leave(Part.REST, Part.PLATE)
     work.begin()
     assert (work.part, work.is_continued) == (Part.REST, False)
     work.begin()
@@ -138,7 +138,7 @@ def test_a_part_of_a_search_of_texture_costs_less_and_shadow_and_motion_wait() -
     work = RingWork()
     work.begin()
     assert work.has(FULL_COST + EDGE_COST + HARD_COST)
-    work.leave(Part.REST)
+    work.leave(Part.REST, Part.PLATE)
     assert not work.is_spread
     work.end()
     work.begin()
