@@ -104,7 +104,7 @@ def test_a_search_takes_an_image_for_each_part_and_what_was_cut_short_another_tu
     work.begin()
     assert work.part is Part.MOST
     work.cut()
-    work.leave(Part.REST, Part.PLATE)
+    work.leave(Part.REST)
     work.begin()
     assert (work.part, work.is_continued) == (Part.REST, False)
     work.begin()
