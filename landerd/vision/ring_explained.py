@@ -18,6 +18,7 @@ from landerd.camera_model import CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
 from landerd.vision.edge_profile import edge_cost
+from landerd.vision.pose import px_per_m
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_edges import EdgeFit, edge_fit, points_on
 from landerd.vision.ring_fit import RingFit
@@ -46,10 +47,10 @@ _VOUCHED = 0.7
 _VOUCHED_INFLATION = 4.0
 # What grey levels must show to be a ring's of which the edges tell too little, small or shaded as
 # it is: shares of the contrast and of the pixels, the lesser contrast over the greater, by how much
-# of it the ratio is off, and its sigma. Of 4300 looks at rings on 205 field days 100 were of rings
+# of it the ratio is off, and its sigma. Larger ones' edges tell enough (radius, px). Of 4300 looks at rings on 205 field days 100 were of rings
 # that nothing else showed, within 8 % of the range, and two of others'.
 _GREY_NOISE, _GREY_INLIERS, _GREY_EVEN = 0.25, 0.35, 0.7
-_GREY_RATIO, _GREY_RATIO_SIGMA = 0.22, 0.032
+_GREY_RATIO, _GREY_RATIO_SIGMA, _GREY_PX = 0.22, 0.032, 20.0
 # What residuals of neighbours have in common, of the contrast: squares with a hole leave 0.13 to
 # 0.38 of it; so do half of those hundred rings.
 _GREY_COHERENT = 0.12
@@ -169,7 +170,8 @@ def vouched_grey(
     best = fits[0]
     inside, outside = best.inside - best.black, best.outside - best.black
     is_near = (
-        best.contrast > _MIN_CONTRAST
+        px_per_m(camera, best.position, best.normal) * ring.radius_m < _GREY_PX
+        and best.contrast > _MIN_CONTRAST
         and best.noise < _GREY_NOISE * best.contrast
         and best.inliers > _GREY_INLIERS
         and best.contrast > _GREY_EVEN * max(inside, outside)
