@@ -47,8 +47,9 @@ _VOUCHED = 0.7
 _VOUCHED_INFLATION = 4.0
 # What grey levels must show to be a ring's of which the edges tell too little, small or shaded as
 # it is: shares of the contrast and of the pixels, the lesser contrast over the greater, by how much
-# of it the ratio is off, and its sigma. Larger ones' edges tell enough (radius, px). Of 4300 looks at rings on 205 field days 100 were of rings
-# that nothing else showed, within 8 % of the range, and two of others'.
+# of it the ratio is off, and its sigma; of larger ones (px) the edges tell enough. Of 4300 looks at
+# rings on 205 field days 100 were of rings that nothing else showed, within 8 % of the range, and
+# two of others'.
 _GREY_NOISE, _GREY_INLIERS, _GREY_EVEN = 0.25, 0.35, 0.7
 _GREY_RATIO, _GREY_RATIO_SIGMA, _GREY_PX = 0.22, 0.032, 20.0
 # What residuals of neighbours have in common, of the contrast: squares with a hole leave 0.13 to
