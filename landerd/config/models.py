@@ -142,8 +142,7 @@ class VisionSection(Section):
     """How images are searched."""
 
     min_ring_px: Positive = 10.0  # smallest outer diameter of a ring that is searched for
-    # poses less certain than this are not reported; from 10 m on, in proportion to the range
-    max_sigma_m: Positive = 1.0
+    max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
     # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
     # by hand is good for, and what focus and warmth move.
     focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005

@@ -31,7 +31,6 @@ _SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SA
 _PLATE_LOOKS_S, _LEAST_LOOKS = 1.0, 1.0 / 3.0
 # So long after another pad's id was read beside a ring, s: until the estimate has forgotten it.
 _OTHER_HELD_S = 2.5
-_SIGMA_AT_M = 10.0  # from where on `max_sigma_m` grows with the range
 _AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
 
 
@@ -265,8 +264,7 @@ class Vision:
 
     def _is_certain(self, s: PoseSolution) -> bool:
         (a, _, _), (_, b, _), (_, _, c) = s.covariance
-        # Farther off the range is less certain, and needs to be less so.
-        most = (self._options.max_sigma_m * max(1.0, math.hypot(*s.position) / _SIGMA_AT_M)) ** 2
+        most = self._options.max_sigma_m**2
         # The sum of all variances is no less than the greatest, and nearly always enough.
         return a + b + c <= most or bool(np.linalg.eigvalsh(np.array(s.covariance))[-1] <= most)
 
