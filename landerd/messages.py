@@ -70,7 +70,9 @@ class PoseSolution:
 
     position: Vec3  # the marker's centre or the pad's landing point, m
     normal: Vec3  # unit vector into the pad (its z), away from the camera
-    north: Vec3 | None  # unit vector to the marker's or pad's north (its x); None: unknown
+    # Unit vector to the marker's or pad's north (its x); of a plain ring to the pad's, where its
+    # plate shows it; None: unknown.
+    north: Vec3 | None
     covariance: Mat3  # of position, m^2
     sigma_yaw: float | None  # of the rotation about the normal, rad; None without north
     sigma_tilt: float  # of the normal, rad

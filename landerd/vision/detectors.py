@@ -17,6 +17,8 @@ from landerd.vision.expected import Expected
 from landerd.vision.metering import Meter
 from landerd.vision.other_ids import OtherIds
 from landerd.vision.plate_check import PlateCheck
+from landerd.vision.plate_heading import PlateHeading, PlateNorth
+from landerd.vision.plate_outline import has_beside
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
@@ -123,6 +125,12 @@ class Detectors(Protocol):
         """See `PlateCheck.contradicts`."""
         ...
 
+    def plate_north(
+        self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None
+    ) -> PlateNorth | None:
+        """See `PlateHeading.find`."""
+        ...
+
     def other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
         """See `OtherIds.beside`."""
         ...
@@ -151,6 +159,9 @@ class PixelDetectors:
         self._meter = Meter(camera, layout.plate)
         self._plate = PlateCheck(layout, camera)
         self._plates = {ring: PlateSearch(layout, ring) for ring in layout.rings}
+        self._plate_headings = {
+            ring: PlateHeading(layout, ring) for ring in layout.rings if has_beside(layout, ring)
+        }
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares
         }
@@ -271,6 +282,15 @@ class PixelDetectors:
     def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """See `PlateCheck.contradicts`."""
         return self._plate.contradicts(image, ring, sighting)
+
+    def plate_north(
+        self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None
+    ) -> PlateNorth | None:
+        """See `PlateHeading.find`."""
+        heading = self._plate_headings.get(ring)
+        if heading is None:
+            return None
+        return heading.find(image, self._camera, sighting.solutions, known)
 
     def other_id(self, image: Image, ring: Ring, sighting: MarkerSighting) -> int | None:
         """See `OtherIds.beside`."""

@@ -86,6 +86,23 @@ def ring_measurement(
     return Measurement(marker, np.array([*place, 0.0]), None, tuple(poses))
 
 
+def with_north(ring: Measurement, north: F64, sigma: float) -> Measurement:
+    """Return what a ring's sighting says together with where the pad's north is.
+
+    Args:
+        ring: position and normal.
+        north: unit vector (3,), camera frame, with
+        sigma: rad.
+    """
+    poses = []
+    for p in ring.poses:
+        n = p.normal
+        information = p.information.copy()
+        information[3:, 3:] += np.outer(n, n) / sigma**2
+        poses.append(replace(p, R=rotation_from(n, north), information=information))
+    return replace(ring, heading=0.0, poses=tuple(poses))
+
+
 def pad_poses(
     measured: list[Measurement], errors: MarkerErrors, north: Vec3 | None, down: Vec3 | None
 ) -> list[PoseSolution]:

@@ -14,7 +14,7 @@ from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
 from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at
-from landerd.vision.plate_outline import PlateOutline
+from landerd.vision.plate_outline import PlateOutline, has_beside
 from landerd.vision.pose import circle, px_per_m, rotation_from
 from landerd.vision.ring_explained import Vouches
 
@@ -32,9 +32,7 @@ class PlateCheck:
         """Prepare the outlines about each ring that has another marker beside it."""
         self._camera = camera
         self._outlines = {
-            ring: PlateOutline(layout, ring)
-            for ring in layout.rings
-            if any(other.position_m != ring.position_m for other in layout.markers)
+            ring: PlateOutline(layout, ring) for ring in layout.rings if has_beside(layout, ring)
         }
         self._last: tuple[MarkerSighting, bool] | None = None
 

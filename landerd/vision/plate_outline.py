@@ -6,6 +6,7 @@ spots of light are brighter somewhere, but not along straight lines at known pla
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,30 +51,25 @@ _LEAST, _LEAST_CLIPPED, _LEAST_PLATE, _LEAST_PRINTS = 0.66, 0.44, 0.95, 0.88
 _LEAST_IN_OWN_LIGHT, _LEAST_IN_SHADOW = 0.95, 0.82
 
 
+@dataclass(frozen=True, slots=True)
+class Outlines:
+    """Places on the outlines of a plate and of the prints on it, about a ring."""
+
+    places: F64  # from the ring's centre, pad's axes, m, (n, 2)
+    ways: F64  # across the outline to where the plate is white, as long as sizes, (n, 2)
+    sizes: F64  # of what has the outline: the ring's radius for the plate, a print's side, m, (n,)
+    is_plate: Mask  # (n,)
+
+
 class PlateOutline:
     """The outlines about one ring of a pad."""
 
     def __init__(self, layout: PadLayout, ring: Ring) -> None:
         """Prepare the places; needs a pad with other markers beside the ring."""
-        places, ways = along(plate_corners(layout.plate), _PER_SIDE)
-        # Ways lead to where the plate is white, as long as what has the outline is large.
-        parts = [(places, -ring.radius_m * ways)]
-        for marker in layout.markers:
-            if marker.position_m == ring.position_m:
-                continue
-            if isinstance(marker, Square):
-                size, turn = marker.size_m, rotation_2d(math.radians(marker.heading_deg))
-                places, ways = (x @ turn.T for x in along(square_points(size), _PER_SIDE))
-            else:
-                size, ways = marker.radius_m, circle(1.0, 4 * _PER_SIDE)
-                places = size * ways
-            parts.append((places + np.array(marker.position_m), size * ways))
-        self._places: F64 = np.concatenate([part[0] for part in parts])
-        self._places -= np.array(ring.position_m)
-        self._ways: F64 = np.concatenate([part[1] for part in parts])
-        self._sizes: F64 = np.hypot(*self._ways.T)
-        n, count = len(parts[0][0]), len(self._places)
-        self._is_plate = np.arange(count) < n
+        about = outlines(layout, ring)
+        self._places, self._ways = about.places, about.ways
+        self._sizes, self._is_plate = about.sizes, about.is_plate
+        n, count = int(about.is_plate.sum()), len(about.is_plate)
         self._beside = np.where(self._is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
         shares = _PLATE_WEIGHT / n, (1.0 - _PLATE_WEIGHT) / (count - n)
         self._weights = np.where(self._is_plate, *shares)
@@ -141,6 +137,32 @@ class PlateOutline:
         is_seen |= prints - off * prints_view >= _LEAST_PRINTS * prints_view
         is_without = (plate_view > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_view)
         return is_seen & ~is_cut, is_cut & ~is_without
+
+
+def has_beside(layout: PadLayout, ring: Ring) -> bool:
+    """Tell whether a pad has other markers beside a ring, round which its plate reaches."""
+    return any(other.position_m != ring.position_m for other in layout.markers)
+
+
+def outlines(layout: PadLayout, ring: Ring) -> Outlines:
+    """Return the outlines about a ring of a pad that has other markers beside it."""
+    places, ways = along(plate_corners(layout.plate), _PER_SIDE)
+    # Ways lead to where the plate is white, as long as what has the outline is large.
+    parts = [(places, -ring.radius_m * ways)]
+    for marker in layout.markers:
+        if marker.position_m == ring.position_m:
+            continue
+        if isinstance(marker, Square):
+            size, turn = marker.size_m, rotation_2d(math.radians(marker.heading_deg))
+            places, ways = (x @ turn.T for x in along(square_points(size), _PER_SIDE))
+        else:
+            size, ways = marker.radius_m, circle(1.0, 4 * _PER_SIDE)
+            places = size * ways
+        parts.append((places + np.array(marker.position_m), size * ways))
+    all_places = np.concatenate([part[0] for part in parts]) - np.array(ring.position_m)
+    all_ways: F64 = np.concatenate([part[1] for part in parts])
+    is_plate = np.arange(len(all_ways)) < len(parts[0][0])
+    return Outlines(all_places, all_ways, np.hypot(*all_ways.T), is_plate)
 
 
 def plate_corners(plate: Plate) -> F64:

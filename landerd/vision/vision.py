@@ -16,8 +16,16 @@ from landerd.vision.detectors import Detectors, PixelDetectors, keep_freed_memor
 from landerd.vision.disagreement import Disagreement, disagreement
 from landerd.vision.expected import Expected, SeenPad, expected_pad
 from landerd.vision.marker_errors import MarkerErrors
-from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity
-from landerd.vision.pose import SAME_SOLUTION_COS, Pose, circle, solution, turned_about_normal
+from landerd.vision.pad_pose import Measurement, learn, ring_measurement, with_gravity, with_north
+from landerd.vision.pose import (
+    SAME_SOLUTION_COS,
+    Pose,
+    circle,
+    rotation_from,
+    solution,
+    turned_about_normal,
+    vec3,
+)
 from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.square import FoundSquare, Image
@@ -124,9 +132,11 @@ class Vision:
         codes = self._detectors.find_codes(image, expected, normal)
         candidates += [c for found in codes if (c := self._code(frame.t, found, prior)) is not None]
         other_id = None
-        if _is_heading_open(prior) and all(c.sighting.id is None for c in candidates):
+        if self._is_unread(prior) and all(c.sighting.id is None for c in candidates):
             candidates = self._with_plate(frame.t, image, candidates, expected if vouched else None)
             candidates, other_id = self._of_no_other(frame.t, image, candidates, expected)
+            known = None if expected is None else expected.north
+            candidates = [self._turned_by_plate(image, c, known) for c in candidates]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         self._found = _once(_placed([*chosen, *candidates])) if poses else []
@@ -163,6 +173,13 @@ class Vision:
         sighting, shared = self._shutter.of_ring(t, ring, sighting)
         measured = ring_measurement(number, ring.position_m, sighting.solutions, shared)
         return Candidate(ring, sighting, measured)
+
+    def _is_unread(self, prior: Prior) -> bool:
+        """Tell whether no marker has told a heading yet, which look-alikes of rings do not have.
+
+        What the plate tells is none of a marker's.
+        """
+        return not self._was_read or prior.pad is None or prior.pad.north is None
 
     def _is_vouched(self, t: float, prior: Prior) -> bool:
         """Tell whether a ring where the pad is expected is its own, with or without a plate.
@@ -215,6 +232,27 @@ class Vision:
                     continue
             kept.append(c)
         return kept, other_id
+
+    def _turned_by_plate(self, image: Image, c: Candidate, known: F64 | None) -> Candidate:
+        """Return a ring with the pad's north, where its plate shows it; `known`: about there."""
+        if not isinstance(c.marker, Ring):
+            return c
+        plate = self._detectors.plate_north(image, c.marker, c.sighting, known)
+        if plate is None:
+            return c
+        solutions = tuple(
+            replace(
+                s,
+                north=vec3(rotation_from(np.array(s.normal), plate.north)[:, 0]),
+                sigma_yaw=plate.sigma,
+            )
+            for s in c.sighting.solutions
+        )
+        return replace(
+            c,
+            sighting=replace(c.sighting, solutions=solutions),
+            measurement=with_north(c.measurement, plate.north, plate.sigma),
+        )
 
     def _square(
         self, t: float, image: Image, found: FoundSquare, prior: Prior, normal: Vec3 | None
@@ -317,11 +355,6 @@ def _is_at(expected: Expected | None, ring: Ring, sighting: MarkerSighting) -> b
     # Across the line of sight: the range of a small ring errs by more.
     off = at * (centre[2] / at[2]) - centre
     return bool(np.linalg.norm(off) < ring.radius_m)
-
-
-def _is_heading_open(prior: Prior) -> bool:
-    """Tell whether no marker has told a heading yet, which look-alikes of rings do not have."""
-    return prior.pad is None or prior.pad.north is None
 
 
 def _unambiguous_normal(rings: list[FoundRing]) -> Vec3 | None:

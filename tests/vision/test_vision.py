@@ -8,7 +8,7 @@ import pytest
 
 from landerd.camera_model import CameraModel, used_part
 from landerd.config.models import VisionSection
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, angle_between
 from landerd.messages import Frame, PadPrior, Prior, Sightings
 from landerd.vision import Vision
 from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, look, render
@@ -32,10 +32,23 @@ def kinds(sightings: Sightings) -> set[str]:
     return {m.kind for m in sightings.markers}
 
 
-def test_ring_alone_tells_the_landing_point_but_no_north() -> None:
+def test_ring_without_a_tag_that_can_be_read_tells_the_landing_point_and_by_its_plate_north() -> (
+    None
+):
     view = look(THESIS_CAMERA, 9.0, 0.5, pixel=(160, 150))
     found = seen(view)
     assert kinds(found) == {"whycon"}
+    assert error_m(found, view) < 0.1
+    assert found.markers[0].id is None
+    north = tuple(view.R_camera_pad[:, 0].tolist())
+    assert math.degrees(angle_between(found.pad[0].north or (0.0, 0.0, 0.0), north)) < 2.0
+
+
+def test_a_ring_by_itself_tells_the_landing_point_but_no_north() -> None:
+    view = look(THESIS_CAMERA, 9.0, 0.5, pixel=(160, 150))
+    ring = THESIS_PAD.model_copy(update={"markers": THESIS_PAD.rings})
+    image = render(view, THESIS_CAMERA, OPTICS, np.random.default_rng(1))
+    found = Vision(ring, THESIS_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
     assert error_m(found, view) < 0.1
     assert found.pad[0].north is None
     assert found.pad[0].sigma_yaw is None

@@ -22,7 +22,16 @@ from landerd.simulation.sight.edge_fit import Across, SeenEdges, across, fitted
 from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.simulation.sight.world_view import Seen, WorldView
 from landerd.vision.expected import Expected
-from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose, rotation_from, vec3
+from landerd.vision.plate_heading import PlateNorth
+from landerd.vision.plate_outline import has_beside
+from landerd.vision.pose import (
+    EQUAL_NORMALS_COS,
+    SAME_SOLUTION_COS,
+    Pose,
+    rotation_from,
+    turned_about_normal,
+    vec3,
+)
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_fit import RingFit
@@ -38,6 +47,7 @@ from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode, mirrored_pose
 from landerd.vision.window import Window
 
+_PLATE = 1  # of a ring's draws: those for its plate
 _FAR_PAD = 0.001  # share of a picture
 _SIZE_FACTOR = 2.0  # within which a ring's size must be known to be found in a window
 
@@ -234,6 +244,21 @@ class ModelledDetectors:
     def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """Return False: there are no look-alikes."""
         return False
+
+    def plate_north(
+        self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None
+    ) -> PlateNorth | None:
+        """Return the pad's north about a ring beside which it has other markers."""
+        view, sight = self._look(image), self._sight(image, ring)
+        if view is None or sight is None or not has_beside(self._layout, ring):
+            return None
+        number = self._layout.markers.index(ring)
+        rng = np.random.default_rng([self._seed, view.number, number, _PLATE])
+        if rng.random() > statistics.plate_north_share(sight.size_px):
+            return None
+        error, stated = statistics.plate_north_sigma(sight.size_px)
+        R = turned_about_normal(sight.pose.R, error * float(rng.standard_normal()))
+        return PlateNorth(R[:, 0], stated)
 
     def light(self, image: Image, pad: PoseSolution | None, down: Vec3 | None) -> Light:
         """Return the brightness of white, or of the ground and whether white is clipped."""

@@ -59,6 +59,10 @@ _SHARP_PX = 0.666  # blur of a sharp lens, and of a pixel's width
 BY_EDGES_PX = (0.055, 0.05)  # of rings by their edges: alike all round, from side to side
 _SURROUNDINGS_TRUE = 1.6  # the error itself, over the stated one: it makes rings seem farther
 
+# The pad's north by its plate, as `plate_heading` finds and states it.
+_PLATE_NORTH_PX, _PLATE_NORTH_TOLD = 18.0, 0.98
+_PLATE_NORTH_RAD_PX, _PLATE_NORTH_STATED, _PLATE_NORTH_LEAST = 0.25, 2.0, math.radians(1.0)
+
 
 def found_share(kind: Kind, size_px: float, levels: Levels) -> float:
     """Return how often a marker of a size in the image is found, all of it in sight."""
@@ -83,6 +87,17 @@ def print_bias_px(size_px: float, blur_px: float) -> float:
     reduced = max(1, round(size_px / _FITTED_SIDE_PX))
     unsharp = _UNSHARP_BIAS * math.sqrt(max(0.0, blur_px**2 - _SHARP_PX**2))
     return reduced * math.hypot(_PRINT_BIAS_PX, _REDUCED_BIAS_PX * reduced) + unsharp
+
+
+def plate_north_share(width_px: float) -> float:
+    """Return in how many pictures a ring so wide at the narrowest has its north by the plate."""
+    return 0.0 if width_px < _PLATE_NORTH_PX else _PLATE_NORTH_TOLD
+
+
+def plate_north_sigma(width_px: float) -> tuple[float, float]:
+    """Return the error of that north, and the stated one, rad."""
+    error = _PLATE_NORTH_RAD_PX / width_px
+    return error, math.hypot(_PLATE_NORTH_STATED * error, _PLATE_NORTH_LEAST)
 
 
 def is_by_edges(options: SimOptions, levels: Levels) -> bool:

@@ -1,0 +1,261 @@
+"""A pad's heading by the outline of its plate about a ring, where no marker can be read.
+
+A tag of a pad is a third as wide as its ring: it is read from half as far, and dirt, glare or leaf
+shade may hide its code down to the ground. The plate is wider than the ring, and the ring is seldom
+in its middle: of all ways to turn plate and prints about the ring one has white just inside its
+sides and the ground beyond. The nearest way is found first; how far each place of the outline lies
+from it then tells heading, place and size of the plate, of which the heading is kept.
+
+Where the plate looks alike from two sides and no print tells them apart nothing is told. Nor where
+a square on it is seen so large that its cells would be told apart, and are not those of its print:
+the plate may be that of another pad.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64, CameraModel
+from landerd.messages import PoseSolution
+from landerd.pad import PadLayout, Ring, Square
+from landerd.vision.expected import any_across
+from landerd.vision.patch import Image, levels_at
+from landerd.vision.plate_outline import outlines
+from landerd.vision.pose import px_per_m, rotation_2d, rotation_from
+from landerd.vision.square import printed_cells
+
+_HEADINGS = 64
+_MIN_DIAMETER_PX = 18.0  # of the ring where it is narrowest
+_SAME_CHI2 = 12.0  # a mirrored pose of the ring that is worse by more is left
+# From the outlines, to either side: share of the ring's radius, of a print's side, and px.
+_BESIDE_PLATE, _BESIDE_PRINT, _BLUR_PX = 0.12, 0.16, 1.5
+_LEAST_PRINT_PX = 5.0  # of smaller prints nothing is asked
+# A step counts as whole that is such a share of the light on both sides together; so many grey
+# levels are noise.
+_WHOLE_STEP, _NOISE = 0.15, 8.0
+_PLATE_WEIGHT = 0.65  # of the plate's outline, the rest of the prints'
+_LEAST_IN_VIEW = 0.6  # of the plate's outline
+# How much of the outlines must be seen, and more than in any way that is turned further.
+_LEAST_SEEN, _LEAST_LEAD, _OTHER_WAY = 0.5, 0.2, math.radians(30.0)
+# The same, and the share in view, where the heading is known to be near.
+_LEAST_SEEN_CUT, _LEAST_CUT, _NEAR = 0.7, 0.2, math.radians(15.0)
+# How far across the outline white's end is looked for, of the ring's radius, round by round.
+_REACHES, _LEAST_REACH_PX, _PLACES = (0.28, 0.18, 0.14), 3.0, 21
+_LEAST_FALL, _LEAST_ENDS = 4.0, 12  # grey levels, and of the places on the outline
+_ROUNDS = 5
+# Of a place's distance from the outline: of the ring's radius, and px. Of the plate's middle and
+# size against what the ring and the pad file make of them: of the ring's radius, and of the size.
+_SIGMA, _SIGMA_PX, _OFF_SIGMA, _SIZE_SIGMA = 0.04, 0.7, 0.1, 0.05
+# Of 560 rings of 40 field days, 18 px wide and more, the error over sigma is 0.6 rms (1.0 of the
+# smallest): how askew a plate is that a builder measured nobody knows.
+_INFLATION, _LEAST_SIGMA = 2.0, math.radians(1.0)
+
+
+# A square whose cells are so wide, px, is looked at, where so much of it is in view; moved by as
+# many cells at most, its code's cells must correlate with their print. Of 27 pictures of three tags
+# that dirt, glare or leaf shade hid from every decoder all day 23 do; of 26 other prints one in
+# 150, one in 25 on those three.
+_CELL_PX, _LEAST_CELLS = 2.0, 0.6
+_SHIFTS, _LEAST_CORRELATION = (-0.4, 0.0, 0.4), 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class PlateNorth:
+    """Where a pad's north is by its plate."""
+
+    north: F64  # unit vector (3,) in the ring's plane, camera frame
+    sigma: float  # rad
+
+
+class PlateHeading:
+    """The outlines of a pad's plate and prints about one of its rings."""
+
+    def __init__(self, layout: PadLayout, ring: Ring) -> None:
+        """Prepare the places to look at."""
+        about = outlines(layout, ring)
+        self._radius = ring.radius_m
+        self._diameter = ring.outer_diameter_m
+        self._about = about
+        self._codes = [
+            _Code.of(square, ring)
+            for square in layout.squares
+            if square.position_m != ring.position_m
+        ]
+        n = int(about.is_plate.sum())
+        shares = _PLATE_WEIGHT / n, (1.0 - _PLATE_WEIGHT) / max(len(about.is_plate) - n, 1)
+        self._weights = np.where(about.is_plate, *shares)
+        self._angles = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
+        self._turns = np.stack([rotation_2d(a).T for a in self._angles])
+        self._is_other = (
+            np.abs(_wrapped(self._angles)) > _OTHER_WAY
+        )  # of the headings, from the first one
+        # How an end of the plate's white moves along the way out with a turn (rad), north and east
+        # of the plate (m), and its size (share).
+        self._places, self._out = about.places[about.is_plate], -about.ways[about.is_plate]
+        self._out = self._out / np.hypot(*self._out.T)[:, None]
+        p, out = self._places, self._out
+        turn = p[:, 0] * out[:, 1] - p[:, 1] * out[:, 0]
+        self._slopes = np.column_stack([turn, out, (p * out).sum(axis=1)])
+        off = 1.0 / (_OFF_SIGMA * self._radius) ** 2
+        self._known = np.diag([1e-9, off, off, 1.0 / _SIZE_SIGMA**2])
+
+    def find(
+        self,
+        image: Image,
+        camera: CameraModel,
+        ring: tuple[PoseSolution, ...],
+        known: F64 | None = None,
+    ) -> PlateNorth | None:
+        """Return the pad's north about a ring with these solutions; None: the plate is not seen.
+
+        Args:
+            image: grey image (height, width).
+            camera: the lens.
+            ring: its solutions, best first.
+            known: where north is expected to be (3,), camera frame: near it, sides of the plate
+                tell it that have no other in the picture.
+        """
+        best: tuple[float, PlateNorth] | None = None
+        for s in ring:
+            if s.cost > ring[0].cost + _SAME_CHI2:
+                continue
+            t, normal = np.array(s.position), np.array(s.normal)
+            if px_per_m(camera, t, normal) * self._diameter < _MIN_DIAMETER_PX:
+                continue
+            axes = rotation_from(normal, any_across(normal))[:, :2]
+            seen = self._nearest_way(image, camera, t, axes, known)
+            if seen is None or (best is not None and best[0] >= seen[0]):
+                continue
+            turned = self._fitted(image, camera, t, axes, seen[1])
+            if turned is not None:
+                heading, sigma = turned
+                north = axes @ rotation_2d(heading)
+                if not any(code.is_another(image, camera, t, north) for code in self._codes):
+                    best = seen[0], PlateNorth(north[:, 0], sigma)
+        return None if best is None else best[1]
+
+    def _nearest_way(
+        self, image: Image, camera: CameraModel, t: F64, axes: F64, known: F64 | None
+    ) -> tuple[float, float] | None:
+        """Return how much of the outlines is seen, and the heading about the axes (3, 2)."""
+        about = self._about
+        px = px_per_m(camera, t, np.cross(*axes.T)) * about.sizes
+        share = np.where(about.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
+        ways = about.ways * np.clip(_BLUR_PX / px, share, 0.5)[:, None]
+        points = np.concatenate([about.places + ways, about.places - ways])
+        grey = levels_at(image, camera, t + (points @ self._turns).reshape(-1, 2) @ axes.T)
+        inside, beyond = np.moveaxis(grey.reshape(_HEADINGS, 2, -1), 1, 0)
+        in_view = ~np.isnan(inside - beyond)
+        steps = (inside - beyond) / (_WHOLE_STEP * (inside + beyond + 2.0 * _NOISE))
+        steps = np.where(in_view, np.clip(steps, -1.0, 1.0), 0.0)
+        weights = self._weights * (in_view & (about.is_plate | (px > _LEAST_PRINT_PX)))
+        seen = (steps * weights).sum(axis=1) / np.maximum(weights.sum(axis=1), 1e-9)
+        plate_in_view = in_view[:, about.is_plate].mean(axis=1)
+        if known is not None:
+            north, east = axes.T @ known
+            off = np.abs(_wrapped(self._angles - math.atan2(east, north)))
+            near = np.where((off < _NEAR) & (plate_in_view > _LEAST_CUT), seen, -1.0)
+            k = int(np.argmax(near))
+            if near[k] > _LEAST_SEEN_CUT:
+                return float(near[k]), float(self._angles[k])
+        seen = np.where(plate_in_view > _LEAST_IN_VIEW, seen, -1.0)
+        k = int(np.argmax(seen))
+        others = float(np.roll(seen, -k)[self._is_other].max())
+        if seen[k] < _LEAST_SEEN or seen[k] - others < _LEAST_LEAD:
+            return None
+        return float(seen[k]), float(self._angles[k])
+
+    def _fitted(
+        self, image: Image, camera: CameraModel, t: F64, axes: F64, heading: float
+    ) -> tuple[float, float] | None:
+        """Return the heading about the axes (3, 2) at which white ends on the outline, and sigma.
+
+        None: it does not on enough of it.
+        """
+        px = px_per_m(camera, t, np.cross(*axes.T))
+        sigma = max(_SIGMA * self._radius, _SIGMA_PX / px)
+        middle: F64 = np.zeros(2)
+        size = 1.0
+        information: F64 = self._known
+        for reach in _REACHES:
+            farthest = max(reach * self._radius, _LEAST_REACH_PX / px)
+            across = np.linspace(-farthest, farthest, _PLACES)
+            R = rotation_2d(heading)
+            at = size * self._places[:, None] + across[:, None] * self._out[:, None]
+            points = t + (at.reshape(-1, 2) @ R.T + middle) @ axes.T
+            grey = levels_at(image, camera, points).reshape(len(at), -1)
+            falls = np.maximum(grey[:, :-1] - grey[:, 1:], 0.0) ** 2
+            weight = falls.sum(axis=1)
+            ends = weight > _LEAST_FALL**2  # not so what is partly out of the picture: NaN
+            if int(ends.sum()) < _LEAST_ENDS:
+                return None
+            between = 0.5 * (across[:-1] + across[1:])
+            off = (falls[ends] * between).sum(axis=1) / weight[ends]
+            step, information = _robust(self._slopes[ends], off, sigma, self._known)
+            heading += float(step[0])
+            middle += R @ step[1:3]
+            size += float(step[3])
+        spread = math.sqrt(float(np.linalg.inv(information)[0, 0]))
+        return heading, math.hypot(_INFLATION * spread, _LEAST_SIGMA)
+
+
+@dataclass(frozen=True, slots=True)
+class _Code:
+    """The cells of a square's code about a ring."""
+
+    cells: F64  # 1 white and -1 black, less their mean, (n,)
+    points: F64  # their middles under all shifts, (shifts, n, 2), pad's axes, m
+    cell_m: float
+
+    @classmethod
+    def of(cls, square: Square, ring: Ring) -> "_Code":
+        print_ = printed_cells(square)
+        cell = square.size_m / len(print_)
+        at = cell * (np.arange(1, len(print_) - 1) - 0.5 * (len(print_) - 1))
+        middles = np.stack(np.meshgrid(-at, at, indexing="ij"), axis=-1).reshape(-1, 2)
+        shifts = cell * np.stack(np.meshgrid(_SHIFTS, _SHIFTS), axis=-1).reshape(-1, 1, 2)
+        place = np.array(square.position_m) - np.array(ring.position_m)
+        points = (middles + shifts) @ rotation_2d(math.radians(square.heading_deg)).T + place
+        cells = 2.0 * print_[1:-1, 1:-1].ravel() - 1.0
+        return cls(cells - cells.mean(), points, cell)
+
+    def is_another(self, image: Image, camera: CameraModel, t: F64, axes: F64) -> bool:
+        """Tell whether another code is seen beside a ring at t (3,) under the pad's axes (3, 2)."""
+        if px_per_m(camera, t, np.cross(*axes.T)) * self.cell_m < _CELL_PX:
+            return False
+        grey = levels_at(image, camera, t + self.points.reshape(-1, 2) @ axes.T)
+        grey = grey.reshape(len(self.points), -1)
+        in_view: NDArray[np.bool_] = ~np.isnan(grey)
+        if in_view.mean() < _LEAST_CELLS:
+            return False
+        mean = np.where(in_view, grey, 0.0).sum(axis=1) / np.maximum(in_view.sum(axis=1), 1)
+        off = np.where(in_view, grey - mean[:, None], 0.0)
+        scale = np.sqrt((off * off).sum(axis=1) * (self.cells @ self.cells))
+        return float(((off @ self.cells) / np.maximum(scale, 1e-9)).max()) < _LEAST_CORRELATION
+
+
+def _wrapped(angles: NDArray[np.floating]) -> F64:
+    """Return angles (n,), rad, from -pi to pi."""
+    turned: F64 = np.mod(angles + math.pi, 2.0 * math.pi) - math.pi
+    return turned
+
+
+def _robust(slopes: F64, off: F64, sigma: float, known: F64) -> tuple[F64, F64]:
+    """Return parameters (k,) and their information (k, k), weighted after Cauchy.
+
+    Args:
+        slopes: (n, k), of what is measured by the parameters.
+        off: (n,), measured, with
+        sigma: of each that is none of the far ones.
+        known: information (k, k) before.
+    """
+    step: F64 = np.zeros(len(known))
+    information, beyond = known, np.zeros(len(off))
+    for _ in range(_ROUNDS):
+        weighted = slopes.T / (sigma**2 * (1.0 + beyond * beyond))
+        information = weighted @ slopes + known
+        step = np.asarray(np.linalg.solve(information, weighted @ off), dtype=np.float64)
+        beyond = (off - slopes @ step) / sigma
+    return step, information
