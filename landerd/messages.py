@@ -81,7 +81,7 @@ class PoseSolution:
 
 
 # What a `MarkerSighting` was fitted to.
-GREY, EDGES, BESIDE = "grey", "edges", "beside"
+GREY, EDGES, BESIDE, PLATE = "grey", "edges", "beside", "plate"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,8 @@ class MarkerSighting:
     outline_px: tuple[tuple[float, float], ...]  # polygon in image pixels, for drawing
     # What the pose was fitted to: "grey" levels, or the places of "edges" alone where a tone curve,
     # clipped white, shade or dirt leaves the levels unexplained: less exact, and sigma says so.
-    # A square's "beside": only its heading was found, round a ring that tells the place.
+    # A square's "beside": only its heading was found, round a ring that tells the place. A ring's
+    # "plate": its plate's sides tell the place, on level ground.
     stage: str = GREY
 
 

@@ -19,6 +19,7 @@ from landerd.vision.other_ids import OtherIds
 from landerd.vision.plate_check import PlateCheck
 from landerd.vision.plate_heading import PlateHeading, PlateNorth
 from landerd.vision.plate_outline import has_beside
+from landerd.vision.plate_ring import PlateRing
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pose import Pose
 from landerd.vision.print_fit import Fit
@@ -75,6 +76,12 @@ class Detectors(Protocol):
         vouched: bool = False,
     ) -> list[MarkerSighting]:
         """See `whycon.find_rings`; vouched: as of `track_ring`."""
+        ...
+
+    def ring_on_plate(
+        self, image: Image, ring: Ring, expected: F64, down: Vec3
+    ) -> MarkerSighting | None:
+        """Return the ring on the level plate that is seen about where it is expected, (3,), m."""
         ...
 
     def track_square(
@@ -162,6 +169,9 @@ class PixelDetectors:
         self._plate_headings = {
             ring: PlateHeading(layout, ring) for ring in layout.rings if has_beside(layout, ring)
         }
+        self._on_plates = {
+            ring: PlateRing(layout, ring, heading) for ring, heading in self._plate_headings.items()
+        }
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares
         }
@@ -222,8 +232,15 @@ class PixelDetectors:
             thorough=thorough,
             work=work,
             response=self._response,
-            beside=Beside(refuses, vouches, self._plates[ring]),
+            beside=Beside(refuses, vouches, self._plates[ring], self._on_plates.get(ring)),
         )
+
+    def ring_on_plate(
+        self, image: Image, ring: Ring, expected: F64, down: Vec3
+    ) -> MarkerSighting | None:
+        """See `PlateRing.near`."""
+        on_plate = self._on_plates.get(ring)
+        return None if on_plate is None else on_plate.near(image, self._camera, expected, down)
 
     def track_square(
         self, image: Image, square: Square, expected: Pose

@@ -23,10 +23,11 @@ from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.expected import any_across
 from landerd.vision.patch import Image, levels_at
 from landerd.vision.plate_outline import outlines
+from landerd.vision.plate_sides import PlateSides
 from landerd.vision.pose import px_per_m, rotation_2d, rotation_from
 from landerd.vision.square import printed_cells
 
-_HEADINGS = 64
+_HEADINGS, _ALL = 64, slice(None)
 _MIN_DIAMETER_PX = 18.0  # of the ring where it is narrowest
 _SAME_CHI2 = 12.0  # a mirrored pose of the ring that is worse by more is left
 # From the outlines, to either side: share of the ring's radius, of a print's side, and px.
@@ -41,13 +42,9 @@ _LEAST_IN_VIEW = 0.6  # of the plate's outline
 _LEAST_SEEN, _LEAST_LEAD, _OTHER_WAY = 0.5, 0.2, math.radians(30.0)
 # The same, and the share in view, where the heading is known to be near.
 _LEAST_SEEN_CUT, _LEAST_CUT, _NEAR = 0.7, 0.2, math.radians(15.0)
-# How far across the outline white's end is looked for, of the ring's radius, round by round.
-_REACHES, _LEAST_REACH_PX, _PLACES = (0.28, 0.18, 0.14), 3.0, 21
-_LEAST_FALL, _LEAST_ENDS = 4.0, 12  # grey levels, and of the places on the outline
-_ROUNDS = 5
-# Of a place's distance from the outline: of the ring's radius, and px. Of the plate's middle and
-# size against what the ring and the pad file make of them: of the ring's radius, and of the size.
-_SIGMA, _SIGMA_PX, _OFF_SIGMA, _SIZE_SIGMA = 0.04, 0.7, 0.1, 0.05
+# Of the plate's middle and size against what the ring and the pad file make of them: of the ring's
+# radius, and of the size.
+_OFF_SIGMA, _SIZE_SIGMA = 0.1, 0.05
 # Of 560 rings of 40 field days, 18 px wide and more, the error over sigma is 0.6 rms (1.0 of the
 # smallest): how askew a plate is that a builder measured nobody knows.
 _INFLATION, _LEAST_SIGMA = 2.0, math.radians(1.0)
@@ -75,7 +72,6 @@ class PlateHeading:
     def __init__(self, layout: PadLayout, ring: Ring) -> None:
         """Prepare the places to look at."""
         about = outlines(layout, ring)
-        self._radius = ring.radius_m
         self._diameter = ring.outer_diameter_m
         self._about = about
         self._codes = [
@@ -86,20 +82,10 @@ class PlateHeading:
         n = int(about.is_plate.sum())
         shares = _PLATE_WEIGHT / n, (1.0 - _PLATE_WEIGHT) / max(len(about.is_plate) - n, 1)
         self._weights = np.where(about.is_plate, *shares)
-        self._angles = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
-        self._turns = np.stack([rotation_2d(a).T for a in self._angles])
-        self._is_other = (
-            np.abs(_wrapped(self._angles)) > _OTHER_WAY
-        )  # of the headings, from the first one
-        # How an end of the plate's white moves along the way out with a turn (rad), north and east
-        # of the plate (m), and its size (share).
-        self._places, self._out = about.places[about.is_plate], -about.ways[about.is_plate]
-        self._out = self._out / np.hypot(*self._out.T)[:, None]
-        p, out = self._places, self._out
-        turn = p[:, 0] * out[:, 1] - p[:, 1] * out[:, 0]
-        self._slopes = np.column_stack([turn, out, (p * out).sum(axis=1)])
-        off = 1.0 / (_OFF_SIGMA * self._radius) ** 2
-        self._known = np.diag([1e-9, off, off, 1.0 / _SIZE_SIGMA**2])
+        self.angles = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
+        self._turns = np.stack([rotation_2d(a).T for a in self.angles])
+        self._is_other = np.abs(_wrapped(self.angles)) > _OTHER_WAY  # from the first one
+        self._sides = PlateSides(about, ring.radius_m)
 
     def find(
         self,
@@ -128,77 +114,63 @@ class PlateHeading:
             seen = self._nearest_way(image, camera, t, axes, known)
             if seen is None or (best is not None and best[0] >= seen[0]):
                 continue
-            turned = self._fitted(image, camera, t, axes, seen[1])
-            if turned is not None:
-                heading, sigma = turned
-                north = axes @ rotation_2d(heading)
-                if not any(code.is_another(image, camera, t, north) for code in self._codes):
-                    best = seen[0], PlateNorth(north[:, 0], sigma)
+            fit = self._sides.fit(image, camera, t, axes, seen[1], _OFF_SIGMA, _SIZE_SIGMA)
+            if fit is None:
+                continue
+            north = axes @ rotation_2d(fit.heading)
+            if not any(code.is_another(image, camera, t, north) for code in self._codes):
+                sigma = math.hypot(_INFLATION * math.sqrt(fit.covariance[0, 0]), _LEAST_SIGMA)
+                best = seen[0], PlateNorth(north[:, 0], sigma)
         return None if best is None else best[1]
 
     def _nearest_way(
         self, image: Image, camera: CameraModel, t: F64, axes: F64, known: F64 | None
     ) -> tuple[float, float] | None:
         """Return how much of the outlines is seen, and the heading about the axes (3, 2)."""
-        about = self._about
-        px = px_per_m(camera, t, np.cross(*axes.T)) * about.sizes
-        share = np.where(about.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
-        ways = about.ways * np.clip(_BLUR_PX / px, share, 0.5)[:, None]
-        points = np.concatenate([about.places + ways, about.places - ways])
-        grey = levels_at(image, camera, t + (points @ self._turns).reshape(-1, 2) @ axes.T)
-        inside, beyond = np.moveaxis(grey.reshape(_HEADINGS, 2, -1), 1, 0)
-        in_view = ~np.isnan(inside - beyond)
-        steps = (inside - beyond) / (_WHOLE_STEP * (inside + beyond + 2.0 * _NOISE))
-        steps = np.where(in_view, np.clip(steps, -1.0, 1.0), 0.0)
-        weights = self._weights * (in_view & (about.is_plate | (px > _LEAST_PRINT_PX)))
-        seen = (steps * weights).sum(axis=1) / np.maximum(weights.sum(axis=1), 1e-9)
-        plate_in_view = in_view[:, about.is_plate].mean(axis=1)
         if known is not None:
             north, east = axes.T @ known
-            off = np.abs(_wrapped(self._angles - math.atan2(east, north)))
-            near = np.where((off < _NEAR) & (plate_in_view > _LEAST_CUT), seen, -1.0)
-            k = int(np.argmax(near))
-            if near[k] > _LEAST_SEEN_CUT:
-                return float(near[k]), float(self._angles[k])
+            off = np.abs(_wrapped(self.angles - math.atan2(east, north)))
+            (near,) = np.nonzero(off < _NEAR)
+            seen, plate_in_view = self.ways(image, camera, t, axes, near)
+            seen = np.where(plate_in_view > _LEAST_CUT, seen, -1.0)
+            k = int(np.argmax(seen))
+            if seen[k] > _LEAST_SEEN_CUT:
+                return float(seen[k]), float(self.angles[near[k]])
+        seen, plate_in_view = self.ways(image, camera, t, axes)
         seen = np.where(plate_in_view > _LEAST_IN_VIEW, seen, -1.0)
         k = int(np.argmax(seen))
         others = float(np.roll(seen, -k)[self._is_other].max())
         if seen[k] < _LEAST_SEEN or seen[k] - others < _LEAST_LEAD:
             return None
-        return float(seen[k]), float(self._angles[k])
+        return float(seen[k]), float(self.angles[k])
 
-    def _fitted(
-        self, image: Image, camera: CameraModel, t: F64, axes: F64, heading: float
-    ) -> tuple[float, float] | None:
-        """Return the heading about the axes (3, 2) at which white ends on the outline, and sigma.
+    def ways(
+        self,
+        image: Image,
+        camera: CameraModel,
+        t: F64,
+        axes: F64,
+        which: NDArray[np.intp] | slice = _ALL,
+    ) -> tuple[F64, F64]:
+        """Return how much of the outlines is seen under each heading, from -1 to 1.
 
-        None: it does not on enough of it.
+        And the share of the plate's that is in the picture; arguments as of `PlateSides.fit`, and
+        which of the headings.
         """
-        px = px_per_m(camera, t, np.cross(*axes.T))
-        sigma = max(_SIGMA * self._radius, _SIGMA_PX / px)
-        middle: F64 = np.zeros(2)
-        size = 1.0
-        information: F64 = self._known
-        for reach in _REACHES:
-            farthest = max(reach * self._radius, _LEAST_REACH_PX / px)
-            across = np.linspace(-farthest, farthest, _PLACES)
-            R = rotation_2d(heading)
-            at = size * self._places[:, None] + across[:, None] * self._out[:, None]
-            points = t + (at.reshape(-1, 2) @ R.T + middle) @ axes.T
-            grey = levels_at(image, camera, points).reshape(len(at), -1)
-            falls = np.maximum(grey[:, :-1] - grey[:, 1:], 0.0) ** 2
-            weight = falls.sum(axis=1)
-            ends = weight > _LEAST_FALL**2  # not so what is partly out of the picture: NaN
-            if int(ends.sum()) < _LEAST_ENDS:
-                return None
-            between = 0.5 * (across[:-1] + across[1:])
-            off = (falls[ends] * between).sum(axis=1) / weight[ends]
-            step, information = _robust(self._slopes[ends], off, sigma, self._known)
-            heading += float(step[0])
-            middle += R @ step[1:3]
-            size += float(step[3])
-        spread = math.sqrt(float(np.linalg.inv(information)[0, 0]))
-        return heading, math.hypot(_INFLATION * spread, _LEAST_SIGMA)
+        about = self._about
+        px = px_per_m(camera, t, np.cross(*axes.T)) * about.sizes
+        share = np.where(about.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
+        ways = about.ways * np.clip(_BLUR_PX / px, share, 0.5)[:, None]
+        points = np.concatenate([about.places + ways, about.places - ways])
+        turned = points @ self._turns[which]
+        grey = levels_at(image, camera, t + turned.reshape(-1, 2) @ axes.T)
+        inside, beyond = np.moveaxis(grey.reshape(len(turned), 2, -1), 1, 0)
+        in_view = ~np.isnan(inside - beyond)
+        steps = (inside - beyond) / (_WHOLE_STEP * (inside + beyond + 2.0 * _NOISE))
+        steps = np.where(in_view, np.clip(steps, -1.0, 1.0), 0.0)
+        weights = self._weights * (in_view & (about.is_plate | (px > _LEAST_PRINT_PX)))
+        seen = (steps * weights).sum(axis=1) / np.maximum(weights.sum(axis=1), 1e-9)
+        return seen, in_view[:, about.is_plate].mean(axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,22 +212,3 @@ def _wrapped(angles: NDArray[np.floating]) -> F64:
     """Return angles (n,), rad, from -pi to pi."""
     turned: F64 = np.mod(angles + math.pi, 2.0 * math.pi) - math.pi
     return turned
-
-
-def _robust(slopes: F64, off: F64, sigma: float, known: F64) -> tuple[F64, F64]:
-    """Return parameters (k,) and their information (k, k), weighted after Cauchy.
-
-    Args:
-        slopes: (n, k), of what is measured by the parameters.
-        off: (n,), measured, with
-        sigma: of each that is none of the far ones.
-        known: information (k, k) before.
-    """
-    step: F64 = np.zeros(len(known))
-    information, beyond = known, np.zeros(len(off))
-    for _ in range(_ROUNDS):
-        weighted = slopes.T / (sigma**2 * (1.0 + beyond * beyond))
-        information = weighted @ slopes + known
-        step = np.asarray(np.linalg.solve(information, weighted @ off), dtype=np.float64)
-        beyond = (off - slopes @ step) / sigma
-    return step, information

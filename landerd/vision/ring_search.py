@@ -12,12 +12,14 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
+from landerd.vision.plate_ring import PlateRing
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_cut import cut_rings
 from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained, vouched_grey
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
+from landerd.vision.ring_match import matches
 from landerd.vision.ring_pose import F64, mirrored, poses_through
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import (
@@ -72,6 +74,7 @@ _EDGE_SHARE = 0.5  # from which edges are looked at
 # nine in ten have less than 0.03 of them in the finest level, the fullest of all have 0.19.
 _MAX_EDGE_SHARE = 0.05
 _OFF_PLATE = 0.12  # of the range: what a fit may be off the place that its plate's outline tells
+_MOST_MATCHED = 4  # places that are looked at for a ring that is like one on the whole
 _MOST_CUT = 2  # rings that the image's edge may cut
 
 
@@ -82,6 +85,7 @@ class Beside:
     refuses: Refusal | None = None
     vouches: Vouches | None = None
     plate: PlateSearch | None = None  # tells where to look for a ring that shows nothing round
+    on_plate: PlateRing | None = None  # finds one on level ground that only its plate shows
 
 
 @dataclass(frozen=True)
@@ -119,12 +123,18 @@ class RingSearch:
         self._image, self._ring, self._camera, self._down = image, ring, camera, down
         self._work, self._response = work, response
         self._refuses, self._vouches, self._plate = beside.refuses, beside.vouches, beside.plate
+        self._on_plate = beside.on_plate
         self._later: list[_Try] = []
         self._doubtful: list[_Doubtful] = []
         self._level_found: Level | None = None
         self._darks: dict[tuple[float, Segmentation], U8] = {}  # of levels, by their reduction
         self._has_tried_hidden = False
         self.found: list[MarkerSighting] = []
+
+    @property
+    def is_level_known(self) -> bool:
+        """Whether it can look for rings on level ground that only their plates show."""
+        return self._on_plate is not None and self._down is not None
 
     def nearest_first(self) -> list[MarkerSighting]:
         """Return what was found."""
@@ -221,6 +231,23 @@ class RingSearch:
             grey = [f for f in grey if _is_near(f.position, pose[0])]
             fits = vouched_grey(self._camera, self._ring, grey, self._vouches) if grey else []
         return bool(fits) and self._report(fits)
+
+    def find_matched(self, sizes: Sequence[float]) -> bool:
+        """Look for the pad's plate about what is on the whole like a level ring of some sizes, px.
+
+        Once in a search, as `find_cut`.
+        """
+        if self._on_plate is None or self._down is None or self._work.is_continued:
+            return False
+        places = matches(self._image, self._camera, self._ring, self._down, sizes, _MOST_MATCHED)
+        for place in places:
+            if not self._work.affords(ROUGH_COST):
+                break
+            sighting = self._on_plate.find(self._image, self._camera, place, self._down)
+            if sighting is not None:
+                self.found.append(sighting)
+                return True
+        return False
 
     def find_doubtful(self) -> None:
         """Fit what was left, the likeliest first, until a level shows a ring or work is over."""

@@ -41,6 +41,9 @@ class Part(Enum):
     MOST = "the ways to look that show most rings; in texture without BROKEN's and FINEST's"
     REST = "the other ways"
     PLATE = "the outline of the pad's plate"
+    # Where gravity is known:
+    MATCH = "what is on the whole like a level ring, every second size"
+    MATCH_BETWEEN = "the same, the sizes between"
     # Of images full of texture:
     OTHERS = "the other ways, without those for small rings"
     BROKEN = "holes of rings that are joined to dark ground"
@@ -50,7 +53,8 @@ class Part(Enum):
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A thorough search takes three images, in texture five: one for each of its parts. What costs
+    A thorough search takes three images, in texture five, two more where gravity is known: one for
+    each of its parts. What costs
     more than an image may is cut short, and a later one goes on with what was not tried: places
     that were refused come last, as they show in another reduction of the image; what was refused
     in the same one is not tried again. So it comes to an end, after which a new search begins.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, dot
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
@@ -28,6 +28,7 @@ _SEARCH_SIDE_PX, _MIN_SIDE_PX = 28.0, 14.0
 # Sigma over range of a square that tells the pose as well as all markers do: what disturbs it,
 # dirt or leaf shade, disturbs a ring less.
 _TELLING_SHARE = 0.005
+_SURE_SHARE = 0.06  # the same of a ring that needs no help of its plate
 # Of the image so enlarged. Of 139 tags of less than 8 px none was read, of 61 of 8 to 10 px 21.
 _MAX_SCALE = 3.5
 # Where that shows none, the light is made even, and the square a little larger. Of a tag with a
@@ -163,7 +164,18 @@ class Search:
     def _ring_expected(
         self, image: Image, ring: Ring, points: F64, expected: Expected, down: Vec3 | None
     ) -> list[MarkerSighting]:
-        """Look for a ring where its outline (n, 3) should be: a fit there, else detection."""
+        """Look for a ring where its outline (n, 3) should be: a fit there, detection, its plate."""
+        found = self._ring_or_window(image, ring, points, expected, down)
+        centre = expected.centre(ring)
+        if down is None or centre is None or any(_is_sure(s) for s in found):
+            return found
+        on_plate = self._detectors.ring_on_plate(image, ring, centre, down)
+        return found if on_plate is None else [on_plate]
+
+    def _ring_or_window(
+        self, image: Image, ring: Ring, points: F64, expected: Expected, down: Vec3 | None
+    ) -> list[MarkerSighting]:
+        """Do the same by what is seen of the ring itself."""
         for start in expected.starts(ring):
             centre = start.centre(ring)
             assert centre is not None
@@ -370,6 +382,14 @@ class Search:
         if not (x1 - x0 >= 4 and y1 - y0 >= 4):
             return None
         return Window(int(x0), int(y0), int(x1), int(y1))
+
+
+def _is_sure(sighting: MarkerSighting) -> bool:
+    """Tell whether a ring's place is better known than its plate's sides would tell it."""
+    pose = sighting.solutions[0]
+    return float(np.trace(np.array(pose.covariance))) < _SURE_SHARE**2 * dot(
+        pose.position, pose.position
+    )
 
 
 def _telling_side_px(found: FoundSquare) -> float:

@@ -9,7 +9,16 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel, used_part
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, dot
-from landerd.messages import BESIDE, GREY, Frame, MarkerSighting, PoseSolution, Prior, Sightings
+from landerd.messages import (
+    BESIDE,
+    GREY,
+    PLATE,
+    Frame,
+    MarkerSighting,
+    PoseSolution,
+    Prior,
+    Sightings,
+)
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.detectors import Detectors, PixelDetectors, keep_freed_memory
@@ -203,7 +212,8 @@ class Vision:
         for c in candidates:
             ring = c.marker
             if isinstance(ring, Ring):
-                lacks = self._detectors.lacks_plate(image, ring, c.sighting)
+                has_shown = c.sighting.stage == PLATE
+                lacks = not has_shown and self._detectors.lacks_plate(image, ring, c.sighting)
                 self._plate_looks.append((t, not lacks))
                 if lacks and not _is_at(vouched, ring, c.sighting):
                     continue

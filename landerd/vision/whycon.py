@@ -16,6 +16,7 @@ from landerd.vision.ring_edges import moved_px, points_on
 from landerd.vision.ring_explained import Vouches, edge_fits
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, remember
+from landerd.vision.ring_match import SIZES, SMALLEST_PX, STEP
 from landerd.vision.ring_pose import F64, Pose
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Beside, RingSearch
@@ -41,6 +42,7 @@ U8 = NDArray[np.uint8]
 # small ones in blur.
 _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
 _WIDE, _LOW = dark_by_mean(0.86), dark_by_mean(0.55)
+_MATCHED = [SMALLEST_PX * STEP**k for k in range(SIZES)]  # larger diameters, px
 # What a search leaves for an image each where the first is full of texture: to label what is dark
 # takes the most time there. Squares are looked for in the next one, beside what takes the least.
 _IN_TEXTURE = (Part.OTHERS, Part.PLATE, Part.BROKEN, Part.FINEST)
@@ -101,7 +103,8 @@ def _ways(
     if part is Part.MOST:
         is_dear = any(search.is_textured(*_look(level)) for level in parts[-2:-1])
         if thorough:
-            work.leave(*_IN_TEXTURE if is_dear else (Part.REST, Part.PLATE))
+            matched = (Part.MATCH, Part.MATCH_BETWEEN) if search.is_level_known else ()
+            work.leave(*(_IN_TEXTURE if is_dear else (Part.REST, Part.PLATE)), *matched)
         if is_dear:
             return
     if part in (Part.WHOLE, Part.MOST, Part.FINEST):
@@ -112,8 +115,18 @@ def _ways(
         yield search.find_clear([(level, _WIDE) for level in _coarse(parts)])
     if thorough and part in (Part.WHOLE, Part.REST):
         yield search.find_clear([(level, dark_in_small) for level in parts[-2:]])
-    if is_whole and part in (Part.WHOLE, Part.PLATE):
+    if is_whole:
+        yield from _ways_by_plate(search, parts, work)
+
+
+def _ways_by_plate(search: RingSearch, parts: list[Level], work: RingWork) -> Iterator[bool]:
+    """Do the same for a ring that its plate shows."""
+    if work.part in (Part.WHOLE, Part.PLATE):
         yield search.find_on_plate(parts[:-1] if work.is_spread else parts)
+    if work.part in (Part.WHOLE, Part.MATCH):
+        yield search.find_matched(_MATCHED[::2])
+    if work.part in (Part.WHOLE, Part.MATCH_BETWEEN):
+        yield search.find_matched(_MATCHED[1::2])
 
 
 def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:

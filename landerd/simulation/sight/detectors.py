@@ -156,6 +156,12 @@ class ModelledDetectors:
                 return []
         return [self._ring_sighting(ring, sight, down, level_only=False)]
 
+    def ring_on_plate(
+        self, image: Image, ring: Ring, expected: F64, down: Vec3
+    ) -> MarkerSighting | None:
+        """Return None: what hides a ring in its place is not modelled."""
+        return None
+
     def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | None:
         """Return the square if its edges are where they are expected, to a cell."""
         sight = self._sight(image, square)
