@@ -275,17 +275,25 @@ class Evidence:
         """Since when it touches and landerd flies: what contact asks for is owed from then."""
         return max(self.touching_since, self.barred_t)
 
-    def stale(self, t: float) -> bool:
+    def stale(self, order: Order) -> bool:
+        """Tell whether data are too old for an order, or frozen."""
+        return self.stale_at(order.t, self.sighting_limit_s(order.truth))
+
+    def stale_at(self, t: float, sighting_s: float) -> bool:
         """Tell whether attitude, position or gimbal angles are too old to fly on, or frozen.
 
-        Without new gimbal angles the sightings of before may be flown on. A gimbal that has never
-        reported has nothing to say: servos, a bolted camera.
+        Without new gimbal angles the sightings of before may be flown on, for as long as sightings
+        may. A gimbal that has never reported has nothing to say: servos, a bolted camera.
+
+        Args:
+            t: s.
+            sighting_s: how old a sighting may be.
         """
         b, measured = self._b, self._measured
         return (
             t - measured.get("attitude", -math.inf) > b.attitude_s + b.tick_s
             or t - measured.get("position", -math.inf) > b.position_s + b.tick_s
-            or t - measured.get("gimbal", math.inf) > b.gimbal_s + b.sighting_s + b.tick_s
+            or t - measured.get("gimbal", math.inf) > b.gimbal_s + sighting_s + b.tick_s
         )
 
     def surprise_m(self, order: Order, noticed_s: float) -> float:
@@ -444,7 +452,7 @@ class Evidence:
     def _note_sight(self, order: Order) -> None:
         t = order.t
         limit = self.sighting_limit_s(order.truth) + self._b.tick_s
-        stale = self.stale(t)
+        stale = self.stale(order)
         if stale:
             self.stale_t = t
         blind = t - self.sighting_t > limit or stale

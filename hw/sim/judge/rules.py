@@ -62,7 +62,7 @@ class Rules:
 
     def may_fly(self, t: float) -> bool:
         """Tell whether landerd may fly at a time, s, on data young enough for it."""
-        return self._evidence.granted(t) and not self._evidence.stale(t)
+        return self._evidence.granted(t) and not self._evidence.stale_at(t, self._b.sighting_s)
 
     @property
     def in_another_mode(self) -> bool:

@@ -265,15 +265,15 @@ def _never_disarms(e: Evidence, t: float, b: RuleBounds) -> bool:
 
 
 def _sinks_stale(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return e.stale(o.t) and _sinks_blind(e, o, b)
+    return e.stale(o) and _sinks_blind(e, o, b)
 
 
 def _turns_stale(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return e.stale(o.t) and _turns_blind(e, o, b)
+    return e.stale(o) and _turns_blind(e, o, b)
 
 
 def _wanders_stale(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return e.stale(o.t) and _wanders_blind(e, o, b)
+    return e.stale(o) and _wanders_blind(e, o, b)
 
 
 # ---- 6: every abort has an outcome that is told ------------------------------------------------

@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.sim.judge.table import ORDER_RULES, TIME_RULES
+from hw.sim.judge.truth import Truth
 from tests.hw.sim.judge.bounds import BOUNDS
 from tests.hw.sim.judge.court import (
     ATTITUDE,
@@ -999,9 +1000,19 @@ def test_5_a_frozen_attitude_is_an_old_one(frozen: bool) -> None:
     assert court.broken == ([STALE] if frozen else [])
 
 
-@pytest.mark.parametrize(("silent_s", "broken"), [(0.8, False), (0.85, True)])
-def test_5_gimbal_angles(silent_s: float, broken: bool) -> None:
+@pytest.mark.parametrize(
+    ("truth", "silent_s", "broken"),
+    [
+        (OVER_PAD, 0.8, False),
+        (OVER_PAD, 0.85, True),
+        # Committed, what was seen before is flown on for as long as without any sight (2).
+        (LOW, 1.3, False),
+        (LOW, 1.35, True),
+    ],
+)
+def test_5_gimbal_angles(truth: Truth, silent_s: float, broken: bool) -> None:
     court = Court()
+    court.truth = truth
     court.fly(0.1, SINK)
     court.measures = False
     court.fly(silent_s, SINK)
