@@ -63,6 +63,7 @@ class _Release:
     t: float  # s
     height: float  # over the pad, m
     bound: bool  # it has to climb away: a stop would tip the vehicle over
+    low: bool  # it may climb away: it is so low over a pad that moves
     slides: bool  # it may climb away: it slides across the pad
 
 
@@ -355,7 +356,7 @@ class Evidence:
         released, b = self._released, self._b
         return (
             released is not None
-            and (released.bound or released.slides)
+            and (released.low or released.slides)
             and order.t - released.t <= b.wave_off_s + 2.0 * b.tick_s
             and order.truth.height - released.height <= b.wave_off_m
             and order.velocity[2] <= ZERO
@@ -443,9 +444,16 @@ class Evidence:
             low = truth.height < b.commit_height_m or self.touched
             near = truth.distance < _NEAR_M
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
-            bound = low and near and fast and not self.stands(t) and self.flown_t is not None
-            slides = low and near and truth.slip > b.wave_off_pad_mps
-            self._released = _Release(closed_t, truth.height, bound=bound, slides=slides)
+            flies = fast and not self.stands(t) and self.flown_t is not None
+            # What has not come down to where it commits stops in time.
+            committed = truth.height < b.commits_at_m or self.touched
+            self._released = _Release(
+                closed_t,
+                truth.height,
+                bound=committed and near and flies,
+                low=low and near and flies,
+                slides=low and near and truth.slip > b.wave_off_pad_mps,
+            )
         if self.climbs_away(order) and not order.zero:
             self._climbed_away_t = t
 

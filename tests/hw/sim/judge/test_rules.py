@@ -139,12 +139,14 @@ def handed_back(c: Court, flies_on_s: float) -> None:
     c.fly(0.9, STOP)
 
 
-def gate_low_over_moving_pad(c: Court, pad_mps: float, climb_s: float, aside_mps: float) -> None:
-    c.truth = replace(c.truth, height=LOW.height, pad_velocity=(pad_mps, 0.0, 0.0))
+def gate_low_over_moving_pad(
+    c: Court, pad_mps: float, climb_s: float, aside_mps: float, height: float = LOW.height
+) -> None:
+    c.truth = replace(c.truth, height=height, pad_velocity=(pad_mps, 0.0, 0.0))
     c.fly(1.0, (pad_mps, 0.0, 0.0))
     c.pulse = 1100
     for i in range(round(climb_s / 0.025)):
-        c.truth = replace(c.truth, height=0.15 + 0.5 * 0.025 * i)
+        c.truth = replace(c.truth, height=height + 0.5 * 0.025 * i)
         c.order((pad_mps + aside_mps, 0.0, -0.5))
     c.fly(max(0.4, 0.95 - climb_s), STOP)
     c.wait(0.5)
@@ -208,6 +210,10 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.5), NOT_ZERO),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 1.5, 0.0), NOT_ZERO),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.0, 0.0), TIPS),
+    # Over where it commits it may do either; and how low it is it knows to a few centimetres.
+    (lambda c: gate_low_over_moving_pad(c, 1.0, 0.0, 0.0, 0.18), None),
+    (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.0, 0.18), None),
+    (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.0, 0.22), NOT_ZERO),
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.0, 0.0), None),
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.6, 0.0), NOT_ZERO),
     (gate_low_far_from_the_pad, None),
