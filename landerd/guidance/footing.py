@@ -15,6 +15,9 @@ from landerd.geometry import Vec3, horizontal, sub
 # half a metre, are 2 cm.
 TELLS_M = 0.03
 STAYS_SHARE = 0.5  # of that, by which it may be seen to have moved and stays all the same
+# Seen to move where it should have moved so far, m, it did, by more than those 2 cm. From there on
+# it is looked at afresh: what has slid across a pad that brakes may stand on it now.
+MOVES_M = 0.06
 
 
 class Footing:
@@ -33,7 +36,8 @@ class Footing:
         self._touched_t = t
         self._first: Glimpse | None = None  # since then
         self._last: Glimpse | None = None
-        self._known = (0.0, 0.0)  # by which the pad should have moved under the feet since, m
+        self._from: Glimpse | None = None  # the one that the newest is compared with
+        self._known = (0.0, 0.0)  # by which the pad should have moved under the feet since that, m
 
     @property
     def rise_m(self) -> float:
@@ -53,8 +57,8 @@ class Footing:
         if glimpse.t < self._touched_t or (last is not None and glimpse.t <= last.t):
             return False
         self._last = glimpse
-        if self._first is None or last is None:
-            self._first = glimpse
+        if self._from is None or last is None:
+            self._first = self._from = glimpse
             return True
         dt, feet = glimpse.t - last.t, sub(glimpse.feet, last.feet)
         north, east = self._known
@@ -63,6 +67,8 @@ class Footing:
             east + dt * pad_velocity[1] - feet[1],
         )
         known_m = math.hypot(*self._known)
-        seen_m = horizontal(sub(glimpse.to_pad, self._first.to_pad))
-        self.holds = known_m > TELLS_M and seen_m < STAYS_SHARE * known_m
+        stays = horizontal(sub(glimpse.to_pad, self._from.to_pad)) < STAYS_SHARE * known_m
+        self.holds = stays and known_m > TELLS_M
+        if known_m > MOVES_M and not stays:
+            self._from, self._known = glimpse, (0.0, 0.0)
         return True

@@ -894,6 +894,21 @@ def test_blown_across_a_pad_that_drives_on_it_is_not_taken_for_carried() -> None
     assert flight.order.velocity[0] == pytest.approx(3.0, abs=0.2)
 
 
+def test_what_has_slid_across_a_pad_that_braked_goes_with_it_once_it_stands() -> None:
+    """It was pressed on with the velocity of before for two seconds, across a pad that stood."""
+    flight = Flight(pad_velocity=(0.5, 0.0, 0.0))
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    to(flight.engaged(), State.ON_PAD)
+    flight.pad_velocity, flight.skids = (0.0, 0.0, 0.0), 1.0
+    flight.run(0.5)
+    flight.skids = 0.0
+    flight.run(0.6)
+    assert flight.pressed or abs(flight.order.velocity[0]) < 0.2
+    flight.run(0.6)
+    assert flight.pressed
+
+
 def test_what_was_left_behind_by_its_pad_has_not_landed_on_it() -> None:
     """However little was known of the pad's velocity as it touched."""
     flight = Flight()
