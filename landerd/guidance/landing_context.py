@@ -277,9 +277,12 @@ class LandingContext:
         return pad.velocity[2], pad.sigma_velocity[2]
 
     def pad_down(self, now: float) -> float:
-        """Return local z of the pad, m: where it is not seen, as far down as it may be by now."""
+        """Return local z of the pad, m: where it is not seen, as far down as it may be by now.
+
+        An autopilot's height that drifts carries down pad and vehicle alike.
+        """
         t, down = self._pad_seen
-        return down + 2.0 * self._fastest_heave * (now - t)
+        return down + max(2.0 * self._fastest_heave, self.pad_velocity[2]) * (now - t)
 
     @property
     def over_fast_pad(self) -> bool:

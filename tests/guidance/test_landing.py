@@ -714,6 +714,36 @@ class Drifting(Flight):
         ]
 
 
+class Biased(Flight):
+    """Its autopilot's height sinks all the time, as its velocity says."""
+
+    def _telemetry(self) -> list[Input]:
+        return [
+            replace(
+                message,
+                position=add(message.position, (0.0, 0.0, 0.05 * self.t)),
+                velocity=add(message.velocity, (0.0, 0.0, 0.05)),
+            )
+            if isinstance(message, LocalPosition)
+            else message
+            for message in super()._telemetry()
+        ]
+
+
+def test_what_is_released_on_the_pad_stands_level_though_its_height_drifts() -> None:
+    """What drifted was taken for sinking: it was left there with its thrust on."""
+    flight = Biased()
+    flight.detects_landing = False
+    flight.distort = lambda true: replace(true, covariance=matscale(IDENTITY, 0.1**2))
+    to(flight.engaged(), State.ON_PAD)
+    flight.run(0.2)
+    flight.visible = False
+    flight.restart_autopilot()
+    to(flight, State.STANDING)
+    flight.run(0.9)
+    assert flight.pressed
+
+
 def test_what_hovers_over_the_pad_that_it_sees_has_not_touched() -> None:
     """Over a deck that began to sink: it was on the pad for landerd, up to 0.3 m over it."""
     flight = Flight().engaged()
