@@ -16,6 +16,8 @@ from landerd.geometry import Vec3, add, horizontal, scale, sub, wrap
 
 BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
+# A deck that falls away leaves what is committed higher than the commit height by so much, m.
+_FALLS_AWAY_M = 0.1
 _NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
 _KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is told from
 _RESTART_S = 1.0  # the boot clock going back by so much
@@ -100,6 +102,7 @@ class Evidence:
         climbs_since: since when all orders climb.
         landing_since: since when it flies without having come to commit.
         low_since: since when its lowest foot is below the commit height.
+        committed: it was told to go down below the commit height, and has been since.
         hidden_heading: by which the pad's heading shows too large, as gimbal and camera are mounted
             askew, rad.
     """
@@ -132,6 +135,7 @@ class Evidence:
         self.climbs_since: float | None = None
         self.landing_since: float | None = None
         self.low_since: float | None = None
+        self.committed = False
         self.hidden_heading = 0.0
         self._beat_t = self._rc_t = -math.inf
         self._ended_t = math.inf  # handed back, told to stop, or the autopilot has restarted
@@ -391,6 +395,9 @@ class Evidence:
         if t < self.closed_t(t) and not self.latched:
             self.flown_t = t
         low = truth.height < b.commit_height_m
+        goes_down = order.level or order.velocity[2] > ZERO
+        high = truth.height >= b.commit_height_m + _FALLS_AWAY_M
+        self.committed = goes_down and not high and (low or self.committed)
         if truth.height - truth.lean_m < b.commit_height_m:
             self.low_since = t
         if low or self.touched or self.hold_since is not None or not self.granted(t):

@@ -133,9 +133,8 @@ def _blind_budget(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _outside_region(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    high = o.truth.height >= b.commit_height_m
     radius = b.k1_m * math.exp(b.k2_per_m * o.truth.height)
-    if not (_sinks(e, o) and high and o.truth.distance > radius):
+    if e.committed or not (_sinks(e, o) and o.truth.distance > radius):
         return False
     # What a pad that brakes or starts has done since the last picture of it nobody can know, nor
     # at once of what that picture shows.
@@ -143,7 +142,7 @@ def _outside_region(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _heading_off(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    low = b.commit_height_m <= o.truth.height < b.alignment_height_m
+    low = not e.committed and o.truth.height < b.alignment_height_m
     # What gimbal and camera are mounted askew by no sight shows (docs/safety.md).
     shown = wrap(o.truth.heading_error - e.hidden_heading)
     off = min(abs(o.truth.heading_error), abs(shown))

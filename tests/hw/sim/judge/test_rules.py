@@ -450,8 +450,31 @@ def test_2_who_climbs_away_after_a_touch_is_judged_as_in_the_air() -> None:
     court.order(SINK)
     assert court.broken == []
     court.truth = replace(OVER_PAD, height=0.3, distance=3.0)
+    court.order(CLIMB)
     court.order(SINK)
     assert court.broken == [OUTSIDE]
+
+
+@pytest.mark.parametrize(
+    ("below_m", "climbs", "above_m", "broken"),
+    [
+        (0.19, False, 0.25, False),
+        (0.21, False, 0.25, True),  # it had not committed
+        (0.19, True, 0.25, True),  # broken off, it begins anew
+        (0.19, False, 0.31, True),
+    ],
+)
+def test_2_what_is_committed_is_not_bound_by_the_region_where_the_deck_falls_away(
+    below_m: float, climbs: bool, above_m: float, broken: bool
+) -> None:
+    court = Court()
+    court.truth = replace(OVER_PAD, height=below_m)
+    court.order(SINK)
+    if climbs:
+        court.order(CLIMB)
+    court.truth = replace(OVER_PAD, height=above_m, distance=0.17)
+    court.order(SINK)
+    assert court.broken == ([OUTSIDE] if broken else [])
 
 
 @pytest.mark.parametrize(
