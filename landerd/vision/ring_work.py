@@ -53,7 +53,7 @@ class Part(Enum):
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A thorough search takes three images, in texture five, two more where gravity is known: one for
+    A thorough search takes three images, in texture five, one more where gravity is known: one for
     each of its parts. What costs
     more than an image may is cut short, and a later one goes on with what was not tried: places
     that were refused come last, as they show in another reduction of the image; what was refused
@@ -78,6 +78,7 @@ class RingWork:
         self._is_cut = False
         self._open: list[Part] = []  # what is left for the next images, in turn
         self._begun: set[Part] = set()
+        self._match = Part.MATCH
         self.part = self._first
         self.is_continued = self.is_spread = False
 
@@ -122,6 +123,12 @@ class RingWork:
         if not self.is_continued:
             self._open += parts
             self.is_spread = Part.FINEST in parts
+
+    def leave_match(self) -> None:
+        """Leave the sizes that were not matched in the search before for an image more."""
+        if not self.is_continued:
+            self._open.append(self._match)
+            self._match = Part.MATCH_BETWEEN if self._match is Part.MATCH else Part.MATCH
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""

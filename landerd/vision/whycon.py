@@ -103,8 +103,9 @@ def _ways(
     if part is Part.MOST:
         is_dear = any(search.is_textured(*_look(level)) for level in parts[-2:-1])
         if thorough:
-            matched = (Part.MATCH, Part.MATCH_BETWEEN) if search.is_level_known else ()
-            work.leave(*(_IN_TEXTURE if is_dear else (Part.REST, Part.PLATE)), *matched)
+            work.leave(*_IN_TEXTURE if is_dear else (Part.REST, Part.PLATE))
+        if thorough and search.is_level_known:
+            work.leave_match()
         if is_dear:
             return
     if part in (Part.WHOLE, Part.MOST, Part.FINEST):
