@@ -49,7 +49,7 @@ def gravity(at: View) -> Vec3:
 
 def sights(image: U8, prior: Prior) -> list[Sightings]:
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    looks = [vision.process(Frame(i / 30.0, i, image), prior) for i in range(12)]
+    looks = [vision.process(Frame(i / 30.0, i, image), prior) for i in range(16)]
     return [s for s in looks if s.pad]
 
 
@@ -77,7 +77,7 @@ def test_it_is_followed_where_it_is_expected() -> None:
     image = in_leaf_shade(at, 8)
     x, y, z = at.position
     pad = PadPrior((x + 0.3, y - 0.2, z + 0.4), 0.3, normal=gravity(at), north=None)
-    assert len(sights(image, Prior(pad=pad, down=gravity(at)))) == 12
+    assert len(sights(image, Prior(pad=pad, down=gravity(at)))) == 16
 
 
 @pytest.mark.parametrize(("distance", "tilt", "azimuth"), [(5.0, 0.4, 0.0), (8.0, 0.6, 2.36)])
