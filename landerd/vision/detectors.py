@@ -170,7 +170,8 @@ class PixelDetectors:
             ring: PlateHeading(layout, ring) for ring in layout.rings if has_beside(layout, ring)
         }
         self._on_plates = {
-            ring: PlateRing(layout, ring, heading) for ring, heading in self._plate_headings.items()
+            ring: PlateRing(layout.plate, ring, heading)
+            for ring, heading in self._plate_headings.items()
         }
         self._prints: Mapping[Square, SquarePrint] = {
             s: SquarePrint(s, printed_cells(s)) for s in layout.squares

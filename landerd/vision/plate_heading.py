@@ -67,13 +67,19 @@ class PlateNorth:
 
 
 class PlateHeading:
-    """The outlines of a pad's plate and prints about one of its rings."""
+    """The outlines of a pad's plate and prints about one of its rings.
+
+    Attributes:
+        about: the outlines.
+        sides: the plate's, to be fitted.
+        angles: the headings that are tried, rad.
+    """
 
     def __init__(self, layout: PadLayout, ring: Ring) -> None:
         """Prepare the places to look at."""
         about = outlines(layout, ring)
         self._diameter = ring.outer_diameter_m
-        self._about = about
+        self.about = about
         self._codes = [
             _Code.of(square, ring)
             for square in layout.squares
@@ -85,7 +91,7 @@ class PlateHeading:
         self.angles = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
         self._turns = np.stack([rotation_2d(a).T for a in self.angles])
         self._is_other = np.abs(_wrapped(self.angles)) > _OTHER_WAY  # from the first one
-        self._sides = PlateSides(about, ring.radius_m)
+        self.sides = PlateSides(about, ring.radius_m)
 
     def find(
         self,
@@ -114,7 +120,7 @@ class PlateHeading:
             seen = self._nearest_way(image, camera, t, axes, known)
             if seen is None or (best is not None and best[0] >= seen[0]):
                 continue
-            fit = self._sides.fit(image, camera, t, axes, seen[1], _OFF_SIGMA, _SIZE_SIGMA)
+            fit = self.sides.fit(image, camera, t, axes, seen[1], _OFF_SIGMA, _SIZE_SIGMA)
             if fit is None:
                 continue
             north = axes @ rotation_2d(fit.heading)
@@ -157,7 +163,7 @@ class PlateHeading:
         And the share of the plate's that is in the picture; arguments as of `PlateSides.fit`, and
         which of the headings.
         """
-        about = self._about
+        about = self.about
         px = px_per_m(camera, t, np.cross(*axes.T)) * about.sizes
         share = np.where(about.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
         ways = about.ways * np.clip(_BLUR_PX / px, share, 0.5)[:, None]

@@ -12,12 +12,10 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import PLATE, MarkerSighting, PoseSolution
-from landerd.pad import PadLayout, Ring
+from landerd.pad import Plate, Ring
 from landerd.vision.expected import any_across
 from landerd.vision.patch import Image, levels_at
 from landerd.vision.plate_heading import PlateHeading
-from landerd.vision.plate_outline import outlines
-from landerd.vision.plate_sides import PlateSides
 from landerd.vision.pose import (
     MIN_DEPTH_M,
     circle,
@@ -66,14 +64,12 @@ _LARGEST_PX = 100.0  # of a ring: larger ones show more than that, and their pla
 class PlateRing:
     """What is looked at about one ring of a pad."""
 
-    def __init__(self, layout: PadLayout, ring: Ring, heading: PlateHeading) -> None:
-        """Prepare the places to look at."""
-        about = outlines(layout, ring)
+    def __init__(self, plate: Plate, ring: Ring, heading: PlateHeading) -> None:
+        """Prepare the places to look at, beside those of the heading about the same ring."""
+        about = heading.about
         self._ring, self._heading = ring, heading
-        self._sides = PlateSides(about, ring.radius_m)
         self._places = about.places[about.is_plate]
         self._ways = about.ways[about.is_plate]  # inwards, as long as the ring's radius
-        plate = layout.plate
         width = min(plate.north_m + plate.south_m, plate.east_m + plate.west_m)
         self._half_width = 0.5 * width
         hole = ring.inner_ratio
@@ -121,7 +117,7 @@ class PlateRing:
         if seen[k] < _LEAST_ROUGH:
             return None
         angle = float(self._heading.angles[k])
-        fit = self._sides.fit(image, camera, likest, axes, angle, _OFF_SIGMA, _SIZE_SIGMA)
+        fit = self._heading.sides.fit(image, camera, likest, axes, angle, _OFF_SIGMA, _SIZE_SIGMA)
         if fit is None or not 0.5 < fit.size < 2.0:
             return None
         at = (likest + axes @ fit.middle) / fit.size
