@@ -841,6 +841,21 @@ MUTANTS = [
         "estimation/test_camera_pose.py::test_what_jumps_once_as_nothing_can_is_not_taken",
     ),
     Mutant(
+        "2: turns to the north of a plate that carries another pad's code",
+        "landerd/vision/plate_heading.py",
+        "if not any(code.is_another(image, camera, t, north) for code in self._codes):",
+        "if True:",
+        "vision/test_plate_heading.py::test_a_plate_with_another_code_on_it_tells_none",
+    ),
+    Mutant(
+        "2: takes a ring for the pad's though its heading is only its plate's",
+        "landerd/vision/vision.py",
+        "return not self._was_read or prior.pad is None or prior.pad.north is None",
+        "return prior.pad is None or prior.pad.north is None",
+        "vision/test_plate_heading.py::"
+        "test_while_it_is_known_by_the_plate_alone_a_ring_must_still_have_a_plate",
+    ),
+    Mutant(
         "1b: one boot time that does not fit is a restart",
         "hw/autopilots/mavlink.py",
         "if is_ahead or (is_back and not is_answer):",
