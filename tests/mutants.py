@@ -848,6 +848,14 @@ MUTANTS = [
         "vision/test_plate_heading.py::test_a_plate_with_another_code_on_it_tells_none",
     ),
     Mutant(
+        "2: takes a ring for the pad's whose surroundings are white at any heading",
+        "landerd/vision/plate_heading.py",
+        "return leads and float(seen.max()) > _LEAST_STANDS_OUT",
+        "return float(seen.max()) > _LEAST_STANDS_OUT",
+        "vision/test_plate_check.py::"
+        "test_nor_is_the_middle_of_a_target_with_white_and_black_all_round_it",
+    ),
+    Mutant(
         "2: takes a ring for the pad's though its heading is only its plate's",
         "landerd/vision/vision.py",
         "return not self._was_read or prior.pad is None or prior.pad.north is None",

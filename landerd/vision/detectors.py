@@ -164,11 +164,11 @@ class PixelDetectors:
         """Prepare finders and prints of a pad's markers."""
         self._camera = camera
         self._meter = Meter(camera, layout.plate)
-        self._plate = PlateCheck(layout, camera)
         self._plates = {ring: PlateSearch(layout, ring) for ring in layout.rings}
         self._plate_headings = {
             ring: PlateHeading(layout, ring) for ring in layout.rings if has_beside(layout, ring)
         }
+        self._plate = PlateCheck(layout, camera, self._plate_headings)
         self._on_plates = {
             ring: PlateRing(layout.plate, ring, heading)
             for ring, heading in self._plate_headings.items()

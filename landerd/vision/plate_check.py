@@ -3,8 +3,11 @@
 A look-alike whose ratio is off by a tenth cannot be told from a small ring behind a tone curve, nor
 a ring of the right ratio that is somebody else's. But where the pad has another marker, the plate
 reaches round it, which is seen long before that marker can be read. No heading need be known: a
-ring is refused if there is none under which the outlines of plate and prints are seen.
+ring is refused if there is none under which the outlines of plate and prints are seen, or if they
+are seen under others as well, as white all round a ring fits them.
 """
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +17,8 @@ from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
 from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at
-from landerd.vision.plate_outline import PlateOutline, has_beside
+from landerd.vision.plate_heading import PlateHeading
+from landerd.vision.plate_outline import PlateOutline
 from landerd.vision.pose import circle, px_per_m, rotation_from
 from landerd.vision.ring_explained import Vouches
 
@@ -28,12 +32,12 @@ _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
 class PlateCheck:
     """Looks for the outlines of a pad's plate and prints about a ring."""
 
-    def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
-        """Prepare the outlines about each ring that has another marker beside it."""
-        self._camera = camera
-        self._outlines = {
-            ring: PlateOutline(layout, ring) for ring in layout.rings if has_beside(layout, ring)
-        }
+    def __init__(
+        self, layout: PadLayout, camera: CameraModel, headings: Mapping[Ring, PlateHeading]
+    ) -> None:
+        """Prepare the outlines about each ring that has another marker beside it, as headings."""
+        self._camera, self._headings = camera, headings
+        self._outlines = {ring: PlateOutline(layout, ring) for ring in headings}
         self._last: tuple[MarkerSighting, bool] | None = None
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:
@@ -66,9 +70,12 @@ class PlateCheck:
 
     def _is_bare(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool:
         """Tell whether there is no heading under which a ring's pose has the plate about it."""
-        if px_per_m(self._camera, t, normal) * ring.radius_m < _MIN_RADIUS_PX:
+        if self._is_tiny(ring, t, normal):
             return False
         return self._has_outlines(image, ring, t, normal) is False
+
+    def _is_tiny(self, ring: Ring, t: F64, normal: F64) -> bool:
+        return px_per_m(self._camera, t, normal) * ring.radius_m < _MIN_RADIUS_PX
 
     def _has_outlines(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool | None:
         """Tell whether a ring's pose has the plate about it; None: it cannot be looked at."""
@@ -79,4 +86,8 @@ class PlateCheck:
             return None
         black, white = np.nanmedian(levels.reshape(2, -1), axis=1).tolist()
         outline = self._outlines[ring]
-        return outline.is_seen(image, self._camera, t, axes, (black, white))
+        is_seen = outline.is_seen(image, self._camera, t, axes, (black, white))
+        if is_seen is False or self._is_tiny(ring, t, normal):
+            return is_seen
+        stands_out = self._headings[ring].stands_out(image, self._camera, t, axes)
+        return False if stands_out is False else is_seen

@@ -32,7 +32,7 @@ _LEAST_PRINT_PX = 3.0  # of smaller prints nothing is known
 # A step, as share of the ring's contrast, which is understated where white is over full scale, and
 # grey levels.
 _STEP, _STEP_CLIPPED, _LEAST_STEP = 0.1, 0.05, 4.0
-_CLIPPED = 250.0  # grey level
+CLIPPED = 250.0  # grey level
 _PLATE_WEIGHT = 0.6  # of the plate's outline, the rest of the prints'
 # What is taken off where the plate's side of the outlines is on the whole darker than the white
 # about the ring (of the way from black to it), or brighter than the sun makes it.
@@ -115,14 +115,14 @@ class PlateOutline:
         white is, and of what is_known (n,) excludes, nothing is known.
         """
         (black, white), is_plate = levels, self._is_plate
-        contrast, is_clipped = max(white - black, 1.0), white > _CLIPPED
+        contrast, is_clipped = max(white - black, 1.0), white > CLIPPED
         rise = inside - beyond
         in_view = ~np.isnan(rise)
         least = (_STEP_CLIPPED if is_clipped else _STEP) * contrast
         is_step = rise > max(least, _LEAST_STEP)
         own_light = np.clip(inside / max(white, 1.0), 0.0, 1.0)
         is_own_step = rise > np.maximum(least * own_light, _LEAST_STEP)
-        known = self._weights * (in_view & is_known & ~(is_plate & (beyond > _CLIPPED)))
+        known = self._weights * (in_view & is_known & ~(is_plate & (beyond > CLIPPED)))
         known /= np.maximum(known.sum(axis=1, keepdims=True), 1e-9)
         both, both_own = ((known * steps).sum(axis=1) for steps in (is_step, is_own_step))
         plate_view, prints_view = (in_view[:, at].mean(axis=1) for at in (is_plate, ~is_plate))

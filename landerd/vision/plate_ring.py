@@ -17,6 +17,7 @@ from landerd.vision.expected import any_across
 from landerd.vision.patch import Image, levels_at
 from landerd.vision.plate_heading import PlateHeading
 from landerd.vision.pose import (
+    LEVEL_SIGMA,
     MIN_DEPTH_M,
     circle,
     mat3,
@@ -25,7 +26,7 @@ from landerd.vision.pose import (
     rotation_from,
     vec3,
 )
-from landerd.vision.ring_match import SMALLEST_PX, STEP, matches
+from landerd.vision.ring_match import DARK, SMALLEST_PX, STEP, matches
 from landerd.vision.window import Window
 
 # Factors on the size that correlation found, of which the best goes on.
@@ -35,7 +36,6 @@ _OFF_SIGMA, _SIZE_SIGMA = 0.3, 0.15  # of that place, in radii, and of that size
 # from its inner edge on, and of the ring's radius.
 _INSIDE, _STROKE, _OUTSIDE = (0.25, 0.54, 0.8), (0.15, 0.32, 0.5, 0.67, 0.83), (1.08, 1.15, 1.2)
 _RAYS = 32
-_DARK = 8.0  # grey levels, added before a logarithm
 _MOST_CUT = 0.3  # of that, out of the picture
 # How much of the plate's outlines is seen roughly; then of its sides' places, all and of each side,
 # with a step beyond this share of the light on both sides, and grey levels; how far from them it is
@@ -54,7 +54,7 @@ _LEAST_MEDIAN, _LEAST_CORRELATION = 0.1, 0.45
 _CLEAR_FROM, _CLEAR, _CLEAR_CORRELATION = 0.5, 1.0, 0.85
 # What the sides' scatter does not tell: of the range, of the radius aside, and of the normal, which
 # is gravity's; and by how many px bright white has grown to all sides.
-_RANGE_SIGMA, _ASIDE_SIGMA, _TILT_SIGMA = 0.03, 0.1, math.radians(5.4)
+_RANGE_SIGMA, _ASIDE_SIGMA = 0.03, 0.1
 _GROWN_PX = 0.5
 _INFLATION = 2.0
 _OUTLINE_POINTS = 32
@@ -130,7 +130,7 @@ class PlateRing:
 
     def _levels(self, image: Image, camera: CameraModel, at: F64, axes: F64) -> F64:
         """Return logarithmic levels (circles * rays,) about a centre; NaN out of the picture."""
-        levels: F64 = np.log(levels_at(image, camera, at + self._points @ axes.T) + _DARK)
+        levels: F64 = np.log(levels_at(image, camera, at + self._points @ axes.T) + DARK)
         return levels
 
     def _correlation(self, levels: F64) -> float:
@@ -183,7 +183,7 @@ class PlateRing:
             north=None,
             covariance=mat3(C),
             sigma_yaw=None,
-            sigma_tilt=_TILT_SIGMA,
+            sigma_tilt=LEVEL_SIGMA,
             cost=0.0,
         )
         edge = camera.pixels(at + circle(radius, _OUTLINE_POINTS) @ axes.T)

@@ -23,7 +23,7 @@ SAME_SOLUTION_COS = math.cos(math.radians(5.0))
 EQUAL_NORMALS_COS = math.cos(math.radians(1.0))
 # Of a pad's normal about gravity: decks heave and roll; and gravity itself is as uncertain as
 # attitude, gimbal and mounting.
-_LEVEL_SIGMA = math.radians(math.hypot(5.0, 2.0))
+LEVEL_SIGMA = math.radians(math.hypot(5.0, 2.0))
 _MAX_GRAVITY_CHI2 = 30.0  # some pad may lean more: a picture that is clear overrules gravity
 MIN_DEPTH_M = 0.05  # what is nearer to the lens is not projected into the image
 _NONE_SHARED: F64 = np.zeros((6, 0))
@@ -105,6 +105,12 @@ def turned_about_normal(R: F64, angle: float) -> F64:
     return turned
 
 
+def wrapped(angles: NDArray[np.floating]) -> F64:
+    """Return angles (n,), rad, from -pi to pi."""
+    turned: F64 = np.mod(angles + math.pi, 2.0 * math.pi) - math.pi
+    return turned
+
+
 def rotation_from(normal: F64, north: F64) -> F64:
     """Return the rotation (3, 3) of a plane with this unit normal; north need not lie in it."""
     # In plain floats: numpy takes several times as long on single vectors.
@@ -121,7 +127,7 @@ def gravity_cost(normal: F64, down: Vec3 | None) -> float:
     if down is None:
         return 0.0
     angle = angle_between(vec3(normal), down)
-    return min((angle / _LEVEL_SIGMA) ** 2, _MAX_GRAVITY_CHI2)
+    return min((angle / LEVEL_SIGMA) ** 2, _MAX_GRAVITY_CHI2)
 
 
 def px_per_m(camera: CameraModel, t: F64, normal: F64) -> float:

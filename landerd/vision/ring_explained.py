@@ -313,7 +313,10 @@ def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
 def is_ring_by_edges(e: EdgeFit, share: float = 1.0) -> bool:
     """Tell whether edges are those of a ring, black between white; or to a share of that."""
     return (
-        _has_edges(e) and e.visible > _MIN_VISIBLE and _share(e) > share and not _is_dim_within(e)
+        _has_edges(e, share)
+        and e.visible > _MIN_VISIBLE
+        and _share(e) > share
+        and not _is_dim_within(e)
     )
 
 
@@ -371,13 +374,13 @@ def _is_expected_ring(e: EdgeFit) -> bool:
     )
 
 
-def _has_edges(e: EdgeFit) -> bool:
-    """Tell whether there are edges all around, black on one side, white on the other."""
+def _has_edges(e: EdgeFit, share: float = 1.0) -> bool:
+    """Tell whether there are edges all around, black on one side, white on the other, in so far."""
     return (
         _shorter_px(e) > _MIN_RADIUS_PX
         and e.cos_tilt > _MIN_COS
         and min(e.support) > _MIN_EITHER
-        and min(e.dark, e.bright) > _MIN_SHARE
+        and min(e.dark, e.bright) > share * _MIN_SHARE
         and e.ridge < _MAX_RIDGE
         and min(e.contrast) > _MIN_CONTRAST
         and _min_shift_px(e) < e.shift_px < _max_shift_px(e)

@@ -35,7 +35,7 @@ _LEAST_COS = 0.3  # of the angle between line of sight and gravity
 # Steps of the ellipses that are made once: of the cosine, and of half a turn.
 _COSINES, _TURNS = 20, 24
 _SUPERSAMPLED = 5
-_DARK = 8.0  # grey levels, added before the logarithm: below, noise is all there is
+DARK = 8.0  # grey levels, added before the logarithm: below, noise is all there is
 _LEAST_SCATTER = 0.03  # of the logarithm
 _LEAST_MATCH = 0.42  # correlation
 _SAME_PLACE = 0.4  # of the smaller size
@@ -134,7 +134,7 @@ def _of_size(
         return []
     interpolation = cv2.INTER_AREA if k > 1.0 else cv2.INTER_LINEAR
     small = cv2.resize(crop, (w, h), interpolation=interpolation)
-    levels = np.log(small.astype(np.float32) + np.float32(_DARK))
+    levels = np.log(small.astype(np.float32) + np.float32(DARK))
     found = []
     for (x0, y0, x1, y1), cosine, turn in shapes:
         shape = _print(ratio, cosine, turn)

@@ -18,7 +18,7 @@ from landerd.messages import PoseSolution
 from landerd.pad import Ring, Square
 from landerd.vision.expected import any_across
 from landerd.vision.patch import Image, is_any_in_picture, levels_at
-from landerd.vision.pose import Pose, rotation_2d, rotation_from
+from landerd.vision.pose import Pose, rotation_2d, rotation_from, wrapped
 from landerd.vision.square_edges import SquareEdges
 
 _STEP_CELLS = 0.5  # between samples, along radii and, at the square, between them
@@ -115,7 +115,7 @@ class SquareBeside:
     def _peak(self, scores: F64) -> tuple[float, float] | None:
         k = int(np.argmax(scores))
         top = float(scores[k])
-        away = np.abs(np.mod(self._angles - self._angles[k] + math.pi, 2.0 * math.pi) - math.pi)
+        away = np.abs(wrapped(self._angles - self._angles[k]))
         if top < _MIN_CORRELATION or top - float(scores[away > _NEXT].max()) < _MIN_LEAD:
             return None
         before, after = float(scores[k - 1]), float(scores[(k + 1) % len(scores)])

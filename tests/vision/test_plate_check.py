@@ -14,6 +14,7 @@ from landerd.messages import Frame, MarkerSighting, PadPrior, PoseSolution, Prio
 from landerd.pad import PadLayout, Plate, Square
 from landerd.vision import Vision
 from landerd.vision.plate_check import PlateCheck
+from landerd.vision.plate_heading import PlateHeading
 from landerd.vision.plate_outline import plate_corners
 from landerd.vision.whycon import find_rings
 from tests.vision.scenes import (
@@ -350,7 +351,24 @@ def test_nor_is_one_with_white_alike_on_four_sides() -> None:
     at = look(IDEAL_CAMERA, distance, 0.0, pixel=(299.9, 227.5))
     solution = PoseSolution(at.position, (0.0, 0.0, 1.0), None, ((0.0,) * 3,) * 3, None, 0.1, 1.0)
     seen = MarkerSighting("whycon", None, (solution,), ())
-    assert PlateCheck(THESIS_PAD, IDEAL_CAMERA).contradicts(blurred, ring, seen)
+    headings = {ring: PlateHeading(THESIS_PAD, ring)}
+    assert PlateCheck(THESIS_PAD, IDEAL_CAMERA, headings).contradicts(blurred, ring, seen)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 4, 5])
+def test_nor_is_the_middle_of_a_target_with_white_and_black_all_round_it(seed: int) -> None:
+    ring = THESIS_PAD.rings[0]
+    y, x = np.mgrid[:480, :640]
+    away = np.hypot(x - 350.0, (y - 200.3) / 0.7) / 6.0
+    levels = ((1.9, 235.0), (1.72, 45.0), (1.35, 235.0), (1.0, 45.0), (ring.inner_ratio, 235.0))
+    image = np.full(away.shape, 80.0)
+    for radius, level in levels:
+        image[away < radius] = level
+    image = cv2.GaussianBlur(image, (0, 0), 0.9)
+    image += np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
+    vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
+    seen = np.clip(image, 0.0, 255.0).astype(np.uint8)
+    assert not any(vision.process(Frame(i / 30.0, i, seen)).pad for i in range(5))
 
 
 def test_a_ring_alone_tells_the_pad_after_its_tag_was_seen_a_little_out_of_place() -> None:

@@ -371,6 +371,13 @@ class Evidence:
         """Return since when only stop orders may come."""
         return max(self.closed_t(t), self._climbed_away_t)
 
+    def ends_climb(self, order: Order) -> bool:
+        """Tell whether an order neither climbs nor sinks, and the one before it climbed."""
+        since = order.t - self._b.stream_s
+        return abs(order.velocity[2]) <= ZERO and any(
+            before.climbs for before in self._lately if since <= before.t < order.t
+        )
+
     def waves_off(self, order: Order) -> bool:
         """Tell whether an order climbs from just over the pad: that need not begin gently."""
         if self.low_since is None or not order.climbs:

@@ -217,7 +217,7 @@ def _goes_around(e: Evidence, o: Order) -> bool:
 def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
     waiting = _pressed(e, o) and o.t - e.lands_since < b.settle_s
     # What is blown off the pad, its feet brushing it, is to climb away (2).
-    away = (o.climbs and o.truth.misses) or _goes_around(e, o)
+    away = (o.climbs and o.truth.misses) or _goes_around(e, o) or e.ends_climb(o)
     return waiting and not away and not o.level and o.velocity[2] <= ZERO
 
 

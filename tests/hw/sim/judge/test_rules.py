@@ -709,6 +709,21 @@ def test_4_what_was_told_to_climb_may_brush_the_pad_until_its_thrust_comes(
     assert court.broken == ([rule] if broken else [])
 
 
+@pytest.mark.parametrize(("zeroes", "broken"), [(1, False), (3, True)])
+def test_4_it_goes_from_climbing_to_pressing_down_by_one_order_at_zero(
+    zeroes: int, broken: bool
+) -> None:
+    court = Court()
+    court.truth = LOW
+    court.fly(0.2, CLIMB)
+    court.truth = ON_PAD
+    court.fly(1.0, CLIMB)
+    for _ in range(zeroes):
+        court.order(STOP)
+    court.fly(0.3, SINK)
+    assert ("4: no descent ordered after contact" in court.broken) == broken
+
+
 @pytest.mark.parametrize(("brushes_s", "broken"), [(1.3, False), (1.6, True)])
 def test_4_so_it_may_where_the_deck_comes_up_and_it_seems_to_stand(
     brushes_s: float, broken: bool
