@@ -848,6 +848,14 @@ MUTANTS = [
         "vision/test_plate_heading.py::test_a_plate_with_another_code_on_it_tells_none",
     ),
     Mutant(
+        "2: things that move through the picture keep the pad from being looked for",
+        "landerd/vision/ring_work.py",
+        "return self._has_more() and self._turns[self.part] < _MOST_TURNS",
+        "return self._has_more()",
+        "vision/test_ring_work.py::"
+        "test_what_is_always_new_does_not_keep_the_other_parts_from_their_turn_for_ever",
+    ),
+    Mutant(
         "2: takes a ring for the pad's whose surroundings are white at any heading",
         "landerd/vision/plate_heading.py",
         "return leads and float(seen.max()) > _LEAST_STANDS_OUT",

@@ -3,12 +3,17 @@
 Costs are counted, never timed, so that the same images give the same sightings on any machine.
 """
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 from enum import Enum
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from landerd.camera_model import F64
+
+U8 = NDArray[np.uint8]
 
 # In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take.
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6
@@ -16,6 +21,11 @@ _FRAME_COST = 14  # half of it to tell what is worth more
 # Of an image that gets one of texture's parts, where to label takes half of the time: to fit one
 # ring and its edges; in an image that goes on with it, one behind a response, in shadow or motion.
 _PART_COST, _CONTINUED_COST = 6, 11
+# Images that get the same part of a search, and of what was refused by then so many places that the
+# next search leaves out: without a limit six things on the ground that moved through the picture
+# kept a pad from being seen for 28 images.
+_MOST_TURNS, _KEPT_REFUSED = 3, 12
+_FLOW_PX = (15, 15)  # about a place, in the reduced image
 _SAME_MIDDLE, _SAME_SIZE = 0.3, 1.6  # of places that are one: of the size, and a factor
 
 
@@ -57,7 +67,9 @@ class RingWork:
     each of its parts. What costs
     more than an image may is cut short, and a later one goes on with what was not tried: places
     that were refused come last, as they show in another reduction of the image; what was refused
-    in the same one is not tried again. So it comes to an end, after which a new search begins.
+    in the same one is not tried again. So it comes to an end, after which a new search begins. What
+    moves across the images is something new in each: a part gets three of them at most, and the
+    next search goes on from there.
 
     Attributes:
         part: what the image gets.
@@ -76,8 +88,10 @@ class RingWork:
         self._unexplained: list[Place] = []
         self._told_before = 0  # of both
         self._is_cut = False
+        self._is_limited = False  # the search was not taken to its end
+        self._image: U8 | None = None  # the last one, reduced
         self._open: list[Part] = []  # what is left for the next images, in turn
-        self._begun: set[Part] = set()
+        self._turns: Counter[Part] = Counter()
         self._match = Part.MATCH
         self.part = self._first
         self.is_continued = self.is_spread = False
@@ -88,7 +102,11 @@ class RingWork:
         return self._goes_on() or bool(self._open)
 
     def _goes_on(self) -> bool:
-        """Tell whether the part that the image got goes on, which comes to something new then."""
+        """Tell whether the part that the image got goes on."""
+        return self._has_more() and self._turns[self.part] < _MOST_TURNS
+
+    def _has_more(self) -> bool:
+        """Tell whether the part that the image got would come to something new in the next."""
         is_news = len(self._refused) + len(self._unexplained) > self._told_before
         return self._is_cut and (is_news or not self.is_continued)
 
@@ -96,17 +114,43 @@ class RingWork:
         """Begin the search of another image, or go on with the last one's."""
         if self._goes_on():
             self._open.append(self.part)
+        elif self._has_more():
+            self._is_limited = True
         if not self._open:
-            self._refused, self._unexplained, self._begun = [], [], set()
+            self._refused = self._refused[-_KEPT_REFUSED:] if self._is_limited else []
+            self._unexplained = []
+            self._is_limited = False
+            self._turns.clear()
             self.is_spread = False
         self.part = self._open.pop(0) if self._open else self._first
-        self.is_continued = self.part in self._begun
-        self._begun.add(self.part)
+        self.is_continued = self.part in self._turns
+        self._turns[self.part] += 1
         self._before = len(self._refused)
         self._told_before = self._before + len(self._unexplained)
         self._left = self._cost()
         self._search_left = max(ROUGH_COST + FULL_COST, self._left // 2)
         self._is_cut = False
+
+    def follow(self, image: U8, reduction: float) -> None:
+        """Take what was refused to where it has moved since the image before.
+
+        By the optical flow of Lucas and Kanade (IJCAI 1981) in the reduced image.
+        """
+        before, self._image = self._image, image
+        places = self._refused + self._unexplained
+        if not places or before is None or before.shape != image.shape:
+            return
+        were = np.array([p.centre / reduction for p in places], np.float32)[:, None]
+        # Its third argument may be left out, which its types do not know.
+        are, is_found, _ = cv2.calcOpticalFlowPyrLK(
+            before, image, were, were.copy(), winSize=_FLOW_PX
+        )
+        moved = [
+            replace(place, centre=reduction * at.astype(np.float64)) if found else place
+            for place, at, found in zip(places, are[:, 0], is_found.ravel().tolist(), strict=True)
+        ]
+        count = len(self._refused)
+        self._refused, self._unexplained = moved[:count], moved[count:]
 
     def _cost(self) -> int:
         """Return what the image may cost."""
@@ -116,7 +160,7 @@ class RingWork:
 
     def end(self) -> None:
         """End the search of the images before: the next begins anew."""
-        self._open, self._is_cut = [], False
+        self._open, self._is_cut, self._is_limited = [], False, False
 
     def leave(self, *parts: Part) -> None:
         """Leave the other parts of a search for the next images, one each."""

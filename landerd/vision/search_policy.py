@@ -39,9 +39,10 @@ in the finest level, which is not looked at with the first threshold either. Whe
 one more looks for what is on the whole like a level ring with the pad's plate about it, of every
 second size in turn. After an image with nothing in it, as clear sky, the next one is searched
 thoroughly. What a frame may cost is counted (`ring_work.py`): a search that comes to the end of it
-is cut short, and a later frame goes on with what was not tried. To look for squares in the whole of
-an image full of texture costs as much as a part: those of a pad that has a ring are left for the
-next frame, unless a ring was refused because nothing was seen beside it.
+is cut short, and a later frame goes on with what was not tried, twice at most for each part. What
+was refused is followed to where it moves in the picture. To look for squares in the whole of an
+image full of texture costs as much as a part: those of a pad that has a ring are left for the next
+frame, unless a ring was refused because nothing was seen beside it.
 
 Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`). A pad
 without rings that is not expected anywhere is looked for in every frame by its squares.

@@ -123,15 +123,47 @@ def test_a_search_takes_an_image_for_each_part_and_what_was_cut_short_another_tu
 def test_a_search_that_comes_to_nothing_new_ends() -> None:
     work = RingWork()
     work.begin()
-    for tell in (work.refuse, work.leave_unexplained, work.refuse):
-        tell(place(100.0))
-        work.cut()
-        work.begin()
-        assert work.is_continued
+    work.refuse(place(100.0))
+    work.cut()
+    work.begin()
+    assert work.is_continued
     work.cut()
     assert not work.was_cut
     work.begin()
     assert not work.is_continued
+
+
+def test_what_is_always_new_does_not_keep_the_other_parts_from_their_turn_for_ever() -> None:
+    work = RingWork()
+    parts = []
+    for k in range(8):
+        work.begin()
+        if work.part is Part.MOST:
+            work.leave(Part.REST)
+        work.refuse(place(20.0 * k))
+        work.cut()
+        parts.append(work.part)
+    assert parts == 4 * [Part.MOST, Part.REST]
+    assert not work.is_continued
+    assert work.is_done(place(100.0))  # the next search goes on from there
+
+
+@pytest.mark.parametrize("moved", [(0, 24), (-16, 8)])
+def test_what_was_refused_is_known_where_it_has_moved_to(moved: tuple[int, int]) -> None:
+    image = np.ascontiguousarray(look_alikes()[::4, ::4])
+    work = RingWork()
+    work.begin()
+    work.follow(image, 4.0)
+    where = np.array([320.0, 240.0])
+    work.refuse(Place(where, 56.0))
+    work.leave_unexplained(Place(where, 56.0))
+    work.cut()
+    work.begin()
+    work.follow(np.roll(image, (moved[1] // 4, moved[0] // 4), axis=(0, 1)), 4.0)
+    now = Place(where + moved, 56.0)
+    assert work.is_done(now)
+    assert work.is_unexplained(now)
+    assert not work.is_done(Place(where, 56.0))
 
 
 def test_a_part_of_a_search_of_texture_costs_less_and_shadow_and_motion_wait() -> None:
