@@ -375,7 +375,10 @@ def _is_expected_ring(e: EdgeFit) -> bool:
 
 
 def _has_edges(e: EdgeFit, share: float = 1.0) -> bool:
-    """Tell whether there are edges all around, black on one side, white on the other, in so far."""
+    """Tell whether there are edges all around, black on one side, white on the other.
+
+    Of black and white to a share of what is asked: dirt may cover some of it.
+    """
     return (
         _shorter_px(e) > _MIN_RADIUS_PX
         and e.cos_tilt > _MIN_COS
