@@ -84,8 +84,8 @@ def find_rings(
     search = RingSearch(image, ring, camera, down, work, response, beside or Beside())
     parts = levels(image, camera, window, expected_diameter_px)
     is_whole = thorough and window is None
-    small = parts[min(1, len(parts) - 1)]
-    work.follow(small.image, small.reduction)
+    for small in parts[1:2]:  # of a small window there is none
+        work.follow(small.image, small.reduction)
     if any(_ways(search, parts, work, thorough=thorough, is_whole=is_whole)):
         return search.nearest_first()
     search.find_doubtful()
