@@ -364,10 +364,9 @@ def test_nor_is_the_middle_of_a_target_with_white_and_black_all_round_it(seed: i
     image = np.full(away.shape, 80.0)
     for radius, level in levels:
         image[away < radius] = level
-    image = cv2.GaussianBlur(image, (0, 0), 0.9)
-    image += np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
+    noise = np.random.default_rng(seed).normal(0.0, 3.0, image.shape)
+    seen = np.clip(cv2.GaussianBlur(image, (0, 0), 0.9) + noise, 0.0, 255.0).astype(np.uint8)
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    seen = np.clip(image, 0.0, 255.0).astype(np.uint8)
     assert not any(vision.process(Frame(i / 30.0, i, seen)).pad for i in range(5))
 
 
