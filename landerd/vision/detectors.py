@@ -168,7 +168,7 @@ class PixelDetectors:
         self._plate_headings = {
             ring: PlateHeading(layout, ring) for ring in layout.rings if has_beside(layout, ring)
         }
-        self._plate = PlateCheck(layout, camera, self._plate_headings)
+        self._plate = PlateCheck(camera, self._plate_headings)
         self._on_plates = {
             ring: PlateRing(layout.plate, ring, heading)
             for ring, heading in self._plate_headings.items()

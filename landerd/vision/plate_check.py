@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
-from landerd.pad import PadLayout, Ring
+from landerd.pad import Ring
 from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at
 from landerd.vision.plate_heading import PlateHeading
@@ -32,12 +32,10 @@ _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
 class PlateCheck:
     """Looks for the outlines of a pad's plate and prints about a ring."""
 
-    def __init__(
-        self, layout: PadLayout, camera: CameraModel, headings: Mapping[Ring, PlateHeading]
-    ) -> None:
-        """Prepare the outlines about each ring that has another marker beside it, as headings."""
+    def __init__(self, camera: CameraModel, headings: Mapping[Ring, PlateHeading]) -> None:
+        """Look at the outlines about each ring of the headings."""
         self._camera, self._headings = camera, headings
-        self._outlines = {ring: PlateOutline(layout, ring) for ring in headings}
+        self._outlines = {ring: PlateOutline(h.about) for ring, h in headings.items()}
         self._last: tuple[MarkerSighting, bool] | None = None
 
     def contradicts(self, image: U8, ring: Ring, sighting: MarkerSighting) -> bool:

@@ -64,9 +64,8 @@ class Outlines:
 class PlateOutline:
     """The outlines about one ring of a pad."""
 
-    def __init__(self, layout: PadLayout, ring: Ring) -> None:
-        """Prepare the places; needs a pad with other markers beside the ring."""
-        about = outlines(layout, ring)
+    def __init__(self, about: Outlines) -> None:
+        """Take the places; needs a pad with other markers beside the ring."""
         self._places, self._ways = about.places, about.ways
         self._sizes, self._is_plate = about.sizes, about.is_plate
         n, count = int(about.is_plate.sum()), len(about.is_plate)

@@ -141,7 +141,7 @@ class RingWork:
         if not places or before is None or before.shape != image.shape:
             return
         were = np.array([p.centre / reduction for p in places], np.float32)[:, None]
-        # Its third argument may be left out, which its types do not know.
+        # Where the flow's search starts may be left out, which its types do not know.
         are, is_found, _ = cv2.calcOpticalFlowPyrLK(
             before, image, were, were.copy(), winSize=_FLOW_PX
         )

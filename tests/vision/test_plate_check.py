@@ -352,7 +352,7 @@ def test_nor_is_one_with_white_alike_on_four_sides() -> None:
     solution = PoseSolution(at.position, (0.0, 0.0, 1.0), None, ((0.0,) * 3,) * 3, None, 0.1, 1.0)
     seen = MarkerSighting("whycon", None, (solution,), ())
     headings = {ring: PlateHeading(THESIS_PAD, ring)}
-    assert PlateCheck(THESIS_PAD, IDEAL_CAMERA, headings).contradicts(blurred, ring, seen)
+    assert PlateCheck(IDEAL_CAMERA, headings).contradicts(blurred, ring, seen)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5])
