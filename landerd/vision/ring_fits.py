@@ -3,9 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
+from landerd.vision.expected import any_across
+from landerd.vision.patch import levels_at
+from landerd.vision.pose import circle, px_per_m, rotation_from
 from landerd.vision.ring_explained import Vouches, edges_contradict, explained, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_response import CameraResponse
@@ -19,15 +22,42 @@ from landerd.vision.ring_stages import (
 
 U8 = NDArray[np.uint8]
 
+# Circles within the stroke at which a target of several rings shows, from this share of its width
+# to that; narrower strokes, px, are all edge; how far one rises over the others, of the contrast:
+# of 1675 true rings in all kinds of light none by more than 0.09.
+_CIRCLES: F64 = np.linspace(0.1, 0.9, 20)
+_CIRCLE_POINTS, _LEAST_STROKE_PX, _MOST_RISE = 32, 6.0, 0.2
+
 
 def is_ours(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
     """Tell whether a fit is of a ring and, where it leaves something over, of no other target."""
-    if not is_ring(fit, ring, camera):
+    if not is_ring(fit, ring, camera) or _has_rings_within(image, camera, ring, fit):
         return False
     # Motion and responses explain much, a target of several rings too.
     is_plain = fit.response is None and not np.any(fit.motion_px)
     is_doubtful = not is_plain or is_poor(fit)
     return not (is_doubtful and edges_contradict(image, camera, ring, fit))
+
+
+def _has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
+    """Tell whether brighter circles lie in the stroke, away from the edges that are fitted.
+
+    What lies across it is no circle: of each circle the median counts, of the rays' own means.
+    """
+    width = ring.radius_m * (1.0 - ring.inner_ratio)
+    if width * px_per_m(camera, fit.position, fit.normal) < _LEAST_STROKE_PX:
+        return False
+    axes = rotation_from(fit.normal, any_across(fit.normal))[:, :2]
+    radii = ring.radius_m * ring.inner_ratio + width * _CIRCLES
+    points = np.concatenate([circle(r, _CIRCLE_POINTS) for r in radii])
+    levels = levels_at(image, camera, fit.position + points @ axes.T).reshape(-1, _CIRCLE_POINTS)
+    levels = levels[:, ~np.isnan(levels).any(axis=0)]
+    if not levels.size:
+        return False
+    level = np.median(levels - levels.mean(axis=0), axis=1)
+    before = np.minimum.accumulate(level)
+    after = np.minimum.accumulate(level[::-1])[::-1]
+    return float((level - np.maximum(before, after)).max()) > _MOST_RISE * fit.contrast
 
 
 def explained_fits(

@@ -231,17 +231,33 @@ def test_a_ring_whose_heart_alone_is_in_the_sun_is_tracked_just_over_the_pad() -
     assert float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
 
 
-def test_a_target_of_several_rings_is_none_of_ours() -> None:
-    """A blurred CCTag's outline and heart have our ratio, but a grey ring lies between."""
+_CCTAG = (1.0, 0.85, 0.75, 0.62, 0.52, 0.4)
+_EVEN = (1.0, 0.88, 0.76, 0.64, 0.53, 0.41)
+_FINE = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.46, 0.41)
+
+
+@pytest.mark.parametrize(
+    ("rings", "flat", "blur_px", "black", "white"),
+    [
+        (_CCTAG, 0.85, 2.0, 60, 235),
+        (_EVEN, 0.95, 1.2, 40, 110),
+        (_EVEN, 0.95, 2.0, 60, 200),
+        (_FINE, 0.95, 2.0, 40, 110),
+    ],
+)
+def test_a_target_of_several_rings_is_none_of_ours(
+    rings: tuple[float, ...], flat: float, blur_px: float, black: int, white: int
+) -> None:
+    """A blurred CCTag's outline and heart have our ratio, but brighter rings lie between."""
     k, size = 8, 80
-    patch = np.full((200 * k, 200 * k), 235, np.uint8)
-    for share, level in ((1.0, 60), (0.85, 230), (0.75, 60), (0.62, 230), (0.52, 60), (0.4, 235)):
+    patch = np.full((200 * k, 200 * k), white, np.uint8)
+    for share, level in zip(rings, (black, white) * 4, strict=False):
         centre, axis = (100 * k, 100 * k), int(share * size / 2 * k)
-        cv2.ellipse(patch, centre, (axis, int(0.85 * axis)), 30.0, 0.0, 360.0, level, -1)
+        cv2.ellipse(patch, centre, (axis, int(flat * axis)), 30.0, 0.0, 360.0, level, -1)
     small = cv2.GaussianBlur(
-        cv2.resize(patch, (200, 200), interpolation=cv2.INTER_AREA), (0, 0), 2.0
+        cv2.resize(patch, (200, 200), interpolation=cv2.INTER_AREA), (0, 0), blur_px
     )
-    image = np.full((CAMERA.height, CAMERA.width), 235, np.uint8)
+    image = np.full((CAMERA.height, CAMERA.width), white, np.uint8)
     image[100:300, 200:400] = small
     assert find_rings(image, RING, CAMERA) == []
 
