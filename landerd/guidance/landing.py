@@ -188,6 +188,8 @@ class Landing:
             self._context.outcome = OUTCOMES[event]
         elif event in OUTCOMES:
             self._context.finish(OUTCOMES[event])
+        if event is Event.CLEAR_OF_PAD:
+            self._context.leave_pad()
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:
             self._hand_back(step.why)

@@ -208,12 +208,21 @@ class LandingContext:
         """Tell whether it is seen to have rested on the pad for some time."""
         return now - self._rests_since >= RESTS_S
 
-    def may_rest(self, now: float) -> bool:
-        """Tell whether it may rest on the pad, seen so for too short a time, or too badly, to know.
+    def may_begin(self, now: float) -> bool:
+        """Tell whether a landing may begin: it sees the pad, and whether it rests on it is known.
 
-        A landing does not begin yet then: taken to fly low over the pad, it was told to climb.
+        Taken to fly low over the pad, what may rest there was told to climb. Where the pilot asks
+        to hold it waits on the pad: his switch may only be on its way from low to high.
         """
-        return self._may_rest and not self.rests(now)
+        rests = self.rests(now)
+        waits = self.hold_asked if rests else self._may_rest
+        return self.sight is not None and not waits
+
+    def why_not_begun(self, now: float) -> str:
+        """Return why no landing begins although it may fly, for the pilot."""
+        if self.sight is None:
+            return self.why_blind(now)
+        return pilot_texts.HOLDS_IN_THE_AIR if self.hold_asked else pilot_texts.MAY_STAND
 
     def stands(self, now: float) -> bool:
         """Tell whether it rests so and was not told to climb: its thrust comes late.
@@ -283,6 +292,10 @@ class LandingContext:
         """
         t, down = self._pad_seen
         return down + max(2.0 * self._fastest_heave, self.pad_velocity[2]) * (now - t)
+
+    def leave_pad(self) -> None:
+        """It has climbed away from the pad: what was just under it is so no more."""
+        self._just_over_pad = False
 
     @property
     def over_fast_pad(self) -> bool:

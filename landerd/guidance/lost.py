@@ -14,33 +14,39 @@ class LostPlan:
     def __init__(self, options: LostSection) -> None:
         self.configure(options)
         self._since = 0.0
-        self._start_down = 0.0
+        self._start_down: float | None = None  # local z where that was, m; None: not known yet
         self._hold_s = 0.0
 
     def configure(self, options: LostSection) -> None:
         """Take new options."""
         self._options = options
 
-    def begin(self, now: float, down_m: float, *, low: bool = False) -> None:
-        """Start at time now with the vehicle at local z down_m; low: climb without holding first.
+    def begin(self, now: float, *, low: bool = False) -> None:
+        """Start at time now, s; low: climb without holding first.
 
         Just over a pad that may move or heave a hover without sight is the worst place to wait.
         """
         self._since = now
-        self._start_down = down_m
+        self._start_down = None
         self._hold_s = 0.0 if low else self._options.hold_s
 
     def waited_s(self, now: float) -> float:
         """Return for how long it has been out of sight, s."""
         return now - self._since
 
-    def step(self, now: float, down_m: float) -> tuple[Vec3, str] | None:
-        """Return the velocity to fly (local NED) and the step's name; None: hand back."""
+    def step(self, now: float, down_m: float | None) -> tuple[Vec3, str] | None:
+        """Return the velocity to fly (local NED) and the step's name; None: hand back.
+
+        `down_m` is the vehicle's local z, None while that is not known: it climbs from where it was
+        known first.
+        """
         o = self._options
         waited = self.waited_s(now)
         if waited > o.give_up_s:
             return None
-        climbed = self._start_down - down_m
+        if self._start_down is None:
+            self._start_down = down_m
+        climbed = 0.0 if self._start_down is None or down_m is None else self._start_down - down_m
         if waited < self._hold_s:
             return (0.0, 0.0, 0.0), pilot_texts.HOLDING
         if climbed >= o.climb_m:

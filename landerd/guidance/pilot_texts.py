@@ -84,6 +84,8 @@ HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
 
 # ---- on the pad --------------------------------------------------------------------------------
 STANDS = "stands on the pad"
+MAY_STAND = "pad in sight, stands on it?"
+HOLDS_IN_THE_AIR = "on the pad: holding begins in the air"
 UNCONFIRMED = "touch-down not confirmed, disarm by hand"
 
 

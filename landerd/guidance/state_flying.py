@@ -136,7 +136,8 @@ class Tracking:
         context, phases = self._context, self._phases
         relative = sight.relative
         context.note(relative)
-        if context.takes_too_long(step.now):
+        # Nor is it stopped just over a pad that moves: it lands or goes around first.
+        if context.takes_too_long(step.now) and not context.just_over_fast_pad:
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
         phases.watch(sight.lean, relative, step.dt)
@@ -228,26 +229,22 @@ class Searching:
     def __init__(self, context: LandingContext, plan: LostPlan) -> None:
         self._context = context
         self._plan = plan
-        self._lost_down = 0.0  # local z where the pad went out of sight, m
 
     def enter(self, step: ControlStep) -> None:
         """Begin the plan where the vehicle is."""
-        context = self._context
-        vehicle = context.estimator.fresh_vehicle(step.now)
-        self._lost_down = vehicle.feet[2] if vehicle else 0.0
-        self._plan.begin(step.now, self._lost_down, low=context.low)
+        self._plan.begin(step.now, low=self._context.low)
 
     def order(self, step: ControlStep) -> Event | None:
         """Order what the plan says, without turning; count the abort, once, if it is one."""
         context = self._context
         if context.tracked_t > -math.inf and not context.goes_on(step.now):
             context.break_off()
+        if context.tried_enough:
+            return Event.NO_LANDING_POSSIBLE
         if context.sight is not None:
             return Event.PAD_IN_SIGHT
         vehicle = context.estimator.fresh_vehicle(step.now)
-        planned = self._plan.step(step.now, vehicle.feet[2] if vehicle else self._lost_down)
-        if context.tried_enough:
-            return Event.NO_LANDING_POSSIBLE
+        planned = self._plan.step(step.now, vehicle.feet[2] if vehicle else None)
         if context.takes_too_long(step.now):
             return Event.TOOK_TOO_LONG
         if planned is None:

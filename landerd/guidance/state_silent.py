@@ -19,9 +19,11 @@ class Silent:
     def order(self, step: ControlStep) -> Event | None:
         """Order nothing, and say why."""
         context = self._context
-        if step.granted and context.sight is not None:
-            return None if context.may_rest(step.now) else Event.PAD_IN_SIGHT
-        why = context.why_blind(step.now) if step.granted else step.why
+        why = step.why
+        if step.granted:
+            if context.may_begin(step.now):
+                return Event.PAD_IN_SIGHT
+            why = context.why_not_begun(step.now)
         context.orders.enter(Phase.NOT_LANDING, why)
         return None
 
@@ -35,29 +37,28 @@ class Releasing:
     def __init__(self, context: LandingContext) -> None:
         self._context = context
         self._until = -math.inf
-        self._blind_t = -math.inf  # since when it may fly again and sees nothing, s
+        self._began = -math.inf  # s
 
     def enter(self, step: ControlStep) -> None:
         """Begin the time of the stop orders."""
         self._until = step.now + self._context.options.release_s
-        self._blind_t = step.now
+        self._began = step.now
 
     def order(self, step: ControlStep) -> Event | None:
         """Order zero velocity until the time is over, or it may fly and sees the pad.
 
         While it may fly again but sees nothing, the time does not run: nobody else flies then. But
-        not for ever: stop orders would hold against a ground station that flies it to the pad.
+        not for ever, nor where RC is stale now and then: stop orders would hold against a ground
+        station that flies it to the pad.
         """
         context, why = self._context, step.why
-        if not step.granted:
-            self._blind_t = step.now
-        else:
-            if context.sight is not None and not context.may_rest(step.now):
+        if step.granted:
+            if context.may_begin(step.now):
                 return Event.PAD_IN_SIGHT
-            if step.now - self._blind_t > context.options.lost.give_up_s:
+            if step.now - self._began > context.options.lost.give_up_s:
                 return Event.PAD_NOT_FOUND
             self._until = step.now + context.options.release_s
-            why = context.why_blind(step.now)
+            why = context.why_not_begun(step.now)
         if step.now < self._until:
             context.orders.stop()
             context.orders.enter(Phase.NOT_LANDING, why)

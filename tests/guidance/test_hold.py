@@ -186,3 +186,25 @@ def test_held_over_a_moving_pad_it_goes_with_it() -> None:
     held(engage(flight))
     assert flight.distance < 0.1
     assert horizontal(sub(flight.velocity, flight.pad_velocity)) < 0.1
+
+
+@pytest.mark.parametrize("middle_s", [0.05, 0.2, 1.0])
+def test_what_stands_on_the_pad_does_not_take_off_to_hold(middle_s: float) -> None:
+    """On its way from low to high the switch passes its middle."""
+    flight = switched()
+    flight.detects_landing = False
+    flight.engaged()
+    while flight.lander.state is not State.ON_PAD:
+        flight.tick()
+    flight.run(1.5)
+    flight.pulse_us = LOW
+    flight.run(3.0)
+    flight.pulse_us = MIDDLE
+    ordered = flight.run(middle_s)
+    assert ordered == []
+    assert flight.lander.reason == "on the pad: holding begins in the air"
+    flight.pulse_us = HIGH
+    ordered = flight.run(3.0)
+    assert flight.lander.state is State.ON_PAD
+    assert all(order.velocity[2] > -0.05 for order in ordered)
+    assert flight.height < 0.01

@@ -16,6 +16,7 @@ from landerd.messages import (
     Phase,
     PoseSolution,
     PressDown,
+    RcChannels,
     Setpoint,
 )
 from landerd.pad import PadLayout
@@ -987,3 +988,99 @@ def test_the_precision_landing_of_the_autopilot_leaves_every_state_alone() -> No
     assert flight.run(2.0) == []
     assert flight.lander.state is State.SILENT
     assert flight.lander.phase is Phase.NOT_LANDING
+
+
+def test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once() -> None:
+    """It was just over the pad when sight ended; that is long ago."""
+    flight = Flight(pad_velocity=(4.0, 0.0, 0.0)).engaged()
+    to(flight, State.COMMITTED)
+    flight.visible = False
+    flight.silent.add(Attitude)
+    flight.run(0.3)
+    flight.silent.clear()
+    flight.run(5.0)
+    assert flight.lander.state is State.SEARCHING
+    last = flight.lander.last_orders
+    assert last is not None
+    assert last.away is None
+    flight.pulse_us = LOW
+    assert set(flight.run(3.0)) == {STOP}
+
+
+def test_no_landing_is_given_back_just_over_a_fast_pad() -> None:
+    """Its time runs out there: stopped at once its feet would touch at the pad's speed."""
+
+    def over_pad(total_s: float) -> Flight:
+        descent = {"commit_slip_mps": 0.001}  # never fit to commit
+        config = Config.model_validate(
+            {"guidance": {"descent": descent, "lost": {"total_s": total_s}}}
+        )
+        flight = Flight(config=config, pad_velocity=(5.0, 0.0, 0.0))
+        to(flight.engaged(), State.TRACKING)
+        return flight
+
+    flight = over_pad(120.0)
+    began = flight.t
+    while flight.height > 0.12:
+        flight.tick()
+    low_s = flight.t - began
+    for later_s in (0.3, 0.4, 0.5, 0.6):
+        flight = over_pad(low_s + later_s)
+        gone = to(flight, State.RELEASING)
+        assert flight.lander.outcome == "handed_back"
+        assert State.COMMITTED not in gone
+        assert flight.height > 0.18
+        assert flight.contact_t is None
+
+
+def test_descents_that_are_broken_off_in_sight_are_limited_in_number() -> None:
+    """A pad that jumps aside whenever it has committed is given up, however well it is seen."""
+    config = Config.model_validate({"guidance": {"lost": {"retries": 2}}})
+    flight = Flight(config=config).engaged()
+    committed = 0
+    while flight.lander.state is not State.RELEASING:
+        before = flight.lander.state
+        flight.tick()
+        if flight.lander.state is State.COMMITTED is not before:
+            committed += 1
+            flight.pad = add(flight.pad, (0.0, 0.9, 0.0))
+        assert committed <= 3
+    assert (committed, flight.lander.outcome) == (3, "handed_back")
+
+
+@pytest.mark.parametrize("every_s", [0.6, 0.8])
+def test_rc_that_is_stale_now_and_then_does_not_hold_the_vehicle_for_ever(every_s: float) -> None:
+    flight = Flight().engaged()
+    flight.run(2.0)
+    flight.visible = False
+    telemetry, last = flight._telemetry, flight.t
+
+    def seldom() -> list[Input]:
+        nonlocal last
+        messages = telemetry()
+        if flight.t - last >= every_s:
+            last = flight.t
+            return messages
+        return [m for m in messages if not isinstance(m, RcChannels)]
+
+    flight._telemetry = seldom  # type: ignore[method-assign]
+    to(flight, State.SILENT, at_most_s=40.0)
+    assert flight.lander.outcome in ("released", "handed_back")
+
+
+@pytest.mark.parametrize("ground_m", [-20.0, 0.0, 20.0])
+def test_a_search_climbs_as_far_wherever_the_autopilots_origin_is(ground_m: float) -> None:
+    """It begins while the position is stale, so from where is known later."""
+    flight = Flight(position=(-6.0, 2.0, ground_m - 8.0))
+    flight.pad = (0.0, 0.0, ground_m)
+    flight.engaged()
+    flight.run(3.0)
+    flight.visible = False
+    flight.silent.add(LocalPosition)
+    flight.run(0.8)
+    flight.silent.clear()
+    began, highest = flight.height, 0.0
+    while flight.lander.state is not State.SILENT:
+        flight.tick()
+        highest = max(highest, flight.height)
+    assert highest - began == pytest.approx(5.0, abs=0.5)

@@ -6,9 +6,9 @@ from landerd.guidance.lost import LostPlan
 OPTIONS = LostSection(hold_s=3.0, climb_mps=0.5, climb_m=5.0, give_up_s=30.0)
 
 
-def plan(options: LostSection = OPTIONS, *, down_m: float = -4.0) -> LostPlan:
+def plan(options: LostSection = OPTIONS) -> LostPlan:
     made = LostPlan(options)
-    made.begin(100.0, down_m)
+    made.begin(100.0)
     return made
 
 
@@ -43,11 +43,11 @@ def test_at_last_it_hands_back() -> None:
 def test_every_loss_has_its_own_time() -> None:
     made = plan()
     assert made.step(130.1, -4.0) is None
-    made.begin(200.0, -4.0)
+    made.begin(200.0)
     assert made.step(200.1, -4.0) == ((0.0, 0.0, 0.0), "holding")
 
 
 def test_just_over_the_pad_it_climbs_at_once() -> None:
     made = LostPlan(OPTIONS)
-    made.begin(100.0, -0.3, low=True)
+    made.begin(100.0, low=True)
     assert made.step(100.1, -0.3) == ((0.0, 0.0, -0.5), "climbing")
