@@ -1,6 +1,8 @@
 """Errors that nobody foresaw, in a whole simulated flight: none ends it without stop orders."""
 
 import asyncio
+import socket
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from landerd.flightlog.reader import read_log
 from landerd.flightlog.replay import replay, replay_vision
 from landerd.messages import Command, Frame, Input, Phase, Prior, Sightings, Tick
 from landerd.runtime.daemon import CoreFailed
+from landerd.runtime.observer import Observer
 from landerd.runtime.service import ServiceNotifier
 from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, SEEN, fly
@@ -63,6 +66,9 @@ def test_an_observer_that_raises_changes_nothing() -> None:
             raise OSError("no such socket")
 
         def on_vision_reset(self) -> None:
+            raise OSError("no such socket")
+
+        def on_last_orders(self, now: float) -> None:
             raise OSError("no such socket")
 
         def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
@@ -124,12 +130,16 @@ def fails_when(simulation: Simulation, kind: type) -> None:
     lander.step = step  # type: ignore[method-assign]
 
 
-def failed_flight(message: type, low: float, *overrides: str) -> tuple[Simulation, Wire, float]:
+def failed_flight(
+    message: type, low: float, *overrides: str, observer: Observer | None = None
+) -> tuple[Simulation, Wire, float]:
     """Fly until the core fails at a height; return the flight, what was sent, and when."""
     seen: dict[str, Any] = {}
 
     async def script(simulation: Simulation) -> None:
         seen["wire"], seen["simulation"] = Wire(simulation), simulation
+        if observer is not None:
+            simulation.daemon.observe(observer)
         while simulation.world.height > low or simulation.daemon.lander.phase is Phase.NOT_LANDING:
             await asyncio.sleep(0.01)
         seen["t"] = now()
@@ -139,6 +149,30 @@ def failed_flight(message: type, low: float, *overrides: str) -> tuple[Simulatio
         fly(script, longest_s=30.0, overrides=[*ABOVE, *overrides])
     assert raised.group_contains(CoreFailed, depth=1)
     return seen["simulation"], seen["wire"], seen["t"]
+
+
+def test_the_watchdog_is_fed_while_a_failed_core_stops_the_vehicle(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """systemd would cut the stop orders short: it waits for 2 s."""
+    fed: list[float] = []
+    at = str(tmp_path / "systemd")
+    monkeypatch.setenv("NOTIFY_SOCKET", at)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(at)
+        systemd.setblocking(False)
+
+        class Systemd(ServiceNotifier):
+            def on_last_orders(self, now: float) -> None:
+                super().on_last_orders(now)
+                with suppress(BlockingIOError):
+                    while True:
+                        if systemd.recv(4096) == b"WATCHDOG=1":
+                            fed.append(now)
+
+        _, wire, t = failed_flight(Tick, 2.0, "guidance.release_s=3", observer=Systemd())
+    assert wire.after(t)[-1][0] - fed[-1] < 0.6
+    assert sum(at > t + 0.1 for at in fed) >= 5
 
 
 @pytest.mark.parametrize("message", [Tick, Sightings])

@@ -10,7 +10,7 @@ _SIGMA_STAMP_S = 0.001  # resolution of the stamps, and the autopilot's main loo
 _SIGMA_DRIFT, _DRIFT_RANDOM_WALK = 100e-6, 1e-6  # s/s; s/s per sqrt(s)
 _OFFSET_RANDOM_WALK = 50e-6  # s per sqrt(s): what the loop's own clock is slewed by
 _TOLERANCE_S = 0.003  # beside the round trips, before two exchanges cannot both be true
-_WRAP_S = 2.0**32 / 1e3  # of time_boot_ms
+WRAP_S = 2.0**32 / 1e3  # of time_boot_ms
 _WRAP_TOLERANCE_S = 60.0  # a stamp this near to the one expected is of the same boot
 
 
@@ -51,7 +51,7 @@ class BootClock:
         if self._boot is None:
             return boot_s
         expected = self._boot[0] + now - self._boot[1]
-        same_boot = boot_s + _WRAP_S * round((expected - boot_s) / _WRAP_S)
+        same_boot = boot_s + WRAP_S * round((expected - boot_s) / WRAP_S)
         # No boot began before zero: a clock just before its end has gone ahead, and not back.
         is_same = same_boot >= 0.0 and abs(same_boot - expected) < _WRAP_TOLERANCE_S
         return same_boot if is_same else boot_s

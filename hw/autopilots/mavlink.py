@@ -10,7 +10,7 @@ from dataclasses import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots import file_transfer, orders, telemetry
-from hw.autopilots.boot_clock import BootClock
+from hw.autopilots.boot_clock import WRAP_S, BootClock
 from hw.autopilots.heading import Heading
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.autopilots.orders import AUTOPILOT_COMPONENT, SetpointFrame
@@ -18,6 +18,7 @@ from hw.autopilots.parameter_protocol import ParameterProtocol
 from hw.autopilots.refusals import Refusals
 from hw.autopilots.streams import Streams
 from landerd.messages import (
+    Attitude,
     AutopilotMessage,
     AutopilotRestarted,
     ClockSync,
@@ -47,7 +48,7 @@ _VERTICAL_ACCELERATION = ("autopilot.vertical_acceleration_mps2", 0.3, 5.0)
 _JERK = ("autopilot.jerk_mps3", 1.0, 50.0)
 _VERTICAL_JERK = ("autopilot.vertical_jerk_mps3", 1.0, 50.0)
 _CORE_PARAMETERS: dict[str, tuple[float, tuple[str, float, float]]] = {
-    "GUID_TIMEOUT": (1.0, ("autopilot.guided_timeout_s", 0.1, 10.0)),
+    "GUID_TIMEOUT": (1.0, ("autopilot.guided_timeout_s", 0.1, 3600.0)),
     "WPNAV_ACCEL": (0.01, _ACCELERATION),
     "WP_ACC": (1.0, _ACCELERATION),
     "WPNAV_ACCEL_Z": (0.01, _VERTICAL_ACCELERATION),
@@ -230,7 +231,11 @@ class MavlinkAutopilot:
             self._note(m, kind, now)
 
     def _pass_on(self, m: Message, kind: int, now: float) -> None:
-        """Give a message to the core and to its subscriber. Raises BadMessage."""
+        """Give a message to the core and to its subscriber. Raises BadMessage.
+
+        Set-points in the vehicle's frame are turned by the attitudes that are believed, and no
+        others.
+        """
         read = _READERS.get(kind)
         message = read(m, now) if read is not None else None
         subscriber = self._subscribers.get(kind)
@@ -240,12 +245,12 @@ class MavlinkAutopilot:
             subscriber(m, t)
         if message is not None and t is not None:
             self._pending.append(replace(message, t=t))
+            if isinstance(message, Attitude):
+                self._heading.measured(t, message.yaw, m.yawspeed)
 
     def _note(self, m: Message, kind: int, now: float) -> None:
         """Take what the driver itself needs to know."""
-        if kind == mavlink.MAVLINK_MSG_ID_ATTITUDE:
-            self._heading.measured(self._last_t.get(kind, now), m.yaw, m.yawspeed)
-        elif kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+        if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             is_armed = m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
             self._disarmed_until = -math.inf if is_armed else now + _HEARTBEAT_S
         elif kind == mavlink.MAVLINK_MSG_ID_TIMESYNC:
@@ -343,8 +348,15 @@ class MavlinkAutopilot:
             now: s.
             is_answer: to our own TIMESYNC.
         """
-        is_back = boot_s < self._last_boot_s - _RESTART_S
         expected = self._last_boot_s + now - self._last_boot_t
+        if is_answer and math.isfinite(expected):
+            # Stamps of 32 bits that had begun anew before any was heard: only an answer says so.
+            wraps = round((boot_s - expected) / WRAP_S)
+            if wraps > 0 and abs(boot_s - expected - wraps * WRAP_S) < _RESTART_S:
+                self._clock = BootClock()
+                self._last_boot_s += wraps * WRAP_S
+                expected += wraps * WRAP_S
+        is_back = boot_s < self._last_boot_s - _RESTART_S
         is_ahead = math.isfinite(expected) and boot_s > expected + _RESTART_S
         if is_ahead or (is_back and not is_answer):
             suspected, self._suspected = self._suspected, boot_s - now

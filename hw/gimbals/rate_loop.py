@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from landerd.geometry import clamp, wrap
+from landerd.geometry import clamp
 from landerd.section import Section
 
 
@@ -18,10 +18,10 @@ class RateLoopOptions(Section):
 
 
 class RateLoop:
-    """PID with the derivative of the measurement, and an integral that does not wind up.
+    """PID of an axis with stops: it never goes the short way round, through them.
 
-    While the output is at its limit the integral may only shrink, so that after a long turn it does
-    not carry the axis past its target.
+    The derivative is the measurement's. While the output is at its limit the integral may only
+    shrink, so that after a long turn it does not carry the axis past its target.
     """
 
     def __init__(self, options: RateLoopOptions, limit: float, integral_limit: float) -> None:
@@ -43,7 +43,7 @@ class RateLoop:
             dt: time since the last step, s.
         """
         o = self._options
-        error = wrap(target - angle)
+        error = target - angle
         change = o.ki * error * dt
         rest = o.kp * error - o.kd * rate
         if abs(rest + self._integral) < self._limit or change * self._integral < 0.0:

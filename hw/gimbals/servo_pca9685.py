@@ -8,7 +8,7 @@ import asyncio
 from functools import partial
 from typing import Annotated, Protocol
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hw.gimbals.i2c import KERNELS, I2c, I2cDevice
 from hw.gimbals.imu import ReadableBus
@@ -18,6 +18,7 @@ from landerd.ports import DeviceLost
 MODE1, LED0_ON_L, PRE_SCALE = 0x00, 0x06, 0xFE
 RESTART, AUTO_INCREMENT, SLEEP = 0x80, 0x20, 0x10
 STEPS = 4096  # of one period
+LEAST_PRESCALE, MOST_PRESCALE = 3, 255  # 7.3.5
 
 
 class ServoPca9685Options(ServoOptions):
@@ -29,6 +30,30 @@ class ServoPca9685Options(ServoOptions):
     oscillator_hz: Annotated[float, Field(ge=20e6, le=50e6)] = (
         25e6  # boards are off by some percent
     )
+
+    @model_validator(mode="after")
+    def _within_the_chip(self) -> "ServoPca9685Options":
+        if not LEAST_PRESCALE <= self.prescale <= MOST_PRESCALE:
+            least, most = (
+                self.oscillator_hz / (STEPS * (n + 1)) for n in (MOST_PRESCALE, LEAST_PRESCALE)
+            )
+            raise ValueError(
+                f"frequency_hz: expected {least:.1f} to {most:.0f} with this oscillator_hz"
+            )
+        period_us = 1e6 / self.frequency_hz
+        axes = [axis for axis in (self.yaw, self.pitch) if axis is not None]
+        longest_us = max(pulse for axis in axes for _, pulse in axis.table)
+        if longest_us >= period_us:
+            raise ValueError(
+                f"frequency_hz: expected less than {1e6 / longest_us:.0f}, for the table's pulses "
+                f"of {longest_us:g} us"
+            )
+        return self
+
+    @property
+    def prescale(self) -> int:
+        """What divides the oscillator, less one (7.3.5)."""
+        return round(self.oscillator_hz / (STEPS * self.frequency_hz)) - 1
 
 
 class WritableBus(Protocol):
@@ -59,8 +84,7 @@ class Pca9685:
     def __init__(self, options: ServoPca9685Options, i2c: I2c[WritableBus]) -> None:
         self._address = options.address
         self._device = I2cDevice(f"PCA9685 at 0x{options.address:02x}", options.bus, i2c)
-        # 7.3.5: round(oscillator / (4096 * frequency)) - 1
-        self._prescale = round(options.oscillator_hz / (STEPS * options.frequency_hz)) - 1
+        self._prescale = options.prescale
         self._step_us = 1e6 * (self._prescale + 1) / options.oscillator_hz
         self._next: dict[int, float] | None = None  # pulses not written yet
         self._writing: asyncio.Task[None] | None = None

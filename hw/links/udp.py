@@ -4,7 +4,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from hw.links.inbox import Inbox
 from hw.links.reasons import in_words
@@ -13,6 +13,14 @@ from landerd.ports import DeviceLost
 log = logging.getLogger(__name__)
 
 SILENT_S = 3.0  # a peer silent for so long may come back from another address: a heartbeat's age
+
+
+class _Transport(Protocol):
+    """What is used of an asyncio.DatagramTransport, and of the buffer that it has besides."""
+
+    def sendto(self, data: bytes, addr: Any = None, /) -> None: ...
+    def get_write_buffer_size(self) -> int: ...
+    def abort(self) -> None: ...
 
 
 class UdpLink(asyncio.DatagramProtocol):
@@ -40,7 +48,7 @@ class UdpLink(asyncio.DatagramProtocol):
         self.strangers = 0
         self._listen = listen
         self._inbox = Inbox()
-        self._transport: asyncio.DatagramTransport | None = None
+        self._transport: _Transport | None = None
         self._peer: Any = None
 
     async def open(self) -> None:
@@ -61,8 +69,13 @@ class UdpLink(asyncio.DatagramProtocol):
         return await self._inbox.get()
 
     def write(self, data: bytes) -> None:
-        """Send one datagram; dropped while a listening link has not heard its peer."""
+        """Send one datagram; dropped while a listening link has not heard its peer.
+
+        And while the socket takes none: kept, it would go out when it is long out of date.
+        """
         if self._transport is None or (self._listen and self._peer is None):
+            return
+        if self._transport.get_write_buffer_size() > 0:
             return
         self._transport.sendto(data, self._peer)
 
@@ -77,7 +90,7 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the transport."""
-        self._transport = cast(asyncio.DatagramTransport, transport)
+        self._transport = cast(_Transport, transport)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take a datagram."""

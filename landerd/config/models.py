@@ -89,7 +89,7 @@ class AutopilotSection(Section):
     setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"  # body_ned: as the thesis
     system_id: Annotated[int, Field(ge=1, le=255)] = 1  # SYSID_THISMAV (4.7: MAV_SYSID)
     # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
-    guided_timeout_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    guided_timeout_s: Annotated[float, Field(ge=0.1, le=3600)] = 1.0
     # how it shapes velocities (WPNAV_ACCEL, WPNAV_ACCEL_Z, PSC_JERK_XY, PSC_JERK_Z), until it tells
     # that too
     acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5

@@ -142,6 +142,9 @@ class Recorder:
         """Record with the next frame that vision began anew."""
         self._anew = True
 
+    def on_last_orders(self, now: float) -> None:
+        """Nothing is written: the core's last step is in the log, and a replay fails as it did."""
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """Record what the core took and gave."""
         self._now = now

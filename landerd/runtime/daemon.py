@@ -290,6 +290,7 @@ class Daemon:
             if order is None:
                 break
             self._carry_out(order)
+            self._observe(lambda observer: observer.on_last_orders(loop.time()))
             await asyncio.sleep(period)
 
     def _figures(self, now: float) -> dict[str, float]:

@@ -25,6 +25,10 @@ class Observer(Protocol):
         """Vision begins anew: a search failed, or hung."""
         return
 
+    def on_last_orders(self, now: float) -> None:
+        """The core has failed; one of the orders that it had prepared goes out at time now, s."""
+        return
+
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
         """The core took a message and gave commands."""
         return

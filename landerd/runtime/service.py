@@ -60,7 +60,13 @@ class ServiceNotifier(Observer):
             return
         if self._fed_t is None:
             notify("READY=1")
-        elif now - self._fed_t < ALIVE_EVERY_S:
-            return
-        self._fed_t = now
-        notify("WATCHDOG=1")
+        self._feed(now)
+
+    def on_last_orders(self, now: float) -> None:
+        """Feed the watchdog: it would cut the stop orders short."""
+        self._feed(now)
+
+    def _feed(self, now: float) -> None:
+        if self._fed_t is None or now - self._fed_t >= ALIVE_EVERY_S:
+            self._fed_t = now
+            notify("WATCHDOG=1")

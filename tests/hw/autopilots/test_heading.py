@@ -43,10 +43,17 @@ def test_noise_of_the_heading_makes_no_jerk_beyond_the_limit() -> None:
     assert max(map(abs, off)) < math.radians(0.1)
 
 
-def test_a_heading_that_begins_anew_is_taken_at_once() -> None:
+def test_a_heading_that_begins_anew_is_taken_when_it_stays() -> None:
     heading = Heading()
-    heading.measured(0.0, 0.1, 0.0)
-    heading.measured(0.02, 0.5, 0.0)
-    assert heading.at(0.02) == pytest.approx(0.5)
+    for i in range(12):
+        heading.measured(0.02 * i, 0.1 if i == 0 else 0.5, 0.0)
+    assert heading.at(0.22) == pytest.approx(0.5)
     heading.measured(2.0, 0.52, 0.0)
     assert heading.at(2.0) == pytest.approx(0.52)
+
+
+def test_spikes_of_the_heading_are_not_flown_on() -> None:
+    heading = Heading()
+    for i in range(50):
+        heading.measured(0.02 * i, 0.9 if i % 3 == 2 else 0.1, 0.0)
+        assert heading.at(0.02 * i) == pytest.approx(0.1)

@@ -21,6 +21,7 @@ from landerd.messages import (
     AutopilotMessage,
     AutopilotRestarted,
     Battery,
+    ClockSync,
     Heartbeat,
     Landed,
     LandedState,
@@ -193,6 +194,44 @@ def test_two_stamps_that_fit_each_other_are_a_restart() -> None:
         lambda codec: b"".join(codec.encode(attitude(ms)) for ms in (90_000, 90_020, 300, 320))
     )
     assert len([m for m in got if isinstance(m, AutopilotRestarted)]) == 1
+
+
+@pytest.mark.parametrize("up_s", [100.0, 2.0**32 / 1e3 + 100.0, 3.0 * 2.0**32 / 1e3 + 5.0])
+def test_the_clock_is_known_however_long_the_autopilot_was_up(up_s: float) -> None:
+    """Its stamps have 32 bits and begin anew after 49.7 days, what it answers to TIMESYNC not."""
+    got: list[object] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        ours, there = memory_pair()
+        driver, codec = MavlinkAutopilot(ours), MavlinkCodec(1, 1)
+
+        async def receive() -> None:
+            while True:
+                got.append(await driver.receive())
+
+        async def answer() -> None:
+            while True:
+                for m in codec.decode(await there.read()):
+                    if m.get_type() == "TIMESYNC" and m.tc1 == 0:
+                        boot_ns = round((up_s + loop.time()) * 1e9)
+                        sent = mavlink.MAVLink_timesync_message(boot_ns, m.ts1)
+                        there.write(codec.encode(sent))
+
+        await driver.open()
+        await there.open()
+        tasks = [asyncio.create_task(work()) for work in (receive, answer)]
+        for i in range(400):
+            await asyncio.sleep(0.02)
+            boot_ms = round((up_s + loop.time()) * 1e3) & 0xFFFFFFFF
+            there.write(codec.encode(attitude(boot_ms, roll=1e-3 * i)))
+        for task in tasks:
+            task.cancel()
+
+    run_virtual(main())
+    assert sum(isinstance(m, ClockSync) for m in got) >= 5
+    assert sum(isinstance(m, Attitude) for m in got) >= 395
+    assert not any(isinstance(m, AutopilotRestarted) for m in got)
 
 
 def test_a_restart_of_the_autopilot_is_told_and_its_streams_come_back() -> None:

@@ -38,6 +38,7 @@ def test_does_not_wind_up_during_a_long_turn() -> None:
     assert max(turn(RateLoopOptions(), 3.0, 8.0)) < 3.0 + math.radians(6.0)
 
 
-def test_goes_the_short_way_round() -> None:
+def test_never_goes_the_short_way_round_through_its_stops() -> None:
     loop = RateLoop(RateLoopOptions(), 1.5, 0.3)
-    assert loop.step(math.radians(-179.0), math.radians(179.0), 0.0, DT) > 0.0
+    assert loop.step(math.radians(-130.0), math.radians(130.0), 0.0, DT) < 0.0
+    assert loop.step(math.radians(130.0), math.radians(-130.0), 0.0, DT) > 0.0

@@ -225,3 +225,16 @@ def test_pca9685_without_its_bus_is_lost() -> None:
 
     with pytest.raises(DeviceLost, match="No such file"):
         asyncio.run(ServoPca9685Gimbal(ServoPca9685Options(), I2c(open_bus, in_thread=True)).open())
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"frequency_hz": 24.0, "oscillator_hz": 27e6}, "frequency_hz: expected 25.7 to 1648"),
+        ({"frequency_hz": 1500.0}, "frequency_hz: expected less than 500"),
+    ],
+)
+def test_what_the_pca9685_cannot_do_is_refused(options: dict[str, Any], expected: str) -> None:
+    """The prescaler is a byte: 274 was 18, and the pulses fifteen times as short."""
+    with pytest.raises(ValidationError, match=expected):
+        ServoPca9685Options.model_validate({"pitch": TILT, **options})

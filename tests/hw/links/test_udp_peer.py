@@ -80,3 +80,46 @@ def test_a_silent_autopilot_may_come_back_from_elsewhere() -> None:
             assert await link.read() == heartbeat(1)
 
     with_link(scene)
+
+
+def test_what_the_socket_does_not_take_is_not_sent_when_it_is_old() -> None:
+    """A set-point of ten seconds ago is worse than none."""
+
+    class Stuffed:
+        def __init__(self, sound: socket.socket) -> None:
+            self.sound, self.is_full = sound, True
+            self.sent: list[bytes] = []
+
+        def send(self, data: bytes) -> int:
+            if self.is_full:
+                raise BlockingIOError
+            self.sent.append(data)
+            return len(data)
+
+        def sendto(self, data: bytes, _address: object) -> int:
+            return self.send(data)
+
+        def fileno(self) -> int:
+            return self.sound.fileno()
+
+        def close(self) -> None:
+            self.sound.close()
+
+    async def run() -> list[bytes]:
+        with socket_of_somebody() as there:
+            link = UdpLink(*there.getsockname(), listen=False)
+            await link.open()
+            transport = link._transport
+            assert transport is not None
+            stuffed = Stuffed(transport._sock)  # type: ignore[attr-defined]
+            transport._sock = stuffed  # type: ignore[attr-defined]
+            for i in range(400):
+                link.write(b"%d" % i)
+            stuffed.is_full = False
+            await asyncio.sleep(0.05)
+            link.write(b"now")
+            await asyncio.sleep(0.05)
+            await link.close()
+        return stuffed.sent
+
+    assert asyncio.run(run()) == [b"0", b"now"]
