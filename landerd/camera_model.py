@@ -31,6 +31,7 @@ _HARD = 0.95  # of an iteration's error is left by the next
 _NEWTON_ROUNDS, _NEWTON_STEP = 8, 0.1  # and how far a ray is moved at most
 _FOUND_PX = 1e-3  # within it a pixel's ray comes back to it if it was found
 _MOST_BAD = 0.02  # share of the image: far corners, where boards seldom were, are left out
+_MOST_PX, _MOST = 65_535, 1e9  # of a picture's side; and of any other number
 _GRID = (65, 49)  # columns and rows of pixels that are tried
 _CUTS = 200  # a side of what is used moves inwards by this part of the image at a time
 _WIDEST = 20.0  # tangent of the angle up to which it is looked for where a distortion folds
@@ -408,9 +409,11 @@ def _in_yaml(value: float) -> str:
 
 def _whole(path: Path, data: dict[str, Any], key: str) -> int:
     value = data.get(key)
-    if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
-        found = "missing" if value is None else f"found {value!r}"
-        raise CalibrationError(f"{path}: {key}: {found}, expected pixels, a whole number")
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 < value <= _MOST_PX:
+        found = "missing" if value is None else f"found {value!r:.40}"
+        raise CalibrationError(
+            f"{path}: {key}: {found}, expected pixels, a whole number of at most {_MOST_PX}"
+        )
     return value
 
 
@@ -418,7 +421,7 @@ def _numbers(path: Path, data: dict[str, Any], key: str, lengths: set[int]) -> t
     block = data.get(key)
     values = block.get("data") if isinstance(block, dict) else None
     ok = isinstance(values, list) and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v) for v in values
+        isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) < _MOST for v in values
     )
     if not ok or len(cast(list[float], values)) not in lengths:
         wanted = " or ".join(str(n) for n in sorted(lengths))

@@ -5,10 +5,12 @@ imported when it is called, so that --help does not wait for numpy and OpenCV.
 """
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+from io import TextIOWrapper
 from typing import NamedTuple, NoReturn, Protocol, cast
 
 from landerd import __version__
@@ -152,7 +154,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read our output has gone; nothing is left to say, at exit neither.
         _give_up_stdout()
         return 141
-    except OSError:
+    except OSError as e:
+        if e.errno == errno.ENAMETOOLONG:
+            print(f"{str(e.filename)[:40]}...: {e.strerror}", file=sys.stderr)
+            return 2
         failure = _stdout_failure()
         if failure is None:
             raise
@@ -168,6 +173,10 @@ def _open_closed_streams() -> None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - it stays open
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - it stays open
+    # A file's name may hold what the terminal cannot show.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _stdout_failure() -> str | None:

@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
+from landerd.files import read_text
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -23,7 +25,21 @@ class Section(BaseModel):
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-05 as a number, which YAML 1.1 does not, and OpenCV's matrices as mappings."""
+    """Reads 1e-05 as a number, which YAML 1.1 does not, and OpenCV's matrices as mappings.
+
+    A key that is given twice is refused: of two diameters the last one would be flown on.
+    """
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        names: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value != "<<":
+                if key.value in names:
+                    raise yaml.constructor.ConstructorError(
+                        problem=f"{key.value} is given twice", problem_mark=key.start_mark
+                    )
+                names.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 _Loader.add_implicit_resolver(
@@ -46,16 +62,19 @@ def read_mapping(path: Path, error: type[Exception], expected: str) -> dict[str,
         expected: what the mapping is, in words.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         # OpenCV's FileStorage begins with a directive that YAML does not know.
         data = yaml.load(re.sub(r"\A%YAML:1\.0", "", text), Loader=_Loader)
     except (OSError, UnicodeDecodeError) as e:
         reason = e.strerror if isinstance(e, OSError) else "not text"
         raise error(f"{path}: cannot be read: {reason}") from None
     except yaml.YAMLError as e:
-        mark = getattr(e, "problem_mark", None)
+        mark, problem = getattr(e, "problem_mark", None), getattr(e, "problem", None)
         line = f":{mark.line + 1}" if mark else ""
-        raise error(f"{path}{line}: not YAML") from None
+        what = problem if isinstance(e, yaml.constructor.ConstructorError) else "not YAML"
+        raise error(f"{path}{line}: {what}") from None
+    except RecursionError:
+        raise error(f"{path}: nested too deeply") from None
     if not isinstance(data, dict):
         raise error(f"{path}: expected {expected}")
     return data

@@ -4,12 +4,14 @@ Needs matplotlib, which is not part of the flight install (`pip install matplotl
 """
 
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.files import write_whole
 from landerd.geometry import Vec3
 from landerd.messages import Phase
 
@@ -64,7 +66,9 @@ def write_picture(trace: Trace, path: Path) -> None:
         view.imshow(image[:, :, ::-1])
         view.set_title(caption, fontsize=10)
         view.set_axis_off()
-    figure.savefig(path, dpi=80, format="png")
+    png = BytesIO()
+    figure.savefig(png, dpi=80, format="png")
+    write_whole(path, png.getvalue())
 
 
 def runs(samples: list[Sample]) -> list[tuple[Phase, list[Sample]]]:

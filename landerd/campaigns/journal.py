@@ -5,6 +5,7 @@ landerd.
 """
 
 import dataclasses
+import errno
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -115,6 +116,8 @@ def read_kept(path: Path) -> Kept:
 def _lines(path: Path) -> list[str]:
     """Return the whole lines of a file. Raises JournalError."""
     try:
+        if not path.is_file():
+            raise OSError(errno.EINVAL, "not a file")
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     except (OSError, UnicodeDecodeError) as e:
         raise JournalError(f"{path}: cannot be read: {_reason(e)}") from None

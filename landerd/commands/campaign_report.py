@@ -14,6 +14,7 @@ from landerd.commands.fault_runs import settings_of
 from landerd.commands.shared import InputError, refusing
 from landerd.config.files import ConfigError, default_config
 from landerd.drivers import read_configuration
+from landerd.files import write_whole
 
 TITLE = "Results"
 SECTION = "== "  # begins a line that is a heading, in tables as they stand
@@ -40,7 +41,7 @@ def write_campaigns(paths: Sequence[Path], output: Path) -> None:
         blocks += found
     is_text = output.suffix == ".md"
     text = as_markdown(blocks) if is_text else as_html(f"landerd: {TITLE}", blocks)
-    output.write_text(text, encoding="utf-8")
+    write_whole(output, text.encode())
 
 
 def _made_of(paths: Sequence[Path], output: Path) -> str:

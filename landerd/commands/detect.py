@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import CalibrationError, CameraModel, left_out, load_camera
-from landerd.commands.shared import InputError, pad_path, refusing, tell
+from landerd.commands.shared import InputError, pad_path, refusing, tell, write_bytes
 from landerd.config.files import own_or
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, cross, dot, scale, sub
@@ -28,6 +28,7 @@ from landerd.vision.draw import draw
 # Of a still. Squares are looked for in another way each search, of a pad with rings in each fifth:
 # after the first of these with all thresholds in the whole and with the first in all quarters.
 _LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
+_MOST_CAMERAS = 1000  # a longer number is none's
 _READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 
@@ -137,8 +138,8 @@ def _detect(
             print(_in_words(picture.name, sightings, ms, wrong), flush=True)
         if args.draw is not None:
             drawn = args.draw / f"{Path(picture.name).name.replace('#', '_')}.png"
-            if not cv2.imwrite(str(drawn), draw(picture.image, sightings, fitting, layout)):
-                raise SourceError(f"{drawn}: cannot be written")
+            _, png = cv2.imencode(".png", draw(picture.image, sightings, fitting, layout))
+            write_bytes(drawn, png.tobytes())
 
 
 def search_still(vision: Vision, frame: Frame) -> Sightings:
@@ -194,7 +195,11 @@ def _still(path: Path) -> Picture:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as e:
         raise SourceError(f"{path}: cannot be read: {e.strerror}") from None
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+    except cv2.error:  # more pixels than it takes
+        image = None
     if image is None:
         raise SourceError(f"{path}: not an image that can be read")
     return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False, True)
@@ -208,7 +213,8 @@ def _frames(source: str) -> Iterator[Picture]:
     # What a source that does not open is told in our own line.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    capture = cv2.VideoCapture(int(source) if source.isdecimal() else source)
+    number = int(source) if source.isdecimal() else -1
+    capture = cv2.VideoCapture(number if 0 <= number < _MOST_CAMERAS else source)
     try:
         if not capture.isOpened():
             what = "no camera that opens" if is_camera else "neither an image nor a video"

@@ -13,6 +13,7 @@ from landerd.commands.shared import (
     print_json,
     refusing,
     tell,
+    write_bytes,
     write_text,
 )
 from landerd.config.files import config_dir, config_files
@@ -278,10 +279,7 @@ def _write_pdf(path: Path, document: Document) -> None:
         raise InputError(
             f"-o {path}: a page of {longest / 1e3:.2f} m; a PDF's is at most {most}: .svg"
         )
-    try:
-        path.write_bytes(pdf(document))
-    except OSError as e:
-        raise InputError(f"{path}: cannot be written: {e.strerror}") from None
+    write_bytes(path, pdf(document))
 
 
 # ---- what is said ------------------------------------------------------------------------------

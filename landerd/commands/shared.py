@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from landerd.files import write_whole
+
 if TYPE_CHECKING:
     from landerd.config.files import Loaded
 
@@ -30,6 +32,8 @@ def refusing(*errors: type[Exception]) -> Iterator[None]:
     """Make an InputError of these: what they say of the input is meant for the user."""
     try:
         yield
+    except BrokenPipeError:
+        raise
     except errors as e:
         raise InputError(str(e)) from None
 
@@ -242,8 +246,8 @@ def check_folder(path: Path | None) -> None:
 
 def _try_to_write(path: Path, where: str) -> None:
     """Open a file for writing, and leave all as it was: what `access` says is not always so."""
-    is_new = not path.exists()
     try:
+        is_new = not path.exists()
         path.open("ab").close()
         if is_new and not path.is_symlink():
             path.unlink()
@@ -252,13 +256,18 @@ def _try_to_write(path: Path, where: str) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file.
+    """Write a file whole, or leave the one that was there.
 
     Raises:
         InputError: it cannot be written.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Do the same with bytes."""
     try:
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, data)
     except OSError as e:
         raise InputError(f"{path}: cannot be written: {e.strerror}") from None
 

@@ -14,6 +14,8 @@ from typing import Any
 
 import yaml
 
+from landerd.files import read_text
+
 Loc = tuple[str | int, ...]
 
 # The one key of a value that each seed of the simulator draws: landerd.config.distributions.
@@ -126,7 +128,7 @@ def _read(
     try:
         if path in including:
             raise OSError(0, "it includes itself")
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as e:
         reason = e.strerror if isinstance(e, OSError) else "not text"
         faults.append(Fault(named_at, key, f"cannot be read: {reason}"))
@@ -206,6 +208,9 @@ class _Parser:
         except yaml.YAMLError as e:
             problem = getattr(e, "problem", None) or "unprintable characters"
             self._fault(getattr(e, "problem_mark", None), "", f"not YAML: {problem}")
+            return None
+        except RecursionError:
+            self._fault(None, "", "nested too deeply")
             return None
         if root is None:
             return Node(self._source, self._folder, None)

@@ -1,0 +1,143 @@
+"""Files of other people, and a disk that is full: one line, and nothing half-written."""
+
+import resource
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from landerd.cli import main
+from landerd.files import read_text, write_whole
+
+ROOT = Path(__file__).resolve().parents[1]
+CAMERA = ROOT / "config" / "cameras" / "thesis.yaml"
+PICTURE = ROOT / "docs" / "drawings" / "pad.jpg"
+LOG = ROOT / "tests" / "golden" / "link-cut.mcap"
+
+
+def refused(arguments: Sequence[object], capsys: pytest.CaptureFixture[str]) -> str:
+    """Run landerd; return the one line with which it refuses."""
+    assert main([str(a) for a in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    return err
+
+
+def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("good")
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192));"
+        "from landerd.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", code, "report", str(LOG), "-o", str(page)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == f"{page}: cannot be written: File too large\n"
+    assert page.read_text() == "good"
+    assert list(tmp_path.iterdir()) == [page]
+
+
+def test_a_device_is_written_into_and_what_a_link_names_too(tmp_path: Path) -> None:
+    write_whole(Path("/dev/null"), b"anything")
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    write_whole(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "file").read_bytes() == b"new"
+
+
+def test_what_never_ends_is_not_read_to_its_end() -> None:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(OSError, match="more than 16 MB"):
+        read_text(Path("/dev/zero"))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # KiB
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "image_width: 640\nimage_height: 480\nimage_width: 320\n",
+            "3: image_width is given twice",
+        ),
+        ("[" * 3000, "nested too deeply"),
+        ("image_width: 1000000000\nimage_height: 1000000000\n", "image_width: found 1000000000"),
+        ("image_width: " + "9" * 400, "image_width: found 999"),
+    ],
+)
+def test_calibrations_that_cannot_be_are_refused(
+    text: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "camera.yaml"
+    file.write_text(text)
+    line = refused(["detect", "--camera", file, "--pad", "thesis", PICTURE], capsys)
+    assert line.startswith(str(file))
+    assert says in line
+    assert len(line) < 300
+
+
+def test_a_pads_marker_has_one_diameter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The last one was printed and flown on."""
+    text = (ROOT / "config" / "pads" / "thesis.yaml").read_text()
+    file = tmp_path / "pad.yaml"
+    twice = "outer_diameter_m: 1.0\n    outer_diameter_m: 0.9"
+    file.write_text(text.replace("outer_diameter_m: 1.0", twice, 1))
+    line = refused(["pad", file, "-o", tmp_path / "pad.pdf"], capsys)
+    assert line == f"{file}:6: outer_diameter_m is given twice\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["sim", "--set", 'pad.layout="a\\0b"'],
+        ["sim", "--set", "pad.layout=" + "x" * 5000],
+        ["sim", "--set", "pad.layout=" + "[" * 3000],
+        ["sim", "--log", "n" * 300 + ".mcap"],
+        ["report", LOG, "-o", "n" * 300 + ".html"],
+        ["detect", "--camera", "x" * 5000, "--pad", "thesis", PICTURE],
+        ["detect", "--camera", CAMERA, "--pad", "thesis", "x" * 5000],
+        ["detect", "--camera", CAMERA, "--pad", "thesis", "99999999999999"],
+        ["campaign", "hover", "--runs", "1", "--jobs", "1", "--keep", "/dev/full"],
+    ],
+)
+def test_names_and_devices_that_are_none_are_refused(
+    arguments: list[object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused(arguments, capsys)
+
+
+def test_a_picture_of_more_pixels_than_there_can_be_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, png = cv2.imencode(".png", np.zeros((8, 8), np.uint8))
+    data = bytearray(png.tobytes())
+    data[16:24] = (60_000).to_bytes(4, "big") * 2
+    file = tmp_path / "huge.png"
+    file.write_bytes(data)
+    line = refused(["detect", "--camera", CAMERA, "--pad", "thesis", file], capsys)
+    assert line == f"{file}: not an image that can be read\n"
+
+
+def test_pictures_are_drawn_whatever_their_folder_is_called(tmp_path: Path) -> None:
+    """OpenCV's own writer died of names that are no text."""
+    folder = Path(f"{tmp_path}/b\udcff")
+    code = f"from landerd.cli import main; raise SystemExit(main(['detect', '--camera', {str(CAMERA)!r}, '--pad', 'thesis', {str(PICTURE)!r}, '--draw', {str(folder)!r}]))"  # noqa: E501
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [p.suffix for p in folder.iterdir()] == [".png"]
+
+
+def test_a_terminal_that_cannot_show_a_name_is_told_it_all_the_same(tmp_path: Path) -> None:
+    file = tmp_path / "pä.pdf"
+    command = [sys.executable, "-m", "landerd", "pad", "nested", "-o", str(file)]
+    env = {"PYTHONIOENCODING": "ascii", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "p\\xe4.pdf" in done.stdout
+    assert file.exists()
