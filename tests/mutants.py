@@ -52,6 +52,28 @@ MUTANTS = [
         "test_1a_nothing_is_sent_without_heartbeats",
     ),
     Mutant(
+        "1b: speeds up after a fast pad that was left long ago",
+        LANDING,
+        "            self._context.leave_pad()\n",
+        "            pass\n",
+        "guidance/test_landing.py::"
+        "test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once",
+    ),
+    Mutant(
+        "1c: takes off from the pad to hold over it",
+        CONTEXT,
+        "waits = self.hold_asked if rests else self._may_rest",
+        "waits = not rests and self._may_rest",
+        "guidance/test_hold.py::test_what_stands_on_the_pad_does_not_take_off_to_hold",
+    ),
+    Mutant(
+        "1b: is stopped for want of time just over a fast pad",
+        FLYING,
+        "context.takes_too_long(step.now) and not context.just_over_fast_pad",
+        "context.takes_too_long(step.now)",
+        "guidance/test_landing.py::test_no_landing_is_given_back_just_over_a_fast_pad",
+    ),
+    Mutant(
         "1b: the switch does nothing",
         GATE,
         "if self._pulse_us <= self._threshold_us:",
@@ -138,9 +160,9 @@ MUTANTS = [
     ),
     Mutant(
         "1c: hovers before it has seen the pad",
-        SILENT,
-        "if step.granted and context.sight is not None:",
-        "if step.granted:",
+        CONTEXT,
+        "return self.sight is not None and not waits",
+        "return not waits",
         "test_1c_landerd_is_silent_until_it_has_seen_the_pad",
     ),
     Mutant(
@@ -689,7 +711,7 @@ MUTANTS = [
     Mutant(
         "6: stops for ever where it may fly and sees no pad",
         SILENT,
-        "if step.now - self._blind_t > context.options.lost.give_up_s:",
+        "if step.now - self._began > context.options.lost.give_up_s:",
         "if False:",
         "guidance/test_landing.py"
         "::test_granted_again_while_it_stops_without_the_pad_it_hands_back_after_a_while",
@@ -828,8 +850,8 @@ MUTANTS = [
     Mutant(
         "4: a landing begins on a pad that it may stand on",
         CONTEXT,
-        "return self._may_rest and not self.rests(now)",
-        "return False",
+        "waits = self.hold_asked if rests else self._may_rest",
+        "waits = self.hold_asked and rests",
         "guidance/test_landing.py::"
         "test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known",
     ),
