@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic_core import ErrorDetails
 
 from landerd.section import Finite, Positive, Section, read_mapping
 
@@ -23,6 +24,7 @@ DICTIONARIES = {
 }
 
 
+_LONGEST_FAULT = 160  # letters: what is wrong may be a value of any length
 _FAULTS = {"missing": "is missing", "extra_forbidden": "unknown key"}  # of pydantic, in our words
 
 
@@ -221,8 +223,17 @@ def load_pad(path: Path) -> PadLayout:
     try:
         return PadLayout.model_validate(data)
     except ValidationError as e:
-        lines = [
-            f"{'.'.join(str(p) for p in i['loc'])}: {_FAULTS.get(i['type'], i['msg'])}"
-            for i in e.errors()
-        ]
-        raise PadError(f"{path}: " + "; ".join(lines)) from None
+        raise PadError(f"{path}: " + "; ".join(map(_in_words, e.errors()))) from None
+
+
+def _in_words(error: ErrorDetails) -> str:
+    """Return one of pydantic's errors in our words, with the key that it is about."""
+    if error["type"] == "value_error":  # one of ours
+        text = str(error["ctx"]["error"])
+    elif error["type"] == "too_short":
+        text = f"expected at least {error['ctx']['min_length']}"
+    else:
+        text = _FAULTS.get(error["type"], error["msg"])
+    if len(text) > _LONGEST_FAULT:
+        text = f"{text[:_LONGEST_FAULT]}..."
+    return ": ".join(part for part in (".".join(map(str, error["loc"])), text) if part)
