@@ -2,6 +2,7 @@
 
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
 
 MOST_BYTES = 16_000_000  # of a text: a hundred times the longest configuration
@@ -27,7 +28,8 @@ def read_text(path: Path) -> str:
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file, or leave the one that was there as it is.
 
-    What is no file (a device, a pipe) or a link to one is written into.
+    What is no file (a device, a pipe), a link to one, or a file in a folder that takes no other is
+    written into.
 
     Raises:
         OSError: it cannot be written.
@@ -41,6 +43,9 @@ def write_whole(path: Path, data: bytes) -> None:
         if path.exists():
             new.chmod(path.stat().st_mode & 0o777)
         new.replace(path)
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
+    except OSError as e:
+        with suppress(OSError):
+            new.unlink()
+        if not isinstance(e, PermissionError):
+            raise
+        path.write_bytes(data)
