@@ -477,7 +477,11 @@ def _areas(
     beside = edges.levels[:, 0].max(axis=0)[seen]
     contrast = (edges.levels[:, 1].max(axis=0)[seen] - beside).clip(min=1.0)
     level = np.median((grey[black][:, seen] - beside) / contrast, axis=1)
+    return dark, bright, rise_within(level)
+
+
+def rise_within(level: F64) -> float:
+    """Return by how much a profile (n,) rises over the least on either side of a place, at most."""
     before = np.minimum.accumulate(level)
     after = np.minimum.accumulate(level[::-1])[::-1]
-    ridge = float((level - np.maximum(before, after)).max())
-    return dark, bright, ridge
+    return float((level - np.maximum(before, after)).max())

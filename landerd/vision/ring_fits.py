@@ -9,6 +9,7 @@ from landerd.pad import Ring
 from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at
 from landerd.vision.pose import circle, px_per_m, rotation_from
+from landerd.vision.ring_edges import rise_within
 from landerd.vision.ring_explained import Vouches, edges_contradict, explained, is_toned
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_response import CameraResponse
@@ -55,9 +56,7 @@ def _has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) 
     if not levels.size:
         return False
     level = np.median(levels - levels.mean(axis=0), axis=1)
-    before = np.minimum.accumulate(level)
-    after = np.minimum.accumulate(level[::-1])[::-1]
-    return float((level - np.maximum(before, after)).max()) > _MOST_RISE * fit.contrast
+    return rise_within(level) > _MOST_RISE * fit.contrast
 
 
 def explained_fits(
