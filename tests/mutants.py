@@ -448,6 +448,13 @@ MUTANTS = [
         "guidance/test_landing.py::test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it",
     ),
     Mutant(
+        "2: a pad that left the picture after commit",
+        "landerd/estimation/doubt.py",
+        "self.lasts_s = max(self.lasts_s, t - self._likely_t)",
+        "pass",
+        "simulation/test_faults.py::test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto",
+    ),
+    Mutant(
         "4: level without thrust while it rises",
         PAD,
         "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.heaves:",

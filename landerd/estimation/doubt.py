@@ -25,12 +25,18 @@ from landerd.geometry import (
 
 TREND_SIGHTINGS = 3  # in a row at least tell a trend: two may be outliers
 
+# A pad that was seen this far from where it should be, this often, and then no more has left the
+# picture; one that was where it should be was only too near to be seen whole.
+GONE_M = 0.1
+GONE_SIGHTINGS = 2
+
 
 class Doubt:
     """Looks at unlikely innovations; doubt begins with one and ends with a likely one.
 
     Attributes:
-        lasts_s: for how long every sighting was farther off than noise explains, s.
+        lasts_s: for how long every sighting was farther off than noise explains, or the pad was
+            gone after such, s.
         off_m: how far off the newest of these was, m; 0: it was none of them.
     """
 
@@ -74,6 +80,11 @@ class Doubt:
         learned = (north, east, 0.0)
         self._last, self._newest = self._newest, add(innovation.vector, learned)
         self.lasts_s, self.off_m = t - self._likely_t, norm(innovation.vector)
+
+    def unseen(self, t: float) -> None:
+        """Take a picture exposed at time t, s, that does not show the pad."""
+        if self._count >= GONE_SIGHTINGS and self.off_m > GONE_M:
+            self.lasts_s = max(self.lasts_s, t - self._likely_t)
 
     def trend(self, t: float, swing_m: float, limit: float) -> Vec3 | None:
         """Return how fast what is seen moves on from where it should be, m/s; None: it does not.

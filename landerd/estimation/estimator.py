@@ -107,6 +107,8 @@ class Estimator:
         ]
         if observations:
             self.glimpse = self._observations.glimpse(observations[0], clocks)
+        else:
+            self.doubt.unseen(t)
         refused_before = self._filter.rejected
         is_accepted = self._filter.update(observations)
         if not math.isnan(self._filter.nis):

@@ -74,6 +74,15 @@ def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
     assert broken(simulation) == set()
 
 
+def test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto() -> None:
+    """Two pictures show where it goes, and then none shows it."""
+    jerk = "{fault: pad-jerks, at: {phase: LANDED, after_s: 0.05}, severity: 1.0}"
+    simulation = flown(jerk, "sim.sight=modelled")
+    assert simulation.daemon.lander.aborts > 0
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
 @pytest.mark.parametrize(("pad_mps", "is_out"), [(0.0, False), (5.0, True)])
 def test_a_pad_drives_out_of_reach_while_landerd_is_started_again(
     pad_mps: float, is_out: bool
