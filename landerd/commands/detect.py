@@ -169,6 +169,9 @@ def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
     Raises:
         SourceError: it cannot be read.
     """
+    # What cannot be read is told in our own line.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     path = Path(source)
     if path.is_dir():
         try:
@@ -195,7 +198,6 @@ def _still(path: Path) -> Picture:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as e:
         raise SourceError(f"{path}: cannot be read: {e.strerror}") from None
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
     except cv2.error:  # more pixels than it takes
@@ -210,9 +212,6 @@ def _frames(source: str) -> Iterator[Picture]:
     is_camera = source.isdecimal() or source.startswith("/dev/")
     if not is_camera and "://" not in source and not Path(source).is_file():
         raise SourceError(f"{source}: no such file or folder")
-    # What a source that does not open is told in our own line.
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     number = int(source) if source.isdecimal() else -1
     capture = cv2.VideoCapture(number if 0 <= number < _MOST_CAMERAS else source)
     try:

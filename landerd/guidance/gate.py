@@ -53,6 +53,11 @@ class Gate:
         """Whether the switch is in its middle: to hold over the marker and not to land yet."""
         return self._threshold_us < self._pulse_us <= self._land_threshold_us
 
+    @property
+    def with_pilot(self) -> bool:
+        """Whether the pilot took the vehicle, or has not given it yet; not so for stale data."""
+        return self._latched or 0 < self._pulse_us <= self._threshold_us
+
     def on_heartbeat(self, heartbeat: Heartbeat) -> None:
         """Take the autopilot's heartbeat; one older than the last is dropped."""
         last = self._heartbeat

@@ -120,7 +120,7 @@ class Landing:
             return self._orders.commands
         authority, why = self._gate.authority(now)
         hold_asked = self._context.hold_asked = self._gate.asks_to_hold
-        if authority is not Authority.GRANTED or hold_asked:
+        if self._gate.with_pilot or hold_asked:
             self._context.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
         self._context.watch(step)

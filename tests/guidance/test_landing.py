@@ -1033,8 +1033,12 @@ def test_no_landing_is_given_back_just_over_a_fast_pad() -> None:
         assert flight.contact_t is None
 
 
-def test_descents_that_are_broken_off_in_sight_are_limited_in_number() -> None:
-    """A pad that jumps aside whenever it has committed is given up, however well it is seen."""
+@pytest.mark.parametrize("rc_is_stale", [False, True])
+def test_descents_that_are_broken_off_in_sight_are_limited_in_number(rc_is_stale: bool) -> None:
+    """A pad that jumps aside whenever it has committed is given up, however well it is seen.
+
+    Nor does RC that is stale for a while after each of them begin the count anew.
+    """
     config = Config.model_validate({"guidance": {"lost": {"retries": 2}}})
     flight = Flight(config=config).engaged()
     committed = 0
@@ -1044,6 +1048,12 @@ def test_descents_that_are_broken_off_in_sight_are_limited_in_number() -> None:
         if flight.lander.state is State.COMMITTED is not before:
             committed += 1
             flight.pad = add(flight.pad, (0.0, 0.9, 0.0))
+            if rc_is_stale:
+                to(flight, State.WAVING_OFF, at_most_s=3.0)
+                flight.run(1.5)
+                flight.silent.add(RcChannels)
+                flight.run(2.0)
+                flight.silent.clear()
         assert committed <= 3
     assert (committed, flight.lander.outcome) == (3, "handed_back")
 
