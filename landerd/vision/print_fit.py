@@ -26,7 +26,7 @@ _LIGHT = slice(7, 11)  # black, contrast, gradients along the image's x and y
 _TONE = slice(11, 11 + TONES)
 _ROWS = 11 + TONES
 
-_MAX_STEPS = 8
+_MAX_STEPS = 12
 # Of chi-square, from which a camera's tone curve is believed in: by chance once in 400 fits.
 _TONE_CHI2 = 12.0
 _DAMPED = 1.0 + 1e-6 * np.eye(_ROWS)

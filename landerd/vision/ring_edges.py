@@ -450,7 +450,8 @@ def _areas(
 ) -> tuple[float, float, float]:
     """Return the shares of the stroke that is dark and of the white that is bright, and the ridge.
 
-    The last: what rises within the stroke, between its edges, as in targets of several rings.
+    The last: what rises within the stroke, between its edges, as in targets of several rings, and
+    more than the hole sinks within its edge.
     `spread` is what the white has taken of the stroke on either side, over the radius.
     """
     R, k = ring.radius_m, ring.inner_ratio
@@ -477,7 +478,10 @@ def _areas(
     beside = edges.levels[:, 0].max(axis=0)[seen]
     contrast = (edges.levels[:, 1].max(axis=0)[seen] - beside).clip(min=1.0)
     level = np.median((grey[black][:, seen] - beside) / contrast, axis=1)
-    return dark, bright, rise_within(level)
+    # A camera that sharpens darkens the stroke along its edges, and brightens the white there.
+    middle, *_, near = grey[:hole, seen] / contrast
+    halo = max(0.0, float(np.median(near - middle)))
+    return dark, bright, max(0.0, rise_within(level) - halo)
 
 
 def rise_within(level: F64) -> float:

@@ -43,6 +43,9 @@ _MIN_PRODUCT, _PRODUCT_PX = 0.27, 2.7  # this, and this over the shorter radius
 # the stroke 51 of the 65 rings below the limit have it; of 884 tiles of photographs no fit does.
 # That the pad is known to be there: at 1610 places in photographs there was none.
 _VOUCHED = 0.7
+# Times that of what is likest a level ring in the picture: a hard shadow across leaves 0.6. But of
+# one edge about as much as of the other, as shadows do: the loop of a letter is round within only.
+_MATCHED, _EVEN = 0.6, 0.7
 # Of the covariance then: of 53 such rings in leaf shade 62 in 100 lay inside 99 % without it.
 _VOUCHED_INFLATION = 4.0
 # What grey levels must show to be a ring's of which the edges tell too little, small or shaded as
@@ -275,6 +278,17 @@ def edge_fits(
     return [_ring_fit(e, ring, camera, noise, inflation) for e in found]
 
 
+def matched_fits(
+    image: U8, camera: CameraModel, ring: Ring, start: Pose, vouches: Vouches | None
+) -> list[RingFit]:
+    """Return the fit to edges about what is likest a level ring; empty if it is none."""
+    e = edge_fit(image, camera, ring, start)
+    if e is None or min(e.support) < _EVEN * max(e.support):
+        return []
+    inflation = _told(e, ring, vouches, _MATCHED)
+    return [] if inflation is None else [_ring_fit(e, ring, camera, e.noise_px, inflation)]
+
+
 def _best_first(fits: list[EdgeFit]) -> tuple[list[EdgeFit], float]:
     """Return fits in order of their cost, and the least noise of their edges, px.
 
@@ -329,7 +343,7 @@ def _is_dim_within(e: EdgeFit) -> bool:
     return is_dim_within(e.clean, black, outside) and is_dim_within(e.clean, black, e.shaded)
 
 
-def _told(e: EdgeFit, ring: Ring, vouches: Vouches | None) -> float | None:
+def _told(e: EdgeFit, ring: Ring, vouches: Vouches | None, least: float = _VOUCHED) -> float | None:
     """Return by how much the covariance of a ring's edges is inflated; None: they are none.
 
     They may be nearly a ring's, or one's of another ratio, where the pad's plate is seen about it
@@ -338,7 +352,7 @@ def _told(e: EdgeFit, ring: Ring, vouches: Vouches | None) -> float | None:
     is_ring = is_ring_by_edges(e)
     if is_ring and _keeps_ratio(e) and not _has_another_ratio(e, ring):
         return 1.0
-    if vouches is None or not is_ring_by_edges(e, _VOUCHED):
+    if vouches is None or not is_ring_by_edges(e, least):
         return None
     if not vouches(e.position, e.normal, min(e.contrast)):
         return None

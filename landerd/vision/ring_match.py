@@ -1,11 +1,13 @@
-"""Where a ring may lie on level ground, by correlation with what it would look like there.
+"""Where a ring may lie on level ground, by the directions of the edges that it would have there.
 
-Leaf shade, dirt and blur break a ring's edges and leave nothing dark that is as a whole round, but
-on the whole hole and margin are still brighter than the stroke. Gravity tells how the ring of a
-level pad is foreshortened wherever it is in the image, so that it is looked for by place and size
-alone: by the correlation coefficient of logarithmic levels with white, black, white within an
-ellipse. Half of the pads that were missed on 100 field days, 16 px and larger, are among the five
-likest places of the picture so, nine in ten in leaf shade from 24 px on.
+Shadows, leaf shade, dirt and blur break a ring's edges and leave nothing dark that is as a whole
+round, but most of what is left of them still goes from dark to bright the way it should. Gravity
+tells how the ring of a level pad is foreshortened wherever it is in the image, so that it is looked
+for by place and size alone: by the mean cosine between the gradients of logarithmic levels and the
+ways from black to white along both its edges (Steger, "Occlusion, clutter, and illumination
+invariant object recognition", ISPRS 2002). Of the pads of 16 px and larger that were missed on 100
+field days half are among the four likest places of the picture so, and two thirds of those from 20
+px on; by the correlation of levels it was two fifths, and none with a hard shadow across.
 """
 
 import math
@@ -28,27 +30,25 @@ U8 = NDArray[np.uint8]
 # Larger diameters, px, that are looked for: a size matches rings to a ninth smaller and larger.
 SMALLEST_PX, STEP, SIZES = 18.0, 1.22, 9
 _MATCHED_PX = 15.0  # larger diameter in the reduced image
-_MARGIN = 1.22  # of white about the ring that is asked for, of its radius: within any plate's
-_BLUR_PX = 0.6  # of the ring in the reduced image
 _PARTS = 4  # of the image, each way: in each the ring is foreshortened alike
 _LEAST_COS = 0.3  # of the angle between line of sight and gravity
 # Steps of the ellipses that are made once: of the cosine, and of half a turn.
 _COSINES, _TURNS = 20, 24
-_SUPERSAMPLED = 5
+_POINTS = 120  # of either edge
 DARK = 8.0  # grey levels, added before the logarithm: below, noise is all there is
-_LEAST_SCATTER = 0.03  # of the logarithm
-_LEAST_MATCH = 0.42  # correlation
+_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(DARK))
+_FAINT = 0.08  # gradient, of the logarithm a px, that counts by half
+_LEAST_MATCH = 0.4  # mean cosine
 _SAME_PLACE = 0.4  # of the smaller size
 _PEAK_PX = 7  # about a place no other counts
 
 
 @dataclass(frozen=True, slots=True)
 class _Print:
-    """A ring in its margin, at one foreshortening."""
+    """The edges of a ring at one foreshortening: ways from black to white, 1 long in all."""
 
-    weights: F32  # (2 n + 1, 2 n + 1), of mean zero within the ellipse, zero beyond
-    box: tuple[int, int]  # that holds it, px
-    norm: float
+    x: F32  # (2 n + 1, 2 n + 1)
+    y: F32
 
 
 def matches(
@@ -127,23 +127,26 @@ def _of_size(
     size: float,
     shapes: list[tuple[tuple[float, float, float, float], int, int]],
 ) -> list[tuple[float, float, F64]]:
-    """Return correlation, size and place (2,), px of the part, of all likest places of a size."""
+    """Return mean cosine, size and place (2,), px of the part, of all likest places of a size."""
     k = size / _MATCHED_PX
     h, w = (round(n / k) for n in crop.shape)
     if min(h, w) < 1:
         return []
     interpolation = cv2.INTER_AREA if k > 1.0 else cv2.INTER_LINEAR
     small = cv2.resize(crop, (w, h), interpolation=interpolation)
-    levels = np.log(small.astype(np.float32) + np.float32(DARK))
+    across, along = _directions(np.asarray(small, dtype=np.uint8))
     found = []
     for (x0, y0, x1, y1), cosine, turn in shapes:
         shape = _print(ratio, cosine, turn)
-        n = len(shape.weights) // 2
+        n = len(shape.x) // 2
         left, top = max(0, int(x0 * w) - n), max(0, int(y0 * h) - n)
-        part = levels[top : int(y1 * h) + n, left : int(x1 * w) + n]
-        if min(part.shape) <= 2 * n + 1:
+        part = slice(top, int(y1 * h) + n), slice(left, int(x1 * w) + n)
+        if min(across[part].shape) <= 2 * n + 1:
             continue
-        match = _correlation(part, shape, n)
+        match = cv2.add(
+            cv2.matchTemplate(across[part], shape.x, cv2.TM_CCORR),
+            cv2.matchTemplate(along[part], shape.y, cv2.TM_CCORR),
+        )
         peaks = (match == cv2.dilate(match, np.ones((_PEAK_PX, _PEAK_PX), np.uint8))) & (
             match > _LEAST_MATCH
         )
@@ -153,37 +156,31 @@ def _of_size(
     return found
 
 
-def _correlation(part: F32, shape: _Print, n: int) -> F32:
-    """Return correlation coefficients at all places where a print lies wholly in a part.
-
-    Mean and scatter are those of the box about the ellipse.
-    """
-    inner = slice(n, part.shape[0] - n), slice(n, part.shape[1] - n)
-    mean = cv2.boxFilter(part, -1, shape.box)[inner]
-    square = cv2.sqrBoxFilter(part, cv2.CV_32F, shape.box)[inner]
-    scatter = np.sqrt(np.maximum(square - mean * mean, _LEAST_SCATTER**2))
-    both = cv2.matchTemplate(part, shape.weights, cv2.TM_CCORR)
-    return np.asarray(both / (shape.norm * scatter), dtype=np.float32)
+def _directions(image: U8) -> tuple[F32, F32]:
+    """Return the ways from dark to bright, to the right and down, near 1 long but where faint."""
+    levels = cv2.LUT(image, _LOGARITHMS)
+    x, y = (cv2.Scharr(levels, cv2.CV_32F, *way, scale=1.0 / 32.0) for way in ((1, 0), (0, 1)))
+    length = cv2.magnitude(x, y) + np.float32(_FAINT)
+    return np.asarray(x / length, dtype=np.float32), np.asarray(y / length, dtype=np.float32)
 
 
 @lru_cache(maxsize=512)
 def _print(ratio: float, cosine: int, turn: int) -> _Print:
     """Return the print of a ring of a ratio, with a foreshortening in steps."""
-    n = math.ceil(0.5 * _MARGIN * _MATCHED_PX) + 1
-    fine = (np.arange((2 * n + 1) * _SUPERSAMPLED) + 0.5) / _SUPERSAMPLED - 0.5 - n
-    x, y = np.meshgrid(fine, fine)
+    n = math.ceil(0.5 * _MATCHED_PX) + 2
     c, s = math.cos(math.pi * turn / _TURNS), math.sin(math.pi * turn / _TURNS)
-    radius = np.hypot((c * x + s * y) * (_COSINES / cosine), c * y - s * x) / (0.5 * _MATCHED_PX)
-    inside = radius < _MARGIN
-    white = np.where((radius < ratio) | (radius > 1.0), 1.0, -1.0) * inside
-
-    def reduced(fine_levels: F64) -> F32:
-        cells = fine_levels.reshape(2 * n + 1, _SUPERSAMPLED, 2 * n + 1, _SUPERSAMPLED)
-        return np.asarray(cells.mean(axis=(1, 3)), dtype=np.float32)
-
-    mask = reduced(inside.astype(np.float64)) > 0.4
-    blurred = cv2.GaussianBlur(reduced(white), (0, 0), _BLUR_PX)
-    weights: F32 = (mask * (blurred - blurred[mask].mean())).astype(np.float32)
-    box = int(mask.any(axis=0).sum()), int(mask.any(axis=1).sum())
-    norm = math.sqrt(float((weights * weights).sum()) * float(mask.sum()))
-    return _Print(weights, box, norm)
+    R = np.array([(c, -s), (s, c)])
+    foreshortened = np.array([(cosine / _COSINES,), (1.0,)])
+    circle = np.array([(np.cos(a), np.sin(a)) for a in np.arange(_POINTS) * math.tau / _POINTS]).T
+    outwards = R @ (circle / foreshortened)  # as long as the edge from point to point
+    x, y = np.zeros((2, 2 * n + 1, 2 * n + 1))
+    for share, sign in ((1.0, 1.0), (ratio, -1.0)):
+        at = R @ (circle * foreshortened) * (0.5 * share * _MATCHED_PX) + n
+        corner = np.floor(at).astype(int)
+        for step in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            near = corner + np.array(step)[:, None]
+            weights = sign * share * np.prod(1.0 - np.abs(at - near), axis=0)
+            np.add.at(x, (near[1], near[0]), weights * outwards[0])
+            np.add.at(y, (near[1], near[0]), weights * outwards[1])
+    total = (1.0 + ratio) * float(np.hypot(*outwards).sum())
+    return _Print((x / total).astype(np.float32), (y / total).astype(np.float32))

@@ -16,7 +16,14 @@ from landerd.vision.plate_ring import PlateRing
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_cut import cut_rings
-from landerd.vision.ring_explained import Explained, Vouches, edge_fits, explained, vouched_grey
+from landerd.vision.ring_explained import (
+    Explained,
+    Vouches,
+    edge_fits,
+    explained,
+    matched_fits,
+    vouched_grey,
+)
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_match import matches
@@ -74,7 +81,7 @@ _EDGE_SHARE = 0.5  # from which edges are looked at
 # nine in ten have less than 0.03 of them in the finest level, the fullest of all have 0.19.
 _MAX_EDGE_SHARE = 0.05
 _OFF_PLATE = 0.12  # of the range: what a fit may be off the place that its plate's outline tells
-_MOST_MATCHED = 4  # places that are looked at for a ring that is like one on the whole
+_MOST_MATCHED = 2  # places that are looked at for a ring that is like one on the whole
 _MOST_CUT = 2  # rings that the image's edge may cut
 
 
@@ -233,7 +240,7 @@ class RingSearch:
         return bool(fits) and self._report(fits)
 
     def find_matched(self, sizes: Sequence[float]) -> bool:
-        """Look for the pad's plate about what is on the whole like a level ring of some sizes, px.
+        """Fit edges, or else the pad's plate, to what is likest a level ring of some sizes, px.
 
         Once in a search, as `find_cut`.
         """
@@ -241,6 +248,11 @@ class RingSearch:
             return False
         places = matches(self._image, self._camera, self._ring, self._down, sizes, _MOST_MATCHED)
         for place in places:
+            if self._work.affords(EDGE_COST):
+                start = place, np.array(self._down)
+                fits = matched_fits(self._image, self._camera, self._ring, start, self._vouches)
+                if fits and self._report(fits):
+                    return True
             if not self._work.affords(ROUGH_COST):
                 break
             sighting = self._on_plate.find(self._image, self._camera, place, self._down)

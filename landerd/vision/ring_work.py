@@ -21,6 +21,7 @@ _FRAME_COST = 14  # half of it to tell what is worth more
 # Of an image that gets one of texture's parts, where to label takes half of the time: to fit one
 # ring and its edges; in an image that goes on with it, one behind a response, in shadow or motion.
 _PART_COST, _CONTINUED_COST = 6, 11
+_MATCH_COST = 8  # of one that is matched: two places, of each edges and plate
 # Images that get the same part of a search, and of what was refused by then so many places that the
 # next search leaves out: without a limit six things on the ground that moved through the picture
 # kept a pad from being seen for 28 images.
@@ -156,6 +157,8 @@ class RingWork:
         """Return what the image may cost."""
         if self.part in (Part.WHOLE, Part.MOST, Part.REST):
             return _FRAME_COST
+        if self.part in (Part.MATCH, Part.MATCH_BETWEEN):
+            return _MATCH_COST
         return _CONTINUED_COST if self.is_continued else _PART_COST
 
     def end(self) -> None:

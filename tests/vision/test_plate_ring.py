@@ -55,7 +55,7 @@ def sights(image: U8, prior: Prior) -> list[Sightings]:
 
 @pytest.mark.parametrize(
     ("distance", "heading", "seed"),
-    [(9.0, 0.4, 8), (9.0, 2.0, 8), (12.0, 0.4, 3), (12.0, 0.4, 8), (12.0, 2.0, 3), (12.0, 2.0, 8)],
+    [(9.0, 0.4, 8), (9.0, 2.0, 8), (12.0, 0.4, 0), (12.0, 0.4, 8), (12.0, 2.0, 0), (12.0, 2.0, 8)],
 )
 def test_a_ring_broken_up_by_leaf_shade_is_where_its_plate_is(
     distance: float, heading: float, seed: int
