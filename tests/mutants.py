@@ -581,9 +581,23 @@ MUTANTS = [
     Mutant(
         "4: levelled as its feet come free after a wave-off",
         PAD,
-        "THRUST_BACK_S, LIFTED_S = 0.6, 2.5",
-        "THRUST_BACK_S, LIFTED_S = 0.6, 0.0",
+        "THRUST_BACK_S, LIFTED_S = 0.45, 2.5",
+        "THRUST_BACK_S, LIFTED_S = 0.45, 0.0",
         "guidance/test_landing.py::test_waved_off_it_is_not_levelled_as_its_feet_come_free",
+    ),
+    Mutant(
+        "1b: levelled as its thrust comes back over a moving pad",
+        PAD,
+        "if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):",
+        "if not (stands and event is Event.CLEAR_OF_PAD):",
+        "simulation/test_faults.py::test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad",
+    ),
+    Mutant(
+        "1b: stopped just over a moving pad that it still sinks to",
+        CONTEXT,
+        "SINKS_ON_S = 0.1",
+        "SINKS_ON_S = 0.0",
+        "simulation/test_faults.py::test_a_link_that_dies_as_it_sinks_onto_a_moving_pad",
     ),
     Mutant(
         "1b: stopped with thrust where it touches before that is sure",
@@ -676,8 +690,8 @@ MUTANTS = [
     Mutant(
         "6: holding ends when a landing would take too long",
         LANDING,
-        "if authority is not Authority.GRANTED or hold_asked:",
-        "if authority is not Authority.GRANTED:",
+        "if self._gate.with_pilot or hold_asked:",
+        "if self._gate.with_pilot:",
         "guidance/test_hold.py::test_it_holds_for_longer_than_a_landing_may_take",
     ),
     Mutant(

@@ -22,6 +22,7 @@ from landerd.pad import PadLayout
 
 # So low over a pad so fast a stop relative to the ground would tip the vehicle over (rule 1b).
 JUST_OVER_PAD_M = 0.20
+SINKS_ON_S = 0.1  # for so long at least, whatever it is told then
 FAST_PAD_MPS = 0.5
 # A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear
 # and camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to
@@ -236,7 +237,8 @@ class LandingContext:
     def note(self, relative: RelativeState) -> None:
         """Keep how low it is over what: what to do when sight or authority ends hangs on it."""
         self.low = relative.height < self.options.descent.alignment_height_m
-        self._just_over_pad = relative.height < JUST_OVER_PAD_M
+        sinks_m = SINKS_ON_S * max(0.0, -relative.error_rate[2])
+        self._just_over_pad = relative.height - sinks_m < JUST_OVER_PAD_M
         self.pad_velocity = relative.pad_velocity
         self._course_rate = relative.course_rate
         surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave

@@ -27,7 +27,7 @@ from landerd.messages import Landed, Phase, Severity
 MIN_DESCENT_MPS = 0.05
 # Told to climb, it may lift after so long at the latest, s: levelled at 0.7 s it hopped, and fell.
 # It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
-THRUST_BACK_S, LIFTED_S = 0.6, 2.5
+THRUST_BACK_S, LIFTED_S = 0.45, 2.5
 # What was taken for contact was a gust where the feet are seen to have risen by so much since, m,
 # and to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own
 # it was carried off. The touch turns the lens less than that.
@@ -304,10 +304,11 @@ class Leaving:
         if stands and waited_s < self._thrust_back_s:
             return self._stay(step.now)
         event = self._waving_off.order(step)
-        if not (stands and event is Event.CLEAR_OF_PAD):
+        # What may not fly on is stopped as it lifts: levelled then, a pad of 5 m/s threw it off.
+        if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):
             return event
-        # Its thrust has not come: it is not clear of the pad. What may fly on waits for it.
-        if not self._flies_on or waited_s >= LIFTED_S:
+        # Its thrust has not come: it is not clear of the pad. It waits for it.
+        if waited_s >= LIFTED_S:
             return self._stay(step.now)
         self._waving_off.climb()
         return None

@@ -114,6 +114,27 @@ def test_told_to_stop_it_stops_and_ends() -> None:
     assert broken(simulation) == set()
 
 
+@pytest.mark.parametrize("pad_mps", [2.0, 5.0])
+@pytest.mark.parametrize("height_m", [0.04, 0.05])
+def test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad(
+    pad_mps: float, height_m: float
+) -> None:
+    """Its feet touch as it is to climb away: levelled as its thrust came, it was thrown off."""
+    low = f"{{fault: switch-low, at: {{height_m: {height_m}}}, for_s: 2}}"
+    simulation = flown(low, f"sim.pad.speed_mps={pad_mps}", "sim.sight=modelled")
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
+@pytest.mark.parametrize("pad_mps", [2.0, 5.0])
+def test_a_link_that_dies_as_it_sinks_onto_a_moving_pad(pad_mps: float) -> None:
+    """Stopped where it will be when it has stopped, not where it was last seen."""
+    dead = "{fault: link-dead-down, at: {height_m: 0.28}, for_s: 1.5}"
+    simulation = flown(dead, f"sim.pad.speed_mps={pad_mps}", "sim.sight=modelled")
+    assert simulation.score.landed
+    assert broken(simulation) == set()
+
+
 def test_the_pilot_selects_guided_again_and_it_lands() -> None:
     simulation = flown("{fault: mode-loiter, at: {phase: DESCENT}, for_s: 2}")
     assert simulation.score.landed

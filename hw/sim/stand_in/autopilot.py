@@ -369,7 +369,7 @@ class SimAutopilot:
 
     def _answer_timesync(self, channel: _Channel, ts1: int) -> None:
         now = asyncio.get_running_loop().time()
-        channel.send(mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
+        self._send_by(channel, mavlink.MAVLink_timesync_message(self._boot_ns(now), ts1))
 
     def _acknowledge(self, channel: _Channel, asked: Message, command: int, result: int) -> None:
         ack = mavlink.MAVLink_command_ack_message(

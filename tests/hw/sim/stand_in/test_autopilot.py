@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from landerd.messages import ClockSync
 from tests.hw.flight import Flight, PlainAirframe, frame_of
 from tests.hw.sim.stand_in.scenes import (
     ACCEPTED,
@@ -38,6 +39,18 @@ def test_nothing_streams_until_asked_and_then_at_the_exact_rate() -> None:
         assert len(f.client.of("RC_CHANNELS")) == pytest.approx(200, abs=2)
         boot_ms = [m.time_boot_ms for _, m in f.client.of("ATTITUDE")]
         assert {b - a for a, b in itertools.pairwise(boot_ms)} <= {19, 20, 21}
+
+    fly(scene)
+
+
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_answers_to_timesync_are_lost_where_they_are_to_be(is_lost: bool) -> None:
+    async def scene(f: Flight) -> None:
+        if is_lost:
+            f.autopilot.tamper[mavlink.MAVLINK_MSG_ID_TIMESYNC] = lambda message, send: None
+        await f.connect()
+        await asyncio.sleep(2.0)
+        assert any(isinstance(m, ClockSync) for m in f.messages) is not is_lost
 
     fly(scene)
 
