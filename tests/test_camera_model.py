@@ -225,10 +225,59 @@ def test_opencvs_and_kalibrs_files_are_read(text: str, tmp_path: Path) -> None:
     assert camera.distortion[:3] == (0.01, -0.02, 1e-05)
 
 
+MESSAGE = """\
+header: {frame_id: camera}
+height: 480
+width: 640
+distortion_model: plumb_bob
+D: [0.01, -0.02, 0.00001, 0.0, 0.0]
+K: [610.0, 0.0, 320.0, 0.0, 610.0, 240.0, 0.0, 0.0, 1.0]
+"""
+ROWS = """\
+image_width: 640
+image_height: 480
+camera_matrix:
+- [610.0, 0.0, 320.0]
+- [0.0, 610.0, 240.0]
+- [0.0, 0.0, 1.0]
+dist_coeff: [[0.01, -0.02, 0.00001, 0.0, 0.0]]
+"""
+FOURTEEN = """\
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [610.0, 0, 320.0, 0, 610.0, 240.0, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 14
+  data: [0.01, -0.02, 0.00001, 0.0, 0.0, 0.02, 0.01, 0.0, 0, 0, 0, 0, 0, 0]
+"""
+
+
+@pytest.mark.parametrize("text", [MESSAGE, ROWS, FOURTEEN])
+def test_what_other_programs_write_is_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(text)
+    camera = load_camera(path)
+    assert (camera.width, camera.height, camera.fy, camera.cy) == (640, 480, 610.0, 240.0)
+    assert camera.distortion[:3] == (0.01, -0.02, 1e-05)
+    assert len(camera.distortion) == (8 if text is FOURTEEN else 5)
+
+
+def test_xml_is_refused_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "out_camera_data.xml"
+    path.write_text('<?xml version="1.0"?><opencv_storage></opencv_storage>')
+    with pytest.raises(CalibrationError, match="XML is not read"):
+        load_camera(path)
+
+
 @pytest.mark.parametrize(
     ("was", "instead", "said"),
     [
         ("[610.0, 610.0, 320.0, 240.0]", "[610.0, 610.0, 1224.0, 240.0]", "principal point"),
+        ("[610.0, 610.0, 320.0, 240.0]", "[610.0, 610.0, 320.0, 375.0]", "principal point"),
+        ("[610.0, 610.0, 320.0, 240.0]", "[61000.0, 610.0, 320.0, 240.0]", "focal lengths"),
+        ("[610.0, 610.0, 320.0, 240.0]", "[5.0, 5.0, 320.0, 240.0]", "focal lengths"),
         ("[0.01, -0.02, 1e-05, 0.0]", "[-0.9, 0.0, 0.0, 0.0]", "no inverse in"),
         ("radtan", "fov", "expected pinhole with one of"),
     ],
