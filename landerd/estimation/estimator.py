@@ -44,6 +44,7 @@ class Estimator:
         refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
         other: exposure of the last frame with another pad, s, and its tag's id; None: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
+        searched_t: the last control step before that frame had been searched, s; -inf: none.
         glimpse: of the newest frame that shows a pad, accepted or not; None: none.
         health: of what was seen so far.
     """
@@ -58,7 +59,7 @@ class Estimator:
         self._filter = PadFilter(config.estimation)
         self.sighting_t = self.refused_t = -math.inf
         self.other: tuple[float, int] | None = None
-        self.frame_t = -math.inf
+        self.frame_t = self.searched_t = self._tick_t = -math.inf
         self.glimpse: Glimpse | None = None
         self.health = HealthMonitor(config.estimation.gate_sigma**2)
         # How wrong the times of the autopilot's data and of the pictures may be, s.
@@ -91,7 +92,7 @@ class Estimator:
         """
         if not sightings.t > self.frame_t:
             return None
-        self.frame_t = sightings.t
+        self.frame_t, self.searched_t = sightings.t, self._tick_t
         if sightings.sigma_t != self._picture_clock_s:
             self._picture_clock_s = sightings.sigma_t
             self._filter.on_clock(math.hypot(self._clock_s, self._picture_clock_s))
@@ -123,6 +124,7 @@ class Estimator:
 
     def on_tick(self, now: float) -> None:
         """A control step begins, at time now (s)."""
+        self._tick_t = now
         if self.frame_t > -math.inf:
             self.health.on_tick(now, self.frame_t - self._clock_offset_s)
 

@@ -152,8 +152,10 @@ class LandingContext:
         stale = self.estimator.stale(now)
         if stale is not None:
             return pilot_texts.STALE[stale]
-        if now - self.estimator.frame_t > self.options.lost.after_s:
+        if now - self.estimator.searched_t > self.options.lost.after_s:
             return pilot_texts.NO_PICTURES
+        if now - self.estimator.frame_t > self.options.lost.after_s:
+            return pilot_texts.OLD_PICTURES
         if now - self.estimator.refused_t <= self.options.lost.after_s:
             return pilot_texts.NOT_BELIEVED
         other = self.estimator.other

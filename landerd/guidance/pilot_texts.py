@@ -75,6 +75,7 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
     "gimbal": "gimbal angles are stale",
 }
 NO_PICTURES = "no pictures from the camera"
+OLD_PICTURES = "pictures come too late"
 NOT_IN_SIGHT = "pad not in sight"
 OTHER_PAD = "another pad, tag {id}, in sight"
 NOT_BELIEVED = "pad seen but not believed"  # it would be elsewhere than where it was

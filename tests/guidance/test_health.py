@@ -46,3 +46,14 @@ def test_pictures_that_come_late_are_told_while_it_still_flies_on(
     flight.run(2.0)
     assert told(flight, pilot_texts.LATE_PICTURES) == 1
     assert flight.lander.aborts == 0
+
+
+def test_pictures_that_come_too_late_to_be_flown_on_are_no_missing_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flight = Flight().engaged()
+    flight.run(1.0)
+    monkeypatch.setattr("tests.scripted_flight.LATE_TICKS", 40)  # 1 s
+    flight.run(2.5)
+    assert flight.lander.phase is Phase.NOT_LANDING
+    assert pilot_texts.OLD_PICTURES in flight.lander.reason

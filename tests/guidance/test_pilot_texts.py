@@ -18,6 +18,7 @@ WIDEST = {
 BLIND_REASONS = (
     *pilot_texts.STALE.values(),
     pilot_texts.NO_PICTURES,
+    pilot_texts.OLD_PICTURES,
     pilot_texts.NOT_IN_SIGHT,
     pilot_texts.NOT_BELIEVED,
     pilot_texts.OTHER_PAD.format(id=999),
