@@ -25,7 +25,7 @@ from landerd.messages import Landed, Phase, Severity
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
 # it would be to hover just over it. Chosen by hand: enough to be a descent.
 MIN_DESCENT_MPS = 0.05
-# Told to climb, it may lift after so long at the latest, s: levelled at 0.7 s it hopped, and fell.
+# Told to climb, it may lift after so long, s: levelled at 0.6 and 0.7 s it hopped, and fell.
 # It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
 THRUST_BACK_S, LIFTED_S = 0.45, 2.5
 # What was taken for contact was a gust where the feet are seen to have risen by so much since, m,

@@ -443,6 +443,7 @@ _LEAST_STROKE = 0.1  # over the radius
 _STROKE_RADII = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # from inner to outer edge
 _HOLE_RADII = (0.1, 0.35, 0.55, 0.7)  # of the inner edge
 _MARGIN_RADII = (1.08, 1.13)
+_MOST_HALO = 0.2  # of the contrast: 0.19 in strongly sharpened pictures; dirt in the hole is none
 
 
 def _areas(
@@ -480,7 +481,8 @@ def _areas(
     level = np.median((grey[black][:, seen] - beside) / contrast, axis=1)
     # A camera that sharpens darkens the stroke along its edges, and brightens the white there.
     middle, *_, near = grey[:hole, seen] / contrast
-    halo = max(0.0, float(np.median(near - middle)))
+    is_seen = inside[:hole, seen].all(axis=0)
+    halo = min(_MOST_HALO, max(0.0, _median(near - middle, is_seen)))
     return dark, bright, max(0.0, rise_within(level) - halo)
 
 
