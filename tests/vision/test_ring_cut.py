@@ -31,6 +31,19 @@ def test_a_ring_just_under_the_camera_is_found_by_the_arcs_that_are_in_the_image
     assert float(error @ np.linalg.solve(np.array(pose.covariance), error)) < CHI2_99
 
 
+@pytest.mark.parametrize(("pixel", "distance"), [((300.0, 8.0), 3.0), ((620.0, 300.0), 8.0)])
+def test_a_ring_that_is_cut_a_little_is_as_exact_as_a_whole_one(
+    pixel: tuple[float, float], distance: float
+) -> None:
+    """The outline of what is left of it is none of a circle, and the first fit begins beside it."""
+    camera = scenes.IDEAL_CAMERA
+    at = scenes.look(camera, distance, 0.0, pixel=pixel, heading=0.4)
+    optics = scenes.Optics(background="plain", blur_px=0.8)
+    image = scenes.render(at, camera, optics, np.random.default_rng(1), scenes.THESIS_PAD)
+    (found, *_) = find_rings(image, RING, camera, thorough=True)
+    assert math.dist(found.solutions[0].position, at.position) < 7e-4 * distance
+
+
 @pytest.mark.parametrize("ratio", [0.0, 0.6])
 def test_discs_and_rings_of_another_ratio_that_are_cut_are_not_taken(ratio: float) -> None:
     image = np.full((480, 640), 190, np.uint8)
