@@ -76,7 +76,8 @@ def test_it_keeps_the_rules(fault: str, speed_mps: float, seed: int) -> None:
     assert broken(simulation) == []
 
 
-def test_what_arrived_during_a_stall_is_read_before_anything_is_decided() -> None:
+@pytest.mark.parametrize("height_m", [2.5, 2.9])
+def test_what_arrived_during_a_stall_is_read_before_anything_is_decided(height_m: float) -> None:
     said: list[str] = []
 
     class Reasons(Observer):
@@ -84,7 +85,7 @@ def test_what_arrived_during_a_stall_is_read_before_anything_is_decided() -> Non
             if isinstance(message, Tick):
                 said.append(simulation.daemon.lander.reason)
 
-    stalls = "sim.faults=[{fault: loop-stalls, at: {height_m: 3}, severity: 0.09}]"
+    stalls = f"sim.faults=[{{fault: loop-stalls, at: {{height_m: {height_m}}}, severity: 0.09}}]"
     simulation = Simulation(configured([*START, stalls]), 2, observers=(Reasons(),))
     run_virtual(simulation.run(longest_s=8.0))
     assert simulation.daemon.monitor.longest_s > 0.3
