@@ -65,9 +65,9 @@ def tiles(folder: Path, count: int) -> Iterator[tuple[str, U8]]:
         if image is None:
             continue
         columns, rows = image.shape[1] // CAMERA.width, image.shape[0] // CAMERA.height
-        count = min(each, columns * rows)
-        for k in range(count):
-            row, column = divmod((2 * k + 1) * columns * rows // (2 * count), columns)
+        here = min(each, columns * rows)
+        for k in range(here):
+            row, column = divmod((2 * k + 1) * columns * rows // (2 * here), columns)
             y, x = row * CAMERA.height, column * CAMERA.width
             tile = image[y : y + CAMERA.height, x : x + CAMERA.width]
             yield f"{file.name} {x},{y}", np.ascontiguousarray(tile, dtype=np.uint8)

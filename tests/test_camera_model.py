@@ -218,11 +218,9 @@ cam0:
 
 @pytest.mark.parametrize("text", [FILESTORAGE, KALIBR])
 def test_opencvs_and_kalibrs_files_are_read(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "camera.yaml"
-    path.write_text(text)
-    camera = load_camera(path)
-    assert (camera.width, camera.height, camera.fx, camera.cx) == (640, 480, 610.0, 320.0)
-    assert camera.distortion[:3] == (0.01, -0.02, 1e-05)
+    read = load_camera(camera(tmp_path, text))
+    assert (read.width, read.height, read.fx, read.cx) == (640, 480, 610.0, 320.0)
+    assert read.distortion[:3] == (0.01, -0.02, 1e-05)
 
 
 MESSAGE = """\
@@ -256,12 +254,10 @@ distortion_coefficients:
 
 @pytest.mark.parametrize("text", [MESSAGE, ROWS, FOURTEEN])
 def test_what_other_programs_write_is_read(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "camera.yaml"
-    path.write_text(text)
-    camera = load_camera(path)
-    assert (camera.width, camera.height, camera.fy, camera.cy) == (640, 480, 610.0, 240.0)
-    assert camera.distortion[:3] == (0.01, -0.02, 1e-05)
-    assert len(camera.distortion) == (8 if text is FOURTEEN else 5)
+    read = load_camera(camera(tmp_path, text))
+    assert (read.width, read.height, read.fy, read.cy) == (640, 480, 610.0, 240.0)
+    assert read.distortion[:3] == (0.01, -0.02, 1e-05)
+    assert len(read.distortion) == (8 if text is FOURTEEN else 5)
 
 
 def test_xml_is_refused_as_such(tmp_path: Path) -> None:

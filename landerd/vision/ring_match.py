@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import Ring
+from landerd.vision.pose import circle, rotation_2d
 from landerd.vision.ring_pixels import F32
 from landerd.vision.window import Window
 
@@ -168,14 +169,13 @@ def _directions(image: U8) -> tuple[F32, F32]:
 def _print(ratio: float, cosine: int, turn: int) -> _Print:
     """Return the print of a ring of a ratio, with a foreshortening in steps."""
     n = math.ceil(0.5 * _MATCHED_PX) + 2
-    c, s = math.cos(math.pi * turn / _TURNS), math.sin(math.pi * turn / _TURNS)
-    R = np.array([(c, -s), (s, c)])
+    R = rotation_2d(math.pi * turn / _TURNS)
     foreshortened = np.array([(cosine / _COSINES,), (1.0,)])
-    circle = np.array([(np.cos(a), np.sin(a)) for a in np.arange(_POINTS) * math.tau / _POINTS]).T
-    outwards = R @ (circle / foreshortened)  # as long as the edge from point to point
+    around = circle(1.0, _POINTS).T
+    outwards = R @ (around / foreshortened)  # as long as the edge from point to point
     x, y = np.zeros((2, 2 * n + 1, 2 * n + 1))
     for share, sign in ((1.0, 1.0), (ratio, -1.0)):
-        at = R @ (circle * foreshortened) * (0.5 * share * _MATCHED_PX) + n
+        at = R @ (around * foreshortened) * (0.5 * share * _MATCHED_PX) + n
         corner = np.floor(at).astype(int)
         for step in ((0, 0), (1, 0), (0, 1), (1, 1)):
             near = corner + np.array(step)[:, None]

@@ -176,20 +176,21 @@ def full_fits(
         band = _BAND_BLURS * blur
         fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
     for _ in range(_MOST_REFITS):
-        if not fits or not _is_off_cut(camera, ring, start, fits[0]):
+        if not fits or not is_off_cut(camera, ring, start, fits[0], _REFIT_PX):
             break
         start, blur = (fits[0].position, fits[0].normal), min(fits[0].blur_px, blur)
         fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
     return fits
 
 
-def _is_off_cut(camera: CameraModel, ring: Ring, start: Pose, fit: RingFit) -> bool:
+def is_off_cut(camera: CameraModel, ring: Ring, start: Pose, fit: RingFit, most_px: float) -> bool:
     """Tell whether a ring that the image's edge cuts was fitted to pixels of another place.
 
-    The outline of what is left of it is none of a circle: the fit begins beside it.
+    Those of the pose `start`, more than `most_px` from where it is now: of a whole ring most of
+    them still serve, of one that is cut few do.
     """
     pose = fit.position, fit.normal
-    is_off = moved_px(camera, ring, start, pose) > _REFIT_PX
+    is_off = moved_px(camera, ring, start, pose) > most_px
     return is_off and whole_in_picture(camera, points_on(ring, pose)) is None
 
 

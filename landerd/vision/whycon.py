@@ -10,9 +10,7 @@ from landerd.camera_model import CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
-from landerd.vision.patch import whole_in_picture
 from landerd.vision.pyramid import SMALL_PX, Level, levels
-from landerd.vision.ring_edges import moved_px, points_on
 from landerd.vision.ring_explained import Vouches, edge_fits
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, remember
@@ -29,7 +27,12 @@ from landerd.vision.ring_segment import (
     dark_in_small,
 )
 from landerd.vision.ring_sighting import ring_sighting
-from landerd.vision.ring_stages import TRACKED_BAND_PX, expected_poses, tracked_fits
+from landerd.vision.ring_stages import (
+    TRACKED_BAND_PX,
+    expected_poses,
+    is_off_cut,
+    tracked_fits,
+)
 from landerd.vision.ring_work import Part, RingWork
 from landerd.vision.window import Window
 
@@ -211,9 +214,7 @@ def _by_grey(
     fits = tracked_fits(image, camera, ring, starts, response.response)
     if not fits:
         return []
-    is_far = moved_px(camera, ring, starts[0], _pose(fits[0])) > TRACKED_BAND_PX
-    if is_far and whole_in_picture(camera, points_on(ring, _pose(fits[0]))) is None:
-        # Of a ring that is cut, few of the pixels that it was fitted to are where it is now.
+    if is_off_cut(camera, ring, starts[0], fits[0], TRACKED_BAND_PX):
         return edge_fits(image, camera, ring, [_pose(f) for f in fits], vouches)
     return explained_fits(image, camera, ring, fits, vouches)
 
