@@ -877,6 +877,22 @@ MUTANTS = [
         "test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known",
     ),
     Mutant(
+        "4: climbs from a pad on which it only seems not to stand",
+        CONTEXT,
+        "low_s >= RESTS_S or higher_s >= RESTS_HIGHER_S",
+        "low_s >= RESTS_S",
+        "guidance/test_landing.py::"
+        "test_a_landing_begun_on_feet_that_seem_to_be_over_the_pad_ends_there",
+    ),
+    Mutant(
+        "method: smooths a pad that sways as if the airframe swung",
+        TRACKING,
+        "by = min(lags, shown, MAX_SMOOTHED_MPS) - self._lead_s * accelerates",
+        "by = min(lags, MAX_SMOOTHED_MPS)",
+        "guidance/test_tracking_method.py::"
+        "test_a_pad_that_sways_is_followed_closely_enough_to_land_on",
+    ),
+    Mutant(
         "5: believes a velocity that jumps as none can",
         "landerd/estimation/spikes.py",
         "first = is_other and jump != AS_EXPECTED",

@@ -33,9 +33,10 @@ BUILD_ERROR_M = 0.04
 # sixth time it was handed back.
 MOMENT_S = 0.3
 # Told to climb, only on the pad it is so slow up and down for so long, m/s and s: from sinking to
-# climbing takes half of it.
+# climbing takes half of it. Feet that stand may seem to be higher than BUILD_ERROR_M on a tilted
+# pad: as low over one as contact is believed, and going with it, nothing flies for so long.
 RESTS_MPS = 0.1
-RESTS_S = 0.35
+RESTS_S, RESTS_HIGHER_S = 0.35, 1.0
 # Health of the last moments that the pilot is told of. In 38 days of the field (seeds 401 to 440)
 # one window of as many sightings while tracking had a share refused above 0.13 (0.33, and sight was
 # lost then). Pictures older than this share of guidance.lost.after_s are all but out of sight when
@@ -117,7 +118,8 @@ class LandingContext:
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._footing = Footing()
         self._just_over_pad = False
-        self._rests_since = math.inf  # on the pad, as far as is seen, s
+        # On the pad, as far as is seen: since then, and low enough for it, s.
+        self._rests_since = self._rests_low_since = math.inf
         self._may_rest = False  # there, for all that is known of its velocities
         self._began = math.inf  # this landing, without having come to commit since, s
         self._sigma_bearing = math.radians(config.estimation.gimbal_sigma_deg)
@@ -185,18 +187,16 @@ class LandingContext:
             self.heading = vehicle.told_yaw
         sight = self.sight = self._look(step, vehicle)
         if sight is None:
-            self._rests_since, self._may_rest = math.inf, False
+            self._rests_since = self._rests_low_since = math.inf
+            self._may_rest = False
             return
         self._pad_seen = step.now, sight.pad_down
         relative, o = sight.relative, self.options
-        # Just begun, it may not know yet how the lens errs; the autopilot knows what stands.
-        is_there = (
-            relative.height <= MAX_CONTACT_HEIGHT_M
-            and (relative.least_height <= BUILD_ERROR_M or self.landed is Landed.ON_GROUND)
-            and not self.foothold.will_miss(
-                relative, sight.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
-            )
+        is_there = relative.height <= MAX_CONTACT_HEIGHT_M and not self.foothold.will_miss(
+            relative, sight.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
         )
+        # Just begun, it may not know yet how the lens errs; the autopilot knows what stands.
+        is_low = relative.least_height <= BUILD_ERROR_M or self.landed is Landed.ON_GROUND
         up, across = abs(relative.error_rate[2]), horizontal(relative.error_rate)
         rests = is_there and up < RESTS_MPS and across < o.descent.commit_slip_mps
         # The first pictures after a while without any tell little of the pad's velocity.
@@ -206,10 +206,13 @@ class LandingContext:
             and across < o.descent.commit_slip_mps + 2.0 * relative.sigma_velocity
         )
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
+        is_low = is_low and rests
+        self._rests_low_since = min(self._rests_low_since, step.now) if is_low else math.inf
 
     def rests(self, now: float) -> bool:
         """Tell whether it is seen to have rested on the pad for some time."""
-        return now - self._rests_since >= RESTS_S
+        low_s, higher_s = now - self._rests_low_since, now - self._rests_since
+        return low_s >= RESTS_S or higher_s >= RESTS_HIGHER_S
 
     def may_begin(self, now: float) -> bool:
         """Tell whether a landing may begin: it sees the pad, and whether it rests on it is known.

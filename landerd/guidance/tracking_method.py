@@ -13,7 +13,7 @@ import math
 from dataclasses import replace
 
 from landerd.config.models import Config, LimitsSection
-from landerd.geometry import Vec3, add, clamp, rot_z, rotate, sub
+from landerd.geometry import Vec3, add, clamp, horizontal, rot_z, rotate, sub
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.swing import LASTS, Swing
@@ -40,8 +40,12 @@ INTEGRATED_MPS = 0.5
 MAX_INTEGRAL_MPS = 0.5  # of the integral's share
 # Of the pad's velocity before it is flown, s, and in leads: what is slow need not hurry.
 PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
-# By so much at most, m/s: a pad that stops or starts is no swinging airframe.
-MAX_SMOOTHED_MPS = 0.3
+# By so much at most, m/s: a pad that stops or starts is no swinging airframe. Nor by more than
+# noise and the airframe make of it: a standard deviation, and this share of the airframe's own
+# swing, which counts for a while, s. What is more is the pad's own acceleration, m/s^2, of which so
+# much counts; and with so much of it, what the vehicle is off tells nothing of its gains.
+MAX_SMOOTHED_MPS, SHOWN_OF_SWING, SWING_KEPT_S = 0.3, 0.15, 1.0
+MAX_PAD_ACCELERATION_MPS2, PAD_ACCELERATES_MPS2 = 0.5, 0.25
 
 # ---- vertical ----------------------------------------------------------------------------------
 # Lag of the answer to a vertical order, s: at least, and what it is beyond the shaper's. ArduCopter
@@ -107,6 +111,7 @@ class TrackingMethod:
         self._swung_m = math.inf  # the last swing
         self._integral = (0.0, 0.0)
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
+        self._swung_mps = 0.0  # vehicle beside the pad lately
         self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
 
     def step(
@@ -173,29 +178,47 @@ class TrackingMethod:
         return pad_north + k * north, pad_east + k * east, down
 
     def _smoothed(self, relative: RelativeState, dt: float) -> RelativeState:
-        """Return the same with the pad's level velocity and its turn rate smoothed.
+        """Return the same with the pad's level velocity to fly with, and its turn rate smoothed.
 
         A swinging airframe lets the pad seem to move a little (a lens or a clock a little late).
-        What flies after that at once swings on.
+        What flies after that at once swings on. A pad that sways itself by more than that is flown
+        after by its velocity when the vehicle answers.
         """
         north, east, down = relative.pad_velocity
         if self._pad_velocity is None:
             self._pad_velocity = (north, east)
         turn_rate = self._smooth_turn_rate(relative, dt)
         course = relative.pad_coupling * turn_rate * dt
-        turned = rotate(rot_z(course), (*self._pad_velocity, 0.0))
+        was_north, was_east, _ = rotate(rot_z(course), (*self._pad_velocity, 0.0))
         time_s = max(PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS * self._lead_s)
-        k = min(1.0, self._calmed * dt / time_s)
-        off = (1.0 - k) * (turned[0] - north), (1.0 - k) * (turned[1] - east)
-        kept = MAX_SMOOTHED_MPS / max(math.hypot(*off), MAX_SMOOTHED_MPS)
-        change = (kept * off[0], kept * off[1], 0.0)
-        smooth = self._pad_velocity = (north + change[0], east + change[1])
+        time_s = max(time_s / self._calmed, dt)
+        k = 1.0 - dt / time_s
+        off = (k * (was_north - north), k * (was_east - east))
+        shown = SHOWN_OF_SWING * self._swings(relative, dt) + relative.sigma_velocity
+        size = math.hypot(*off)
+        # What it accelerated by long ago counts no more once it has stopped.
+        lags = min(size, shown + time_s * MAX_PAD_ACCELERATION_MPS2)
+        kept = lags / size if size > 0.0 else 0.0
+        off = (kept * off[0], kept * off[1])
+        self._pad_velocity = (north + off[0], east + off[1])
+        accelerates = max(0.0, lags - shown) / time_s
+        if accelerates > PAD_ACCELERATES_MPS2:
+            self._swing.restart()
+        by = min(lags, shown, MAX_SMOOTHED_MPS) - self._lead_s * accelerates
+        share = by / lags if lags > 0.0 else 0.0
+        change = (share * off[0], share * off[1], 0.0)
         return replace(
             relative,
-            pad_velocity=(*smooth, down),
+            pad_velocity=(north + change[0], east + change[1], down),
             error_rate=add(relative.error_rate, change),
             pad_turn_rate=turn_rate,
         )
+
+    def _swings(self, relative: RelativeState, dt: float) -> float:
+        """Return the vehicle's fastest level speed beside the pad's lately, m/s."""
+        beside = horizontal(relative.error_rate)
+        self._swung_mps = max(beside, self._swung_mps * math.exp(-dt / SWING_KEPT_S))
+        return self._swung_mps
 
     def _smooth_turn_rate(self, relative: RelativeState, dt: float) -> float:
         """Return the pad's turn rate smoothed, rad/s; 0 while its heading is not known."""

@@ -6,7 +6,18 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import Config, GuidanceSection
-from landerd.geometry import IDENTITY, Vec3, add, cross, horizontal, matscale, rot_zyx, rotate, sub
+from landerd.geometry import (
+    IDENTITY,
+    Vec3,
+    add,
+    cross,
+    horizontal,
+    matscale,
+    rot_zyx,
+    rotate,
+    scale,
+    sub,
+)
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import State
 from landerd.messages import (
@@ -853,6 +864,24 @@ def test_a_landing_begun_where_the_autopilot_says_it_stands_ends_there() -> None
     flight.pulse_us = HIGH
     begun = len(flight.setpoints)
     assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+
+
+def test_a_landing_begun_on_feet_that_seem_to_be_over_the_pad_ends_there() -> None:
+    """Of a gear built longer than said; a false heartbeat had ended the landing."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.armed = False
+    to(flight, State.SILENT)
+    flight.armed = True
+    flight.pulse_us = LOW
+    flight.distort = lambda true: replace(true, position=scale(true.position, 1.6))
+    flight.run(3.0)
+    flight.pulse_us = HIGH
+    begun = len(flight.setpoints)
+    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    flight.run(0.5)
     assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
 
 

@@ -162,6 +162,27 @@ def test_a_pad_that_stops_is_not_flown_after_as_if_it_drove_on() -> None:
     assert method.step(Phase.DESCENT, stands, 0.0, DT)[0][0] < 0.0
 
 
+def test_a_pad_that_sways_is_followed_closely_enough_to_land_on() -> None:
+    """0.3 m to and fro in 5 s was smoothed as if an airframe swung: 0.3 m off, it never landed."""
+    method, limiter = TrackingMethod(CONFIG), Limiter(OPTIONS.limits)
+    vehicle, position = HorizontalResponse(ResponseOptions(delay_s=0.1)), 0.0
+    omega, off = 2.0 * math.pi * 0.2, []
+    for i in range(round(20.0 / DT)):
+        pad, pad_mps = 0.3 * math.sin(omega * i * DT), 0.3 * omega * math.cos(omega * i * DT)
+        seen = situation(
+            error=(pad - position, 0.0, 2.0),
+            rate=(pad_mps - vehicle.vn, 0.0, 0.0),
+            pad_velocity=(pad_mps, 0.0, 0.0),
+        )
+        wanted, _ = method.step(Phase.DESCENT, seen, 2.0, DT)
+        north, east, _ = limiter.step(wanted, 0.0, DT, may_descend=False).velocity
+        for _ in range(round(DT / STEP_S)):
+            vehicle.step(north, east)
+        position += DT * vehicle.vn
+        off.append(abs(pad - position))
+    assert max(off[len(off) // 2 :]) < 0.7 * OPTIONS.descent.commit_miss_m
+
+
 def swung(method: TrackingMethod, *, seconds: float, by_m: float) -> float:
     """Swing as far so long, whatever is ordered; return what closes an error of 0.2 m then."""
     for i in range(round(seconds / DT)):
@@ -188,6 +209,20 @@ def test_a_swing_that_grows_as_the_gains_are_lowered_is_the_winds_at_once() -> N
     method = TrackingMethod(CONFIG)
     assert swung(method, seconds=4.2, by_m=0.1) < 0.8 * fresh
     assert swung(method, seconds=4.0, by_m=0.2) > 0.9 * fresh
+
+
+def test_a_pad_that_stops_under_a_calmed_vehicle_is_no_gust() -> None:
+    """What it was off then gave it back the gains that it swings by itself with, for good."""
+    fresh = swung(TrackingMethod(CONFIG), seconds=0.0, by_m=0.0)
+    method = TrackingMethod(CONFIG)
+    assert swung(method, seconds=4.2, by_m=0.1) < 0.8 * fresh
+    for i in range(round(2.0 / DT)):  # it brakes at 1 m/s^2, and is overrun by 0.3 m
+        pad_mps = max(0.0, 1.0 - i * DT)
+        off = situation(error=(-0.3, 0.0, 3.0), rate=(0.7, 0.0, 0.0), pad_velocity=(pad_mps, 0, 0))
+        method.step(Phase.DESCENT, off, 0.0, DT)
+    for _ in range(round(2.0 / DT)):
+        method.step(Phase.DESCENT, situation(0.0, 3.0), 0.0, DT)
+    assert swung(method, seconds=0.0, by_m=0.0) < 0.85 * fresh
 
 
 def test_a_vehicle_that_swings_more_with_the_gains_it_got_back_is_calmed_again() -> None:
