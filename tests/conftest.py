@@ -19,3 +19,4 @@ def pytest_collection_finish() -> None:
     """Leave what was collected, which stays to the end, out of every later garbage collection."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000)  # flights make many small objects: a tenth of their time went into it
