@@ -27,6 +27,7 @@ Mask = NDArray[np.bool_]
 Paint = Callable[[F32, F32], tuple[Mask, Mask]]
 
 _SAMPLES_AT_ONCE = 32768  # that fit in a core's cache
+_KEPT = 4  # samples a pixel along each axis that are blurred; finer ones are averaged before
 _RAYS_BEYOND_PX = 48  # round the image, kept from picture to picture
 
 THESIS_PAD = PadLayout(
@@ -181,7 +182,7 @@ def render(
     """
     h, w = camera.height, camera.width
     image = _background(optics, rng, (h, w))
-    image *= _light(optics, *np.meshgrid(np.arange(w, dtype=np.float32), _column(h)))
+    image *= _light(optics, *_pixels((h, w)))
     image = _blur(image, optics, 1.0, math.hypot(optics.blur_px, 0.29))
     if view is not None:
         _paint_pad(image, view, camera, optics, layout.plate, paint or partial(painted, layout))
@@ -277,24 +278,27 @@ def _stamp(
 ) -> U8:
     """Print a patch drawn k times too large on a random background, blur and add noise."""
     n = patch.shape[0] // k
-    cover = cv2.GaussianBlur((patch > 0).astype(np.float32), (0, 0), optics.blur_px * k)
-    grey = np.where(patch > 1, optics.white, np.where(patch > 0, optics.black, 0.0))
-    grey = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), optics.blur_px * k)
-    cover = cv2.resize(cover, (n, n), interpolation=cv2.INTER_AREA)
-    grey = cv2.resize(grey, (n, n), interpolation=cv2.INTER_AREA)
+    level = np.where(patch > 1, optics.white, np.where(patch > 0, optics.black, 0.0))
+    few = (n * _KEPT, n * _KEPT)
+    still = replace(optics, motion_px=(0.0, 0.0))
+    cover, grey = (
+        _seen(_few(layer.astype(np.float32), few), still, k, (n, n)) for layer in (patch > 0, level)
+    )
     image = _background(optics, rng, shape)
     image = _blur(image, optics, 1.0, 0.66)
     x0, y0 = int(centre[0]) - n // 2, int(centre[1]) - n // 2
     ys, xs = slice(max(0, y0), min(shape[0], y0 + n)), slice(max(0, x0), min(shape[1], x0 + n))
     py, px = slice(ys.start - y0, ys.stop - y0), slice(xs.start - x0, xs.stop - x0)
     image[ys, xs] = image[ys, xs] * (1 - cover[py, px]) + grey[py, px]
-    image *= _light(optics, *np.meshgrid(np.arange(shape[1], dtype=np.float32), _column(shape[0])))
+    image *= _light(optics, *_pixels(shape))
     image += rng.normal(0.0, optics.noise, shape)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
-def _column(h: int) -> F32:
-    return np.arange(h, dtype=np.float32)
+def _pixels(shape: tuple[int, int]) -> tuple[F32, F32]:
+    """Return x (1, columns) and y (rows, 1) of an image's pixels."""
+    h, w = shape
+    return np.arange(w, dtype=np.float32)[None, :], np.arange(h, dtype=np.float32)[:, None]
 
 
 def _exact_rays(camera: CameraModel, pixels: F64) -> F64:
@@ -342,6 +346,25 @@ def _blur(image: F32, optics: Optics, scale: float, sigma_px: float) -> F32:
             np.add.at(kernel, (y0 + dy, x0 + dx), wgt)
         out = cv2.filter2D(out, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
     return cast(F32, out)
+
+
+def _seen(layer: F32, optics: Optics, drawn: int, size: tuple[int, int]) -> F32:
+    """Return what a lens and pixels see of a layer of _KEPT samples a pixel, each a mean of more.
+
+    Args:
+        layer: as it was drawn with `drawn` samples a pixel along each axis, and averaged.
+        optics: blur by their point spread, less what averaging did, and by their motion.
+        drawn: samples a pixel.
+        size: columns and rows of pixels.
+    """
+    averaged = (1.0 - (_KEPT / drawn) ** 2) / (12.0 * _KEPT**2)  # variance, pixels^2
+    soft = _blur(layer, optics, _KEPT, math.sqrt(optics.blur_px**2 - averaged))
+    return _few(soft, size)
+
+
+def _few(layer: F32, size: tuple[int, int]) -> F32:
+    """Return means of a layer's samples, so many columns and rows of them."""
+    return cast(F32, cv2.resize(layer, size, interpolation=cv2.INTER_AREA))
 
 
 def _background(optics: Optics, rng: np.random.Generator, shape: tuple[int, int]) -> F32:
@@ -393,14 +416,10 @@ def _paint_pad(
         view, camera, optics, paint, (x0 - pad, y0 - pad, x1 + pad, y1 + pad), ss
     )
     size = (x1 - x0 + 2 * pad, y1 - y0 + 2 * pad)
-    blurred = []
-    for layer in (albedo, cover):
-        soft = _blur(layer, optics, ss, optics.blur_px)
-        small = cv2.resize(soft, size, interpolation=cv2.INTER_AREA)
-        blurred.append(small[pad:-pad, pad:-pad])
+    grey, hidden = (_seen(layer, optics, ss, size)[pad:-pad, pad:-pad] for layer in (albedo, cover))
     region = image[y0:y1, x0:x1]
-    region *= 1.0 - blurred[1]
-    region += blurred[0]
+    region *= 1.0 - hidden
+    region += grey
 
 
 def _sample(
@@ -411,30 +430,45 @@ def _sample(
     box: tuple[int, int, int, int],
     ss: int,
 ) -> tuple[F32, F32]:
-    """Return lit grey level and cover (0 or 1) of the pad, ss x ss samples a pixel of the box."""
+    """Return lit grey level and cover of the pad, means of ss x ss samples a pixel of the box."""
     x0, y0, x1, y1 = box
-    rays = _ray_grid(camera, (x0 - 1, y0 - 1, x1 + 1, y1 + 1))
-    # The lens map bends by 1e-7 over a pixel: linear between pixel centres is exact enough.
-    sx = (np.arange((x1 - x0) * ss) + 0.5) / ss + 0.5
-    sy = (np.arange((y1 - y0) * ss) + 0.5) / ss + 0.5
-    grey = np.empty((len(sy), len(sx)), np.float32)
-    cover = np.empty_like(grey)
     R = view.R_camera_pad
     to_plane = np.linalg.inv(np.column_stack([R[:, 0], R[:, 1], np.array(view.position)]))
-    strip = max(1, _SAMPLES_AT_ONCE // len(sx))
-    for i in range(0, len(sy), strip):
-        rows = slice(i, min(i + strip, len(sy)))
-        vx, vy = (_bilinear(axis, sx, sy[rows]) for axis in rays)
-        q = [(h[0] * vx + h[1] * vy + h[2]).astype(np.float64) for h in to_plane]
+    vx, vy = _ray_grid(camera, (x0 - 1, y0 - 1, x1 + 1, y1 + 1))
+    # The lens map bends by 1e-7 over a pixel: linear between pixel centres is exact enough.
+    planes = [h[0] * vx + h[1] * vy + h[2] for h in to_plane]
+    px = (x0 + (np.arange((x1 - x0) * ss) + 0.5) / ss - 0.5).astype(np.float32)
+    py = (y0 + (np.arange((y1 - y0) * ss) + 0.5) / ss - 0.5).astype(np.float32)
+    is_lit_evenly = optics.gradient == (0.0, 0.0) and optics.shadow is None
+    columns = (x1 - x0) * _KEPT
+    grey = np.empty(((y1 - y0) * _KEPT, columns), np.float32)
+    cover = np.empty_like(grey)
+    strip = max(1, _SAMPLES_AT_ONCE // (len(px) * ss))
+    for top in range(0, y1 - y0, strip):
+        bottom = min(top + strip, y1 - y0)
+        q = [_between(plane[top : bottom + 2], ss) for plane in planes]
         ahead = q[2] > 1e-9  # the inverse of the depth
         inverse = 1.0 / np.where(ahead, q[2], 1.0)
         north, east = (q[0] * inverse).astype(np.float32), (q[1] * inverse).astype(np.float32)
         on_plate, white = paint(north, east)
-        px, py = np.meshgrid((x0 + sx - 1.0), (y0 + sy[rows] - 1.0))
-        cover[rows] = on_plate & ahead
-        level = np.where(white, optics.white, optics.black) * cover[rows]
-        grey[rows] = level * _light(optics, px.astype(np.float32), py.astype(np.float32))
+        covered = (on_plate & ahead).astype(np.float32)
+        level = np.where(white, np.float32(optics.white), np.float32(optics.black)) * covered
+        if not is_lit_evenly:
+            level *= _light(optics, px[None, :], py[top * ss : bottom * ss, None])
+        few, rows = (columns, (bottom - top) * _KEPT), slice(top * _KEPT, bottom * _KEPT)
+        grey[rows] = _few(level, few)
+        cover[rows] = _few(covered, few)
     return grey, cover
+
+
+def _between(grid: F64, ss: int) -> F64:
+    """Return ss x ss samples a pixel of what is linear between pixel centres, without the rim."""
+    at = (np.arange((len(grid) - 2) * ss) + 0.5) / ss + 0.5
+    i = np.floor(at).astype(int)
+    f = (at - i)[:, None]
+    rows = grid[i] * (1.0 - f) + grid[i + 1] * f
+    wide = (grid.shape[1] * ss, len(rows))
+    return cast(F64, cv2.resize(rows, wide, interpolation=cv2.INTER_LINEAR)[:, ss:-ss])
 
 
 def painted(layout: PadLayout, north: F32, east: F32) -> tuple[Mask, Mask]:
@@ -478,30 +512,28 @@ def _rays_in(camera: CameraModel, box: tuple[int, int, int, int]) -> F64:
 
 
 def _square_black(marker: Square, north: F32, east: F32) -> Mask:
-    cells = marker_cells(marker)
+    black = (~marker_cells(marker)).astype(np.uint8)
     a = math.radians(marker.heading_deg)
     up = north * math.cos(a) + east * math.sin(a)
     right = east * math.cos(a) - north * math.sin(a)
-    n = cells.shape[0]
-    row = np.floor((0.5 - up / marker.size_m) * n).astype(np.int32)
-    col = np.floor((0.5 + right / marker.size_m) * n).astype(np.int32)
-    inside = (row >= 0) & (row < n) & (col >= 0) & (col < n)
-    return cast(NDArray[np.bool_], inside & ~cells[np.clip(row, 0, n - 1), np.clip(col, 0, n - 1)])
+    n = len(black)
+    row = (0.5 - up / marker.size_m) * n - 0.5  # 0: the middle of the first cell
+    column = (0.5 + right / marker.size_m) * n - 0.5
+    return np.asarray(cv2.remap(black, column, row, cv2.INTER_NEAREST) > 0)
 
 
 def _whycode_black(code: WhyCode, north: F32, east: F32) -> Mask:
     """Tell black from white as whycode-gen draws: radii of 240, 420 and 700 units, sectors."""
     radius = np.hypot(north, east) / (code.outer_diameter_m / 2) * 700.0
+    black: Mask = (radius > 420.0) & (radius < 700.0)
+    band = (radius > 240.0) & (radius <= 420.0)
     # Where the upright print has the point: its own angle from three o'clock, anticlockwise.
-    turn = np.degrees(np.arctan2(north, east)) + code.heading_deg
+    turn = np.degrees(np.arctan2(north[band], east[band])) + code.heading_deg
     width = 360.0 / code.bits / 2.0
     half = np.floor(turn % 360.0 / width).astype(np.int64) % (2 * code.bits)
     bits = np.array([int(c) for c in f"{code.id:0{code.bits}b}"])
-    tooth = half % 2 == bits[half // 2]
-    return cast(
-        NDArray[np.bool_],
-        ((radius > 420.0) & (radius < 700.0)) | ((radius > 240.0) & (radius <= 420.0) & tooth),
-    )
+    black[band] = half % 2 == bits[half // 2]
+    return black
 
 
 def marker_cells(marker: Square) -> NDArray[np.bool_]:
@@ -513,16 +545,9 @@ def marker_cells(marker: Square) -> NDArray[np.bool_]:
     return np.rot90(cells, 2) if marker.kind == "apriltag" else cells
 
 
-def _bilinear(grid: F64, sx: F64, sy: F64) -> F64:
-    ix, iy = np.floor(sx).astype(int), np.floor(sy).astype(int)
-    fx, fy = sx - ix, sy - iy
-    rows = grid[iy] * (1 - fy)[:, None] + grid[iy + 1] * fy[:, None]
-    return cast(F64, rows[:, ix] * (1 - fx) + rows[:, ix + 1] * fx)
-
-
 def _paint_bar(image: F32, bar: Bar) -> None:
     h, w = image.shape
-    x, y = np.meshgrid(np.arange(w, dtype=np.float32), _column(h))
+    x, y = _pixels((h, w))
     length = math.hypot(*bar.direction)
     off = (
         (x - bar.point_px[0]) * bar.direction[1] - (y - bar.point_px[1]) * bar.direction[0]

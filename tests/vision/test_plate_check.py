@@ -80,7 +80,7 @@ def test_nor_at_the_pictures_edge_one_beside_which_what_is_in_view_is_not_white(
     narrow = BARE.model_copy(update={"plate": plate})
     for painted, is_pad in ((narrow, False), (THESIS_PAD, True)):
         optics = Optics(background="grass")
-        image = render(at, THESIS_CAMERA, optics, np.random.default_rng(3), painted)
+        image = render(at, THESIS_CAMERA, optics, np.random.default_rng(5), painted)
         vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
         down = tuple(at.normal.tolist())
         looks = [vision.process(Frame(i / 30.0, i, image), Prior(down=down)) for i in range(5)]
