@@ -1,6 +1,7 @@
 """The print of a WhyCode, to be fitted to its pixels as a square marker's is."""
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ class WhyCodePrint(MarkerPrint):
         return used
 
 
+@cache
 def _drawn(code: WhyCode) -> F64:
     """Return the print (n, n), its top up, 1 white and 0 black; edges are grey in proportion."""
     half = _SAMPLES_PER_RADIUS + _MARGIN_SAMPLES
