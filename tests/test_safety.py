@@ -56,6 +56,12 @@ async def phase_is(simulation: Simulation, *phases: Phase) -> None:
         await asyncio.sleep(0.01)
 
 
+async def ends_in(simulation: Simulation, seconds: float) -> None:
+    """End the flight after a while."""
+    await asyncio.sleep(seconds)
+    simulation.over = True
+
+
 async def flying(simulation: Simulation) -> None:
     """Wait until landerd has flown for a moment."""
     await phase_is(simulation, Phase.APPROACH, Phase.CLOSE_APPROACH, Phase.YAW_CORRECTION)
@@ -91,8 +97,9 @@ def test_1a_set_points_end_when_the_pilot_leaves_guided() -> None:
         await flying(simulation)
         simulation.autopilot.copter.set_mode(5)  # LOITER
         seen["t"] = now()
+        await ends_in(simulation, 4.0)
 
-    simulation = fly(script, longest_s=10.0)
+    simulation = fly(script)
     assert seen["wire"].setpoints, "landerd never flew"
     assert seen["wire"].after(seen["t"] + 0.1) == []
     assert simulation.rules.broken == {}
@@ -108,8 +115,7 @@ def without_heartbeats() -> tuple[Simulation, Wire, float]:
         await flying(simulation)
         simulation.autopilot.mute.add(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
         seen["t"] = now()
-        await asyncio.sleep(7.0)
-        simulation.over = True
+        await ends_in(simulation, 7.0)
 
     simulation = fly(script, overrides=[*ABOVE, "sim.start.altitude_m=10"])
     return simulation, seen["wire"], seen["t"]
@@ -136,8 +142,9 @@ def test_1b_a_closed_gate_gives_zeros_for_a_second_and_then_silence() -> None:
         await flying(simulation)
         simulation.autopilot.pilot.set(11, 1100)
         seen["t"] = now()
+        await ends_in(simulation, 4.0)
 
-    simulation = fly(script, longest_s=10.0)
+    simulation = fly(script)
     wire, closed = seen["wire"], seen["t"]
     after = wire.after(closed + 0.1)
     assert after
@@ -177,8 +184,10 @@ def test_1c_landerd_is_silent_until_it_has_seen_the_pad() -> None:
         await asyncio.sleep(5.0)
         simulation.camera.faults.drop = 0.0
         seen["t"] = now()
+        await flying(simulation)
+        simulation.over = True
 
-    simulation = fly(script, longest_s=30.0)
+    simulation = fly(script)
     assert seen["wire"].setpoints[0][0] > seen["t"]
     assert simulation.rules.broken == {}
 
@@ -192,6 +201,9 @@ def test_1d_out_of_sight_it_hovers_does_not_turn_says_so_and_hands_back() -> Non
         await asyncio.sleep(0.3)
         simulation.camera.faults.drop = 1.0
         seen["t"] = now()
+        while simulation.daemon.lander.outcome is None:
+            await asyncio.sleep(0.1)
+        await ends_in(simulation, 2.0)
 
     overrides = [*ABOVE, "sim.start.heading_deg=100", "guidance.lost.give_up_s=8"]
     simulation = fly(script, longest_s=25.0, overrides=overrides)
@@ -229,13 +241,12 @@ def latching(event: str) -> tuple[Simulation, Wire, dict[str, float]]:
             # Its streams are forgotten: landerd hovers until one comes back and tells.
             await asyncio.sleep(3.0)
         seen["t"] = now() + 0.2
-        await asyncio.sleep(4.0)
+        await asyncio.sleep(3.0)
         seen["open"] = now()
         simulation.autopilot.pilot.set(11, 1100)
         await asyncio.sleep(1.0)
         simulation.autopilot.pilot.set(11, 1900)
-        await asyncio.sleep(3.0)
-        simulation.over = True
+        await ends_in(simulation, 2.0)
 
     simulation = fly(script, overrides=[*ABOVE, "sim.start.altitude_m=8"])
     return simulation, seen["wire"], seen
@@ -260,8 +271,9 @@ def test_1b_a_gate_closed_just_over_a_moving_pad_does_not_stop_on_it() -> None:
         while simulation.world.height > 0.12:
             await asyncio.sleep(0.01)
         simulation.autopilot.pilot.set(11, 1100)
+        await ends_in(simulation, 6.0)
 
-    simulation = fly(script, longest_s=25.0, overrides=[*ABOVE, "sim.pad.speed_mps=1.5"])
+    simulation = fly(script, overrides=[*ABOVE, "sim.pad.speed_mps=1.5"])
     assert simulation.rules.broken == {}
 
 
@@ -271,8 +283,9 @@ def test_1b_a_gate_closed_on_the_pad_leaves_the_vehicle_standing() -> None:
             await asyncio.sleep(0.01)
         await asyncio.sleep(1.0)
         simulation.autopilot.pilot.set(11, 1100)
+        await ends_in(simulation, 4.0)
 
-    simulation = fly(script, longest_s=15.0)
+    simulation = fly(script)
     assert simulation.score.contact is not None
     assert simulation.rules.broken == {}
 
@@ -355,8 +368,9 @@ def test_2_a_pad_that_stops_after_commit_is_waved_off(seed: int) -> None:
         await phase_is(simulation, Phase.LANDED)
         pad = simulation.world._motion
         pad._brake, pad._brake_t = 5.0, simulation.world.t
+        await ends_in(simulation, 6.0)
 
-    simulation = fly(script, longest_s=20.0, overrides=[*ABOVE, "sim.pad.speed_mps=2.0"], seed=seed)
+    simulation = fly(script, overrides=[*ABOVE, "sim.pad.speed_mps=2.0"], seed=seed)
     assert simulation.rules.broken == {}
 
 
@@ -506,7 +520,7 @@ def test_5_stale_telemetry_is_not_flown_on(message: int, reason: str) -> None:
         await asyncio.sleep(4.0)
         simulation.autopilot.mute.clear()
 
-    overrides = [MODELLED, "sim.start.position_m=[-14, 3]", "sim.start.altitude_m=8"]
+    overrides = [MODELLED, "sim.start.position_m=[-10, 2]", "sim.start.altitude_m=5"]
     simulation = fly(script, longest_s=60.0, overrides=overrides)
     late = [m for t, m in seen["wire"].after(seen["t"] + 2.9) if t < seen["t"] + 3.9]
     assert late
@@ -528,8 +542,9 @@ def test_5_a_gimbal_that_fails_stops_the_landing(fault: GimbalFault) -> None:
         seen["t"] = now()
         await asyncio.sleep(4.0)
         simulation.gimbal.fault = None
+        await ends_in(simulation, 2.0)
 
-    simulation = fly(script, longest_s=40.0)
+    simulation = fly(script)
     blind = [m for t, m in seen["wire"].after(seen["t"] + 0.95) if t < seen["t"] + 3.9]
     assert blind
     assert all(m.vz <= 0.0 for m in blind)
@@ -542,8 +557,9 @@ def test_5_frozen_gimbal_angles_stop_the_landing() -> None:
         await flying(simulation)
         assert isinstance(simulation.gimbal, SimGimbal)
         simulation.gimbal.fault = GimbalFault.FROZEN
+        await ends_in(simulation, 9.0)
 
-    simulation = fly(script, longest_s=20.0)
+    simulation = fly(script)
     assert simulation.rules.broken == {}
 
 
@@ -551,8 +567,9 @@ def test_5_what_is_long_under_way_is_old() -> None:
     async def script(simulation: Simulation) -> None:
         await flying(simulation)
         simulation.autopilot_end.faults.delay_s = 0.35
+        await ends_in(simulation, 9.0)
 
-    simulation = fly(script, longest_s=20.0)
+    simulation = fly(script)
     assert simulation.rules.broken == {}
 
 

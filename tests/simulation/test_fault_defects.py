@@ -1,5 +1,7 @@
 """Faults with which landerd once broke a rule, as flights have shown them: shrunk, and mended."""
 
+import asyncio
+
 import pytest
 
 from landerd.messages import Command, Input, Tick
@@ -69,10 +71,19 @@ MENDED = [
 ]
 
 
+async def until_its_end(simulation: Simulation) -> None:
+    """Fly on for a while after the fault: longer than a rule took to be broken."""
+    while simulation.faults.happened[0].began is None:
+        await asyncio.sleep(0.1)
+    await asyncio.sleep(8.0)
+    simulation.over = True
+
+
 @pytest.mark.parametrize(("fault", "speed_mps", "seed"), MENDED)
 def test_it_keeps_the_rules(fault: str, speed_mps: float, seed: int) -> None:
     settings = [*START, f"sim.faults=[{fault}]", f"sim.pad.speed_mps={speed_mps}"]
-    simulation = fly(overrides=settings, longest_s=25.0, seed=seed)
+    simulation = fly(until_its_end, overrides=settings, longest_s=25.0, seed=seed)
+    assert simulation.faults.happened[0].began is not None
     assert broken(simulation) == []
 
 

@@ -208,18 +208,18 @@ def test_tasks_and_memory_stay_flat_while_it_hovers_without_a_pad() -> None:
 
     async def script(simulation: Simulation) -> None:
         for _ in range(3):
-            await asyncio.sleep(14.0)
+            await asyncio.sleep(9.0)
             gc.collect()
             seen.append((len(asyncio.all_tasks()), len(gc.get_objects())))
 
     faults = (
         "sim.faults=[{fault: pad-gone, at: {phase: APPROACH}},"
-        " {fault: camera-lost, at: {time_s: 16}, for_s: 3},"
-        " {fault: gimbal-lost, at: {time_s: 17}, for_s: 3}]"
+        " {fault: camera-lost, at: {time_s: 11}, for_s: 3},"
+        " {fault: gimbal-lost, at: {time_s: 12}, for_s: 3}]"
     )
     patient = ("guidance.lost.give_up_s=600", "guidance.lost.total_s=600")
-    fly(script, overrides=[*ABOVE, faults, *patient], longest_s=44.0)
+    fly(script, overrides=[*ABOVE, faults, *patient], longest_s=29.0)
     (tasks, _), (then, objects), (last, most) = seen
     assert tasks >= then >= last
     # What the recording keeps for the drawing: ten samples a second.
-    assert most - objects < 14 * 10 * 10
+    assert most - objects < 9 * 10 * 10

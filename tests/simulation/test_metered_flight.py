@@ -32,7 +32,7 @@ def test_a_pad_far_over_full_scale_is_unsaturated_within_a_second_and_the_orders
         overrides=OVERRIDES,
     )
     simulation = Simulation(loaded, 1, log=tmp_path / "a.mcap")
-    run_virtual(simulation.run(longest_s=3.0))
+    run_virtual(simulation.run(longest_s=2.4))
     assert simulation.recorder is not None
     simulation.recorder.close()
     log = read_log(tmp_path / "a.mcap")
