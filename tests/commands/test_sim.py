@@ -33,11 +33,11 @@ def test_a_flight_that_does_not_land_is_exit_code_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert flight.LONGEST_S == 150.0
-    monkeypatch.setattr(flight, "simulate", partial(flight.simulate, longest_s=15.0))
+    monkeypatch.setattr(flight, "simulate", partial(flight.simulate, longest_s=5.0))
     nothing_to_see = ["--set", "sim.start.position_m=[-500, 0]", "--set", "sim.camera.fps=0.1"]
     assert main(["sim", *nothing_to_see]) == 1
     out = capsys.readouterr().out
-    assert out.startswith("Did not land: not landed in 15 s: NOT_LANDING, ")
+    assert out.startswith("Did not land: not landed in 5 s: NOT_LANDING, ")
 
 
 class Busy(Observer):
@@ -74,7 +74,7 @@ def test_a_picture_that_the_disk_does_not_take_does_not_cost_the_result(
 ) -> None:
     picture = tmp_path / "full.png"
     picture.symlink_to("/dev/full")
-    near = [word for setting in ABOVE for word in ("--set", setting)]
+    near = [word for setting in (*ABOVE, "sim.start.altitude_m=1.0") for word in ("--set", setting)]
     assert main(["sim", "hover", "--seed", "3", "--picture", str(picture), *near]) == 2
     told = capsys.readouterr()
     assert told.out.startswith("Landed (scenario hover, seed 3)")
@@ -90,7 +90,7 @@ def test_a_disk_that_is_full_costs_both_logs_and_both_are_named(
 
     monkeypatch.setattr("landerd.flightlog.disk.os.write", write)
     log = tmp_path / "full.mcap"
-    near = [word for setting in ABOVE for word in ("--set", setting)]
+    near = [word for setting in (*ABOVE, "sim.start.altitude_m=1.0") for word in ("--set", setting)]
     assert main(["sim", "hover", "--log", str(log), *near]) == 2
     told = capsys.readouterr()
     assert "flight log" not in told.out
