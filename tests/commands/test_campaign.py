@@ -185,7 +185,7 @@ def test_wrong_input_is_one_line_and_nothing_is_flown(
 
 
 def test_it_flies_the_simulator() -> None:
-    low = [word for setting in ABOVE for word in ("--set", setting)]
+    low = [word for setting in (*ABOVE, "sim.start.altitude_m=1.5") for word in ("--set", setting)]
     done = subprocess.run(
         [sys.executable, "-m", "landerd", "campaign", "hover", "--runs", "2", "--json", *low],
         capture_output=True,

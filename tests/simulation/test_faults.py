@@ -114,8 +114,7 @@ def test_told_to_stop_it_stops_and_ends() -> None:
     assert broken(simulation) == set()
 
 
-@pytest.mark.parametrize("pad_mps", [2.0, 5.0])
-@pytest.mark.parametrize("height_m", [0.04, 0.05])
+@pytest.mark.parametrize(("pad_mps", "height_m"), [(2.0, 0.05), (5.0, 0.04)])
 def test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad(
     pad_mps: float, height_m: float
 ) -> None:
