@@ -206,7 +206,7 @@ def test_the_commands_of_a_page_run_as_printed(
     monkeypatch.chdir(somewhere)
     monkeypatch.setattr(flight, "run_realtime", run_quickly)
     # A computer that is too busy for real time never lands.
-    monkeypatch.setattr(flight, "simulate", partial(flight.simulate, longest_s=40.0))
+    monkeypatch.setattr(flight, "simulate", partial(flight.simulate, longest_s=25.0))
     for command in RUN[name]:
         for arguments in as_typed(command, somewhere):
             code = main(lighter(arguments))
