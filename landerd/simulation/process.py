@@ -233,7 +233,7 @@ class BreakableLink:
         await self._link.close()
 
 
-class FaultyDisk:
+class FaultyDisk(Observer):
     """An observer that records as a full or slow disk lets it."""
 
     def __init__(self, computer: Computer) -> None:

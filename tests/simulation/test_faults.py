@@ -94,7 +94,7 @@ def test_a_pad_drives_out_of_reach_while_landerd_is_started_again(
     assert broken(simulation) == set()
 
 
-def test_a_core_that_fails_is_started_again() -> None:
+def test_a_core_that_fails_is_started_again(caplog: pytest.LogCaptureFixture) -> None:
     latched: list[str] = []
 
     async def script(simulation: Simulation) -> None:
@@ -102,6 +102,7 @@ def test_a_core_that_fails_is_started_again() -> None:
 
     simulation = flown("{fault: core-raises, at: {phase: DESCENT}}", script=script)
     assert any("low, then high" in text for text in latched)
+    assert "FaultyDisk failed" not in caplog.text  # its last orders are recorded, too
     assert simulation.score.landed
     assert broken(simulation) == set()
 
