@@ -142,17 +142,21 @@ class RingModel:
         f, density = blurred_step(d / s + shift * s)
         density *= _heights(parameters) / s
         shape = np.empty((len(parameters), self._static, f.shape[-1]), dtype=np.float32)
-        down = (density[:, 0] + density[:, 1]) / -g.scale
-        shape[:, RATIO] = density[:, 1] / -g.scale
+        outwards = -g.scale
+        down = density[:, 0] + density[:, 1]
+        down /= outwards
+        np.divide(density[:, 1], outwards, out=shape[:, RATIO])
         np.multiply(down[:, None], g.u, out=shape[:, CENTRE])
-        np.multiply((down * g.a * g.rho)[:, None], g.u[:, :2], out=shape[:, TILT])
+        turned = down * g.a
+        turned *= g.rho
+        np.multiply(turned[:, None], g.u[:, :2], out=shape[:, TILT])
         density *= d
         np.multiply(density[:, 0] + density[:, 1], -0.5 / (s[:, 0] * s[:, 0]), out=shape[:, BLUR])
         shape[:, INSIDE] = 1.0
         shape[:, HEIGHTS] = f
         if self._along is not None:
             share = np.repeat(self._along, len(self.pixels.grey)).astype(np.float32)
-            shape[:, MOTION] = (down * -g.scale * share)[:, None] * g.across()
+            shape[:, MOTION] = (down * outwards * share)[:, None] * g.across()
         if self.has_response:
             shape[:, RESPONSE] = 0.0  # `_respond` knows
         return shape
@@ -190,7 +194,8 @@ def _joined(shape: F32, parts: int) -> F32:
 
 def _level(shape: F32, parameters: F64) -> F32:
     """Return grey levels (starts, n) under even light."""
-    level: F32 = (_heights(parameters) * shape[:, HEIGHTS]).sum(axis=1)
+    rises = _heights(parameters) * shape[:, HEIGHTS]
+    level: F32 = rises[:, 0] + rises[:, 1]
     level += parameters[:, INSIDE, None].astype(np.float32)
     return level
 

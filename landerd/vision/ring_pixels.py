@@ -22,6 +22,7 @@ MARGIN = 0.24  # white around a ring, in radii: the thesis's plate has 0.12 m ro
 _SURROUNDINGS_SIGMAS = 30.0  # contrast of what lies beyond the margin, in sigmas of the noise
 _MIN_WEIGHT = 0.02  # of a pixel that is worth its time
 _MIN_COUNT = 30  # pixels: a fit has 12 to 14 parameters
+_LEAST_RHO, _LEAST_LENGTH = np.float32(1e-9), np.float32(1e-12)  # added before a division
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,8 @@ class PlaneView:
         self.depth = off / self.m
         q = along[:, :2] * self.depth[:, None]
         q -= centre[:, :2, None]
-        self.rho = np.sqrt(q[:, 0] * q[:, 0] + q[:, 1] * q[:, 1]) + np.float32(1e-9)
+        self.rho = _length(q)
+        self.rho += _LEAST_RHO
         # Unit vector u from the centre, and a: d rho = (a n - u) . dt and d rho = -a rho u . dn.
         # Stacked as (u, -a) they are -d rho / dt on the plane's axes.
         self.u = np.empty_like(along)
@@ -172,11 +174,11 @@ class PlaneView:
         self.a = ((centre[:, None, :2] @ self.u[:, :2])[:, 0] + self.rho) / off
         np.negative(self.a, out=self.u[:, 2])
         self.gradient = axes[:, :, :2].transpose(0, 2, 1) @ self.u  # of rho on z = 1, over depth
-        length = self.gradient[:, 0] * self.gradient[:, 0]
-        length += self.gradient[:, 1] * self.gradient[:, 1]
-        self.length = np.sqrt(length) + np.float32(1e-12)
+        self.length = _length(self.gradient)
+        self.length += _LEAST_LENGTH
         # Metres in the plane per pixel, across the level lines of rho.
-        self.scale = self.length * self.depth * np.float32(1.0 / focal)
+        self.scale = self.length * self.depth
+        self.scale *= np.float32(1.0 / focal)
 
     def across(self) -> F32:
         """Return the unit gradient of rho in the image, (starts, 2, n)."""
@@ -212,6 +214,14 @@ class PlaneView:
         scale = near.scale.reshape(count, 2, n)
         turn = (near.across().reshape(count, 2, 2, n) * across[:, :, None]).sum(axis=1)
         return (near.rho.reshape(count, 2, n) - radii) / scale + d * turn, scale
+
+
+def _length(way: F32) -> F32:
+    """Return the lengths (starts, n) of vectors (starts, 2, n)."""
+    square = way * way
+    length: F32 = square[:, 0] + square[:, 1]
+    np.sqrt(length, out=length)
+    return length
 
 
 def sectors(x: NDArray[np.floating], y: NDArray[np.floating], count: int) -> NDArray[np.intp]:
