@@ -16,6 +16,7 @@ import numpy as np
 from landerd.camera_model import F64
 from landerd.geometry import Vec3, cross, rotation_vector
 from landerd.messages import PoseSolution, SystematicError
+from landerd.vision.linear import inverse, solved
 from landerd.vision.marker_errors import ERRORS, LEARNED_SHARE, SCALE, TILT, MarkerErrors
 from landerd.vision.pose import (
     Pose,
@@ -79,7 +80,7 @@ def ring_measurement(
             continue
         n = np.array(s.normal)
         information = np.zeros((6, 6))
-        information[:3, :3] = np.linalg.inv(np.array(s.covariance))
+        information[:3, :3] = inverse(np.array(s.covariance))
         information[3:, 3:] = (np.eye(3) - np.outer(n, n)) / s.sigma_tilt**2
         R = rotation_from(n, np.array([0.0, -1.0, 0.0]) if abs(n[1]) < 0.9 else np.eye(3)[0])
         poses.append(Pose(R, np.array(s.position), information, s.cost - best, errors))
@@ -180,7 +181,7 @@ def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: Pose
     known[6:, 6:] = before
     n = pose.normal
     known[3:6, 3:6] = _MIN_YAW_INFORMATION * np.outer(n, n)
-    joint: F64 = np.asarray(np.linalg.inv(known + LEARNED_SHARE * seen), dtype=np.float64)
+    joint = inverse(known + LEARNED_SHARE * seen)
     errors.learn(t, markers, mean + LEARNED_SHARE * (joint @ gradient)[6:], joint[6:, 6:])
 
 
@@ -194,7 +195,7 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
     """
     pose = joint.pose
     try:
-        P: F64 = np.asarray(np.linalg.inv(joint.information), dtype=np.float64)
+        P = inverse(joint.information)
     except np.linalg.LinAlgError:
         return None
     # Errors that the markers share count once, not as independent ones of each.
@@ -282,7 +283,7 @@ def _joint(
         gradient[6:] -= pull
         cost += float((errors - mean) @ pull)
         try:
-            step = np.linalg.solve(information, gradient)
+            step = solved(information, gradient)
         except np.linalg.LinAlgError:
             return None
         pose = Pose(pose.R, pose.t, pose.information, cost).moved(step[:6])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import Plate
+from landerd.vision.linear import inverse
 from landerd.vision.pose import MIN_DEPTH_M, Pose
 
 Image = NDArray[np.uint8]
@@ -97,7 +98,7 @@ def _reduction(px: F64, low: NDArray[np.int_], high: NDArray[np.int_]) -> int:
 
 def on_plane(rays: F64, pose: Pose) -> tuple[F64, F64]:
     """Return where homogeneous rays (3, n) meet the marker's plane: north and east, m, (n,)."""
-    H = np.linalg.inv(np.column_stack([pose.R[:, 0], pose.R[:, 1], pose.t]))
+    H = inverse(np.column_stack([pose.R[:, 0], pose.R[:, 1], pose.t]))
     q = H @ rays
     return q[0] / q[2], q[1] / q[2]
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
+from landerd.vision.linear import inverse, solved
 from landerd.vision.patch import Image, levels_at
 from landerd.vision.plate_outline import Outlines
 from landerd.vision.pose import px_per_m, rotation_2d
@@ -85,7 +86,7 @@ class PlateSides:
             heading += float(step[0])
             middle = middle + R @ step[1:3]
             size += float(step[3])
-        return SidesFit(heading, middle, size, np.asarray(np.linalg.inv(information)))
+        return SidesFit(heading, middle, size, inverse(information))
 
 
 def _robust(slopes: F64, off: F64, sigma: float, known: F64) -> tuple[F64, F64]:
@@ -102,6 +103,6 @@ def _robust(slopes: F64, off: F64, sigma: float, known: F64) -> tuple[F64, F64]:
     for _ in range(_ROUNDS):
         weighted = slopes.T / (sigma**2 * (1.0 + beyond * beyond))
         information = weighted @ slopes + known
-        step = np.asarray(np.linalg.solve(information, weighted @ off), dtype=np.float64)
+        step = solved(information, weighted @ off)
         beyond = (off - slopes @ step) / sigma
     return step, information

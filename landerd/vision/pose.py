@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Mat3, Vec3, angle_between, cross, dot
 from landerd.messages import PoseSolution
+from landerd.vision.linear import inverse
 
 # Of the angle between two normals: of one solution in two frames, between which a gimbal turns the
 # camera less; and of two fits that are one solution.
@@ -67,7 +68,7 @@ class Pose:
 def solution(pose: Pose, has_north: bool = True) -> PoseSolution | None:
     """Return the pose as vision reports it; None if its covariance does not exist."""
     try:
-        covariance: F64 = np.asarray(np.linalg.inv(pose.information), dtype=np.float64)
+        covariance = inverse(pose.information)
     except np.linalg.LinAlgError:
         return None
     return solution_of(pose, covariance, has_north)

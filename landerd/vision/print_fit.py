@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.vision.blurred_print import BlurredPrint
+from landerd.vision.linear import inverse, solved
 from landerd.vision.patch import Image, Patch, marker_patch, on_plane, pose_slope
 from landerd.vision.pose import Pose
 from landerd.vision.square_pose import corner_information, square_points
@@ -97,7 +98,7 @@ class _NormalEquations:
             LinAlgError: the pixels leave something open.
         """
         step = np.zeros(_ROWS)
-        step[:rows] = np.linalg.solve(self.matrix[:rows, :rows], self.gradient[:rows])
+        step[:rows] = solved(self.matrix[:rows, :rows], self.gradient[:rows])
         return step
 
     def tone_gain(self) -> float:
@@ -109,7 +110,7 @@ class _NormalEquations:
         """Return by how much chi-square would rise if a tone that was fitted did not bulge."""
         unit = np.zeros(_ROWS)
         unit[_TONE.start] = 1.0
-        variance = float(np.linalg.solve(self.matrix, unit)[_TONE.start]) * self.sigma**2
+        variance = float(solved(self.matrix, unit)[_TONE.start]) * self.sigma**2
         return float(tone[0]) ** 2 / max(variance, 1e-12)
 
 
@@ -253,6 +254,7 @@ class MarkerPrint:
         # Of residuals alike to either side and up and down, so many are one.
         together = ((1.0 + correlation) / (1.0 - correlation)) ** 2
         try:
+            scatter = _scatter(patch, weight)
             matrix = equations.matrix[: estimate.rows, : estimate.rows]
             shift = _SHIFT_BIAS * edge_shift(estimate.tone, estimate.blur)
             information = self._information(
@@ -265,7 +267,7 @@ class MarkerPrint:
         except np.linalg.LinAlgError:
             return None
         fitted = Pose(pose.R, pose.t, information, 0.0)
-        explained = 1.0 - squares / max(_scatter(patch, weight), 1e-9)
+        explained = 1.0 - squares / max(scatter, 1e-9)
         is_seen = estimate.is_toned and equations.tone_loss(estimate.tone) > _TONE_CHI2
         tone = estimate.tone if is_seen else LINEAR
         contradicted = self._contradicted(patch, estimate, equations.residual)
@@ -292,26 +294,30 @@ class MarkerPrint:
         Raises:
             LinAlgError: the pixels leave the pose open.
         """
-        rest = np.linalg.solve(matrix[6:, 6:], matrix[6:, :6])
+        rest = solved(matrix[6:, 6:], matrix[6:, :6])
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = pose.R
         of_pose = turn @ (matrix[:6, :6] - matrix[:6, 6:] @ rest) @ turn.T
         nearer = np.concatenate([2.0 * shift * pose.t[2] / self._size * pose.t, np.zeros(3)])
-        information: F64 = np.linalg.inv(
-            variance * np.linalg.inv(of_pose)
-            + np.linalg.inv(corner_information(pose, self._size, bias))
+        information: F64 = inverse(
+            variance * inverse(of_pose)
+            + inverse(corner_information(pose, self._size, bias))
             + np.outer(nearer, nearer)
         )
         return information
 
 
 def _scatter(patch: Patch, weight: F64) -> float:
-    """Return the weighted sum of squares that light alone, with its gradient, leaves over."""
+    """Return the weighted sum of squares that light alone, with its gradient, leaves over.
+
+    Raises:
+        LinAlgError: the pixels leave a gradient open.
+    """
     root = np.sqrt(weight)
-    light = np.stack([root, root * patch.x, root * patch.y], axis=1)
+    light = np.stack([root, root * patch.x, root * patch.y])
     grey = root * patch.grey
-    plane, *_ = np.linalg.lstsq(light, grey)
-    return float(((grey - light @ plane) ** 2).sum())
+    left = grey - solved(light @ light.T, light @ grey) @ light
+    return float(left @ left)
 
 
 def _first_light(grey: F64) -> F64:

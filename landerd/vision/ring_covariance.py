@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.vision.linear import solved
 from landerd.vision.ring_model import CENTRE, RATIO, TILT
 from landerd.vision.ring_pixels import F32, sectors
 from landerd.vision.ring_pose import F64
@@ -74,11 +75,11 @@ def clustered_covariance(
     pulls = gain @ (scores @ is_in)
     clustered = (pulls @ pulls.T) * (used / max(used - _FITTED, 1))
     try:
-        L = np.linalg.cholesky(independent)
+        L: F64 = np.asarray(np.linalg.cholesky(independent), dtype=np.float64)
     except np.linalg.LinAlgError:
         return independent
-    half = np.linalg.solve(L, clustered)
-    grown, axes = np.linalg.eigh(np.linalg.solve(L, half.T))
+    half = solved(L, clustered)
+    grown, axes = np.linalg.eigh(solved(L, half.T))
     widened = L @ (axes * np.sqrt(np.maximum(grown, 1.0)))
     covariance: F64 = widened @ widened.T
     return covariance

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import CameraModel
 from landerd.pad import Ring
 from landerd.vision.edge_profile import ROBUST_SIGMAS, SIGMA_PER_MAD, Mask, crossing, is_step
+from landerd.vision.linear import inverse
 from landerd.vision.ring_pixels import F32, PlaneView, plane_axes
 from landerd.vision.ring_pose import F64, Pose
 
@@ -369,8 +370,7 @@ def _judged(
     support = near.reshape(2, _RAYS).sum(axis=1) / there
     dark, bright, ridge = _areas(image, camera, ring, pose, edges, max(shift, 0.0) / radius_px)
     few = _dependence(equations, radius_px * (1.0 + ring.inner_ratio) / 2.0)
-    inverse = np.asarray(np.linalg.inv(equations.H[:_RATIO, :_RATIO]), dtype=np.float64)
-    covariance = inverse * max(equations.scale, 0.3) * few
+    covariance = inverse(equations.H[:_RATIO, :_RATIO]) * max(equations.scale, 0.3) * few
     seen = edges.seen.reshape(2, _RAYS)
     levels = (
         _median(edges.levels[1, 1], seen[1]),

@@ -18,6 +18,7 @@ from landerd.camera_model import CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
 from landerd.vision.edge_profile import edge_cost
+from landerd.vision.linear import solved
 from landerd.vision.pose import px_per_m
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_edges import EdgeFit, edge_fit, points_on
@@ -444,7 +445,7 @@ def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
         return False
     off = fit.position - e.position
     C = _covariance(e, ring, camera) + fit.covariance
-    return float(off @ np.linalg.solve(C, off)) < _AGREE_CHI2
+    return float(off @ solved(C, off)) < _AGREE_CHI2
 
 
 def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:

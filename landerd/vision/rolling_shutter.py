@@ -16,6 +16,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
 from landerd.vision.expected import any_across
+from landerd.vision.linear import inverse, solved
 from landerd.vision.pose import Pose, circle, mat3, rotation_from
 from landerd.vision.square_pose import ray_derivative
 
@@ -66,8 +67,8 @@ class RollingShutter:
         change = self._change(pose, outline, moved, origin, is_round=False)
         shared = change[:, : moved.shape[1]]
         try:
-            covariance = np.linalg.inv(pose.information) + change @ change.T
-            information: F64 = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+            covariance = inverse(pose.information) + change @ change.T
+            information = inverse(covariance)
         except np.linalg.LinAlgError:
             return replace(pose, shared=np.zeros_like(shared))
         return replace(pose, information=information, shared=shared)
@@ -131,7 +132,7 @@ class RollingShutter:
         size = float(np.square(rays - rays.mean(axis=0)).sum())
         shear = float(np.linalg.norm(moved)) * self._per_ray
         H[3:, 3:] += size * max(_FRONTAL * shear, 1e-6) * np.eye(3)
-        change = np.linalg.solve(H, J.T @ shift.reshape(len(J), -1))
+        change = solved(H, J.T @ shift.reshape(len(J), -1))
         # What is of second order goes any way.
         rest = np.zeros((6, 3))
         rest[:3] = _REST * float(np.linalg.norm(change[:3])) * np.eye(3)

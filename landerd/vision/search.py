@@ -11,6 +11,7 @@ from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
 from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
+from landerd.vision.linear import inverse
 from landerd.vision.patch import is_any_in_picture, whole_in_picture
 from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_2d, rotation_from
 from landerd.vision.ring_search import Refusal
@@ -401,7 +402,7 @@ def _telling_side_px(found: FoundSquare) -> float:
         return 0.0
     if found.fit is not None:
         pose = found.fit.pose
-        covariance = np.linalg.inv(pose.information)[:3, :3]
+        covariance = inverse(pose.information)[:3, :3]
         if float(np.trace(covariance)) > _TELLING_SHARE**2 * float(pose.t @ pose.t):
             return 0.0
     return _side_px(found.corners)

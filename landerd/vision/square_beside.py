@@ -17,6 +17,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution
 from landerd.pad import Ring, Square
 from landerd.vision.expected import any_across
+from landerd.vision.linear import inverse
 from landerd.vision.patch import Image, is_any_in_picture, levels_at
 from landerd.vision.pose import Pose, rotation_2d, rotation_from, wrapped
 from landerd.vision.square_edges import SquareEdges
@@ -155,7 +156,7 @@ class SquareBeside:
         across = np.eye(3) - np.outer(normal, normal)
         sigma = float(self._angles[1])
         C[3:, 3:] = across * _TILT_SIGMA**2 + np.outer(normal, normal) * sigma**2
-        return self._square(normal, t, north, np.asarray(np.linalg.inv(C), dtype=np.float64))
+        return self._square(normal, t, north, inverse(C))
 
 
 def _sampled(cells: NDArray[np.bool_], at: F64) -> F64:

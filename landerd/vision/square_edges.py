@@ -22,6 +22,7 @@ from landerd.vision.edge_profile import (
     edge_cost,
     is_step,
 )
+from landerd.vision.linear import inverse, solved
 from landerd.vision.patch import Image, on_plane, pose_slope
 from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, Pose
 from landerd.vision.square_pose import corner_information
@@ -247,7 +248,7 @@ class SquareEdges:
             H[6, 6] += _SHIFT_SIGMA_PX**-2
             b[6] -= shift / _SHIFT_SIGMA_PX**2
             try:
-                step = np.linalg.solve(H, b)
+                step = solved(H, b)
             except np.linalg.LinAlgError:
                 return None
             pose = pose.moved(np.concatenate([pose.R @ step[:3], pose.R @ step[3:6]]))
@@ -277,13 +278,13 @@ class SquareEdges:
         left = float(w @ r**2) / max(float(w.sum()) - 7.0, 4.0) / noise**2
         bias = math.hypot(_BIAS_PX, _NOISE_BIAS * noise) / focal
         try:
-            of_pose = np.linalg.inv(fitted.H)[:6, :6] * max(left, 0.3) * dependence
+            of_pose = inverse(fitted.H)[:6, :6] * max(left, 0.3) * dependence
             turn = np.kron(np.eye(2), pose.R)
             nearer = np.zeros(6)
             nearer[:3] = 2.0 * _SHIFT_BIAS * shift / focal * pose.t[2] / self._size * pose.t
-            information: F64 = np.linalg.inv(
+            information: F64 = inverse(
                 turn @ of_pose @ turn.T
-                + np.linalg.inv(corner_information(pose, self._size, bias))
+                + inverse(corner_information(pose, self._size, bias))
                 + np.outer(nearer, nearer)
             )
         except np.linalg.LinAlgError:

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
+from landerd.vision.linear import solved
 from landerd.vision.pose import Pose
 
 _MAX_STEPS = 8
@@ -80,7 +81,7 @@ def _refined(rays: F64, points: F64, pose: Pose, sigma: float) -> Pose | None:
         residual, J = _residual(rays, points, pose)
         information = J.T @ J
         try:
-            step = np.linalg.solve(information, J.T @ residual)
+            step = solved(information, J.T @ residual)
         except np.linalg.LinAlgError:
             return None
         pose = pose.moved(step)
