@@ -66,7 +66,8 @@ def _distorted(k: tuple[float, ...], fisheye: bool, x: F64, y: F64) -> tuple[F64
     """
     if not k:
         return x, y
-    square = x * x + y * y
+    xx, yy = x * x, y * y
+    square = xx + yy
     if fisheye:
         tangent = np.sqrt(square)
         angle = np.arctan(tangent)
@@ -80,8 +81,8 @@ def _distorted(k: tuple[float, ...], fisheye: bool, x: F64, y: F64) -> tuple[F64
         radial /= 1.0 + square * (k4 + square * (k5 + square * k6))
     both = 2.0 * x * y
     return (
-        x * radial + p1 * both + p2 * (square + 2.0 * x * x),
-        y * radial + p2 * both + p1 * (square + 2.0 * y * y),
+        x * radial + p1 * both + p2 * (square + 2.0 * xx),
+        y * radial + p2 * both + p1 * (square + 2.0 * yy),
     )
 
 
@@ -152,7 +153,8 @@ class CameraModel:
         undistort = cv2.fisheye.undistortPoints if self.fisheye else cv2.undistortPoints
         undistorted = undistort(points, self.K, self.D, criteria=_INVERSE)
         rays = cast(F64, undistorted).reshape(-1, 2)
-        hard = np.hypot(*rays.T) > _hard(self.distortion, self.fisheye)
+        x, y = rays.T
+        hard = x * x + y * y > _hard(self.distortion, self.fisheye) ** 2
         if hard.any():
             rays[hard] = self._by_newton(rays[hard], points.reshape(-1, 2)[hard])
         return rays

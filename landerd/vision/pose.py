@@ -161,7 +161,8 @@ def skew(v: F64) -> F64:
 
 def vec3(v: F64) -> Vec3:
     """Return a 3-vector as plain floats."""
-    return (float(v[0]), float(v[1]), float(v[2]))
+    x, y, z = v.tolist()
+    return x, y, z
 
 
 def mat3(m: F64) -> Mat3:

@@ -32,8 +32,10 @@ def toned(
     bulge, bend = tone[..., :1], tone[..., 1:]
     product = value * (1.0 - value)
     by_bend = product * (1.0 - 2.0 * value)
-    slope = 1.0 + bulge * (1.0 - 2.0 * value) + bend * (1.0 - 6.0 * product)
     by_tone = np.stack([product, by_bend], axis=-2)
+    if not tone.any():
+        return value, np.ones_like(value), by_tone
+    slope = 1.0 + bulge * (1.0 - 2.0 * value) + bend * (1.0 - 6.0 * product)
     return value + bulge * product + bend * by_bend, np.maximum(slope, _MIN_SLOPE), by_tone
 
 
