@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import PadLayout, Plate, Ring, Square
+from landerd.vision.edge_profile import medians
 from landerd.vision.patch import levels_at
 from landerd.vision.pose import circle, px_per_m, rotation_2d
 from landerd.vision.square_pose import square_points
@@ -126,7 +127,7 @@ class PlateOutline:
         both, both_own = ((known * steps).sum(axis=1) for steps in (is_step, is_own_step))
         plate_view, prints_view = (in_view[:, at].mean(axis=1) for at in (is_plate, ~is_plate))
         plate, prints = (is_step[:, at].mean(axis=1) for at in (is_plate, ~is_plate))
-        bright = np.median(np.where(in_view, (inside - black) / contrast, 1.0), axis=1)
+        bright = medians(np.where(in_view, (inside - black) / contrast, 1.0))
         off = np.clip(_PER_DARKER * np.maximum(1.0 - bright, bright - _BRIGHTEST), 0.0, _MOST_OFF)
         is_seen = both - off >= (_LEAST_CLIPPED if is_clipped else _LEAST)
         is_shadowed = bright > _BRIGHTEST

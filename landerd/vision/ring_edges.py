@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import CameraModel
 from landerd.pad import Ring
-from landerd.vision.edge_profile import ROBUST_SIGMAS, SIGMA_PER_MAD, Mask, crossing, is_step
+from landerd.vision.edge_profile import (
+    ROBUST_SIGMAS,
+    SIGMA_PER_MAD,
+    Mask,
+    crossing,
+    is_step,
+    medians,
+)
 from landerd.vision.linear import inverse
 from landerd.vision.ring_pixels import F32, PlaneView, plane_axes
 from landerd.vision.ring_pose import F64, Pose
@@ -417,7 +424,7 @@ def _uneven(white: F64) -> float:
 
 
 def _median(values: F64, where: Mask) -> float:
-    return float(np.median(values[where])) if where.any() else 0.0
+    return float(medians(values[where][None])[0]) if where.any() else 0.0
 
 
 def _ranked(levels: F64, share: float) -> float:
@@ -478,7 +485,7 @@ def _areas(
     # Over the black beside either edge, that a shadow across the stroke is no ridge.
     beside = edges.levels[:, 0].max(axis=0)[seen]
     contrast = (edges.levels[:, 1].max(axis=0)[seen] - beside).clip(min=1.0)
-    level = np.median((grey[black][:, seen] - beside) / contrast, axis=1)
+    level = medians((grey[black][:, seen] - beside) / contrast)
     # A camera that sharpens darkens the stroke along its edges, and brightens the white there.
     middle, *_, near = grey[:hole, seen] / contrast
     is_seen = inside[:hole, seen].all(axis=0)

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
+from landerd.vision.edge_profile import medians
 from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at
 from landerd.vision.pose import circle, px_per_m, rotation_from
@@ -55,7 +56,7 @@ def _has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) 
     levels = levels[:, ~np.isnan(levels).any(axis=0)]
     if not levels.size:
         return False
-    level = np.median(levels - levels.mean(axis=0), axis=1)
+    level = medians(levels - levels.mean(axis=0))
     return rise_within(level) > _MOST_RISE * fit.contrast
 
 

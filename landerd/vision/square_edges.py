@@ -21,6 +21,7 @@ from landerd.vision.edge_profile import (
     crossing,
     edge_cost,
     is_step,
+    medians,
 )
 from landerd.vision.linear import inverse, solved
 from landerd.vision.patch import Image, on_plane, pose_slope
@@ -240,7 +241,7 @@ class SquareEdges:
         """Return what some robust steps to the edges lead to; None: nowhere."""
         for _ in range(_STEPS):
             residual, J = self._linearised(edges, pose, shift)
-            typical = float(np.median(np.abs(residual[edges.seen])))
+            typical = float(medians(np.abs(residual[edges.seen])[None])[0])
             noise = max(least_noise, SIGMA_PER_MAD * typical)
             weight = edges.seen / (1.0 + (residual / (ROBUST_SIGMAS * noise)) ** 2) ** 2
             JW = J * weight / noise**2
