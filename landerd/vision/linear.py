@@ -20,6 +20,15 @@ def inverse(matrix: F64) -> F64:
     return np.asarray(inverted if is_regular else np.linalg.inv(matrix), dtype=np.float64)
 
 
+def eigen(matrix: F64) -> tuple[F64, F64]:
+    """Return the eigenvalues (n,) of a symmetric matrix, falling, and unit eigenvectors as columns.
+
+    Unlike numpy's they may point either way from one version to the next.
+    """
+    _, values, vectors = cv2.eigen(matrix)
+    return np.asarray(values[:, 0], dtype=np.float64), np.asarray(vectors.T, dtype=np.float64)
+
+
 def solved(matrix: F64, right: F64) -> F64:
     """Return the solution (n,) or (n, k) of matrix (n, n) times it being right, (n,) or (n, k).
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.vision.linear import solved
+from landerd.vision.linear import eigen
 from landerd.vision.ring_model import CENTRE, RATIO, TILT
 from landerd.vision.ring_pixels import F32, sectors
 from landerd.vision.ring_pose import F64
@@ -74,14 +74,20 @@ def clustered_covariance(
     used = int(is_in.any(axis=0).sum())
     pulls = gain @ (scores @ is_in)
     clustered = (pulls @ pulls.T) * (used / max(used - _FITTED, 1))
-    try:
-        L: F64 = np.asarray(np.linalg.cholesky(independent), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    variances = independent.diagonal()
+    if not variances.min() > 0.0:
         return independent
-    half = solved(L, clustered)
-    grown, axes = np.linalg.eigh(solved(L, half.T))
-    widened = L @ (axes * np.sqrt(np.maximum(grown, 1.0)))
-    covariance: F64 = widened @ widened.T
+    sigmas = np.sqrt(variances)
+    unit = sigmas[:, None] * sigmas  # metres and radians are of different size
+    values, axes = eigen(independent / unit)
+    if not values.min() > 0.0:
+        return independent
+    # Of errors of one sigma each along the axes, and what clusters make of them.
+    scale = np.sqrt(values)
+    to_one = (axes / scale).T
+    grown, ways = eigen(to_one @ (clustered / unit) @ to_one.T)
+    widened = (axes * scale) @ (ways * np.sqrt(np.maximum(grown, 1.0)))
+    covariance: F64 = unit * (widened @ widened.T)
     return covariance
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.geometry import Vec3
+from landerd.vision.linear import eigen
 
 F64 = NDArray[np.float64]
 Pose = tuple[F64, F64]  # centre (m) and unit normal away from the camera, camera frame
@@ -47,7 +48,11 @@ def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:
 
 def poses_of_cone(cone: F64, radius: float) -> tuple[Pose, Pose] | None:
     """Return both poses of a circle on a cone of sight, or None if it is not an elliptic cone."""
-    values, vectors = np.linalg.eigh(cone)
+    return _poses(*np.linalg.eigh(cone), radius)
+
+
+def _poses(values: F64, vectors: F64, radius: float) -> tuple[Pose, Pose] | None:
+    """Return the same by the cone's eigenvalues (3,), rising, and its eigenvectors as columns."""
     if values[1] < 0.0:  # signature (+, -, -): the same cone with the other sign
         values, vectors = -values[::-1], vectors[:, ::-1]
     low, mid, high = (float(v) for v in values)
@@ -68,7 +73,9 @@ def poses_of_cone(cone: F64, radius: float) -> tuple[Pose, Pose] | None:
 
 def mirrored(position: F64, normal: F64, radius: float) -> Pose | None:
     """Return the other pose that shows the same ellipse."""
-    poses = poses_of_cone(cone_of_pose(position, normal, radius), radius)
+    # Their signs tell which pose comes first, which matters where none is known.
+    values, vectors = eigen(cone_of_pose(position, normal, radius))
+    poses = _poses(values[::-1], vectors[:, ::-1], radius)
     if poses is None:
         return None
     return min(poses, key=lambda pose: float(pose[1] @ normal))
