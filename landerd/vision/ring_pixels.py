@@ -11,7 +11,7 @@ from landerd.camera_model import CameraModel
 from landerd.pad import Ring
 from landerd.vision.patch import lens_grid
 from landerd.vision.pose import circle
-from landerd.vision.ring_pose import F64, Pose, plane_frame, tangents
+from landerd.vision.ring_pose import F64, Pose, plane_frame
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]  # of everything per pixel: half the time, and 1e-5 px is enough
@@ -39,7 +39,7 @@ class Pixels:
 def edge_pixels(camera: CameraModel, pose: Pose, radii: Sequence[float], count: int = 64) -> F64:
     """Return pixels (radii, count, 2) of circles in the pad's plane."""
     position, normal = pose
-    around = circle(1.0, count) @ np.array(tangents(normal))
+    around = circle(1.0, count) @ np.array(plane_frame(normal)[:2])
     points = position + np.array(radii)[:, None, None] * around
     points[..., 2] = np.maximum(points[..., 2], 1e-3)
     return camera.pixels(points).reshape(points.shape[0], count, 2)
