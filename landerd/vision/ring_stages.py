@@ -176,7 +176,9 @@ def full_fits(
         band = _BAND_BLURS * blur
         fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
     for _ in range(_MOST_REFITS):
-        if not fits or not is_off_cut(camera, ring, start, fits[0], _REFIT_PX):
+        if not fits or not is_dark_in_white(fits[0]):
+            break
+        if not is_off_cut(camera, ring, start, fits[0], _REFIT_PX):
             break
         start, blur = (fits[0].position, fits[0].normal), min(fits[0].blur_px, blur)
         fits = _fits(image, camera, ring, _with_mirror(start, ring), band, _FULL, blur, response)
