@@ -12,6 +12,7 @@ import numpy as np
 
 from landerd.camera_model import F64
 from landerd.pad import Marker, PadLayout, size_m
+from landerd.vision.linear import inverse, solved
 
 ERRORS = 7  # numbers a marker
 TILT, SCALE = slice(3, 6), 6  # places among them
@@ -53,7 +54,7 @@ class MarkerErrors:
         found = self._known.get(tuple(markers))
         if found is None:
             at = _places(markers)
-            found = self._mean[at], _inverse(self._covariance[np.ix_(at, at)])
+            found = self._mean[at], inverse(self._covariance[np.ix_(at, at)])
             self._known[tuple(markers)] = found
         return found
 
@@ -79,7 +80,7 @@ class MarkerErrors:
         self._known.clear()
         at = _places(markers)
         known = self._covariance[np.ix_(at, at)]
-        gain = np.linalg.solve(known, self._covariance[at]).T
+        gain = solved(known, self._covariance[at]).T
         self._mean = self._mean + gain @ (mean - self._mean[at])
         changed = self._covariance + gain @ (covariance - known) @ gain.T
         self._covariance = 0.5 * (changed + changed.T)
@@ -90,10 +91,6 @@ class MarkerErrors:
         kept = math.exp(-past / _FORGET_S)
         self._mean = kept * self._mean
         self._covariance = self._first + kept * (self._covariance - self._first)
-
-
-def _inverse(m: F64) -> F64:
-    return np.asarray(np.linalg.inv(m), dtype=np.float64)
 
 
 def _places(markers: list[int]) -> list[int]:

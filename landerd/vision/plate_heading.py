@@ -24,7 +24,7 @@ from landerd.vision.expected import any_across
 from landerd.vision.patch import Image, levels_at
 from landerd.vision.plate_outline import CLIPPED, outlines
 from landerd.vision.plate_sides import PlateSides
-from landerd.vision.pose import px_per_m, rotation_2d, rotation_from, wrapped
+from landerd.vision.pose import normal_of, px_per_m, rotation_2d, rotation_from, wrapped
 from landerd.vision.square import printed_cells
 
 _HEADINGS, _ALL = 64, slice(None)
@@ -222,7 +222,7 @@ class PlateHeading:
     ) -> tuple[F64, F64, F64]:
         """Return steps and weights (headings, n) of the outlines, and the plate's share in view."""
         about = self.about
-        px = px_per_m(camera, t, np.cross(*axes.T)) * about.sizes
+        px = px_per_m(camera, t, normal_of(axes)) * about.sizes
         share = np.where(about.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
         ways = about.ways * np.clip(_BLUR_PX / px, share, 0.5)[:, None]
         points = np.concatenate([about.places + ways, about.places - ways])
@@ -285,7 +285,7 @@ class _Code:
 
     def is_another(self, image: Image, camera: CameraModel, t: F64, axes: F64) -> bool:
         """Tell whether another code is seen beside a ring at t (3,) under the pad's axes (3, 2)."""
-        if px_per_m(camera, t, np.cross(*axes.T)) * self.cell_m < _CELL_PX:
+        if px_per_m(camera, t, normal_of(axes)) * self.cell_m < _CELL_PX:
             return False
         grey = levels_at(image, camera, t + self.points.reshape(-1, 2) @ axes.T)
         grey = grey.reshape(len(self.points), -1)

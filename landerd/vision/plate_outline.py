@@ -15,7 +15,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.pad import PadLayout, Plate, Ring, Square
 from landerd.vision.edge_profile import medians
 from landerd.vision.patch import levels_at
-from landerd.vision.pose import circle, px_per_m, rotation_2d
+from landerd.vision.pose import circle, normal_of, px_per_m, rotation_2d
 from landerd.vision.square_pose import square_points
 
 U8 = NDArray[np.uint8]
@@ -91,7 +91,7 @@ class PlateOutline:
             axes: two unit vectors (3, 2) in the ring's plane.
             levels: grey levels of the ring's black and of the white about it.
         """
-        px = px_per_m(camera, t, np.cross(*axes.T)) * self._sizes
+        px = px_per_m(camera, t, normal_of(axes)) * self._sizes
         # Not so far that it would be beyond the middle of a small print.
         ways = self._ways * np.clip(_BLUR_PX / px, self._beside, 0.5)[:, None]
         points = np.concatenate([self._places + ways, self._places - ways])

@@ -21,6 +21,7 @@ from landerd.vision.pose import (
     MIN_DEPTH_M,
     circle,
     mat3,
+    normal_of,
     px_per_m,
     rotation_2d,
     rotation_from,
@@ -162,7 +163,7 @@ class PlateRing:
 
     def _has_sides(self, image: Image, camera: CameraModel, at: F64, north: F64) -> bool:
         """Tell whether all sides of the plate are seen, under the pad's axes north (3, 2)."""
-        px = px_per_m(camera, at, np.cross(*north.T))
+        px = px_per_m(camera, at, normal_of(north))
         ways = self._ways * max(_BESIDE, _BLUR_PX / (px * self._ring.radius_m))
         points = np.concatenate([self._places + ways, self._places - ways])
         inside, beyond = levels_at(image, camera, at + points @ north.T).reshape(2, -1)
@@ -173,7 +174,7 @@ class PlateRing:
     def _sighting(self, camera: CameraModel, at: F64, axes: F64, covariance: F64) -> MarkerSighting:
         radius, distance = self._ring.radius_m, float(np.linalg.norm(at))
         aside = _INFLATION * covariance[1:3, 1:3] + np.eye(2) * (_ASIDE_SIGMA * radius) ** 2
-        normal = np.cross(*axes.T)
+        normal = normal_of(axes)
         grown = _GROWN_PX / (px_per_m(camera, at, normal) * self._half_width)
         along = _INFLATION * float(covariance[3, 3]) + _RANGE_SIGMA**2 + grown**2
         C = axes @ aside @ axes.T + along * np.outer(at, at) + np.eye(3) * (1e-3 * distance) ** 2

@@ -38,6 +38,7 @@ _MOST_QUADS = 8  # in a search, those with the straightest sides
 _ALONG = np.linspace(0.12, 0.88, 16)
 _ACROSS = np.arange(-3.0, 3.01, 0.5)  # less far for sides shorter than this
 _ROUNDS, _FULL_SIDE_PX, _SHORTEST_SIDE_PX, _MOST_MOVED_PX = 2, 9.0, 4.0, 6.0
+_BEFORE, _NEXT = np.array([3, 0, 1, 2]), np.array([1, 2, 3, 0])  # of four corners
 _LEAST_FALL, _LEAST_PLACES = 4.5, 6  # in half a px, and places of a side with it
 _MOST_OFF, _MOST_OFF_PX = 0.06, 1.0  # of corners, share of the shortest side and px
 _BESIDE = 0.12  # from the outline to either side, of the ring's radius
@@ -95,7 +96,7 @@ class PlateSearch:
         sides = np.diff(rays, axis=0)
         if not _is_clockwise(sides):
             rays, corners = rays[::-1], corners[::-1]
-        side_px = float(np.sqrt(((corners - np.roll(corners, 1, axis=0)) ** 2).sum(axis=1)).min())
+        side_px = float(np.sqrt(((corners - corners[_BEFORE]) ** 2).sum(axis=1)).min())
         most_off = (_MOST_OFF * side_px + _MOST_OFF_PX) / camera.fx
         poses = []
         for first in range(4):
@@ -128,7 +129,8 @@ def _on_steps(image: U8, corners: F64) -> F64 | None:
         lines = _side_lines(image, moved)
         if lines is None:
             return None
-        crossed = np.cross(np.roll(lines, 1, axis=0), lines)
+        (a, b, c), (d, e, f) = lines[_BEFORE].T, lines.T
+        crossed = np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = crossed[:, :2] / crossed[:, 2:]
         if not (np.abs(moved - corners) < _MOST_MOVED_PX).all():
@@ -138,7 +140,7 @@ def _on_steps(image: U8, corners: F64) -> F64 | None:
 
 def _side_lines(image: U8, corners: F64) -> F64 | None:
     """Return homogeneous lines (4, 3) where white ends near each side; None: it does not."""
-    sides = np.roll(corners, -1, axis=0) - corners
+    sides = corners[_NEXT] - corners
     lengths = np.hypot(*sides.T)
     if lengths.min() < _SHORTEST_SIDE_PX:
         return None
@@ -175,7 +177,7 @@ def _is_clockwise(sides: F64) -> bool:
 
 def _is_outlined(image: U8, corners: F64) -> bool:
     """Tell whether steps are seen along most of four sides: poses take several times as long."""
-    sides = np.roll(corners, -1, axis=0) - corners
+    sides = corners[_NEXT] - corners
     reach = _BESIDE_SIDE * float(np.hypot(*sides.T).min())
     places, ways = along(corners, _PER_SIDE)
     at = np.concatenate([places - reach * ways, places + reach * ways]).astype(np.float32)

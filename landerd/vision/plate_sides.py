@@ -8,7 +8,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.vision.linear import inverse, solved
 from landerd.vision.patch import Image, levels_at
 from landerd.vision.plate_outline import Outlines
-from landerd.vision.pose import px_per_m, rotation_2d
+from landerd.vision.pose import normal_of, px_per_m, rotation_2d
 
 # How far across the outline white's end is looked for, of the ring's radius, round by round.
 _REACHES, _LEAST_REACH_PX, _PLACES = (0.28, 0.18, 0.14), 3.0, 21
@@ -63,7 +63,7 @@ class PlateSides:
             off_sigma: of the ring's place on the plane, of its radius, and
             size_sigma: of the size.
         """
-        px = px_per_m(camera, t, np.cross(*axes.T))
+        px = px_per_m(camera, t, normal_of(axes))
         sigma = max(_SIGMA * self._radius, _SIGMA_PX / px)
         known = np.diag([1e-9, *[1.0 / (off_sigma * self._radius) ** 2] * 2, 1.0 / size_sigma**2])
         middle: F64 = np.zeros(2)

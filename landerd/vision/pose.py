@@ -123,6 +123,11 @@ def rotation_from(normal: F64, north: F64) -> F64:
     return np.array([first, east, n]).T
 
 
+def normal_of(axes: F64) -> F64:
+    """Return the unit normal (3,) of a plane with axes (3, 2): numpy's own takes twenty times."""
+    return np.array(cross(*map(vec3, axes.T)))
+
+
 def gravity_cost(normal: F64, down: Vec3 | None) -> float:
     """Return the chi-square of a pad's normal's angle to gravity; zero where that is not known."""
     if down is None:

@@ -434,7 +434,8 @@ def _place(level: Level, candidate: Candidate) -> Place:
     """Return where in the whole image a candidate of a level is."""
     outline = candidate.outline
     k = level.reduction
-    size = 2.0 * k * math.sqrt(abs(float(np.linalg.det(outline.axes))))
+    (a, b), (c, d) = outline.axes.tolist()
+    size = 2.0 * k * math.sqrt(abs(a * d - b * c))
     return Place((outline.centre + 0.5) * k - 0.5 + level.corner, size, k)
 
 

@@ -40,6 +40,7 @@ _MIN_SLANT = 0.35  # cosine of the viewing angle below which the image is not en
 _SQUARE_MARGIN_PX = 4.0  # round the circle about a ring in which squares must lie
 _WINDOW_MARGIN, _WINDOW_SIGMAS = 0.2, 3.0  # round what is expected: of its size, and of its sigma
 _HEADINGS = 32  # under which a square may lie about a ring
+_BEFORE = np.array([3, 0, 1, 2])  # of four corners, of each the one before
 _ROUND_MARGIN = 0.05  # of it, round the circle that holds all squares beside a ring
 
 FoundRing = tuple[Ring, MarkerSighting]
@@ -410,7 +411,7 @@ def _telling_side_px(found: FoundSquare) -> float:
 
 def _side_px(corners: F64) -> float:
     """Return the shortest side of a square with corners (4, 2) in the image."""
-    return float(np.sqrt(((corners - np.roll(corners, 1, axis=0)) ** 2).sum(axis=1)).min())
+    return float(np.sqrt(((corners - corners[_BEFORE]) ** 2).sum(axis=1)).min())
 
 
 def _turned(points: F64, heading_deg: float) -> F64:

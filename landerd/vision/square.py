@@ -81,7 +81,8 @@ class SquareFinder:
         """Prepare a detector for each dictionary of the pad."""
         self._count = len(layout.squares)
         self._whole_searches = 0
-        self._detectors: list[tuple[cv2.aruco.ArucoDetector, list[Square], int]] = []
+        # With which of the corners that it tells comes first, and so on, as the makers have them.
+        self._detectors: list[tuple[cv2.aruco.ArucoDetector, list[Square], list[int]]] = []
         # Of all ids of a dictionary, with those of the pad.
         self._whole: dict[str, tuple[cv2.aruco.ArucoDetector, set[int]]] = {}
         for name in sorted({s.dictionary for s in layout.squares}):
@@ -90,7 +91,8 @@ class SquareFinder:
             # Comparing every dark patch with hundreds of ids would take longer than finding it.
             ids = whole.bytesList[[s.id for s in squares]]
             known = cv2.aruco.Dictionary(ids, whole.markerSize, whole.maxCorrectionBits)
-            self._detectors.append((cv2.aruco.ArucoDetector(known), squares, _turns(name)))
+            first = [(corner - _turns(name)) % 4 for corner in range(4)]
+            self._detectors.append((cv2.aruco.ArucoDetector(known), squares, first))
             self._whole[name] = cv2.aruco.ArucoDetector(whole), {s.id for s in squares}
 
     def find(
@@ -135,7 +137,7 @@ class SquareFinder:
     ) -> list[FoundSquare]:
         """Return squares in a part of an image that are not known, one that is there twice too."""
         found = []
-        for detector, squares, turn in self._detectors:
+        for detector, squares, first in self._detectors:
             if known.issuperset(squares):
                 continue
             cells = detector.getDictionary().markerSize + 2
@@ -143,7 +145,7 @@ class SquareFinder:
             parameters = _parameters(4.0 * side_px / max(part.shape), means_px)
             for number, corners in _detected(detector, parameters, part):
                 if squares[number] not in known:
-                    px = np.roll(look.in_whole(corners), turn, axis=0)
+                    px = look.in_whole(corners)[first]
                     found.append(FoundSquare(squares[number], px))
         return found
 
