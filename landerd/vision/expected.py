@@ -60,6 +60,8 @@ class Expected:
 
     def centre(self, marker: Marker) -> F64 | None:
         """Return where a marker's centre (3,) should be; None: its heading is not known."""
+        if marker.position_m == (0.0, 0.0):
+            return self.position
         points = self.points(marker.position_m, np.zeros((1, 2)))
         return None if points is None else np.asarray(points[0])
 
