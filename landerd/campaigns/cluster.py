@@ -57,9 +57,12 @@ def run_on_cluster(address: str, run_one: RunOne, tasks: Iterable[Task]) -> Gene
     """
     try:
         from distributed import Client, as_completed
+        from distributed.comm import get_address_host_port, normalize_address
     except ImportError:
         raise ClusterError("--scheduler needs dask: pip install distributed") from None
     try:
+        # A client that fails at this hangs at its end.
+        get_address_host_port(normalize_address(address), strict=True)
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as e:
         raise ClusterError(f"--scheduler {address}: no Dask scheduler answers ({e})") from None

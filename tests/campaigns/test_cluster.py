@@ -87,12 +87,12 @@ def test_a_worker_with_another_landerd_flies_nothing(
         list(run_on_cluster(address, fly, [("radial", 1)]))
 
 
+@pytest.mark.parametrize("nobody", ["tcp://127.0.0.1:9", "tcp://127.0.0.1", "nobody"])
 def test_nobody_there_is_one_clear_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    nobody: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
     monkeypatch.setattr(os, "environ", dict(os.environ))
-    nobody = "tcp://127.0.0.1:9"
     assert main(["campaign", "stationary", "--runs", "1", "--scheduler", nobody]) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"--scheduler {nobody}: no Dask scheduler answers")
