@@ -166,7 +166,9 @@ class Evidence:
         self.armed, self.guided, self._beat_t = armed, guided, t
 
     def on_rc(self, t: float, measured_t: float, message: mavlink.MAVLink_message) -> None:
-        """The receiver's channels arrive at t, measured earlier."""
+        """The receiver's channels arrive at t, measured earlier; dropped if before the last."""
+        if measured_t < self._rc_t:
+            return
         pulse = getattr(message, f"chan{self._b.gate_channel}_raw")
         present = pulse not in (0, 65535)
         high = present and pulse > self._b.gate_threshold_us
@@ -181,7 +183,7 @@ class Evidence:
             self.gate_low_t = None
         elif self.gate_low_t is None:
             self.gate_low_t = t
-        self._rc_t = max(self._rc_t, measured_t)
+        self._rc_t = measured_t
 
     def on_boot_time(self, t: float, boot_s: float, *, is_answer: bool = False) -> bool:
         """The autopilot says how long it has run: one that restarted says less than before.

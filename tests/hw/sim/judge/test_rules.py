@@ -251,6 +251,16 @@ def test_1b_channels_that_were_held_back_are_as_old_as_they_are() -> None:
     assert court.broken == []
 
 
+def test_1b_channels_that_come_after_newer_ones_say_nothing_of_the_switch() -> None:
+    court = Court()
+    court.fly(1.0)
+    court.pulse, court.rc_held_back_s = 1100, 0.3  # of before the switch was high
+    court.listen()
+    court.mute.add(RC)
+    court.fly(0.3)
+    assert court.broken == []
+
+
 def test_1d_it_need_not_brake_harder_than_the_autopilot_can() -> None:
     court = Court(replace(BOUNDS, braking_mps2=1.0))
     lose(court, 5.0, EAST_1)
