@@ -893,6 +893,14 @@ MUTANTS = [
         "test_a_pad_that_sways_is_followed_closely_enough_to_land_on",
     ),
     Mutant(
+        "6: landed is told of what was blown off the pad after it was levelled",
+        PAD,
+        "stands = touchdown.stands and not context.is_left_behind(step.now)",
+        "stands = touchdown.stands",
+        "guidance/test_landing.py::"
+        "test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad",
+    ),
+    Mutant(
         "5: believes a velocity that jumps as none can",
         "landerd/estimation/spikes.py",
         "first = is_other and jump != AS_EXPECTED",

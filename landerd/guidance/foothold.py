@@ -88,16 +88,17 @@ class Foothold:
         self._offset = (-to_pad[0], -to_pad[1])
         self._rate, self._followed_s = (0.0, 0.0), 0.0
 
-    def slide(self, now: float, feet: Vec3, pad_velocity: Vec3) -> None:
+    def slide(self, now: float, feet: Vec3, pad_velocity: Vec3, *, stands: bool = False) -> None:
         """Follow the feet across the plate since it was called last, however long ago that is.
 
         Args:
             now: s.
             feet: their centre, local, m; by positions, as a velocity may be off by a constant.
             pad_velocity: as last seen, local, m/s.
+            stands: they have not moved across it since.
         """
         last, self._feet = self._feet, (now, feet)
-        if last is None or now <= last[0]:
+        if last is None or now <= last[0] or stands:
             return
         dt, (north, east, _) = now - last[0], last[1]
         step = (

@@ -88,7 +88,8 @@ class Landing:
     @property
     def stands(self) -> bool:
         """Whether the vehicle stands still on the pad, as far as is known."""
-        return self.state is State.ON_PAD and self._touchdown.stands
+        on_pad = self.state is State.ON_PAD and self._touchdown.stands
+        return on_pad and not self._context.is_left_behind(self._now)
 
     @property
     def reason(self) -> str:

@@ -8,7 +8,7 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, angle_between, horizontal, rot_z, rotate
+from landerd.geometry import Vec3, angle_between, horizontal, rot_z, rotate, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
 from landerd.guidance.footing import Footing
@@ -37,6 +37,9 @@ MOMENT_S = 0.3
 # pad: as low over one as contact is believed, and going with it, nothing flies for so long.
 RESTS_MPS = 0.1
 RESTS_S, RESTS_HIGHER_S = 0.35, 1.0
+# What stands on a pad and is so much slower than that was, m/s, has slid off, or its pad has
+# braked: it is looked at and followed once more.
+LEFT_BEHIND_MPS = 1.5
 # Health of the last moments that the pilot is told of. In 38 days of the field (seeds 401 to 440)
 # one window of as many sightings while tracking had a share refused above 0.13 (0.33, and sight was
 # lost then). Pictures older than this share of guidance.lost.after_s are all but out of sight when
@@ -281,6 +284,13 @@ class LandingContext:
     def is_carried(self) -> bool:
         """Whether the pad is seen to take the vehicle along, otherwise than it was known to go."""
         return self._footing.holds
+
+    def is_left_behind(self, now: float) -> bool:
+        """Tell whether the vehicle is much slower or faster than the pad was when last seen."""
+        vehicle = self.estimator.fresh_vehicle(now)
+        if vehicle is None:
+            return False
+        return horizontal(sub(vehicle.velocity, self.pad_velocity)) > LEFT_BEHIND_MPS
 
     def heave(self, now: float) -> tuple[float, float]:
         """Return the pad's vertical velocity as far as it is known, and its sigma, m/s.

@@ -381,8 +381,8 @@ def _stand_level(
         if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.heaves:
             touchdown.press(step.now)
             level = False
-        if not touchdown.stands:
-            context.foothold.slide(step.now, vehicle.feet, context.pad_velocity)
+        stands = touchdown.stands and not context.is_left_behind(step.now)
+        context.foothold.slide(step.now, vehicle.feet, context.pad_velocity, stands=stands)
     if level:
         context.orders.stand_level(context.heading, context.pad_velocity)
     return level

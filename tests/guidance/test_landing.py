@@ -982,6 +982,28 @@ def test_what_was_left_behind_by_its_pad_has_not_landed_on_it() -> None:
     assert flight.lander.outcome == "landed_off_pad"
 
 
+@pytest.mark.parametrize(("slides_mps", "outcome"), [(-4.0, "landed_off_pad"), (0.0, "landed")])
+def test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad(
+    slides_mps: float, outcome: str
+) -> None:
+    """From a pad of 10 m/s; another pad of 4 m/s brakes under what stands on it."""
+    flight = Flight(pad_velocity=(4.0, 0.0, 0.0))
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    while not flight.pressed:
+        flight.tick()
+    if slides_mps:
+        flight.skids, flight.visible = slides_mps, False
+    else:
+        flight.pad_velocity = (0.0, 0.0, 0.0)
+    flight.run(0.2)
+    assert flight.lander.needs_sight or not slides_mps  # of what is seen to be taken along not
+    flight.run(1.5)
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == outcome
+
+
 def test_nothing_found_it_hands_back_by_way_of_stops() -> None:
     config = Config.model_validate({"guidance": {"lost": {"give_up_s": 2.0}}})
     flight = Flight(config=config).engaged()
