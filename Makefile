@@ -4,10 +4,11 @@ PYTHON ?= python3
 BIN := .venv/bin
 SETUP := .venv/setup-done
 
-# Many short processes, two at a time: compiled files are kept, and each computes in one thread.
+# Many short processes: compiled files are kept, and each computes in one thread. Three at a time on
+# two cores, since some wait for sockets and real time.
 unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS = 1
-PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+PYTEST := $(BIN)/python -m pytest -n 3 --dist worksteal
 
 .PHONY: sim test test-devices check reference docs bench bench-vision mutants fuzz golden clean
 

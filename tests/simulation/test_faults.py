@@ -15,6 +15,14 @@ def flown(fault: str, *more: str, script: Script | None = None) -> Simulation:
     return fly(script, overrides=settings, longest_s=40.0)
 
 
+async def until_soon_after(simulation: Simulation) -> None:
+    """End the flight 4 s after its first fault has ended."""
+    while simulation.faults.happened[0].ended is None:
+        await asyncio.sleep(0.1)
+    await asyncio.sleep(4.0)
+    simulation.over = True
+
+
 def broken(simulation: Simulation) -> set[str]:
     """All that was broken or found, and that landerd could have kept."""
     found = {**simulation.rules.broken, **simulation.monitor.found}
@@ -149,7 +157,8 @@ def test_a_search_that_hangs_is_given_up() -> None:
 
 
 def test_what_nobody_can_keep_is_excused_for_as_long_as_it_lasts() -> None:
-    simulation = flown("{fault: loop-stalls, at: {phase: DESCENT}, severity: 0.3}")
+    stalls = "{fault: loop-stalls, at: {phase: DESCENT}, severity: 0.3}"
+    simulation = flown(stalls, script=until_soon_after)
     late = "3: set-points less often than 20 Hz"
     assert late in simulation.rules.broken
     (note,) = simulation.faults.happened
@@ -196,7 +205,8 @@ def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
 @pytest.mark.parametrize("fault", ["attitude-frozen", "position-frozen", "pictures-frozen"])
 def test_what_repeats_itself_with_new_times_is_not_flown_on(fault: str) -> None:
     """Frozen, the attitude made it swing up to 9 m off, and a picture drew it 17 m sideways."""
-    simulation = flown(f"{{fault: {fault}, at: {{phase: DESCENT, after_s: 1}}, for_s: 4}}")
+    frozen = f"{{fault: {fault}, at: {{phase: DESCENT, after_s: 1}}, for_s: 4}}"
+    simulation = flown(frozen, script=until_soon_after)
     assert broken(simulation) == set()
     assert simulation.daemon.lander.aborts >= 1
     assert any("repeats itself" in kind for kind in simulation.daemon.faults)
