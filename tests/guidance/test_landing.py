@@ -826,82 +826,68 @@ def test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling() -> None:
     assert flight.setpoints[-1][1].velocity[0] == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize("beside_m", [0.0, 1.5])
-def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m: float) -> None:
+def left_standing(*, detects_landing: bool = False) -> Flight:
+    """Return a flight that a false heartbeat ended on the pad, motors on, the switch low now."""
     flight = Flight()
-    flight.detects_landing = False
+    flight.detects_landing = detects_landing
     to(flight.engaged(), State.ON_PAD)
-    flight.armed = False  # a false heartbeat: it is left standing with its motors on
+    flight.armed = False
     to(flight, State.SILENT)
     flight.armed = True
     flight.pulse_us = LOW
+    return flight
+
+
+def does_not_take_off(flight: Flight) -> None:
+    """Check that a landing begins and ends on the pad."""
+    begun = len(flight.setpoints)
+    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
+    flight.run(0.5)
+    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+
+
+@pytest.mark.parametrize("beside_m", [0.0, 1.5])
+def test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it(beside_m: float) -> None:
+    flight = left_standing()
     flight.pad_heading += 0.2  # not as it was to be put down
     flight.pad = add(flight.pad, (0.0, beside_m, 0.0))
     flight.run(1.0)
     flight.pulse_us = HIGH
-    begun = len(flight.setpoints)
     if beside_m:
         assert to(flight, State.TRACKING) == [State.SILENT, State.TRACKING]
         flight.run(0.5)
         assert flight.lander.state is State.TRACKING
         return
-    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
-    flight.run(0.5)
-    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+    does_not_take_off(flight)
     assert flight.phases[-1] is Phase.LANDED
 
 
 def test_a_landing_begun_where_the_autopilot_says_it_stands_ends_there() -> None:
     """Started anew on the pad, landerd saw itself over it and aside, and told it to climb."""
-    flight = Flight()
-    to(flight.engaged(), State.ON_PAD)
-    flight.armed = False
-    to(flight, State.SILENT)
-    flight.armed = True
-    flight.pulse_us = LOW
+    flight = left_standing(detects_landing=True)
     flight.pad = add(flight.pad, (0.17, 0.0, 0.09))
     flight.run(1.5)
     flight.pulse_us = HIGH
-    begun = len(flight.setpoints)
-    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
-    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+    does_not_take_off(flight)
 
 
 def test_a_landing_begun_on_feet_that_seem_to_be_over_the_pad_ends_there() -> None:
     """Of a gear built longer than said; a false heartbeat had ended the landing."""
-    flight = Flight()
-    flight.detects_landing = False
-    to(flight.engaged(), State.ON_PAD)
-    flight.armed = False
-    to(flight, State.SILENT)
-    flight.armed = True
-    flight.pulse_us = LOW
+    flight = left_standing()
     flight.distort = lambda true: replace(true, position=scale(true.position, 1.6))
     flight.run(3.0)
     flight.pulse_us = HIGH
-    begun = len(flight.setpoints)
-    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
-    flight.run(0.5)
-    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+    does_not_take_off(flight)
 
 
 def test_a_landing_that_begins_on_a_pad_just_come_in_sight_does_not_take_off() -> None:
-    flight = Flight()
-    flight.detects_landing = False
-    to(flight.engaged(), State.ON_PAD)
-    flight.armed = False
-    to(flight, State.SILENT)
-    flight.armed = True
+    flight = left_standing()
     flight.visible = False
-    flight.pulse_us = LOW
     flight.run(3.0)
     flight.pulse_us = HIGH
     flight.run(0.5)
     flight.visible = True
-    begun = len(flight.setpoints)
-    assert to(flight, State.ON_PAD) == [State.SILENT, State.ON_PAD]
-    flight.run(0.5)
-    assert all(setpoint.velocity[2] >= 0.0 for _, setpoint in flight.setpoints[begun:])
+    does_not_take_off(flight)
 
 
 @pytest.mark.parametrize("brake_mps2", [2.0, 4.0])
