@@ -122,7 +122,8 @@ class PlateOutline:
         is_step = rise > max(least, _LEAST_STEP)
         own_light = np.clip(inside / max(white, 1.0), 0.0, 1.0)
         is_own_step = rise > np.maximum(least * own_light, _LEAST_STEP)
-        known = self._weights * (in_view & is_known & ~(is_plate & (beyond > CLIPPED)))
+        tells = in_view & ~(is_plate & (beyond > CLIPPED))
+        known = self._weights * (tells & is_known)
         known /= np.maximum(known.sum(axis=1, keepdims=True), 1e-9)
         both, both_own = ((known * steps).sum(axis=1) for steps in (is_step, is_own_step))
         plate_view, prints_view = (in_view[:, at].mean(axis=1) for at in (is_plate, ~is_plate))
@@ -135,7 +136,8 @@ class PlateOutline:
         is_cut = np.minimum(plate_view, prints_view) <= _LEAST_SEEN
         is_seen |= plate >= _LEAST_PLATE * plate_view
         is_seen |= prints - off * prints_view >= _LEAST_PRINTS * prints_view
-        is_without = (plate_view > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_view)
+        plate_tells = tells[:, is_plate].mean(axis=1)
+        is_without = (plate_tells > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_tells)
         return is_seen & ~is_cut, is_cut & ~is_without
 
 

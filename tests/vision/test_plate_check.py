@@ -258,6 +258,16 @@ def test_where_all_is_blown_out_what_is_left_of_a_print_tells_the_pad(distance: 
     assert not is_seen_blown_out(BARE)
 
 
+def test_where_all_is_blown_out_a_pad_whose_prints_are_out_of_the_picture_is_seen() -> None:
+    """Its plate's edge is as white as the ground: nothing says that it lacks one."""
+    at = look(THESIS_CAMERA, 2.2, 0.4, pixel=(160.0, 80.0), heading=4.5)
+    soft = Optics(background="plain")
+    image = render(at, THESIS_CAMERA, soft, np.random.default_rng(2), THESIS_PAD)
+    blown = np.clip(4.0 * image, 0.0, 255.0).astype(np.uint8)
+    vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
+    assert any(vision.process(Frame(i / 30.0, i, blown)).pad for i in range(5))
+
+
 def test_the_pad_is_seen_behind_a_nearer_ring_that_is_another_s() -> None:
     rng, grass = np.random.default_rng(2), Optics(background="grass")
     far = look(IDEAL_CAMERA, 9.0, 0.4, pixel=(150.0, 230.0), tilt_towards=1.0, heading=0.3)
