@@ -326,7 +326,9 @@ def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 |
     """Return a rotation of the pad about the first marker's normal to start from."""
     for m in measured:
         if m.heading is not None:
-            return rotation_from(first.normal, m.poses[0].R[:, 0])
+            # A mirrored one's north may be tens of degrees off: no step leads back from there.
+            alike = max(m.poses, key=lambda pose: float(pose.normal @ first.normal))
+            return rotation_from(first.normal, alike.R[:, 0])
     for m in measured[1:]:
         arm = m.place - measured[0].place
         if np.abs(arm).max() > 1e-6:

@@ -16,7 +16,7 @@ from landerd.vision import Vision
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, pad_poses, ring_measurement
 from landerd.vision.pose import Pose, rotation_from, vec3
-from tests.vision.scenes import THESIS_CAMERA, Optics, View, look, render
+from tests.vision.scenes import THESIS_CAMERA, THESIS_PAD, Optics, View, look, render
 
 CAMERA = THESIS_CAMERA.scaled(320, 240)
 PADS = Path(__file__).parents[2] / "config" / "pads"
@@ -95,6 +95,16 @@ def test_a_second_marker_settles_the_planar_ambiguity() -> None:
     assert math.dist(pad_poses([square], EXACT, None, None)[0].normal, TILTED.normal) > 0.5
     pad = pad_poses([square, ring(TILTED, (0.0, 0.0))], EXACT, None, None)[0]
     assert math.dist(pad.normal, TILTED.normal) < 1e-3
+
+
+def test_a_tag_whose_mirrored_pose_explains_it_better_does_not_displace_the_ring() -> None:
+    """From that pose's north no step led back, and the pad was seen 15 % of its range off."""
+    at = look(THESIS_CAMERA, 8.0, 1.0, pixel=(300.0, 200.0), heading=5.27)
+    noisy = Optics(noise=8.0, background="grass")
+    image = render(at, THESIS_CAMERA, noisy, np.random.default_rng(3), THESIS_PAD)
+    seen = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection()).process(Frame(0.0, 0, image))
+    assert {m.kind for m in seen.markers} == {"whycon", "apriltag"}
+    assert math.dist(seen.pad[0].position, at.position) < 0.02 * 8.0
 
 
 def test_gravity_puts_the_level_solution_first() -> None:
