@@ -95,7 +95,13 @@ def test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto() -> 
 def test_a_pad_drives_out_of_reach_while_landerd_is_started_again(
     pad_mps: float, is_out: bool
 ) -> None:
-    simulation = flown("{fault: core-raises, at: {height_m: 1.0}}", f"sim.pad.speed_mps={pad_mps}")
+    async def until_it_is_out(simulation: Simulation) -> None:
+        while simulation.reach is None or simulation.reach.left_t is None:
+            await asyncio.sleep(0.1)
+        simulation.over = True
+
+    fault, speed = "{fault: core-raises, at: {height_m: 1.0}}", f"sim.pad.speed_mps={pad_mps}"
+    simulation = flown(fault, speed, script=until_it_is_out)
     assert simulation.reach is not None
     assert (simulation.reach.left_t is not None) is is_out
     assert simulation.score.landed is not is_out
