@@ -20,6 +20,7 @@ from landerd.vision.plate_outline import along, plate_corners
 from landerd.vision.pose import circle
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_pose import Pose
+from landerd.vision.square_pose import shortest_side
 
 U8 = NDArray[np.uint8]
 
@@ -96,8 +97,7 @@ class PlateSearch:
         sides = np.diff(rays, axis=0)
         if not _is_clockwise(sides):
             rays, corners = rays[::-1], corners[::-1]
-        side_px = float(np.sqrt(((corners - corners[_BEFORE]) ** 2).sum(axis=1)).min())
-        most_off = (_MOST_OFF * side_px + _MOST_OFF_PX) / camera.fx
+        most_off = (_MOST_OFF * shortest_side(corners) + _MOST_OFF_PX) / camera.fx
         poses = []
         for first in range(4):
             turned = np.ascontiguousarray(np.roll(rays, first, axis=0))

@@ -19,7 +19,7 @@ from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_edges import SquareEdgeFit
-from landerd.vision.square_pose import square_points
+from landerd.vision.square_pose import shortest_side, square_points
 from landerd.vision.window import Window
 
 _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer
@@ -40,7 +40,6 @@ _MIN_SLANT = 0.35  # cosine of the viewing angle below which the image is not en
 _SQUARE_MARGIN_PX = 4.0  # round the circle about a ring in which squares must lie
 _WINDOW_MARGIN, _WINDOW_SIGMAS = 0.2, 3.0  # round what is expected: of its size, and of its sigma
 _HEADINGS = 32  # under which a square may lie about a ring
-_BEFORE = np.array([3, 0, 1, 2])  # of four corners, of each the one before
 _ROUND_MARGIN = 0.05  # of it, round the circle that holds all squares beside a ring
 
 FoundRing = tuple[Ring, MarkerSighting]
@@ -282,7 +281,7 @@ class Search:
         out_of_sight = (px.max(axis=0) < 0).any() or (
             px.min(axis=0) > (self._camera.width, self._camera.height)
         ).any()
-        if out_of_sight or _side_px(px) < _MIN_SIDE_PX:
+        if out_of_sight or shortest_side(px) < _MIN_SIDE_PX:
             return None
         north = corners[:2].sum(axis=0) - corners[2:].sum(axis=0)
         start = Pose(
@@ -406,12 +405,7 @@ def _telling_side_px(found: FoundSquare) -> float:
         covariance = inverse(pose.information)[:3, :3]
         if float(np.trace(covariance)) > _TELLING_SHARE**2 * float(pose.t @ pose.t):
             return 0.0
-    return _side_px(found.corners)
-
-
-def _side_px(corners: F64) -> float:
-    """Return the shortest side of a square with corners (4, 2) in the image."""
-    return float(np.sqrt(((corners - corners[_BEFORE]) ** 2).sum(axis=1)).min())
+    return shortest_side(found.corners)
 
 
 def _turned(points: F64, heading_deg: float) -> F64:

@@ -8,12 +8,18 @@ from landerd.vision.linear import solved
 from landerd.vision.pose import Pose
 
 _MAX_STEPS = 8
+_BEFORE = np.array([3, 0, 1, 2])  # of four corners, of each the one before
 
 
 def square_points(size: float) -> F64:
     """Return the corners (4, 2) in the marker's plane (north, east), m: top left, clockwise."""
     h = 0.5 * size
     return np.array([[h, -h], [h, h], [-h, h], [-h, -h]])
+
+
+def shortest_side(corners: F64) -> float:
+    """Return the shortest side of a quadrilateral by its corners (4, 2), in their unit."""
+    return float(np.sqrt(((corners - corners[_BEFORE]) ** 2).sum(axis=1)).min())
 
 
 def poses_from_corners(
