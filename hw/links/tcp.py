@@ -30,9 +30,11 @@ class TcpLink:
         loop = asyncio.get_running_loop()
         try:
             if self._listen:
+                # Cancelled while it begins to serve, it is kept by then and can be closed.
                 self._server = await loop.create_server(
-                    lambda: _Connection(self), self._host, self._port
+                    lambda: _Connection(self), self._host, self._port, start_serving=False
                 )
+                await self._server.start_serving()
             else:
                 await loop.create_connection(lambda: _Connection(self), self._host, self._port)
         except OSError as e:
