@@ -909,6 +909,20 @@ MUTANTS = [
         "test_a_tag_whose_mirrored_pose_explains_it_better_does_not_displace_the_ring",
     ),
     Mutant(
+        "vision: motion of a moment hides a code for ever",
+        "landerd/vision/print_fit.py",
+        "if blur > 1.0 and (fit is None or fit.explained < MIN_EXPLAINED):",
+        "if False:",
+        "vision/test_whycode.py::test_a_code_is_seen_as_soon_as_the_camera_is_still_again",
+    ),
+    Mutant(
+        "vision: dirt in its hole hides a ring in a hard shadow",
+        "landerd/vision/ring_explained.py",
+        "(inner < _EVEN * outer and not is_ring_by_edges(e))",
+        "inner < _EVEN * outer",
+        "vision/test_ring_match.py::test_nor_where_dirt_covers_some_of_its_hole_besides",
+    ),
+    Mutant(
         "5: believes a velocity that jumps as none can",
         "landerd/estimation/spikes.py",
         "first = is_other and jump != AS_EXPECTED",

@@ -60,6 +60,7 @@ class Fit:
     variance: float  # of one residual, grey levels^2
     correlation: float  # of neighbouring residuals, 0 (noise alone) to below 1
     tone: F64  # as `toned` takes it; zeros: none is seen
+    blur: float  # variance, over that of a sharp lens
     # Share of what tells the print from others that is white for black, or black for white,
     # whichever is less: what hides a print does one of the two, another print both.
     contradicted: float
@@ -117,7 +118,8 @@ class _NormalEquations:
 class MarkerPrint:
     """The print of one marker, ready to be compared with images.
 
-    Keeps the blur of its last fit, from which the next one starts, and the print so blurred.
+    Keeps the blur and the tone of what was found last, from which the next fit starts, and the
+    print so blurred.
     """
 
     def __init__(self, fine: NDArray[np.floating], size: float, per_m: float, reach: float) -> None:
@@ -133,7 +135,7 @@ class MarkerPrint:
         self._size, self._reach = size, reach
         self._corners = square_points(size)
         self._blurred = BlurredPrint(fine, per_m)
-        self._blur = 1.0  # of the last fit, in a sharp lens's: the next is likely alike
+        self._blur = 1.0  # of what was found last: the next is likely alike
         self._tone = LINEAR  # of the camera, as far as it is known
 
     def fit(
@@ -151,18 +153,28 @@ class MarkerPrint:
         patch = marker_patch(image, camera, start, self._reach, self._is_used)
         if patch is None:
             return None
-        blur = max(patch.blur, self._blur * patch.blur)
-        was_toned = bool(self._tone.any())
-        estimate = _Estimate(start, blur, _first_light(patch.grey), self._tone, was_toned)
+        blur = max(1.0, self._blur)
+        fit = self._fitted(patch, start, blur, has_rival)
+        if blur > 1.0 and (fit is None or fit.explained < MIN_EXPLAINED):
+            # The last picture was in motion, and this one may not be: small prints blurred like
+            # that have no cells left that tell the way to the pose.
+            sharp = self._fitted(patch, start, 1.0, has_rival)
+            fit = max((fit, sharp), key=lambda f: -math.inf if f is None else f.explained)
+        return fit
+
+    def _fitted(self, patch: Patch, start: Pose, blur: float, has_rival: bool) -> Fit | None:
+        """Return the fit from a start, with a blur in a sharp lens's; None if there is none."""
+        light, was_toned = _first_light(patch.grey), bool(self._tone.any())
+        estimate = _Estimate(start, blur * patch.blur, light, self._tone, was_toned)
         equations = self._descended(patch, estimate, has_rival)
-        if equations is None:
-            return None
-        self._blur = estimate.blur / patch.blur
-        return self._judged(patch, estimate, equations)
+        return None if equations is None else self._judged(patch, estimate, equations)
 
     def remember(self, fit: Fit) -> None:
-        """Let the next fits start with the tone of this one."""
-        self._tone = fit.tone
+        """Let the next fits start with the blur and the tone of this one: it found the print.
+
+        Of what is not the print they would lead away from it: off it all looks blurred.
+        """
+        self._blur, self._tone = fit.blur, fit.tone
 
     def corner_rays(self, pose: Pose) -> F64:
         """Return the rays (4, 2) of the corners under a pose, on z = 1."""
@@ -271,7 +283,8 @@ class MarkerPrint:
         is_seen = estimate.is_toned and equations.tone_loss(estimate.tone) > _TONE_CHI2
         tone = estimate.tone if is_seen else LINEAR
         contradicted = self._contradicted(patch, estimate, equations.residual)
-        return Fit(fitted, explained, squares, variance, correlation, tone, contradicted)
+        blur = estimate.blur / patch.blur
+        return Fit(fitted, explained, squares, variance, correlation, tone, blur, contradicted)
 
     def _contradicted(self, patch: Patch, estimate: _Estimate, residual: F64) -> float:
         """Return the share of what tells the print that is turned, see `Fit`."""

@@ -46,6 +46,7 @@ _MIN_PRODUCT, _PRODUCT_PX = 0.27, 2.7  # this, and this over the shorter radius
 _VOUCHED = 0.7
 # Times that of what is likest a level ring in the picture: a hard shadow across leaves 0.6. But of
 # one edge about as much as of the other, as shadows do: the loop of a letter is round within only.
+# Dirt in the hole hides the inner edge of what is a ring all the same.
 _MATCHED, _EVEN = 0.6, 0.7
 # Of the covariance then: of 53 such rings in leaf shade 62 in 100 lay inside 99 % without it.
 _VOUCHED_INFLATION = 4.0
@@ -284,7 +285,10 @@ def matched_fits(
 ) -> list[RingFit]:
     """Return the fit to edges about what is likest a level ring; empty if it is none."""
     e = edge_fit(image, camera, ring, start)
-    if e is None or min(e.support) < _EVEN * max(e.support):
+    if e is None:
+        return []
+    outer, inner = e.support
+    if outer < _EVEN * inner or (inner < _EVEN * outer and not is_ring_by_edges(e)):
         return []
     inflation = _told(e, ring, vouches, _MATCHED)
     return [] if inflation is None else [_ring_fit(e, ring, camera, e.noise_px, inflation)]

@@ -37,3 +37,20 @@ def test_a_hard_shadow_across_a_far_ring_does_not_hide_it(way: float, edge_radii
     found = sights(half_in_shade(at, way, edge_radii), Prior(down=gravity(at)))
     assert found
     assert math.dist(found[0].pad[0].position, at.position) < 0.05 * 13.0
+
+
+@pytest.mark.parametrize("dirt_way", [0.5, 2.6, 4.7])
+@pytest.mark.parametrize("way", [1.2, 2.5, 3.6])
+def test_nor_where_dirt_covers_some_of_its_hole_besides(way: float, dirt_way: float) -> None:
+    at = view(9.0, 0.4)
+    image = half_in_shade(at, way, 0.2)
+    ring = THESIS_PAD.rings[0]
+    hole_px = (
+        ring.inner_ratio * ring.radius_m * IDEAL_CAMERA.fx / float(np.linalg.norm(at.position))
+    )
+    x, y = IDEAL_CAMERA.pixels(np.array([at.position]))[0]
+    middle = x + 0.75 * hole_px * math.cos(dirt_way), y + 0.75 * hole_px * math.sin(dirt_way)
+    cv2.circle(image, (round(middle[0]), round(middle[1])), round(0.6 * hole_px), 30, cv2.FILLED)
+    found = sights(image, Prior(down=gravity(at)))
+    assert found
+    assert math.dist(found[0].pad[0].position, at.position) < 0.05 * 9.0

@@ -77,6 +77,18 @@ def test_one_code_tells_place_number_and_north(distance: float, tilt_deg: float)
     assert normal_error_deg(marker, view) < (2.0 if tilt_deg else 8.0)
 
 
+@pytest.mark.parametrize("distance", [16.0, 18.0, 20.0])
+def test_a_code_is_seen_as_soon_as_the_camera_is_still_again(distance: float) -> None:
+    view, rng = look(distance, 30.0), np.random.default_rng(3)
+    vision = Vision(pad(), CAMERA, VisionSection())
+    found = []
+    for i, motion_px in enumerate([0.0, 7.0, 7.0, 7.0, 0.0]):
+        optics = scenes.Optics(motion_px=(0.3 * motion_px, motion_px))
+        image = scenes.render(view, CAMERA, optics, rng, pad())
+        found.append(vision.process(Frame(i / 30.0, i, image)))
+    assert math.dist(found[-1].pad[0].position, view.position) < 0.002 * distance
+
+
 @pytest.mark.parametrize(("number", "bits"), [(31, 6), (1, 3), (23, 8)])
 @pytest.mark.parametrize("heading_deg", [-170.0, -65.0, 100.0])
 def test_every_turn_of_every_code_is_read(number: int, bits: int, heading_deg: float) -> None:
