@@ -916,6 +916,14 @@ MUTANTS = [
         "vision/test_whycode.py::test_a_code_is_seen_as_soon_as_the_camera_is_still_again",
     ),
     Mutant(
+        "vision: dirt darker than faded ink hides a tag",
+        "landerd/vision/square_fit.py",
+        "return fit if self._edges.is_own(image, camera, fit) else None",
+        "return None",
+        "vision/test_square.py::"
+        "test_a_faded_tag_is_tracked_under_dirt_that_is_darker_and_another_is_not",
+    ),
+    Mutant(
         "vision: dirt in its hole hides a ring in a hard shadow",
         "landerd/vision/ring_explained.py",
         "(inner < _EVEN * outer and not is_ring_by_edges(e))",

@@ -135,14 +135,15 @@ class SquarePrint(MarkerPrint):
         Where it may be hidden its border must be seen, and some of its code.
         """
         fit = self._edges.fit(image, camera, start)
-        if fit is None or fit.turned > _MAX_TURNED:
+        if fit is None:
             return None
         is_print = fit.support > _MIN_SUPPORT and fit.code_support > _MIN_CODE_SUPPORT
         is_border = fit.outline_support > _MIN_OUTLINE_SUPPORT
         is_shown = is_border and fit.code_support > _MIN_SHOWN_SUPPORT
-        if is_print or (may_be_hidden and is_shown) or self._edges.is_own(image, camera, fit):
+        if fit.turned < _MAX_TURNED and (is_print or (may_be_hidden and is_shown)):
             return fit
-        return None
+        # Dirt that is darker than faded ink turns edges, too.
+        return fit if self._edges.is_own(image, camera, fit) else None
 
     def _is_telling(self, north: F64, east: F64) -> NDArray[np.bool_]:
         reach = self._code_reach

@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -186,6 +187,24 @@ def test_a_tag_in_spots_of_light_that_brighten_the_white_beside_it_is_tracked() 
     assert np.linalg.norm(error) < 0.02
     covariance = np.linalg.inv(fit.pose.information)[:3, :3]
     assert error @ np.linalg.inv(covariance) @ error < 16.3  # 99.9 %
+
+
+@pytest.mark.parametrize("number", [0, 417])
+def test_a_faded_tag_is_tracked_under_dirt_that_is_darker_and_another_is_not(number: int) -> None:
+    square = tag()
+    view = look(THESIS_CAMERA, 1.0, math.radians(30), pixel=(250, 260), heading=0.7)
+    faded = Optics(white=115.0, black=60.0)
+    printed = pad_of(tag(number=number))
+    image = render(view, THESIS_CAMERA, faded, np.random.default_rng(5), printed)
+    corners = corners_px(view, square)
+    side = float(np.linalg.norm(corners[0] - corners[1]))
+    for down in (0.2, 0.5, 0.8):
+        x, y = corners[0] + np.array([down, 0.3]) @ (corners[[3, 1]] - corners[0])
+        cv2.circle(image, (round(x), round(y)), round(0.14 * side), 20, cv2.FILLED)
+    start = Pose(view.R_camera_pad, np.array(view.position), np.zeros((6, 6)), 0.0)
+    fit = SquarePrint(square, printed_cells(square)).track(image, THESIS_CAMERA, start)
+    assert (fit is not None) == (number == 0)
+    assert fit is None or np.linalg.norm(fit.pose.t - np.array(view.position)) < 5e-3
 
 
 # 10, 122 and 316 are explained to 0.96 where the cells that differ are taken for outliers.
