@@ -916,6 +916,21 @@ MUTANTS = [
         "vision/test_whycode.py::test_a_code_is_seen_as_soon_as_the_camera_is_still_again",
     ),
     Mutant(
+        "2: takes what is small and round for a pad of one ring, without its plate",
+        "landerd/vision/plate_check.py",
+        "return None if is_told and is_seen is False else is_seen",
+        "return is_seen if ring in self._headings else None",
+        "vision/test_plate_check.py::"
+        "test_of_a_pad_of_one_ring_what_is_small_and_round_without_its_plate_is_none",
+    ),
+    Mutant(
+        "2: takes a wheel for a ring",
+        "landerd/vision/ring_explained.py",
+        "if is_ring and is_even and",
+        "if is_ring and",
+        "vision/test_plate_check.py::test_nor_is_a_wheel_whose_hub_is_darker_than_what_is_around",
+    ),
+    Mutant(
         "vision: dirt darker than faded ink hides a tag",
         "landerd/vision/square_fit.py",
         "return fit if self._edges.is_own(image, camera, fit) else None",

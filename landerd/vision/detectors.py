@@ -132,6 +132,10 @@ class Detectors(Protocol):
         """See `PlateCheck.contradicts`."""
         ...
 
+    def has_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `PlateCheck.supports`."""
+        ...
+
     def plate_north(
         self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None
     ) -> PlateNorth | None:
@@ -168,7 +172,7 @@ class PixelDetectors:
         self._plate_headings = {
             ring: PlateHeading(layout, ring) for ring in layout.rings if has_beside(layout, ring)
         }
-        self._plate = PlateCheck(camera, self._plate_headings)
+        self._plate = PlateCheck(camera, layout, self._plate_headings)
         self._on_plates = {
             ring: PlateRing(layout.plate, ring, heading)
             for ring, heading in self._plate_headings.items()
@@ -300,6 +304,10 @@ class PixelDetectors:
     def lacks_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
         """See `PlateCheck.contradicts`."""
         return self._plate.contradicts(image, ring, sighting)
+
+    def has_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """See `PlateCheck.supports`."""
+        return self._plate.supports(image, ring, sighting)
 
     def plate_north(
         self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None

@@ -46,6 +46,9 @@ _PER_DARKER, _BRIGHTEST, _MOST_OFF = 0.5, 1.4, 0.3
 #   pads refused        6.8 %   3.6 %    5.1 %    4.4 %    1.4 %
 #   others passed       42 %    14 %     17 %     7 of 37  2 of 7
 _LEAST, _LEAST_CLIPPED, _LEAST_PLATE, _LEAST_PRINTS = 0.66, 0.44, 0.95, 0.88
+# The same of a plate that carries the ring alone. Of 150 looks at a manhole half have 0.22, none as
+# much as this; a wheel has 0.7.
+_LEAST_ALONE = 0.4
 # The same where much lies in another light than the ring, of which nothing is taken off: of 242
 # looks at pads with a shadow's edge to 0.2 across them 57 are refused without it, 2 with it. Less
 # where the ring lies in the shadow: of 112 others refused on 120 field days none had 0.77.
@@ -66,13 +69,15 @@ class PlateOutline:
     """The outlines about one ring of a pad."""
 
     def __init__(self, about: Outlines) -> None:
-        """Take the places; needs a pad with other markers beside the ring."""
+        """Take the places."""
         self._places, self._ways = about.places, about.ways
         self._sizes, self._is_plate = about.sizes, about.is_plate
         n, count = int(about.is_plate.sum()), len(about.is_plate)
         self._beside = np.where(self._is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
-        shares = _PLATE_WEIGHT / n, (1.0 - _PLATE_WEIGHT) / (count - n)
+        shares = _PLATE_WEIGHT / n, (1.0 - _PLATE_WEIGHT) / max(count - n, 1)
         self._weights = np.where(self._is_plate, *shares)
+        self._has_prints = count > n
+        self._least = _LEAST if self._has_prints else _LEAST_ALONE
         turns = [rotation_2d(2.0 * math.pi * k / _HEADINGS).T for k in range(_HEADINGS)]
         # Every second heading first: most pads are seen under one of them.
         self._turns = np.stack(turns[::2]), np.stack(turns[1::2])
@@ -126,16 +131,18 @@ class PlateOutline:
         known = self._weights * (tells & is_known)
         known /= np.maximum(known.sum(axis=1, keepdims=True), 1e-9)
         both, both_own = ((known * steps).sum(axis=1) for steps in (is_step, is_own_step))
-        plate_view, prints_view = (in_view[:, at].mean(axis=1) for at in (is_plate, ~is_plate))
-        plate, prints = (is_step[:, at].mean(axis=1) for at in (is_plate, ~is_plate))
+        plate_view, plate = (of[:, is_plate].mean(axis=1) for of in (in_view, is_step))
         bright = medians(np.where(in_view, (inside - black) / contrast, 1.0))
         off = np.clip(_PER_DARKER * np.maximum(1.0 - bright, bright - _BRIGHTEST), 0.0, _MOST_OFF)
-        is_seen = both - off >= (_LEAST_CLIPPED if is_clipped else _LEAST)
+        is_seen = both - off >= (min(_LEAST_CLIPPED, self._least) if is_clipped else self._least)
         is_shadowed = bright > _BRIGHTEST
         is_seen |= both_own >= np.where(is_shadowed, _LEAST_IN_SHADOW, _LEAST_IN_OWN_LIGHT)
-        is_cut = np.minimum(plate_view, prints_view) <= _LEAST_SEEN
+        is_cut = plate_view <= _LEAST_SEEN
         is_seen |= plate >= _LEAST_PLATE * plate_view
-        is_seen |= prints - off * prints_view >= _LEAST_PRINTS * prints_view
+        if self._has_prints:
+            prints_view, prints = (of[:, ~is_plate].mean(axis=1) for of in (in_view, is_step))
+            is_cut |= prints_view <= _LEAST_SEEN
+            is_seen |= prints - off * prints_view >= _LEAST_PRINTS * prints_view
         plate_tells = tells[:, is_plate].mean(axis=1)
         is_without = (plate_tells > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_tells)
         return is_seen & ~is_cut, is_cut & ~is_without
@@ -147,7 +154,7 @@ def has_beside(layout: PadLayout, ring: Ring) -> bool:
 
 
 def outlines(layout: PadLayout, ring: Ring) -> Outlines:
-    """Return the outlines about a ring of a pad that has other markers beside it."""
+    """Return the outlines of the plate about a ring, and of the markers beside it."""
     places, ways = along(plate_corners(layout.plate), _PER_SIDE)
     # Ways lead to where the plate is white, as long as what has the outline is large.
     parts = [(places, -ring.radius_m * ways)]

@@ -214,7 +214,8 @@ class Vision:
             if isinstance(ring, Ring):
                 has_shown = c.sighting.stage == PLATE
                 lacks = not has_shown and self._detectors.lacks_plate(image, ring, c.sighting)
-                self._plate_looks.append((t, not lacks))
+                has = has_shown or self._detectors.has_plate(image, ring, c.sighting)
+                self._plate_looks.append((t, has))
                 if lacks and not _is_at(vouched, ring, c.sighting):
                     continue
             kept.append(c)

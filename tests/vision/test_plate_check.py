@@ -362,7 +362,7 @@ def test_nor_is_one_with_white_alike_on_four_sides() -> None:
     solution = PoseSolution(at.position, (0.0, 0.0, 1.0), None, ((0.0,) * 3,) * 3, None, 0.1, 1.0)
     seen = MarkerSighting("whycon", None, (solution,), ())
     headings = {ring: PlateHeading(THESIS_PAD, ring)}
-    assert PlateCheck(IDEAL_CAMERA, headings).contradicts(blurred, ring, seen)
+    assert PlateCheck(IDEAL_CAMERA, THESIS_PAD, headings).contradicts(blurred, ring, seen)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5])
@@ -418,3 +418,43 @@ def test_in_fine_leaf_shade_the_plate_vouches_for_a_ring_whose_edges_are_broken(
         looks = (vision.process(Frame(k / 30, k, image)) for k in range(4))
         seen = next(look for look in looks if look.pad)
         assert math.dist(seen.pad[0].position, at.position) < 0.2
+
+
+def round_thing(radius_px: float, hole: float = 175.0, plate: float = 0.0) -> U8:
+    """Draw what is round and dark with a bright middle, on a plate so bright or on the ground."""
+    y, x = np.mgrid[:480, :640] - np.array([228.2, 300.3])[:, None, None]
+    away, aside = np.hypot(x, y) / radius_px, np.maximum(abs(x), abs(y)) / radius_px
+    ground = np.where(aside < 1.24, max(plate, 125.0), 125.0) if plate else 175.0
+    image = np.where(away < 1.0, np.where(away < 50 / 122, hole, 80.0), ground)
+    noise = np.random.default_rng(1).normal(0.0, 2.0, image.shape)
+    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.9) + noise, 0, 255).astype(np.uint8)
+
+
+def is_taken(image: U8) -> bool:
+    vision = Vision(BARE, IDEAL_CAMERA, VisionSection())
+    level = Prior(down=(0.0, 0.0, 1.0))
+    return any(vision.process(Frame(i / 30.0, i, image), level).pad for i in range(8))
+
+
+@pytest.mark.parametrize("radius_px", [7.0, 9.0, 12.0])
+def test_of_a_pad_of_one_ring_what_is_small_and_round_without_its_plate_is_none(
+    radius_px: float,
+) -> None:
+    assert is_taken(round_thing(radius_px, plate=175.0))
+    assert not is_taken(round_thing(radius_px))
+
+
+def test_a_larger_ring_is_taken_on_ground_as_bright_as_its_plate() -> None:
+    assert is_taken(round_thing(18.0))
+
+
+@pytest.mark.parametrize("radius_px", [10.0, 13.0, 17.0])
+def test_nor_is_a_wheel_whose_hub_is_darker_than_what_is_around(radius_px: float) -> None:
+    """Something in the hub shines."""
+    wheel = round_thing(radius_px, hole=110.0, plate=175.0)
+    hub_px = radius_px * 50 / 122
+    shining = np.zeros(wheel.shape)
+    at = round(16.0 * (300.3 + 0.4 * hub_px)), round(16.0 * 228.2)
+    cv2.circle(shining, at, round(16.0 * 0.45 * hub_px), 65.0, cv2.FILLED, cv2.LINE_AA, 4)
+    image = wheel + cv2.GaussianBlur(shining, (0, 0), 0.7)
+    assert not is_taken(np.clip(image, 0, 255).astype(np.uint8))

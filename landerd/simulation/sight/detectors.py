@@ -251,6 +251,10 @@ class ModelledDetectors:
         """Return False: there are no look-alikes."""
         return False
 
+    def has_plate(self, image: Image, ring: Ring, sighting: MarkerSighting) -> bool:
+        """Return True, likewise."""
+        return True
+
     def plate_north(
         self, image: Image, ring: Ring, sighting: MarkerSighting, known: F64 | None
     ) -> PlateNorth | None:
