@@ -901,14 +901,6 @@ MUTANTS = [
         "test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad",
     ),
     Mutant(
-        "vision: a mirrored tag displaces the ring beside it",
-        "landerd/vision/pad_pose.py",
-        "alike = max(m.poses, key=lambda pose: float(pose.normal @ first.normal))",
-        "alike = m.poses[0]",
-        "vision/test_pad_pose.py::"
-        "test_a_tag_whose_mirrored_pose_explains_it_better_does_not_displace_the_ring",
-    ),
-    Mutant(
         "vision: motion of a moment hides a code for ever",
         "landerd/vision/print_fit.py",
         "if blur > 1.0 and (fit is None or fit.explained < MIN_EXPLAINED):",
