@@ -105,8 +105,7 @@ class PlateCheck:
         outline = self._outlines[ring]
         is_seen = outline.is_seen(image, self._camera, t, axes, (black, white))
         heading = self._headings.get(ring)
-        is_tiny = self._radius_px(ring, t, normal) < _MIN_RADIUS_PX
-        if is_seen is False or is_tiny or heading is None:
+        if is_seen is False or heading is None or self._radius_px(ring, t, normal) < _MIN_RADIUS_PX:
             return is_seen
         stands_out = heading.stands_out(image, self._camera, t, axes)
         return False if stands_out is False else is_seen

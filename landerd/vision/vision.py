@@ -204,7 +204,7 @@ class Vision:
     def _with_plate(
         self, t: float, image: Image, candidates: list[Candidate], vouched: Expected | None
     ) -> list[Candidate]:
-        """Return the candidates without rings that are bare where the pad has other markers.
+        """Return the candidates without rings that lack the pad's plate about them.
 
         But those where a pad is `vouched` for: where it is expected then.
         """

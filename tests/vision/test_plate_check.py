@@ -424,8 +424,8 @@ def round_thing(radius_px: float, hole: float = 175.0, plate: float = 0.0) -> U8
     """Draw what is round and dark with a bright middle, on a plate so bright or on the ground."""
     y, x = np.mgrid[:480, :640] - np.array([228.2, 300.3])[:, None, None]
     away, aside = np.hypot(x, y) / radius_px, np.maximum(abs(x), abs(y)) / radius_px
-    ground = np.where(aside < 1.24, max(plate, 125.0), 125.0) if plate else 175.0
-    image = np.where(away < 1.0, np.where(away < 50 / 122, hole, 80.0), ground)
+    ground = np.where(aside < 1.24, plate, 125.0) if plate else 175.0
+    image = np.where(away < 1.0, np.where(away < RING.inner_ratio, hole, 80.0), ground)
     noise = np.random.default_rng(1).normal(0.0, 2.0, image.shape)
     return np.clip(cv2.GaussianBlur(image, (0, 0), 0.9) + noise, 0, 255).astype(np.uint8)
 
@@ -452,7 +452,7 @@ def test_a_larger_ring_is_taken_on_ground_as_bright_as_its_plate() -> None:
 def test_nor_is_a_wheel_whose_hub_is_darker_than_what_is_around(radius_px: float) -> None:
     """Something in the hub shines."""
     wheel = round_thing(radius_px, hole=110.0, plate=175.0)
-    hub_px = radius_px * 50 / 122
+    hub_px = radius_px * RING.inner_ratio
     shining = np.zeros(wheel.shape)
     at = round(16.0 * (300.3 + 0.4 * hub_px)), round(16.0 * 228.2)
     cv2.circle(shining, at, round(16.0 * 0.45 * hub_px), 65.0, cv2.FILLED, cv2.LINE_AA, 4)
