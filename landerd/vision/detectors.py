@@ -22,6 +22,7 @@ from landerd.vision.plate_outline import has_beside
 from landerd.vision.plate_ring import PlateRing
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pose import Pose
+from landerd.vision.print_edges import EdgeFit
 from landerd.vision.print_fit import Fit
 from landerd.vision.pyramid import is_blank
 from landerd.vision.ring_response import CameraResponse
@@ -36,7 +37,6 @@ from landerd.vision.square import (
     printed_cells,
 )
 from landerd.vision.square_beside import SquareBeside
-from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
@@ -84,9 +84,7 @@ class Detectors(Protocol):
         """Return the ring on the level plate that is seen about where it is expected, (3,), m."""
         ...
 
-    def track_square(
-        self, image: Image, square: Square, expected: Pose
-    ) -> Fit | SquareEdgeFit | None:
+    def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | EdgeFit | None:
         """See `SquarePrint.track`."""
         ...
 
@@ -247,9 +245,7 @@ class PixelDetectors:
         on_plate = self._on_plates.get(ring)
         return None if on_plate is None else on_plate.near(image, self._camera, expected, down)
 
-    def track_square(
-        self, image: Image, square: Square, expected: Pose
-    ) -> Fit | SquareEdgeFit | None:
+    def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | EdgeFit | None:
         """See `SquarePrint.track`."""
         return self._prints[square].track(image, self._camera, expected)
 

@@ -14,11 +14,11 @@ from landerd.vision.expected import Expected
 from landerd.vision.linear import inverse
 from landerd.vision.patch import is_any_in_picture, whole_in_picture
 from landerd.vision.pose import MIN_DEPTH_M, Pose, circle, rotation_2d, rotation_from
+from landerd.vision.print_edges import EdgeFit
 from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
 from landerd.vision.square import FoundSquare, Image
-from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.square_pose import shortest_side, square_points
 from landerd.vision.window import Window
 
@@ -398,7 +398,7 @@ def _telling_side_px(found: FoundSquare) -> float:
 
     What has made the edges tell more than the grey levels disturbs a ring less.
     """
-    if isinstance(found.fit, SquareEdgeFit):
+    if isinstance(found.fit, EdgeFit):
         return 0.0
     if found.fit is not None:
         pose = found.fit.pose

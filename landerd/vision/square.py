@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64
 from landerd.pad import PadLayout, Square
 from landerd.vision.pose import Pose
+from landerd.vision.print_edges import EdgeFit
 from landerd.vision.print_fit import Fit
-from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.window import Window
 
 Image = NDArray[np.uint8]
@@ -70,7 +70,7 @@ class FoundSquare:
     square: Square
     corners: F64  # (4, 2) px, top left first, clockwise as its makers print it
     # That found it where it was expected; None: it was detected.
-    fit: Fit | SquareEdgeFit | None = None
+    fit: Fit | EdgeFit | None = None
     beside: Pose | None = None  # by `SquareBeside`: nothing but its heading is of the square
 
 

@@ -20,7 +20,7 @@ from landerd.vision.expected import any_across
 from landerd.vision.linear import inverse
 from landerd.vision.patch import Image, is_any_in_picture, levels_at
 from landerd.vision.pose import Pose, rotation_2d, rotation_from, wrapped
-from landerd.vision.square_edges import SquareEdges
+from landerd.vision.square_edges import square_edges
 
 _STEP_CELLS = 0.5  # between samples, along radii and, at the square, between them
 _MARGIN_CELLS = 1.0  # of the white round the print that is compared
@@ -65,7 +65,7 @@ class SquareBeside:
         print_ = _sampled(cells, at / self._cell)
         off = np.abs(at).max(axis=-1)
         code = 0.5 * square.size_m - self._cell
-        self._edges = SquareEdges(cells, square.size_m)
+        self._edges = square_edges(cells, square.size_m)
         self._kernels = [
             _kernels(print_, self._radii[:, None] * (off < limit)) for limit in (half, code)
         ]

@@ -11,8 +11,9 @@ from landerd.messages import EDGES, GREY
 from landerd.pad import Square
 from landerd.vision.patch import Image
 from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose
+from landerd.vision.print_edges import EdgeFit, ranked_by_edges
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint
-from landerd.vision.square_edges import SquareEdgeFit, SquareEdges, ranked_by_edges
+from landerd.vision.square_edges import square_edges
 from landerd.vision.square_pose import planar_poses, poses_from_corners
 
 _PER_CELL = 6  # samples of the print along a cell
@@ -57,7 +58,7 @@ class SquarePrint(MarkerPrint):
         reach = 0.5 * size * (1.0 + 2.0 * _USED_MARGIN_CELLS / count)
         self._code_reach = size * (0.5 - 1.0 / count)
         super().__init__(fine, size, count * _PER_CELL / size, reach)
-        self._edges = SquareEdges(cells, size)
+        self._edges = square_edges(cells, size)
 
     def poses(
         self,
@@ -66,7 +67,7 @@ class SquarePrint(MarkerPrint):
         corners: F64,
         down: Vec3 | None = None,
         known_normal: Vec3 | None = None,
-        first: Fit | SquareEdgeFit | None = None,
+        first: Fit | EdgeFit | None = None,
     ) -> tuple[list[Pose], str]:
         """Return the one or two poses that explain the pixels, best first, and by which stage.
 
@@ -87,7 +88,7 @@ class SquarePrint(MarkerPrint):
         if first is None:
             return poses_from_corners(corners, self._size, camera, _CORNER_SIGMA_PX), GREY
         rivals = self._rivals(camera, first.pose, known_normal, down)
-        if isinstance(first, SquareEdgeFit):
+        if isinstance(first, EdgeFit):
             found = (self._edges.fit(image, camera, start) for start in rivals)
             return ranked_by_edges([first, *(f for f in found if f is not None)]), EDGES
         fits = [first]
@@ -98,7 +99,7 @@ class SquarePrint(MarkerPrint):
         self.remember(min(fits, key=lambda f: f.squares))
         return _ranked(fits), GREY
 
-    def _first(self, image: Image, camera: CameraModel, corners: F64) -> Fit | SquareEdgeFit | None:
+    def _first(self, image: Image, camera: CameraModel, corners: F64) -> Fit | EdgeFit | None:
         """Return the fit that begins as the corners say; None if they alone are to be trusted."""
         starts = planar_poses(camera.rays(corners), self._size)
         if not starts:
@@ -108,9 +109,7 @@ class SquarePrint(MarkerPrint):
         is_near = fit is not None and fit.explained >= MIN_EXPLAINED
         return fit if is_near else self._by_edges(image, camera, start)
 
-    def track(
-        self, image: Image, camera: CameraModel, expected: Pose
-    ) -> Fit | SquareEdgeFit | None:
+    def track(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | EdgeFit | None:
         """Return the fit of the square where it is expected, to a cell; None: it is not there.
 
         The whole print must be explained, or most of its edges where something hides the rest or
@@ -129,7 +128,7 @@ class SquarePrint(MarkerPrint):
 
     def _by_edges(
         self, image: Image, camera: CameraModel, start: Pose, *, may_be_hidden: bool = False
-    ) -> SquareEdgeFit | None:
+    ) -> EdgeFit | None:
         """Return the fit to edges near a start; None if they are not the print's.
 
         Where it may be hidden its border must be seen, and some of its code.

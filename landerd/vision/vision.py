@@ -276,7 +276,7 @@ class Vision:
     def _code(self, t: float, found: FoundCode, prior: Prior) -> Candidate | None:
         """Return a WhyCode with its pose; None if that is too uncertain."""
         outline = circle(found.code.radius_m)
-        return self._decoded(t, found.code, list(found.poses), outline, prior)
+        return self._decoded(t, found.code, list(found.poses), outline, prior, found.stage)
 
     def _decoded(
         self,

@@ -4,7 +4,8 @@ A dark ring with a bright core is looked for as a plain ring is. Under both pose
 the code band is read in the ring's own plane, so neither perspective nor lens distortion bends it;
 what does not carry a code of the pad is none of its rings. Then the whole print, its turn now
 known, is fitted to the pixels from both poses: the teeth, too long on one side and too short on the
-other under the wrong one, tell which is true.
+other under the wrong one, tell which is true. Where the pixels are not as even light would have
+them, the edges of teeth and outline are fitted instead.
 """
 
 import math
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
+from landerd.messages import EDGES, GREY
 from landerd.pad import PadLayout, WhyCode, rotated
 from landerd.vision.expected import Expected
 from landerd.vision.pose import (
@@ -26,18 +28,29 @@ from landerd.vision.pose import (
     rotation_from,
     turned_about_normal,
 )
+from landerd.vision.print_edges import ranked_by_edges
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit
-from landerd.vision.pyramid import SMALL_PX, levels
+from landerd.vision.pyramid import levels
 from landerd.vision.ring_pose import mirrored, poses_through
-from landerd.vision.ring_segment import Look, dark_by_mean, ring_candidates
+from landerd.vision.ring_segment import (
+    LARGE_STROKE_PX,
+    STROKE_PX,
+    Look,
+    dark_between,
+    dark_by_mean,
+    ring_candidates,
+)
+from landerd.vision.whycode_edges import whycode_edges
 from landerd.vision.whycode_print import WhyCodePrint
 
 Image = NDArray[np.uint8]
 
 _PLAIN_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
-_SEGMENTATIONS = (dark_by_mean(0.65), dark_by_mean(0.88))
+_LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
+_WIDE = dark_by_mean(0.88)
 _CLEAR_SHARE = 0.9  # of a ring's spokes from which it is read at once: plain ones gave 1.0
 _MAX_LATER = 8  # of the others that are read, of a whole image
+_MAX_UNCLEAR = 2  # of those that are like a code, but not read, that are fitted
 _SAMPLES_PER_BIT = 16  # samples of the band along a cell
 _BAND_RADII = (0.40, 0.4715, 0.543)  # of the circles on which the band is read, in outer radii
 _SINE = np.sin((np.arange(_SAMPLES_PER_BIT) + 0.5) * (2.0 * math.pi / _SAMPLES_PER_BIT))
@@ -46,6 +59,25 @@ _HALVES = _SINE * (2.0 / float(np.abs(_SINE).sum()))  # weights: first half of a
 _MIN_CONTRAST = 12.0  # along the band, grey levels
 _MIN_MEAN_DIFFERENCE = 0.4  # between a bit's halves, over the contrast along the band
 _MIN_DECISION_MARGIN = 0.45  # a code read under the mirrored pose gave 0.5 to 0.6, the true one 0.9
+# What dirt, a leg or blur hides a bit of is not read clearly. By how much the halves of bits differ
+# as they should, over the contrast along the band, on average and the least, of what is found and
+# of what is known to be there: a ring without code gives 0, one of another number has a bit at
+# -0.6, of 25 to 30 px across, blurred, it was 0.4 to 0.5, and the least bit -0.04, where one in ten
+# could be read. In logarithms, of levels and so much, so that shade does not matter.
+_MIN_AGREEMENT, _MIN_BIT_FOUND, _MIN_BIT_KNOWN, _DARK = 0.35, 0.05, -0.15, 10.0
+# Share of the pixels' variance that its fit then must explain: small and dim, more of it is noise.
+# Of 61 pictures of a code at 9 to 16 m 46 were found (28 with `MIN_EXPLAINED`), off by 1.8 % of the
+# range at most; of 295 other places in them none.
+_MIN_KNOWN_EXPLAINED = 0.7
+# The same of one that is read, if what is left is noise: alike in neighbours by no more than this.
+# Dim codes of 24 to 30 px, at 14 to 17 m, gave 0.63 to 0.78 and 0.0.
+_MIN_NOISY_EXPLAINED, _NOISE_CORRELATION = 0.6, 0.15
+# A fit to grey levels that explains less, and leaves what is so much alike in neighbours, is not
+# trusted where the edges tell the pose: of 90 codes in hard, soft and leaf shade it was off by 2 to
+# 40 thousandths of the range, most by 10 and more, edges by 0.1 to 5; without shade all but a few
+# dirty ones explain more.
+_EVEN_EXPLAINED, _SHADED_CORRELATION = 0.965, 0.3
+_MOVING_BLUR = 6.0  # variance, over a sharp lens's, from which motion explains what is left
 _LARGE_CODE_PX = 60.0  # across: a code this large tells all that smaller ones could
 _MIN_CODE_PX = 9.0  # across; smaller rings have no teeth to be seen
 
@@ -56,6 +88,7 @@ class FoundCode:
 
     code: WhyCode
     poses: tuple[Pose, ...]  # one or two, best first; the print's top is their x axis
+    stage: str = GREY  # or by what else it was fitted
 
 
 @dataclass(frozen=True)
@@ -67,6 +100,15 @@ class Reading:
     decision_margin: float  # of the least clear bit: the difference of its halves, over the mean
 
 
+@dataclass(frozen=True)
+class _Start:
+    """Where a code may be."""
+
+    clarity: float  # of its reading, or how like it what is there is
+    code: WhyCode
+    pose: Pose
+
+
 class WhyCodeFinder:
     """Finds the WhyCodes of one pad in the images of one camera; other numbers are not reported."""
 
@@ -76,6 +118,7 @@ class WhyCodeFinder:
         self._focal = 0.5 * (camera.fx + camera.fy)
         codes = sorted(layout.whycodes, key=lambda c: -c.outer_diameter_m)
         self._prints = {code: WhyCodePrint(code) for code in codes}
+        self._edges = {code: whycode_edges(code) for code in codes}
 
     def find(
         self,
@@ -100,10 +143,12 @@ class WhyCodeFinder:
                 if size < _MIN_CODE_PX:
                     continue
                 starts = (_as_expected(code, e) for e in expected.starts(code))
-                tried = (self._poses(image, code, start, last_normal) for start in starts)
-                poses = next((p for p in tried if p), None)
-                if poses:
-                    found.append(FoundCode(code, poses))
+                tried = (
+                    self._fitted(image, code, start, last_normal, is_known=True) for start in starts
+                )
+                one = next((f for f in tried if f is not None), None)
+                if one is not None:
+                    found.append(one)
                     if size > _LARGE_CODE_PX:
                         break
         return found or self._anywhere(image, last_normal)
@@ -115,13 +160,15 @@ class WhyCodeFinder:
         much of it, whatever there is in the image.
         """
         later: list[tuple[float, float, F64]] = []
+        unclear: list[_Start] = []
         parts = list(levels(image, self._camera, None, None))
-        fine = [level for level in parts if level.largest_px <= SMALL_PX]
-        coarse = [level for level in parts if level.largest_px > SMALL_PX]
-        # The largest image takes most of the time, and the higher threshold shows more.
-        first, second = _SEGMENTATIONS
-        for some, segment in ((coarse, first), (coarse, second), (fine, second)):
-            looks = [Look(level.image, segment(level.image), level.largest_px) for level in some]
+        coarse, fine = parts[:-1] or parts, parts[-1:]
+        # The largest image takes most of the time.
+        for some, segment in ((coarse, None), (coarse, _WIDE), (fine, None)):
+            looks = []
+            for level in some:
+                way = segment or (_LARGE if math.isinf(level.largest_px) else _OTHERS)
+                looks.append(Look(level.image, way(level.image), level.largest_px))
             of_looks = ring_candidates(looks, _PLAIN_RATIO)
             for level, candidates in zip(some, of_looks, strict=True):
                 clear = []
@@ -131,79 +178,163 @@ class WhyCodeFinder:
                         clear.append(outline)
                     else:
                         later.append((-c.share, -c.score, outline))
-                found = self._among(image, clear, last_normal)
+                found = self._among(image, clear, last_normal, unclear)
                 if found:
                     return found
         later.sort(key=lambda one: one[:2])
-        return self._among(image, [outline for *_, outline in later[:_MAX_LATER]], last_normal)
+        rest = [outline for *_, outline in later[:_MAX_LATER]]
+        found = self._among(image, rest, last_normal, unclear)
+        return found or self._of_unclear(image, unclear, last_normal)
 
     def _among(
-        self, image: Image, outlines: list[F64], last_normal: Vec3 | None
+        self, image: Image, outlines: list[F64], last_normal: Vec3 | None, unclear: list[_Start]
     ) -> list[FoundCode]:
-        """Return the pad's codes among outlines (16, 2), px."""
-        found: dict[WhyCode, tuple[Pose, ...]] = {}
+        """Return the pad's codes that are read in outlines (16, 2), px; keep what is like one."""
+        found: dict[WhyCode, FoundCode] = {}
         for outline in outlines:
-            start = self._recognised(image, outline)
-            if start is not None and start[0] not in found:
-                poses = self._poses(image, *start, last_normal)
-                if poses:
-                    found[start[0]] = poses
-        return [FoundCode(code, poses) for code, poses in found.items()]
+            rings = self._rings(outline)
+            start = self._read(image, rings)
+            if start is None:
+                unclear += self._likest(image, rings)
+            elif start.code not in found:
+                one = self._fitted(image, start.code, start.pose, last_normal)
+                if one is not None:
+                    found[one.code] = one
+        return list(found.values())
 
-    def _recognised(self, image: Image, outline: F64) -> tuple[WhyCode, Pose] | None:
-        """Return the code that an outline carries, and its pose; None if it carries none."""
-        poses = poses_through(self._camera.rays(outline), 1.0)
-        best: tuple[float, WhyCode, Pose] | None = None
+    def _of_unclear(
+        self, image: Image, unclear: list[_Start], last_normal: Vec3 | None
+    ) -> list[FoundCode]:
+        """Return the first of the likest that is a code of the pad."""
+        tried: list[Pose] = []
+        for start in sorted(unclear, key=lambda one: -one.clarity):
+            reach = start.code.radius_m
+            # The same ring may be seen at several sizes.
+            if any(np.linalg.norm(start.pose.t - pose.t) < reach for pose in tried):
+                continue
+            if len(tried) == _MAX_UNCLEAR:
+                break
+            tried.append(start.pose)
+            found = self._fitted(image, start.code, start.pose, last_normal)
+            if found is not None:
+                return [found]
+        return []
+
+    def _rings(self, outline: F64) -> list[Pose]:
+        """Return the poses of a ring of radius 1 with an outline (16, 2), px; their north is up."""
+        rings = []
+        for position, normal in poses_through(self._camera.rays(outline), 1.0) or ():
+            R = rotation_from(normal, np.array([0.0, -1.0, 0.0]))
+            rings.append(Pose(R, position, np.zeros((6, 6)), 0.0))
+        return rings
+
+    def _read(self, image: Image, rings: list[Pose]) -> _Start | None:
+        """Return what is read most clearly under poses of a ring; None: no code of the pad."""
+        best: _Start | None = None
         for bits in {c.bits for c in self._prints}:
             # Under the wrong one of the two poses another number may be read, less clearly.
-            readings = []
-            for position, normal in poses or ():
-                R = rotation_from(normal, np.array([0.0, -1.0, 0.0]))
-                pose = Pose(R, position, np.zeros((6, 6)), 0.0)
-                reading = read(image, self._camera, pose, 1.0, bits)
-                if reading is not None:
-                    readings.append((reading, pose))
-            if not readings:
+            readings = [(read(image, self._camera, pose, 1.0, bits), pose) for pose in rings]
+            told = [(reading, pose) for reading, pose in readings if reading is not None]
+            if not told:
                 continue
-            reading, pose = max(readings, key=lambda r: r[0].decision_margin)
+            reading, pose = max(told, key=lambda r: r[0].decision_margin)
             for code in self._prints:
                 turn = _top_angle(reading, code)
-                if (
-                    code.bits == bits
-                    and turn is not None
-                    and (best is None or reading.decision_margin > best[0])
-                ):
-                    t = code.radius_m * pose.t
-                    start = Pose(turned_about_normal(pose.R, turn), t, pose.information, 0.0)
-                    best = reading.decision_margin, code, start
-        return best[1:] if best else None
+                if code.bits != bits or turn is None:
+                    continue
+                if best is None or reading.decision_margin > best.clarity:
+                    best = _start(reading.decision_margin, code, pose, turn)
+        return best
 
-    def _poses(
+    def _likest(self, image: Image, rings: list[Pose]) -> list[_Start]:
+        """Return what is likest a code under poses of a ring; empty: nothing is."""
+        best: _Start | None = None
+        for code in self._prints:
+            for pose in rings:
+                alike = _alike(image, self._camera, pose, 1.0, code, _MIN_BIT_FOUND)
+                if alike is not None and (best is None or alike[0] > best.clarity):
+                    best = _start(alike[0], code, pose, alike[1])
+        return [] if best is None else [best]
+
+    def _fitted(
         self,
         image: Image,
         code: WhyCode,
         start: Pose,
         last_normal: Vec3 | None,
+        *,
+        is_known: bool = False,
+    ) -> FoundCode | None:
+        """Return a code fitted from a start near it; None if it is not there.
+
+        Known to be there, it need not be read again.
+        """
+        by_grey = self._prints[code].fit(image, self._camera, start)
+        is_explained = by_grey is not None and _explains(by_grey, is_known=is_known)
+        if by_grey is None or not is_explained or _is_shaded(by_grey):
+            near = by_grey.pose if by_grey is not None and is_explained else start
+            poses = self._by_edges(image, code, near, last_normal)
+            if poses and (is_known or self._agrees(image, code, poses[0], _MIN_BIT_FOUND)):
+                return FoundCode(code, poses, EDGES)
+        if by_grey is not None and is_explained:
+            poses = self._by_grey(image, code, by_grey, last_normal)
+            if self._is_its(image, code, poses[0], is_known=is_known):
+                return FoundCode(code, poses)
+        return None
+
+    def _by_grey(
+        self, image: Image, code: WhyCode, first: Fit, last_normal: Vec3 | None
     ) -> tuple[Pose, ...]:
-        """Return the poses of a code near a start, best first; empty if it is not there."""
-        printed, camera = self._prints[code], self._camera
-        fits = [f for f in [printed.fit(image, camera, start)] if f is not None]
-        if not fits or fits[0].explained < MIN_EXPLAINED:
-            return ()
-        if last_normal is None or fits[0].pose.normal @ np.array(last_normal) < SAME_SOLUTION_COS:
-            other = mirrored_pose(fits[0].pose, code.radius_m)
-            fit = None if other is None else printed.fit(image, camera, other)
-            if fit is not None and fit.pose.normal @ fits[0].pose.normal < EQUAL_NORMALS_COS:
-                fits.append(fit)
+        """Return the poses that explain the pixels, best first, beside a first one."""
+        printed, fits = self._prints[code], [first]
+        other = self._rival(code, first.pose, last_normal)
+        fit = None if other is None else printed.fit(image, self._camera, other)
+        if fit is not None and fit.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS:
+            fits.append(fit)
         printed.remember(min(fits, key=lambda f: f.variance))
-        poses = _ranked(fits)
-        return poses if self._carries(image, code, poses[0]) else ()
+        return _ranked(fits)
+
+    def _by_edges(
+        self, image: Image, code: WhyCode, start: Pose, last_normal: Vec3 | None
+    ) -> tuple[Pose, ...]:
+        """Return the poses that explain the edges of the print, best first; empty if none does."""
+        edges, camera = self._edges[code], self._camera
+        first = edges.fit_hidden(image, camera, start)
+        if first is None:
+            return ()
+        other = self._rival(code, first.pose, last_normal)
+        fit = None if other is None else edges.fit(image, camera, other)
+        return tuple(ranked_by_edges([first] if fit is None else [first, fit]))
+
+    def _rival(self, code: WhyCode, pose: Pose, last_normal: Vec3 | None) -> Pose | None:
+        """Return whence the other solution is fitted; None if the pose's needs none beside it."""
+        if last_normal is not None and pose.normal @ np.array(last_normal) > SAME_SOLUTION_COS:
+            return None
+        return mirrored_pose(pose, code.radius_m)
+
+    def _is_its(self, image: Image, code: WhyCode, pose: Pose, *, is_known: bool) -> bool:
+        """Tell whether what is seen under a pose is a code: read, or like it and known to be there.
+
+        Or else like it and with no edges but its own.
+        """
+        if self._carries(image, code, pose):
+            return True
+        if is_known:
+            return self._agrees(image, code, pose, _MIN_BIT_KNOWN)
+        if not self._agrees(image, code, pose, _MIN_BIT_FOUND):
+            return False
+        return self._edges[code].fit_hidden(image, self._camera, pose) is not None
 
     def _carries(self, image: Image, code: WhyCode, pose: Pose) -> bool:
         """Tell whether the band under a pose reads as the code, not turned."""
         reading = read(image, self._camera, pose, code.radius_m, code.bits)
         turn = None if reading is None else _top_angle(reading, code)
         return turn is not None and abs(turn) < math.pi / (2 * code.bits)
+
+    def _agrees(self, image: Image, code: WhyCode, pose: Pose, least: float) -> bool:
+        """Tell whether the band under a pose is like the code, though it may not be read."""
+        alike = _alike(image, self._camera, pose, code.radius_m, code, least)
+        return alike is not None and abs(alike[1]) < math.pi / (2 * code.bits)
 
     def _size_px(self, code: WhyCode, pose: Pose) -> float:
         """Return a code's diameter in the image."""
@@ -212,9 +343,6 @@ class WhyCodeFinder:
 
 def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int) -> Reading | None:
     """Return what the code band of a ring at a pose says; None if it says nothing clear.
-
-    Each bit is the difference of its cell's halves. A wrong beginning is half a cell off: then
-    cells of two unlike neighbours have halves alike, so the sum of all differences is less.
 
     Args:
         image: grey image (height, width).
@@ -227,19 +355,67 @@ def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int
     contrast = 0.0 if level is None else float(np.ptp(level))
     if level is None or contrast < _MIN_CONTRAST:
         return None
-    turned = np.stack([np.roll(level, -s) for s in range(_SAMPLES_PER_BIT)])
-    cells = turned.reshape(_SAMPLES_PER_BIT, bits, _SAMPLES_PER_BIT)
-    differences = -(cells @ _HALVES)  # bright after dark: a 0
-    total = np.abs(differences).sum(axis=1)
-    best = int(np.argmax(total))
-    mean = float(total[best]) / bits
-    least = float(np.abs(differences[best]).min()) / max(mean, 1e-9)
+    differences, first = _differences(level)
+    mean = float(np.abs(differences).mean())
+    least = float(np.abs(differences).min()) / max(mean, 1e-9)
     if mean < _MIN_MEAN_DIFFERENCE * contrast or least < _MIN_DECISION_MARGIN:
         return None
     word = 0
-    for difference in differences[best]:
-        word = word * 2 + int(difference < 0.0)
-    return Reading(word, best * 2.0 * math.pi / len(level), least)
+    for difference in differences:
+        word = word * 2 + int(difference < 0.0)  # bright after dark: a 0
+    return Reading(word, first * 2.0 * math.pi / len(level), least)
+
+
+def _start(clarity: float, code: WhyCode, ring: Pose, turn: float) -> _Start:
+    """Return a code on a ring of radius 1 whose north is turned to the code's top, rad."""
+    R, t = turned_about_normal(ring.R, turn), code.radius_m * ring.t
+    return _Start(clarity, code, Pose(R, t, ring.information, 0.0))
+
+
+def _alike(
+    image: Image, camera: CameraModel, pose: Pose, radius: float, code: WhyCode, least: float
+) -> tuple[float, float] | None:
+    """Return how like a code's the band of a ring is that says nothing clear, and its top's angle.
+
+    The angle is clockwise from the frame's north. None: it is not like it.
+
+    Args:
+        image: grey image (height, width).
+        camera: the lens.
+        pose: of the ring; its x axis is the north that angles count from.
+        radius: of the ring's outer edge, m.
+        code: that may be there.
+        least: that each of its bits must differ by.
+    """
+    level = _band(image, camera, pose, radius, code.bits * _SAMPLES_PER_BIT)
+    if level is None or float(np.ptp(level)) < _MIN_CONTRAST:
+        return None
+    light = np.log(level + _DARK)
+    differences, first = _differences(light)
+    ones = np.array([code.id >> i & 1 for i in reversed(range(code.bits))])
+    turned = np.stack([np.roll(differences, -n) for n in range(code.bits)])
+    agreement = np.where(ones, -turned, turned) / float(np.ptp(light))
+    mean = agreement.mean(axis=1)
+    n = int(np.argmax(mean))
+    if mean[n] < _MIN_AGREEMENT or agreement[n].min() < least:
+        return None
+    turn = -2.0 * math.pi * (first / len(level) + n / code.bits)
+    return float(mean[n]), math.remainder(turn, 2.0 * math.pi)
+
+
+def _differences(level: NDArray[np.floating]) -> tuple[F64, int]:
+    """Return by how much the second half of each bit is brighter, (bits,), and where bits begin.
+
+    Each bit is the difference of its cell's halves. A wrong beginning is half a cell off: then
+    cells of two unlike neighbours have halves alike, so the sum of all differences is less.
+
+    Args:
+        level: along the band, (bits * _SAMPLES_PER_BIT,).
+    """
+    turned = np.stack([np.roll(level, -s) for s in range(_SAMPLES_PER_BIT)])
+    differences: F64 = -(turned.reshape(_SAMPLES_PER_BIT, -1, _SAMPLES_PER_BIT) @ _HALVES)
+    first = int(np.argmax(np.abs(differences).sum(axis=1)))
+    return differences[first], first
 
 
 def _band(
@@ -269,6 +445,19 @@ def _top_angle(reading: Reading, code: WhyCode) -> float | None:
             turn = -(reading.first_bit_angle + n * 2.0 * math.pi / code.bits)
             return math.remainder(turn, 2.0 * math.pi)
     return None
+
+
+def _explains(fit: Fit, *, is_known: bool) -> bool:
+    """Tell whether a fit leaves no more of the pixels than noise and light may."""
+    if fit.correlation < _NOISE_CORRELATION and fit.explained > _MIN_NOISY_EXPLAINED:
+        return True
+    return fit.explained >= (_MIN_KNOWN_EXPLAINED if is_known else MIN_EXPLAINED)
+
+
+def _is_shaded(fit: Fit) -> bool:
+    """Tell whether light that no fit to grey levels knows may lie on what was fitted."""
+    is_even = fit.explained > _EVEN_EXPLAINED or fit.correlation < _SHADED_CORRELATION
+    return not is_even and fit.blur < _MOVING_BLUR
 
 
 def _ranked(fits: list[Fit]) -> tuple[Pose, ...]:

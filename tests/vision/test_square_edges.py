@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from landerd.geometry import rotation_vector
 from landerd.pad import PadLayout
 from landerd.vision.pose import Pose
+from landerd.vision.print_edges import EdgeFit
 from landerd.vision.print_fit import Fit
 from landerd.vision.square import printed_cells
-from landerd.vision.square_edges import SquareEdgeFit
 from landerd.vision.square_fit import SquarePrint
 from tests.vision.scenes import THESIS_CAMERA, THESIS_PAD, Optics, View, look, render
 
@@ -64,7 +64,7 @@ def truth(view: View) -> F64:
     return centre
 
 
-def tracked(view: View, image: U8) -> Fit | SquareEdgeFit | None:
+def tracked(view: View, image: U8) -> Fit | EdgeFit | None:
     """Return the fit from an expectation that is a centimetre and a degree off."""
     start = Pose(view.R_camera_pad, truth(view), np.zeros((6, 6)), 0.0)
     near = start.moved(np.array([0.006, -0.005, 0.008, 0.012, -0.01, 0.012]))

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -192,3 +193,66 @@ def test_a_descent_keeps_number_north_and_normal() -> None:
         assert normal_error_deg(marker, view) < 5.0
         assert abs(yaw_error_deg(marker, view)) < 0.5
         assert math.dist(found.pad[0].position, view.position) < 0.03
+
+
+def across(view: scenes.View, darkness: float, heading: float) -> scenes.Optics:
+    """Return light with a hard shadow's edge across the code."""
+    x, y = CAMERA.pixels(np.array([view.position]))[0]
+    side = (math.cos(heading), math.sin(heading))
+    shadow = scenes.Shadow(darkness, (float(x), float(y)), side)
+    return replace(scenes.Optics(), shadow=shadow)
+
+
+@pytest.mark.parametrize("distance", [4.0, 8.0, 12.0])
+@pytest.mark.parametrize("heading", [0.3, 1.9, 3.5, 5.0])
+def test_a_code_half_in_hard_shadow_is_seen_to_millimetres(distance: float, heading: float) -> None:
+    view = look(distance, 30.0)
+    found = seen(view, pad(), optics=across(view, 0.2, heading))
+    (marker,) = found.markers
+    assert math.dist(found.pad[0].position, view.position) < 0.004 * distance
+    assert abs(yaw_error_deg(marker, view)) < 1.0
+    assert normal_error_deg(marker, view) < 4.0
+
+
+# Where the band of teeth is, over the outer radius, and a bit of six.
+BAND, BIT = 0.47, math.pi / 3.0
+
+
+def dirty(view: scenes.View, printed: PadLayout, bit: int) -> Frame:
+    """Return a picture in which dirt leaves little of one bit of the code to be seen."""
+    rng = np.random.default_rng(5)
+    image = scenes.render(view, CAMERA, scenes.Optics(), rng, printed)
+    angle = (bit + 0.5) * BIT
+    patch = np.array([[math.cos(a), math.sin(a)] for a in np.arange(9) * 2.0 * math.pi / 9.0])
+    middle = 0.5 * BAND * np.array([math.sin(angle), math.cos(angle)])
+    flat = np.column_stack([middle + 0.12 * patch, np.zeros(9)])
+    px = CAMERA.pixels(np.array(view.position) + flat @ view.R_camera_pad.T)
+    share = np.zeros(image.shape)
+    cv2.fillPoly(share, [np.rint(16.0 * px).astype(np.int32)], 0.7, cv2.LINE_AA, shift=4)
+    return Frame(0.0, 0, np.rint(image * (1.0 - share) + 90.0 * share).astype(np.uint8))
+
+
+@pytest.mark.parametrize("bit", range(6))
+def test_dirt_on_one_bit_hides_no_code_and_makes_none_of_another(bit: int) -> None:
+    view = look(6.0, 20.0)
+    vision = Vision(pad(5), CAMERA, VisionSection())
+    found = vision.process(dirty(view, pad(5), bit))
+    (marker,) = found.markers
+    assert math.dist(found.pad[0].position, view.position) < 0.012
+    assert abs(yaw_error_deg(marker, view)) < 0.5
+    for number in (1, 7, 13, 31):
+        vision = Vision(pad(5), CAMERA, VisionSection())
+        assert vision.process(dirty(view, pad(number), bit)).markers == ()
+
+
+def test_a_code_that_was_read_is_followed_to_where_it_cannot_be() -> None:
+    optics = replace(scenes.Optics(), white=90.0, black=25.0, noise=3.0, blur_px=2.0)
+    rng = np.random.default_rng(2)
+    vision = Vision(pad(), CAMERA, VisionSection())
+    for i, distance in enumerate(np.arange(9.0, 15.0, 0.2)):
+        view = look(float(distance), 40.0)
+        image = scenes.render(view, CAMERA, optics, rng, pad())
+        found = vision.process(Frame(i / 30.0, i, image))
+        assert math.dist(found.pad[0].position, view.position) < 0.02 * distance
+    # Alone, the last of them tells no number.
+    assert Vision(pad(), CAMERA, VisionSection()).process(Frame(0.0, 0, image)).markers == ()

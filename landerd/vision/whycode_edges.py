@@ -1,0 +1,49 @@
+"""The edges of a WhyCode: its outline, and the teeth that tell its number."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from landerd.camera_model import F64
+from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
+from landerd.vision.print_edges import Lines, PrintEdges
+
+_OUTLINE_PLACES = 32
+_CELL = 0.2  # outer radii: half a tooth of six bits is as wide, the stroke twice as wide
+
+
+def whycode_edges(code: WhyCode) -> PrintEdges:
+    """Return the edges of a code's print."""
+    radius = code.radius_m
+    tooth_angle = math.pi / code.bits
+    a = (np.arange(_OUTLINE_PLACES) + 0.5) * (2.0 * math.pi / _OUTLINE_PLACES)
+    outline = Lines(radius * _direction(a), _direction(a), np.full(len(a), -1.0 / radius))
+    ones = np.array([code.id >> i & 1 for i in reversed(range(code.bits))])
+    slot = np.arange(2 * code.bits)
+    is_tooth = slot % 2 == ones[slot // 2]
+    # Where teeth end, towards the middle, and where the stroke does between them.
+    middle = _direction((slot + 0.5) * tooth_angle)
+    core, band = WHYCODE_CORE * radius, WHYCODE_BAND * radius
+    tips = Lines(core * middle, -middle, np.full(len(slot), 1.0 / core))
+    gaps = Lines(band * middle, -middle, np.full(len(slot), 1.0 / band))
+    # Their sides, anticlockwise.
+    side = _direction(slot * tooth_angle)
+    onwards = _direction(slot * tooth_angle + 0.5 * math.pi)
+    before = np.roll(is_tooth, 1)
+    towards = np.where((before & ~is_tooth)[:, None], onwards, -onwards)
+    sides = Lines(0.5 * (core + band) * side, towards, np.zeros(len(slot)))
+    is_side = before != is_tooth
+    plain = sides.of(~is_side)
+    code_edges = tips.of(is_tooth).and_those(gaps.of(~is_tooth), sides.of(is_side))
+    foreign = tips.of(~is_tooth).and_those(
+        gaps.of(is_tooth), sides.of(is_side).turned(), plain, plain.turned()
+    )
+    is_code = np.arange(_OUTLINE_PLACES + len(code_edges.place)) >= _OUTLINE_PLACES
+    size = code.outer_diameter_m
+    return PrintEdges(outline.and_those(code_edges), is_code, foreign, _CELL * radius, size)
+
+
+def _direction(angle: NDArray[np.floating]) -> F64:
+    """Return north and east (n, 2) of angles (n,) anticlockwise from the east, rad."""
+    return np.stack([np.sin(angle), np.cos(angle)], axis=1)
