@@ -81,7 +81,7 @@ class Search:
         expected: Expected | None,
         down: Vec3 | None,
         *,
-        holds_heading: bool,
+        ring_only_frames: int,
         vouched: bool = False,
     ) -> tuple[list[FoundRing], list[FoundSquare]]:
         """Return what may be the pad's rings, of each the nearest few, and its squares.
@@ -91,8 +91,7 @@ class Search:
             image: grey image (height, width).
             expected: where the pad should be; None: anywhere.
             down: unit vector of gravity, camera frame.
-            holds_heading: whether the estimate knows the heading well enough for some frames
-                without a square.
+            ring_only_frames: how many in a row may do with a ring, as `search_policy` has it.
             vouched: whether rings where the pad is expected are its own though they lack the white
                 round the pad's other markers. Elsewhere those are another's, and the search goes on
                 behind them.
@@ -103,7 +102,7 @@ class Search:
         squares: list[FoundSquare] = []
         ring_only = False
         if expected is not None:
-            if policy.is_ring_enough(self._state, holds_heading=holds_heading):
+            if policy.is_ring_enough(self._state, ring_only_frames):
                 rings = self._rings_expected(image, expected, down, ExpectedRings.ALL)
                 ring_only = bool(rings)
             if not ring_only:

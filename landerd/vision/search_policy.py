@@ -60,7 +60,8 @@ from enum import Enum
 # They bound the time a frame takes; at 30 frames a second they leave six thorough searches, and six
 # looks at a square, a second.
 THOROUGH_EVERY, THOROUGH_AFTER_S = 5, 0.15  # lost frames, or so long after the last
-RING_ONLY_FRAMES = 4  # after one in which squares were looked for
+RING_ONLY_FRAMES = 4  # after one in which squares were looked for, and while the heading is open:
+OPEN_HEADING_FRAMES = 1
 LARGE_SQUARE_PX = 40.0  # 0.31 m seen from 3 m: `bench.vision_square` has it within 2 mm there
 
 
@@ -118,15 +119,21 @@ class SearchState:
     squares_wait: bool = False  # those in the whole image
 
 
-def is_ring_enough(state: SearchState, *, holds_heading: bool) -> bool:
+def ring_only_frames(*, is_pad_known: bool, is_heading_known: bool) -> int:
+    """Return how many frames in a row may do with a ring, by what the estimate knows."""
+    if not is_pad_known:
+        return 0
+    return RING_ONLY_FRAMES if is_heading_known else OPEN_HEADING_FRAMES
+
+
+def is_ring_enough(state: SearchState, most: int) -> bool:
     """Tell whether step 1 is taken: rings first, and nothing else if one is seen.
 
     Args:
         state: before the frame.
-        holds_heading: whether the estimate knows the heading well enough for some frames without a
-            square.
+        most: `ring_only_frames`.
     """
-    return holds_heading and state.ring_only_frames > 0
+    return state.ring_only_frames > RING_ONLY_FRAMES - most
 
 
 def is_square_enough(square_sides_px: Sequence[float]) -> bool:

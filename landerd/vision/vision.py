@@ -37,6 +37,7 @@ from landerd.vision.pose import (
 )
 from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
+from landerd.vision.search_policy import ring_only_frames
 from landerd.vision.square import FoundSquare, Image
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode
@@ -128,7 +129,10 @@ class Vision:
             image,
             expected,
             prior.down,
-            holds_heading=prior.pad is not None,
+            ring_only_frames=ring_only_frames(
+                is_pad_known=prior.pad is not None,
+                is_heading_known=prior.pad is not None and prior.pad.north is not None,
+            ),
             vouched=vouched,
         )
         candidates = [self._ring(frame.t, ring, sighting) for ring, sighting in rings]

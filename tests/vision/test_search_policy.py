@@ -13,12 +13,14 @@ from landerd.vision.search_policy import (
     after,
     elsewhere,
     is_ring_enough,
+    ring_only_frames,
     rings_beside,
 )
 
 RING, SQUARE, NOTHING = Seen(rings=True), Seen(squares=True), Seen()
 TRACKED_RING = Seen(rings=True, ring_only=True)
 BOTH = Seen(rings=True, squares=True)
+HELD = ring_only_frames(is_pad_known=True, is_heading_known=True)
 
 THOROUGH = Elsewhere(RingSearch.THOROUGH, SquareSearch.ROUND_RINGS, squares_wait=True)
 SQUARES = Elsewhere(RingSearch.NONE, SquareSearch.ANYWHERE)
@@ -46,29 +48,40 @@ def test_squares_are_looked_for_beside_a_ring_in_every_fifth_frame_while_the_hea
     state = SearchState()
     with_squares = []
     for _ in range(15):
-        ring_is_enough = is_ring_enough(state, holds_heading=True)
+        ring_is_enough = is_ring_enough(state, HELD)
         with_squares.append(not ring_is_enough)
         state = after(state, 0.0, TRACKED_RING if ring_is_enough else RING)
     assert with_squares == [True, False, False, False, False] * 3
 
 
-def test_squares_are_looked_for_in_every_frame_without_an_estimate_to_hold_the_heading() -> None:
-    assert not is_ring_enough(after(SearchState(), 0.0, BOTH), holds_heading=False)
+def test_squares_are_looked_for_in_every_other_frame_while_the_heading_is_open() -> None:
+    state, most = SearchState(), ring_only_frames(is_pad_known=True, is_heading_known=False)
+    with_squares = []
+    for _ in range(6):
+        ring_is_enough = is_ring_enough(state, most)
+        with_squares.append(not ring_is_enough)
+        state = after(state, 0.0, TRACKED_RING if ring_is_enough else RING)
+    assert with_squares == [True, False] * 3
+
+
+def test_squares_are_looked_for_in_every_frame_without_an_estimate() -> None:
+    most = ring_only_frames(is_pad_known=False, is_heading_known=False)
+    assert not is_ring_enough(after(SearchState(), 0.0, BOTH), most)
 
 
 def test_squares_are_looked_for_until_a_ring_is_seen_beside_which_they_may_wait() -> None:
     for seen in (NOTHING, SQUARE):
-        assert not is_ring_enough(after(SearchState(), 0.0, seen), holds_heading=True)
+        assert not is_ring_enough(after(SearchState(), 0.0, seen), HELD)
     for seen in (RING, BOTH):
-        assert is_ring_enough(after(SearchState(), 0.0, seen), holds_heading=True)
+        assert is_ring_enough(after(SearchState(), 0.0, seen), HELD)
 
 
 def test_a_frame_in_which_the_ring_alone_was_not_seen_counts_as_well() -> None:
     state = after(SearchState(), 0.0, RING)
     for _ in range(4):
-        assert is_ring_enough(state, holds_heading=True)
+        assert is_ring_enough(state, HELD)
         state = after(state, 0.0, SQUARE)
-    assert not is_ring_enough(state, holds_heading=True)
+    assert not is_ring_enough(state, HELD)
 
 
 @pytest.mark.parametrize(
