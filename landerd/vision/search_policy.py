@@ -4,8 +4,8 @@ First where the pad is expected, each marker by a fit that starts there (trackin
 fails, by detection in a window round it:
 
 1. Only rings, in the 4 frames after one in which squares were looked for and a ring was seen, while
-   the estimate holds the heading: squares tell the heading, which changes slowly. If a ring is seen
-   the frame is done.
+   the estimate holds the heading: squares tell the heading, which changes slowly. In the first of
+   them while it knows the pad without its heading. If a ring is seen the frame is done.
 2. Squares, in all other frames and where step 1 saw nothing. Once one with sides over 40 px is
    tracked, those that are not are left: it tells the pose as well as all markers do. One that dirt
    or shade leaves less certain does not count so.
@@ -60,8 +60,8 @@ from enum import Enum
 # They bound the time a frame takes; at 30 frames a second they leave six thorough searches, and six
 # looks at a square, a second.
 THOROUGH_EVERY, THOROUGH_AFTER_S = 5, 0.15  # lost frames, or so long after the last
-RING_ONLY_FRAMES = 4  # after one in which squares were looked for, and while the heading is open:
-OPEN_HEADING_FRAMES = 1
+RING_ONLY_FRAMES = 4  # after one in which squares were looked for
+OPEN_HEADING_FRAMES = 1  # the same while the pad is known without its heading
 LARGE_SQUARE_PX = 40.0  # 0.31 m seen from 3 m: `bench.vision_square` has it within 2 mm there
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, Sightings
-from landerd.pad import PadLayout
+from landerd.pad import PadLayout, load_pad
 from landerd.vision import Vision
 from landerd.vision.square import SquareFinder
 from tests.vision.scenes import (
@@ -130,3 +131,33 @@ def test_beside_a_large_tag_the_ring_is_looked_for_if_the_tag_is_disturbed(
     image = shown(THESIS_PAD, width_px, view)
     _, second = (vision.process(Frame(k / 30.0, k, image)) for k in range(2))
     assert {m.kind for m in second.markers} == kinds
+
+
+NESTED = Path(__file__).parents[2] / "config/pads/nested.yaml"
+OVER = look(THESIS_CAMERA, 2.3, 0.05, pixel=(305.0, 235.0), heading=2.1)
+
+
+@pytest.mark.parametrize(("shown_id", "told"), [(1, True), (5, False), (40, False), (77, False)])
+def test_an_unfocused_tag_with_mud_on_its_corner_tells_the_heading(
+    shown_id: int, *, told: bool
+) -> None:
+    nested = load_pad(NESTED)
+    ring, tag = nested.rings[0], nested.squares[0]
+    other = tag.model_copy(update={"id": shown_id})
+    printed = nested.model_copy(update={"markers": (ring, other)})
+    optics = replace(Optics(), blur_px=2.4)
+    image = render(OVER, THESIS_CAMERA, optics, np.random.default_rng(1), printed)
+    around = np.linspace(0.0, 2.0 * math.pi, 24)
+    corner = 0.5 * tag.size_m + 0.25 * tag.size_m * np.stack([np.cos(around), np.sin(around)], 1)
+    points = np.column_stack([corner, np.zeros(24)]) @ OVER.R_camera_pad.T
+    mud = np.zeros(image.shape, np.float32)
+    px = THESIS_CAMERA.pixels(np.array(OVER.position) + points)
+    cv2.fillPoly(mud, [np.rint(px).astype(np.int32)], 1.0)
+    spot = np.asarray(cv2.GaussianBlur(mud, (0, 0), 2.4))
+    image = np.rint(image * (1.0 - spot) + Optics().black * spot).astype(np.uint8)
+    assert SquareFinder(nested).find(image) == []
+    pose = Vision(nested, THESIS_CAMERA, VisionSection()).process(Frame(0.0, 0, image)).pad[0]
+    assert (pose.north is not None) == told
+    if pose.north is not None and pose.sigma_yaw is not None:
+        error = math.acos(min(1.0, float(np.array(pose.north) @ OVER.R_camera_pad[:, 0])))
+        assert error < 2.0 * pose.sigma_yaw < math.radians(6.0)
