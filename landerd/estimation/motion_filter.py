@@ -105,9 +105,18 @@ class MotionFilter:
         """Assume this of the pictures' clock from now on; what was learned of it is kept."""
         P = self._initial_Pbb
         learned = self.Pbb != P
-        self._initial_Pbb = diagonal(P[0][0], P[1][1], sigma_s * sigma_s)
-        if not learned:
-            self.Pbb = self._initial_Pbb
+        was, variance = P[2][2], sigma_s * sigma_s
+        self._initial_Pbb = diagonal(P[0][0], P[1][1], variance)
+        if learned:
+            return
+        self.Pbb = self._initial_Pbb
+        if was > 0.0:
+            # So far only where it began hangs on the clock.
+            x, y, z = self._Ppb
+            by_clock = scale((x[2], y[2], z[2]), 1.0 / was)
+            less = matscale(outer(by_clock, by_clock), variance - was)
+            self.Ppp = _symmetric(matadd(self.Ppp, less))
+            self._Ppb = _columns(self._Ppb, (1.0, 1.0, variance / was))
 
     def start(self, t: float, measured: Vec3, R: Mat3, B: Jacobian, sigma_velocity: Vec3) -> None:
         """Begin from one measurement; what is known of the biases is kept.

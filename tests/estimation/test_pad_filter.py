@@ -773,3 +773,22 @@ def test_a_pad_that_is_elsewhere_for_good_is_another_pad() -> None:
     for t in times(30, 90 / RATE):
         pad_filter.update([sighting(t, other, covariance=CLOSE, arm=(0.0, 0.0, 5.0))])
     assert norm(sub(estimate(pad_filter, t).position, other)) < 0.05
+
+
+@pytest.mark.parametrize(("first_s", "then_s"), [(0.1, 0.02), (0.05, 0.01), (0.02, 0.1)])
+def test_a_clock_that_gets_known_between_two_pictures_is_as_if_known_from_the_first(
+    first_s: float, then_s: float
+) -> None:
+    # Flown at 10 m/s: the pictures' clock shows the pad ahead.
+    ahead = EXACT._replace(by_clock=(10.0, 0.0, 0.0))
+    filters = []
+    for sigmas in ((first_s, then_s), (then_s, then_s)):
+        pad_filter = PadFilter(OPTIONS)
+        for t, sigma_s in zip(times(30), (*sigmas, *[then_s] * 28), strict=True):
+            pad_filter.on_clock(sigma_s)
+            pad_filter.update([sighting(t, PAD, biases=ahead)])
+        filters.append(estimate(pad_filter, 29 / RATE))
+    settled_late, known = filters
+    assert math.dist(settled_late.position, known.position) < 1e-6
+    for late, at_once in zip(settled_late.covariance, known.covariance, strict=True):
+        assert late == pytest.approx(at_once, rel=1e-6)
