@@ -248,6 +248,10 @@ class PadFilter:
         self._tilt_variance += TILT_RANDOM_WALK**2 * dt
         self._motion.predict(t)
         best, innovation = self._likeliest(possible)
+        if innovation.nis < 0.0:
+            # What should be a covariance is none, and nothing that hangs on it is to be flown on.
+            self.reset()
+            return False
         self._average(best.biases.range_share, dt)
         self.nis = innovation.nis
         self._adapt(best, innovation)

@@ -792,3 +792,13 @@ def test_a_clock_that_gets_known_between_two_pictures_is_as_if_known_from_the_fi
     assert math.dist(settled_late.position, known.position) < 1e-6
     for late, at_once in zip(settled_late.covariance, known.covariance, strict=True):
         assert late == pytest.approx(at_once, rel=1e-6)
+
+
+def test_what_makes_no_covariance_any_more_is_not_flown_on() -> None:
+    pad_filter = settled()
+    aside, none = add(PAD, (0.1, 0.0, 0.0)), matscale(IDENTITY, -1.0)
+    assert not pad_filter.update([sighting(3.0, aside, covariance=none)])
+    assert pad_filter.estimate(3.0) is None
+    for t in times(20, 3.1):
+        pad_filter.update([sighting(t, PAD)])
+    assert math.dist(estimate(pad_filter, 3.8).position, PAD) < 0.01
