@@ -15,7 +15,7 @@ every marker.
 import math
 
 from landerd.config.models import AimSection, GimbalSection
-from landerd.geometry import Vec3, clamp, is_finite, wrap
+from landerd.geometry import Mat3, Vec3, clamp, is_finite, wrap
 from landerd.messages import GimbalCommand, MarkerSighting, Sightings
 
 # Chosen by trial in the simulator, for the thesis's camera (78 by 63 degrees): with them every
@@ -93,6 +93,7 @@ class Aim:
         direction: Vec3 | None = None,
         sighting_t: float = -math.inf,
         course: float | None = None,
+        base: Mat3 | None = None,
     ) -> None:
         """Point at the pad, or search while it is not in sight: on the way to it at once.
 
@@ -102,6 +103,7 @@ class Aim:
                 in; None: not known, or the increments do it.
             sighting_t: of the last sighting that the estimate took, s.
             course: of the vehicle, rad to the right of its nose; None: it hovers.
+            base: R_local_base, from the frame that the gimbal is measured in; None: not known.
         """
         dt = now - self._t if self._t is not None else 0.0
         self._t = now
@@ -115,9 +117,9 @@ class Aim:
         was_seen = self._seen_t > -math.inf
         waited = now - max(self._began, self._seen_t) >= self._search_after_s
         if course is not None and (waited or not was_seen):
-            self._look_along(course, dt)
+            self._look_along(course, dt, base)
         elif waited:
-            self._sweep_round(dt)
+            self._sweep_round(dt, base)
 
     def _point(self, direction: Vec3, dt: float) -> None:
         """Take the direction, as far as the pad lies off the middle of the picture.
@@ -149,20 +151,21 @@ class Aim:
         possible = [yaw for yaw in (facing, averted) if _aside(x, y, z, yaw) < VISIBLE_ASIDE]
         return min(possible or [facing], key=lambda yaw: abs(yaw - self.command.yaw))
 
-    def _look_along(self, course: float, dt: float) -> None:
-        """Look where pads come into sight that are flown to."""
+    def _look_along(self, course: float, dt: float, base: Mat3 | None) -> None:
+        """Look where pads come into sight that are flown to, however the vehicle leans."""
         drifts = abs(wrap(course - self._idle_yaw)) < DRIFT
         self._turn_to(self._idle_yaw if drifts else course, dt)
         step = SWEEP_PITCH_RATE * dt
-        to_go = ON_COURSE_PITCH - self.command.pitch
+        to_go = ON_COURSE_PITCH + _lean(base, self.command.yaw) - self.command.pitch
         self.command = self._limited(
             self.command.yaw, self.command.pitch + clamp(to_go, -step, step)
         )
 
-    def _sweep_round(self, dt: float) -> None:
+    def _sweep_round(self, dt: float, base: Mat3 | None) -> None:
         """Sweep down and behind, and back up, at another yaw each time."""
-        low = max(SWEEP_LOW, self._pitch_limits[0])
-        high = min(max(SWEEP_HIGH, self._idle_pitch), self._pitch_limits[1])
+        lean = _lean(base, self.command.yaw)
+        low = max(SWEEP_LOW + lean, self._pitch_limits[0])
+        high = min(max(SWEEP_HIGH, self._idle_pitch) + lean, self._pitch_limits[1])
         pitch = self.command.pitch + self._sweep * SWEEP_PITCH_RATE * dt
         if (pitch <= low and self._sweep < 0.0) or (pitch >= high and self._sweep > 0.0):
             self._sweep = -self._sweep
@@ -187,6 +190,13 @@ class Aim:
 
     def _limited(self, yaw: float, pitch: float) -> GimbalCommand:
         return GimbalCommand(clamp(yaw, *self._yaw_limits), clamp(pitch, *self._pitch_limits))
+
+
+def _lean(base: Mat3 | None, yaw: float) -> float:
+    """Return by how much what a gimbal is measured against leans forward along a yaw, rad."""
+    if base is None:
+        return 0.0
+    return math.asin(clamp(base[2][0] * math.cos(yaw) + base[2][1] * math.sin(yaw), -1.0, 1.0))
 
 
 def _along_and_right(x: float, y: float, yaw: float) -> tuple[float, float]:

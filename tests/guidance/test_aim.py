@@ -258,6 +258,21 @@ def test_what_is_flown_over_is_in_every_picture_from_9_to_71_degrees_down(
         assert command.yaw == pytest.approx(math.radians(yaw_deg))
 
 
+@pytest.mark.parametrize("course_deg", [0.0, 60.0, -80.0])
+def test_a_vehicle_that_leans_looks_as_far_down_from_the_horizon(course_deg: float) -> None:
+    # At 10 m/s it leans by 25 degrees, and so does what the servos sit on.
+    course = math.radians(course_deg)
+    lean = math.radians(25.0)
+    base = rot_zyx(0.0, -lean * math.cos(course), lean * math.sin(course))
+    made = Aim(AimSection(), GimbalSection())
+    for i in range(400):
+        made.on_tick(0.025 * i, course=course, base=base)
+    yaw, pitch = made.command.yaw, made.command.pitch
+    look = (math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), -math.sin(pitch))
+    down = math.degrees(math.asin(rotate(base, look)[2]))
+    assert down == pytest.approx(40.0, abs=3.0)
+
+
 def test_who_flies_where_the_gimbal_cannot_look_is_searched_for_as_who_hovers() -> None:
     backwards = search(Aim(AimSection(search_after_s=0.0), GimbalSection()), 20.0, course=math.pi)
     hovering = search(Aim(AimSection(search_after_s=0.0), GimbalSection()), 20.0)

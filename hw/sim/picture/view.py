@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hw.sim.snapshot import CameraPose, PadPose
 from landerd.camera_model import CameraModel
 from landerd.geometry import Mat3, Vec3, dot, sub
-from landerd.pad import Marker, PadLayout, Square
+from landerd.pad import WHYCODE_BAND, Marker, PadLayout, Ring, Square
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -209,12 +209,13 @@ def visible_markers(
 ) -> list[int]:
     """Return the indices in layout.markers of those in the image with half their outline or more.
 
-    Geometry only: what stands in front of a marker is not looked at.
+    Of rings either edge counts: near the pad vision goes by the inner one. Geometry only: what
+    stands in front of a marker is not looked at.
     """
     if not is_above(pose, pad):
         return []
     camera = frustum.camera
-    outlines, ends = _outlines(layout.markers)
+    outlines, parts = _outlines(layout.markers)
     points = in_camera(pose, on_pad(pad, outlines))
     shown = frustum.holds(points)
     if not shown.any():
@@ -223,28 +224,39 @@ def visible_markers(
     shown[shown] = (
         (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
     )
-    seen = []
-    for index, (start, end) in enumerate(itertools.pairwise(ends)):
-        if 2 * np.count_nonzero(shown[start:end]) >= end - start:
-            seen.append(index)
-    return seen
+    return [
+        index
+        for index, of_marker in enumerate(parts)
+        if any(2 * np.count_nonzero(shown[part]) >= part.stop - part.start for part in of_marker)
+    ]
 
 
 @functools.cache
-def _outlines(markers: tuple[Marker, ...]) -> tuple[F64, tuple[int, ...]]:
-    """Return the outlines of markers after each other (n, 3), and where each one ends."""
-    outlines = [_outline(marker) for marker in markers]
-    ends = itertools.accumulate(map(len, outlines), initial=0)
-    return np.concatenate(outlines), tuple(ends)
+def _outlines(markers: tuple[Marker, ...]) -> tuple[F64, tuple[list[slice], ...]]:
+    """Return the outlines of markers after each other (n, 3), and which are each one's."""
+    outlines: list[F64] = []
+    parts: list[list[slice]] = []
+    start = 0
+    for marker in markers:
+        of_marker = _outlines_of(marker)
+        parts.append([])
+        for outline in of_marker:
+            parts[-1].append(slice(start, start + len(outline)))
+            start += len(outline)
+        outlines += of_marker
+    return np.concatenate(outlines), tuple(parts)
 
 
-def _outline(marker: Marker) -> F64:
-    """Return points (n, 3) of a marker's outline in the pad frame."""
-    if not isinstance(marker, Square):
-        a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
-        r = marker.outer_diameter_m / 2
-    else:
+def _outlines_of(marker: Marker) -> list[F64]:
+    """Return the points (n, 3) of a marker's outlines in the pad frame, the outer one first."""
+    if isinstance(marker, Square):
         a = np.radians(marker.heading_deg) + math.pi / 4 * np.array([1.0, 3.0, 5.0, 7.0])
-        r = marker.size_m / math.sqrt(2)
+        radii = [marker.size_m / math.sqrt(2)]
+    else:
+        a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
+        inner = marker.inner_ratio if isinstance(marker, Ring) else WHYCODE_BAND
+        radii = [marker.radius_m, inner * marker.radius_m]
     n, e = marker.position_m
-    return np.column_stack([n + r * np.cos(a), e + r * np.sin(a), np.zeros(len(a))])
+    return [
+        np.column_stack([n + r * np.cos(a), e + r * np.sin(a), np.zeros(len(a))]) for r in radii
+    ]
