@@ -21,6 +21,10 @@ from landerd.messages import Frame
 from landerd.pad import PadLayout, size_m
 from landerd.simulation.surroundings import Surroundings
 
+# Of a marker's outline, from which a picture counts as one that shows it: landerd may follow a tag
+# of which the lens shows one corner.
+FOLLOWED_SHARE = 0.25
+
 
 class Judge:
     """Shows score and rules the truth, the wire, and which pictures and angles were delivered."""
@@ -92,8 +96,10 @@ class Judge:
 
     def on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
         """A picture was delivered; the truth at its exposure says whether a marker is in it."""
-        if visible_markers(self._layout, self._frustum, snapshot.camera, snapshot.pad):
+        view = self._layout, self._frustum, snapshot.camera, snapshot.pad
+        if visible_markers(*view, FOLLOWED_SHARE):
             self.rules.on_sighting(snapshot.t)
+        if visible_markers(*view):
             self.score.on_sighting(snapshot.t)
 
     def _truth(self) -> Truth:

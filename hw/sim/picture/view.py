@@ -205,9 +205,9 @@ def middle(start: CameraPose, end: CameraPose) -> CameraPose:
 
 
 def visible_markers(
-    layout: PadLayout, frustum: Frustum, pose: CameraPose, pad: PadPose
+    layout: PadLayout, frustum: Frustum, pose: CameraPose, pad: PadPose, share: float = 0.5
 ) -> list[int]:
-    """Return the indices in layout.markers of those in the image with half their outline or more.
+    """Return the indices in layout.markers of those in the image with a share of their outline.
 
     Of rings either edge counts: near the pad vision goes by the inner one. Geometry only: what
     stands in front of a marker is not looked at.
@@ -227,7 +227,7 @@ def visible_markers(
     return [
         index
         for index, of_marker in enumerate(parts)
-        if any(2 * np.count_nonzero(shown[part]) >= part.stop - part.start for part in of_marker)
+        if any(np.count_nonzero(shown[k]) >= share * (k.stop - k.start) for k in of_marker)
     ]
 
 
@@ -249,14 +249,14 @@ def _outlines(markers: tuple[Marker, ...]) -> tuple[F64, tuple[list[slice], ...]
 
 def _outlines_of(marker: Marker) -> list[F64]:
     """Return the points (n, 3) of a marker's outlines in the pad frame, the outer one first."""
+    a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
     if isinstance(marker, Square):
-        a = np.radians(marker.heading_deg) + math.pi / 4 * np.array([1.0, 3.0, 5.0, 7.0])
-        radii = [marker.size_m / math.sqrt(2)]
+        # Round its border, as far from the middle as that is in each direction.
+        radii = [0.5 * marker.size_m / np.maximum(np.abs(np.cos(a)), np.abs(np.sin(a)))[:, None]]
+        a = a + math.radians(marker.heading_deg)
     else:
-        a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
         inner = marker.inner_ratio if isinstance(marker, Ring) else WHYCODE_BAND
-        radii = [marker.radius_m, inner * marker.radius_m]
-    n, e = marker.position_m
-    return [
-        np.column_stack([n + r * np.cos(a), e + r * np.sin(a), np.zeros(len(a))]) for r in radii
-    ]
+        radii = [np.array(marker.radius_m), np.array(inner * marker.radius_m)]
+    place = np.array([*marker.position_m, 0.0])
+    ways = np.column_stack([np.cos(a), np.sin(a), np.zeros(len(a))])
+    return [place + r * ways for r in radii]

@@ -300,6 +300,9 @@ def test_markers_count_as_visible_only_where_they_are() -> None:
     assert visible_markers(PAD, FRUSTUM, looking((0, 0, -5), 0, -90), AT_ORIGIN) == [0, 1]
     assert visible_markers(PAD, FRUSTUM, looking((0.0, 0, -0.3), 0, -35), AT_ORIGIN) == [1]
     assert visible_markers(PAD, FRUSTUM, looking((0, 0, -5), 0, 10), AT_ORIGIN) == []
+    cut = looking((0.2, 0, -0.3), 0, -90), AT_ORIGIN
+    assert visible_markers(PAD, FRUSTUM, *cut) == []
+    assert visible_markers(PAD, FRUSTUM, *cut, share=0.25) == [0]
     # Just over it of the ring the inner edge alone is in the picture.
     assert visible_markers(PAD, FRUSTUM, looking((0, 0, -0.5), 0, -90), AT_ORIGIN) == [0]
     assert visible_markers(PAD, FRUSTUM, looking((0, 0, 5), 0, -90), AT_ORIGIN) == []
