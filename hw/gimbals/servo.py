@@ -2,6 +2,7 @@
 
 Angles are relative to the airframe. What is reported is where the servos should be by now: the
 ordered angle, followed with a limited speed and a lag, read back through the table of calibration.
+Orders turn no faster than servos follow for sure: a model is no feedback.
 With an IMU on the camera the pitch is measured, against the horizon, and its servo is moved so that
 the camera keeps the pitch that was ordered however the airframe tilts. The drivers differ in how
 the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
@@ -24,6 +25,10 @@ from landerd.section import Angle, Section
 
 _RATE_HZ = 50.0
 _LEVELLING_S = 0.2  # time constant with which the pitch servo makes up for the airframe's pitch
+# Of `slew_deg_s` orders turn by no more: under load servos are slower than they say, and one that
+# cannot follow is not where the model has it. Of 10 field days whose servos reach 60 to 200 degrees
+# a second, 120 said, 7 landed without it, 9 with it.
+_ORDERED_SHARE = 0.5
 _LATEST_S = 0.05  # that a reading of the sensor may take: of a longer one the time is not known
 Pulse = Annotated[float, Field(ge=400, le=2600)]
 TILT = ((-135.0, 1000.0), (-45.0, 1500.0), (45.0, 2000.0))  # a usual servo, middle at 45 down
@@ -97,8 +102,7 @@ class ServoAxis:
         self._table = [(math.radians(angle), pulse) for angle, pulse in options.table]
         self._slew, self._lag_s = slew, lag_s
         self.limits = options.limits
-        self.target = clamp(0.0, *self.limits)
-        self.angle = self.target
+        self.wanted = self.target = self.angle = clamp(0.0, *self.limits)
 
     @property
     def pulse(self) -> float:
@@ -109,10 +113,11 @@ class ServoAxis:
         return self._table[-1][1]
 
     def step(self, dt: float) -> None:
-        """Go on by dt (s)."""
+        """Go on by dt (s): the servo after its target, which then goes on to what is wanted."""
         share = 1.0 - math.exp(-dt / self._lag_s) if self._lag_s > 0.0 else 1.0
-        reach = self._slew * dt
+        reach, most = self._slew * dt, _ORDERED_SHARE * self._slew * dt
         self.angle += clamp(share * (self.target - self.angle), -reach, reach)
+        self.target += clamp(clamp(self.wanted, *self.limits) - self.target, -most, most)
 
 
 class ServoGimbal:
@@ -130,7 +135,7 @@ class ServoGimbal:
         self._axes = [axis for axis in (self._yaw, self._pitch) if axis is not None]
         self._output = output
         self._due = self._t = 0.0
-        self._is_open = False
+        self._is_open = self._is_ordered = False
         self._lost: DeviceLost | None = None
         self.traits = options.traits
 
@@ -142,7 +147,7 @@ class ServoGimbal:
         await self._output.open()
         self._due = self._t = asyncio.get_running_loop().time()
         self._lost = None
-        self._is_open = True
+        self._is_open, self._is_ordered = True, False
 
     async def state(self) -> GimbalState:
         """Return where the camera looks, 50 times a second. Raises DeviceLost."""
@@ -150,9 +155,10 @@ class ServoGimbal:
         while True:
             self._due = max(self._due + 1.0 / _RATE_HZ, loop.time())
             await asyncio.sleep(self._due - loop.time())
+            self._advance(loop.time())
+            self._write()
             if self._lost is not None:
                 raise self._lost
-            self._advance(loop.time())
             yaw = self._yaw.angle if self._yaw else 0.0
             if self._imu is None:
                 return GimbalState(self._t, yaw, self._pitch.angle, 0.0, Reference.BODY)
@@ -174,15 +180,16 @@ class ServoGimbal:
             return  # the sensor is still finding the horizon
         if not (self._is_open and math.isfinite(command.yaw) and math.isfinite(command.pitch)):
             return
-        self._advance(asyncio.get_running_loop().time())
-        self._pitch.target = clamp(command.pitch - self._airframe_pitch, *self._pitch.limits)
+        self._pitch.wanted = command.pitch - self._airframe_pitch
         if self._yaw is not None:
-            self._yaw.target = clamp(command.yaw, *self._yaw.limits)
-        try:
-            self._output.write({axis.channel: axis.pulse for axis in self._axes})
-        except DeviceLost as e:
-            self._lost = e
-            self._is_open = False
+            self._yaw.wanted = command.yaw
+        self._advance(asyncio.get_running_loop().time())
+        if not self._is_ordered:
+            # Where the servos stand nobody knows: they are led from here on.
+            self._is_ordered = True
+            for axis in self._axes:
+                axis.target = clamp(axis.wanted, *axis.limits)
+        self._write()
 
     async def close(self) -> None:
         """Release the output; the servos hold their angles."""
@@ -190,6 +197,16 @@ class ServoGimbal:
         await self._output.close()
         if self._imu is not None:
             await self._imu.close()
+
+    def _write(self) -> None:
+        """Let the pulses out, once there was an order."""
+        if not (self._is_open and self._is_ordered):
+            return
+        try:
+            self._output.write({axis.channel: axis.pulse for axis in self._axes})
+        except DeviceLost as e:
+            self._lost = e
+            self._is_open = False
 
     def _advance(self, now: float) -> None:
         dt, self._t = now - self._t, now

@@ -232,11 +232,18 @@ def test_servo_pulses_go_out_when_they_change_and_once_a_second() -> None:
     options = {"pitch": {"channel": 9, "table": [[-90.0, 1000.0], [0.0, 2000.0]]}}
 
     async def scene(gimbal: ServoMavlinkGimbal, wire: Wire) -> None:
-        for i in range(120):
+        for i in range(160):
             gimbal.command(GimbalCommand(0.0, math.radians(-45.0 if i < 80 else -90.0)))
             await asyncio.sleep(0.025)
         orders = wire.of(mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAV_CMD_DO_SET_SERVO)
-        assert [(o.param1, o.param2) for o in orders] == [(9.0, 1500.0)] * 2 + [(9.0, 1000.0)]
+        assert {o.param1 for o in orders} == {9.0}
+        pulses = [o.param2 for o in orders]
+        assert pulses[:2] == [1500.0] * 2
+        # At 60 degrees a second, half of what the servo is said to do.
+        on_the_way = pulses[2 : pulses.index(1000.0)]
+        assert len(on_the_way) > 10
+        assert on_the_way == sorted(on_the_way, reverse=True)
+        assert pulses[len(on_the_way) + 2 :] == [1000.0] * 2
 
     behind_autopilot(
         lambda a: ServoMavlinkGimbal(ServoMavlinkOptions.model_validate(options), a), scene
