@@ -908,6 +908,51 @@ MUTANTS = [
         "vision/test_whycode.py::test_a_code_is_seen_as_soon_as_the_camera_is_still_again",
     ),
     Mutant(
+        "vision: takes another number's code, of which dirt hides a bit",
+        "landerd/vision/whycode.py",
+        "if mean[n] < _MIN_AGREEMENT or agreement[n].min() < least:",
+        "if mean[n] < _MIN_AGREEMENT:",
+        "vision/test_whycode.py::test_dirt_on_one_bit_hides_no_code_and_makes_none_of_another",
+    ),
+    Mutant(
+        "vision: takes another id's tag beside a ring out of focus",
+        "landerd/vision/square_beside.py",
+        "_SURE_CORRELATION, _SURE_LEAD = 0.73, 0.07",
+        "_SURE_CORRELATION, _SURE_LEAD = 0.4, 0.0",
+        "vision/test_square_beside.py::"
+        "test_an_unfocused_tag_with_mud_on_its_corner_tells_the_heading",
+    ),
+    Mutant(
+        "estimation: goes on with a covariance that is none",
+        "landerd/estimation/motion_filter.py",
+        "if was > 0.0:",
+        "if False:",
+        "estimation/test_pad_filter.py::"
+        "test_a_clock_that_gets_known_between_two_pictures_is_as_if_known_from_the_first",
+    ),
+    Mutant(
+        "estimation: flies on an innovation whose covariance is none",
+        "landerd/estimation/pad_filter.py",
+        "if innovation.nis < 0.0:",
+        "if False:",
+        "estimation/test_pad_filter.py::test_what_makes_no_covariance_any_more_is_not_flown_on",
+    ),
+    Mutant(
+        "aim: a vehicle that leans looks down before its feet",
+        "landerd/guidance/aim.py",
+        "to_go = ON_COURSE_PITCH + _lean(base, self.command.yaw) - self.command.pitch",
+        "to_go = ON_COURSE_PITCH - self.command.pitch",
+        "guidance/test_aim.py::test_a_vehicle_that_leans_looks_as_far_down_from_the_horizon",
+    ),
+    Mutant(
+        "gimbal: servos are led faster than they follow",
+        "hw/gimbals/servo.py",
+        "_ORDERED_SHARE = 0.5",
+        "_ORDERED_SHARE = 10.0",
+        "hw/gimbals/test_mavlink_gimbals.py::"
+        "test_servo_pulses_go_out_when_they_change_and_once_a_second",
+    ),
+    Mutant(
         "2: takes what is small and round for a pad of one ring, without its plate",
         "landerd/vision/plate_check.py",
         "return None if is_told and is_seen is False else is_seen",
