@@ -190,7 +190,7 @@ class Lander:
         direction = self._look(now)
         vehicle = self._estimator.vehicle(now) if direction is None else None  # to search by
         course = vehicle.course if vehicle is not None else None
-        base = self._estimator.poses.gimbal_base(0.0)
+        base = self._estimator.poses.gimbal_base(0.0) if direction is None else None
         R_local_base = None if base is None else base[1]
         self._aim.on_tick(now, direction, self._estimator.sighting_t, course, R_local_base)
         return [self._aim.command, *self._landing.step(now, dt)]

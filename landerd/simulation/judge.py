@@ -97,9 +97,10 @@ class Judge:
     def on_delivered(self, frame: Frame, snapshot: Snapshot) -> None:
         """A picture was delivered; the truth at its exposure says whether a marker is in it."""
         view = self._layout, self._frustum, snapshot.camera, snapshot.pad
-        if visible_markers(*view, FOLLOWED_SHARE):
+        is_shown = bool(visible_markers(*view))
+        if is_shown or visible_markers(*view, FOLLOWED_SHARE):
             self.rules.on_sighting(snapshot.t)
-        if visible_markers(*view):
+        if is_shown:
             self.score.on_sighting(snapshot.t)
 
     def _truth(self) -> Truth:

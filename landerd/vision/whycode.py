@@ -41,7 +41,7 @@ from landerd.vision.ring_segment import (
     ring_candidates,
 )
 from landerd.vision.whycode_edges import whycode_edges
-from landerd.vision.whycode_print import WhyCodePrint
+from landerd.vision.whycode_print import WhyCodePrint, bits_of
 
 Image = NDArray[np.uint8]
 
@@ -270,13 +270,14 @@ class WhyCodeFinder:
         Known to be there, it need not be read again.
         """
         by_grey = self._prints[code].fit(image, self._camera, start)
-        is_explained = by_grey is not None and _explains(by_grey, is_known=is_known)
-        if by_grey is None or not is_explained or _is_shaded(by_grey):
-            near = by_grey.pose if by_grey is not None and is_explained else start
+        if by_grey is not None and not _explains(by_grey, is_known=is_known):
+            by_grey = None
+        if by_grey is None or _is_shaded(by_grey):
+            near = start if by_grey is None else by_grey.pose
             poses = self._by_edges(image, code, near, last_normal)
             if poses and (is_known or self._agrees(image, code, poses[0], _MIN_BIT_FOUND)):
                 return FoundCode(code, poses, EDGES)
-        if by_grey is not None and is_explained:
+        if by_grey is not None:
             poses = self._by_grey(image, code, by_grey, last_normal)
             if self._is_its(image, code, poses[0], is_known=is_known):
                 return FoundCode(code, poses)
@@ -352,13 +353,12 @@ def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int
         bits: cells in the band.
     """
     level = _band(image, camera, pose, radius, bits * _SAMPLES_PER_BIT)
-    contrast = 0.0 if level is None else float(np.ptp(level))
-    if level is None or contrast < _MIN_CONTRAST:
+    if level is None:
         return None
     differences, first = _differences(level)
     mean = float(np.abs(differences).mean())
     least = float(np.abs(differences).min()) / max(mean, 1e-9)
-    if mean < _MIN_MEAN_DIFFERENCE * contrast or least < _MIN_DECISION_MARGIN:
+    if mean < _MIN_MEAN_DIFFERENCE * float(np.ptp(level)) or least < _MIN_DECISION_MARGIN:
         return None
     word = 0
     for difference in differences:
@@ -388,13 +388,12 @@ def _alike(
         least: that each of its bits must differ by.
     """
     level = _band(image, camera, pose, radius, code.bits * _SAMPLES_PER_BIT)
-    if level is None or float(np.ptp(level)) < _MIN_CONTRAST:
+    if level is None:
         return None
     light = np.log(level + _DARK)
     differences, first = _differences(light)
-    ones = np.array([code.id >> i & 1 for i in reversed(range(code.bits))])
     turned = np.stack([np.roll(differences, -n) for n in range(code.bits)])
-    agreement = np.where(ones, -turned, turned) / float(np.ptp(light))
+    agreement = np.where(bits_of(code), -turned, turned) / float(np.ptp(light))
     mean = agreement.mean(axis=1)
     n = int(np.argmax(mean))
     if mean[n] < _MIN_AGREEMENT or agreement[n].min() < least:
@@ -421,7 +420,9 @@ def _differences(level: NDArray[np.floating]) -> tuple[F64, int]:
 def _band(
     image: Image, camera: CameraModel, pose: Pose, radius: float, samples: int
 ) -> NDArray[np.floating] | None:
-    """Return the grey level along a code band (samples,); None if not all of it is in the image.
+    """Return the grey level along a code band (samples,).
+
+    None if not all of it is in the image, or it is too even to be one.
 
     From the east of the pose's frame, anticlockwise.
     """
@@ -435,7 +436,7 @@ def _band(
         return None
     grey = cv2.remap(image, px[None, :, 0], px[None, :, 1], cv2.INTER_LINEAR)
     level: NDArray[np.floating] = grey.reshape(len(_BAND_RADII), samples).mean(axis=0)
-    return level
+    return level if float(np.ptp(level)) >= _MIN_CONTRAST else None
 
 
 def _top_angle(reading: Reading, code: WhyCode) -> float | None:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64
 from landerd.pad import WHYCODE_BAND, WHYCODE_CORE, WhyCode
 from landerd.vision.print_edges import Lines, PrintEdges
+from landerd.vision.whycode_print import bits_of
 
 _OUTLINE_PLACES = 32
 _CELL = 0.2  # outer radii: half a tooth of six bits is as wide, the stroke twice as wide
@@ -19,9 +20,8 @@ def whycode_edges(code: WhyCode) -> PrintEdges:
     tooth_angle = math.pi / code.bits
     a = (np.arange(_OUTLINE_PLACES) + 0.5) * (2.0 * math.pi / _OUTLINE_PLACES)
     outline = Lines(radius * _direction(a), _direction(a), np.full(len(a), -1.0 / radius))
-    ones = np.array([code.id >> i & 1 for i in reversed(range(code.bits))])
     slot = np.arange(2 * code.bits)
-    is_tooth = slot % 2 == ones[slot // 2]
+    is_tooth = slot % 2 == bits_of(code)[slot // 2]
     # Where teeth end, towards the middle, and where the stroke does between them.
     middle = _direction((slot + 0.5) * tooth_angle)
     core, band = WHYCODE_CORE * radius, WHYCODE_BAND * radius

@@ -36,6 +36,11 @@ class WhyCodePrint(MarkerPrint):
         return used
 
 
+def bits_of(code: WhyCode) -> NDArray[np.intp]:
+    """Return the bits of a code's number (bits,), the highest first, as they stand in its band."""
+    return np.array([code.id >> i & 1 for i in reversed(range(code.bits))], dtype=np.intp)
+
+
 @cache
 def _drawn(code: WhyCode) -> F64:
     """Return the print (n, n), its top up, 1 white and 0 black; edges are grey in proportion."""
@@ -47,8 +52,7 @@ def _drawn(code: WhyCode) -> F64:
     # Anticlockwise from the east, in half cells.
     at = (np.arctan2(north, east) * (code.bits / math.pi)) % (2 * code.bits)
     slot = np.floor(at).astype(np.intp) % (2 * code.bits)
-    ones = np.array([code.id >> i & 1 for i in reversed(range(code.bits))])
-    tooth = slot % 2 == ones[slot // 2]
+    tooth = slot % 2 == bits_of(code)[slot // 2]
     black = (rho < 1.0) & (rho > WHYCODE_CORE) & ((rho > WHYCODE_BAND) | tooth)
     white: F64 = 1.0 - black.reshape(2 * half, _OVERSAMPLING, 2 * half, _OVERSAMPLING).mean(
         axis=(1, 3)
