@@ -600,6 +600,14 @@ MUTANTS = [
         "simulation/test_faults.py::test_a_link_that_dies_as_it_sinks_onto_a_moving_pad",
     ),
     Mutant(
+        "1b: hovers where it sinks onto a moving pad before it is stopped",
+        CONTEXT,
+        "STOPS_OVER_PAD_M = 0.10",
+        "STOPS_OVER_PAD_M = -9.0",
+        "guidance/test_landing.py::"
+        "test_sight_lost_as_it_sinks_fast_to_a_pad_that_moves_it_climbs_with_the_pad",
+    ),
+    Mutant(
         "1b: stopped with thrust where it touches before that is sure",
         LANDING,
         "return Event.RELEASED_TOUCHING if touches else Event.RELEASED",

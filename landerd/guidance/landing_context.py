@@ -15,6 +15,7 @@ from landerd.guidance.footing import Footing
 from landerd.guidance.limits import flyable_limits
 from landerd.guidance.orders import Orders
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.sink_rate import LEAD_S
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M
 from landerd.messages import Landed, Severity
@@ -23,6 +24,7 @@ from landerd.pad import PadLayout
 # So low over a pad so fast a stop relative to the ground would tip the vehicle over (rule 1b).
 JUST_OVER_PAD_M = 0.20
 SINKS_ON_S = 0.1  # for so long at least, whatever it is told then
+STOPS_OVER_PAD_M = 0.10  # a foot that leans may hang so low under where sinking ends
 FAST_PAD_MPS = 0.5
 # A foot may be down with the lowest one so high by what is seen, m: what a builder measures gear
 # and camera to, 2 cm each. Else a vehicle that stood on one foot climbed away: its pad seemed to
@@ -92,6 +94,7 @@ class LandingContext:
         outcome: of the last landing, None while none has ended.
         aborts: times a descent was broken off, or the pad went out of sight while flying.
         low: below the alignment height when the pad was last in sight.
+        may_touch: so low then that a foot that leans may be all but down.
         landed: what the autopilot's land detector has said since commit.
         tracked_t: when it was flown by sight of the pad last, s; -inf: not since it was broken off.
         pad_velocity: as last seen, local NED, m/s.
@@ -120,7 +123,7 @@ class LandingContext:
         self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._footing = Footing()
-        self._just_over_pad = False
+        self.may_touch = self._just_over_pad = self._sinks_onto_pad = False
         # On the pad, as far as is seen: since then, and low enough for it, s.
         self._rests_since = self._rests_low_since = math.inf
         self._may_rest = False  # there, for all that is known of its velocities
@@ -245,8 +248,11 @@ class LandingContext:
     def note(self, relative: RelativeState) -> None:
         """Keep how low it is over what: what to do when sight or authority ends hangs on it."""
         self.low = relative.height < self.options.descent.alignment_height_m
-        sinks_m = SINKS_ON_S * max(0.0, -relative.error_rate[2])
-        self._just_over_pad = relative.height - sinks_m < JUST_OVER_PAD_M
+        sinking = max(0.0, -relative.error_rate[2])
+        self.may_touch = relative.height < JUST_OVER_PAD_M
+        self._just_over_pad = relative.height - SINKS_ON_S * sinking < JUST_OVER_PAD_M
+        stops_m = LEAD_S * sinking + sinking * sinking / (2.0 * self.braking_mps2)
+        self._sinks_onto_pad = relative.height - stops_m < STOPS_OVER_PAD_M
         self.pad_velocity = relative.pad_velocity
         self._course_rate = relative.course_rate
         surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
@@ -312,7 +318,7 @@ class LandingContext:
 
     def leave_pad(self) -> None:
         """It has climbed away from the pad: what was just under it is so no more."""
-        self._just_over_pad = False
+        self._just_over_pad = self._sinks_onto_pad = False
 
     @property
     def over_fast_pad(self) -> bool:
@@ -323,6 +329,11 @@ class LandingContext:
     def just_over_fast_pad(self) -> bool:
         """Whether it is so low over such a pad that it would touch it."""
         return self._just_over_pad and self.over_fast_pad
+
+    @property
+    def sinks_onto_fast_pad(self) -> bool:
+        """Whether it would touch such a pad while it is stopped."""
+        return self._sinks_onto_pad and self.over_fast_pad
 
     def begin_landing(self, now: float) -> None:
         """Take the time that a landing may take from now on, unless it runs already."""

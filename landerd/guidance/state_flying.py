@@ -75,9 +75,9 @@ class Tracking:
 
     def order(self, step: ControlStep) -> Event | None:
         """Order the method's velocity, down only where the phases allow it."""
-        sight = self._context.sight
+        context, sight = self._context, self._context.sight
         if sight is None:
-            is_low = self._context.just_over_fast_pad
+            is_low = context.just_over_fast_pad or context.sinks_onto_fast_pad
             return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
         self._context.tracked_t = step.now
         if self._context.stands(step.now) and not self._context.hold_asked:
@@ -207,7 +207,11 @@ class WavingOff:
             context.note(sight.relative)
         context.orders.enter(Phase.NOT_LANDING, self._why)
         north, east, _ = context.pad_velocity
-        context.orders.climb_away(north, east)
+        if context.may_touch:
+            context.orders.climb_away(north, east)
+        else:  # there is room to begin gently
+            climb = (north, east, -context.options.limits.climb_mps)
+            context.orders.fly(climb, 0.0, may_descend=False)
 
     def _climbed_m(self, now: float) -> float:
         """Return how far it has climbed from the pad, if that heaves on as it did; 0: not known."""

@@ -275,6 +275,23 @@ def test_blind_below_the_commit_height_and_not_committed_it_sinks_no_farther() -
     assert flight.height > 0.1
 
 
+def test_sight_lost_as_it_sinks_fast_to_a_pad_that_moves_it_climbs_with_the_pad() -> None:
+    """A hand's breadth higher it was told to hover, sank on, and its feet were dragged along."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    while flight.height > 0.44:
+        flight.tick()
+    flight.visible = False
+    to(flight, State.WAVING_OFF, at_most_s=0.6)
+    assert flight.height > 0.22
+    begun, seen = flight.t, len(flight.setpoints)
+    to(flight, State.SEARCHING)
+    assert 0.8 < flight.t - begun < 1.2
+    orders = [setpoint.velocity for _, setpoint in flight.setpoints[seen:-1]]
+    assert all(north > 0.9 and down <= 0.0 for north, _, down in orders)
+    assert orders[0][2] > -0.2  # there is room to begin gently
+    assert orders[-1][2] < -0.4
+
+
 def test_waved_off_from_a_pad_that_drives_off_it_climbs_away_with_it() -> None:
     """It climbed where it was, its feet on a pad that was carried away: that tipped it over."""
     flight = Flight().engaged()
