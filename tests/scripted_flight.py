@@ -165,6 +165,16 @@ class Flight:
 
     def tick(self) -> None:
         """One control period: the world moves, its messages arrive, the core answers."""
+        self._go_on()
+        self.give(Tick(self.t))
+
+    def held_up(self, seconds: float) -> None:
+        """Fly on without a control step but for one at the end: all is read before it."""
+        for _ in range(round(seconds / DT)):
+            self._go_on()
+        self.give(Tick(self.t))
+
+    def _go_on(self) -> None:
         self.t += DT
         self._ticks += 1
         self._move()
@@ -174,7 +184,6 @@ class Flight:
             self._late.append(self.sighting())
         while self._late and self._late[0].t <= self.t - LATE_TICKS * DT + 1e-9:
             self.give(self._late.pop(0))
-        self.give(Tick(self.t))
 
     def give(self, message: Input) -> list[Command]:
         """Give the core a message and carry out what it orders."""

@@ -660,7 +660,7 @@ def test_lost_for_good_just_before_commit_it_climbs_away() -> None:
 
 
 def test_a_landing_that_is_never_good_enough_is_given_back_to_the_pilot_from_higher_up() -> None:
-    never = {"commit_sink_mps": 0.01}  # slower than any landing
+    never = {"commit_miss_m": 0.001}  # nearer than any landing
     config = Config.model_validate({"guidance": {"descent": never, "lost": {"retries": 1}}})
     flight = Flight(config=config).engaged()
     flight.run(40.0)

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from landerd.worker import JobHangs, Worker
+from landerd.worker import MOST_HUNG, JobHangs, Worker
 
 # What OpenCV does for some seconds while the interpreter is torn down ends in abort() otherwise.
 HANGING = """
@@ -63,6 +63,27 @@ def test_a_job_that_hangs_is_given_up_and_the_next_has_another_thread() -> None:
         worker.close()
 
     asyncio.run(main())
+
+
+def test_jobs_that_hang_one_after_the_other_do_not_pile_up() -> None:
+    """A scene in which every search hung cost a thread a second, and the loop its time."""
+    let_go = threading.Event()
+
+    async def main() -> None:
+        worker = Worker("piles up")
+        for _ in range(5):
+            with pytest.raises(JobHangs):
+                await worker.run(let_go.wait, 0.02)
+        hung = [thread for thread in threading.enumerate() if thread.name == "piles up"]
+        assert len(hung) == MOST_HUNG
+        assert worker.is_stuck
+        let_go.set()
+        while worker.is_stuck:
+            await asyncio.sleep(0.01)
+        await worker.run(threading.get_ident, 5.0)
+        worker.close()
+
+    asyncio.run(asyncio.wait_for(main(), 10.0))
 
 
 def test_what_a_job_raises_is_raised() -> None:

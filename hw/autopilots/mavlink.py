@@ -242,7 +242,10 @@ class MavlinkAutopilot:
         is_stamped = kind in _STAMPED or (subscriber and "time_boot_ms" in m.fieldnames)
         t = self._place(m, now) if is_stamped else now
         if subscriber is not None and t is not None:
-            subscriber(m, t)
+            try:
+                subscriber(m, t)
+            except (ArithmeticError, ValueError) as e:  # an angle of inf: no reason to lose the link
+                raise telemetry.BadMessage(f"bad {m.get_type()}") from e
         if message is not None and t is not None:
             self._pending.append(replace(message, t=t))
             if isinstance(message, Attitude):

@@ -70,6 +70,16 @@ class ServoOptions(Section):
     lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.08  # behind a slowly moving order
     imu: ImuOptions | None = None  # a sensor on the camera
 
+    def see_pulses_fit(self, frequency_hz: float) -> None:
+        """See that the tables' pulses end before the next begins. Raises ValueError."""
+        axes = [axis for axis in (self.yaw, self.pitch) if axis is not None]
+        longest_us = max(pulse for axis in axes for _, pulse in axis.table)
+        if longest_us >= 1e6 / frequency_hz:
+            raise ValueError(
+                f"frequency_hz: expected less than {1e6 / longest_us:.0f}, for the table's pulses "
+                f"of {longest_us:g} us"
+            )
+
     @property
     def traits(self) -> GimbalTraits:
         """What there is to know of the gimbal: it reaches what is in its tables."""

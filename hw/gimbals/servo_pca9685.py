@@ -40,14 +40,7 @@ class ServoPca9685Options(ServoOptions):
             raise ValueError(
                 f"frequency_hz: expected {least:.1f} to {most:.0f} with this oscillator_hz"
             )
-        period_us = 1e6 / self.frequency_hz
-        axes = [axis for axis in (self.yaw, self.pitch) if axis is not None]
-        longest_us = max(pulse for axis in axes for _, pulse in axis.table)
-        if longest_us >= period_us:
-            raise ValueError(
-                f"frequency_hz: expected less than {1e6 / longest_us:.0f}, for the table's pulses "
-                f"of {longest_us:g} us"
-            )
+        self.see_pulses_fit(self.frequency_hz)
         return self
 
     @property

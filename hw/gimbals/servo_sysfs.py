@@ -7,7 +7,7 @@ export, period and duty_cycle in nanoseconds, enable.
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hw.gimbals.i2c import KERNELS, I2c
 from hw.gimbals.imu import ReadableBus
@@ -20,6 +20,11 @@ class ServoSysfsOptions(ServoOptions):
 
     chip: Path = Path("/sys/class/pwm/pwmchip0")
     frequency_hz: Annotated[float, Field(ge=40, le=400)] = 50.0
+
+    @model_validator(mode="after")
+    def _within_the_period(self) -> "ServoSysfsOptions":
+        self.see_pulses_fit(self.frequency_hz)
+        return self
 
 
 class ServoSysfsGimbal(ServoGimbal):

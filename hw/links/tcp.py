@@ -1,11 +1,16 @@
 """TCP as client (ArduPilot's SITL listens) or as server for one peer at a time."""
 
 import asyncio
+import logging
+import math
 import socket
 
 from hw.links.inbox import Inbox
 from hw.links.reasons import in_words
+from hw.links.udp import SILENT_S
 from landerd.ports import DeviceLost
+
+log = logging.getLogger(__name__)
 
 # A peer that takes nothing must neither fill the memory nor get stale set-points later.
 _UNSENT_LIMIT = 1 << 13
@@ -17,11 +22,12 @@ class TcpLink:
     """One TCP connection as a ByteLink."""
 
     def __init__(self, host: str, port: int, *, listen: bool) -> None:
-        """With listen, bind host:port and take the newest caller; else call host:port."""
+        """With listen, bind host:port and take one caller until he is silent; else call."""
         self._host, self._port, self._listen = host, port, listen
         self._inbox = Inbox()
         self._server: asyncio.Server | None = None
         self._transport: asyncio.Transport | None = None
+        self._heard_t = -math.inf  # when its peer spoke last, s
 
     async def open(self) -> None:
         """Connect, or start to listen. Raises DeviceLost."""
@@ -61,12 +67,19 @@ class TcpLink:
         self._inbox.lose("tcp: closed")
 
     def _connected(self, transport: asyncio.Transport) -> None:
+        now = asyncio.get_running_loop().time()
+        if self._transport is not None and now - self._heard_t <= SILENT_S:
+            log.warning("tcp: somebody else connects while the autopilot speaks: turned away")
+            transport.abort()
+            return
         previous, self._transport = self._transport, transport
+        self._heard_t = now
         if previous is not None:
             previous.abort()
 
     def _received(self, transport: asyncio.Transport, data: bytes) -> None:
         if transport is self._transport:
+            self._heard_t = asyncio.get_running_loop().time()
             self._inbox.put(data)
 
     def _disconnected(self, transport: asyncio.Transport, reason: str) -> None:

@@ -161,7 +161,7 @@ class EstimationSection(Section):
     gimbal_late_s: NotNegative = 0.002  # jitter of the times of attitude and gimbal angles
     clock_sigma_s: NotNegative = 0.02  # of the pictures' time against the telemetry's
     position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
-    gate_sigma: Positive = 4.0  # innovations beyond this are not accepted
+    gate_sigma: Annotated[float, Field(ge=1, le=20)] = 4.0  # innovations beyond this are not accepted
 
 
 class PidGains(Section):
@@ -221,7 +221,7 @@ class DescentSection(Section):
     # committed only if at touch-down these will be kept; else it climbs to the last and tries again
     commit_miss_m: Annotated[float, Field(gt=0, le=1)] = 0.2
     commit_slip_mps: Annotated[float, Field(gt=0, le=2)] = 0.3  # against the pad, horizontal
-    commit_sink_mps: Annotated[float, Field(gt=0, le=2)] = 0.8
+    commit_sink_mps: Annotated[float, Field(ge=0.5, le=2)] = 0.8
     retry_height_m: Annotated[float, Field(ge=0.3, le=10)] = 1.0
     # where descent is allowed it is not slower than this
     slowest_mps: Annotated[float, Field(gt=0, le=0.5)] = 0.15
@@ -236,12 +236,13 @@ class DescentSection(Section):
 class LimitsSection(Section):
     """What is ever asked of the vehicle."""
 
-    speed_mps: Annotated[float, Field(gt=0, le=20)] = 20.0
-    climb_mps: Annotated[float, Field(gt=0, le=5)] = 1.0
+    speed_mps: Annotated[float, Field(ge=0.5, le=20)] = 20.0
+    climb_mps: Annotated[float, Field(ge=0.3, le=5)] = 1.0
     descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.5
-    acceleration_mps2: Annotated[float, Field(gt=0, le=10)] = 2.5
-    vertical_acceleration_mps2: Annotated[float, Field(gt=0, le=5)] = 1.0
-    jerk_mps3: Annotated[float, Field(gt=0, le=50)] = 15.0
+    # With less it would not stop before the pad is out of sight, or before the ground.
+    acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
+    vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0
+    jerk_mps3: Annotated[float, Field(ge=2, le=50)] = 15.0
     yaw_rate_deg_s: Annotated[float, Field(gt=0, le=180)] = 30.0
 
 
@@ -250,7 +251,7 @@ class LostSection(Section):
 
     after_s: Annotated[float, Field(gt=0, le=0.5)] = 0.5  # thesis: abort time
     hold_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # hover and look
-    climb_mps: Annotated[float, Field(ge=0, le=3)] = 0.5
+    climb_mps: Annotated[float, Field(ge=0.2, le=3)] = 0.5
     climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # at most this far up; 0: do not climb
     give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # then hand back to the pilot
     # handed back, too, when a landing has not come to commit in this time
@@ -289,7 +290,7 @@ class AimSection(Section):
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
     idle_yaw_deg: Finite = 0.0  # where the camera looks while no pad is known
     idle_pitch_deg: Finite = -50.0  # a pad that the flight begins near is in the picture
-    search_after_s: NotNegative = 5.0  # without a sighting: sweep down and up
+    search_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0  # without a sighting: sweep down and up
 
 
 class ControlSection(Section):

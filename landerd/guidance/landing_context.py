@@ -12,7 +12,7 @@ from landerd.geometry import Vec3, angle_between, horizontal, rot_z, rotate, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
 from landerd.guidance.footing import Footing
-from landerd.guidance.limits import flyable_limits
+from landerd.guidance.limits import MAX_STEP_S, flyable_limits
 from landerd.guidance.orders import Orders
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import LEAD_S
@@ -143,8 +143,9 @@ class LandingContext:
         """Return the sight of the pad, None while it may not be flown on (rules 2 and 5)."""
         pad = self.estimator.pad(step.now)
         age = self.estimator.sight_age(step.now)
-        # The sighting must still be young enough when the next control step comes.
-        limit = self.options.lost.after_s - step.dt
+        # The sighting must still be young enough when the next control step comes; one that came
+        # late says nothing of the next.
+        limit = self.options.lost.after_s - min(step.dt, MAX_STEP_S)
         if vehicle is None or pad is None or not age < limit:
             return None
         relative = self.relative(vehicle, pad)

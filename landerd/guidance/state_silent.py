@@ -14,7 +14,8 @@ class Silent:
         self._context = context
 
     def enter(self, step: ControlStep) -> None:
-        """Nothing to begin."""
+        """Begin to wait: while others fly no landing is under way."""
+        self._context.end_landing()
 
     def order(self, step: ControlStep) -> Event | None:
         """Order nothing, and say why."""

@@ -15,6 +15,7 @@ from dataclasses import replace
 from landerd.config.models import Config, LimitsSection
 from landerd.geometry import Vec3, add, clamp, horizontal, rot_z, rotate, sub
 from landerd.guidance.phases import region_height
+from landerd.guidance.limits import flyable_limits
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.swing import LASTS, Swing
 from landerd.messages import Phase
@@ -32,7 +33,7 @@ MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
 # as that helps. That is the vehicle's, so it is kept from landing to landing.
 CALMER, LEAST_CALMED = 0.75, 0.35
 MORE = 1.1  # of a swing, has grown: in gusts it doubled within a step or two
-BRAKE_SHARE = 0.6  # of the autopilot's acceleration, counted on for braking
+BRAKE_SHARE = 0.6  # of the acceleration there is, counted on for braking
 # The integral is for velocities that are wrong by so much, m/s: what is farther off than that
 # explains is still to be closed. Run from 1 m on, it was wound up by the way to the pad, overshot
 # it by 10 cm, and was still 4 cm off at touch-down 6 s later.
@@ -86,6 +87,7 @@ class TrackingMethod:
         bounds the gain, and the gain that of the integral.
         """
         options, vehicle = config.guidance, config.autopilot
+        acceleration = flyable_limits(config).acceleration_mps2
         self._gains = options.tracking
         shaper_s = vehicle.shaper_lag_s
         lag_s = min(shaper_s, _quickest_lag(vehicle.jerk_mps3, options.limits, shaper_s))
@@ -94,12 +96,12 @@ class TrackingMethod:
         self._kp = min(
             options.tracking.kp,
             MAX_KP_LEAD / self._lead_s,
-            MAX_KP_PER_ACCELERATION * vehicle.acceleration_mps2,
+            MAX_KP_PER_ACCELERATION * acceleration,
         )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
         self._calmed = 1.0  # of the gain; of the integral's its square
         self._vertical_lag_s = max(VERTICAL_LAG_S, vehicle.vertical_shaper_lag_s + VERTICAL_LATE_S)
-        self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * vehicle.acceleration_mps2)
+        self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * acceleration)
         self._region = options.descent
         self._limits = options.limits
         self._touchdown_mps = options.touchdown_descent_mps

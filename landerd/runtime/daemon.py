@@ -224,6 +224,9 @@ class Daemon:
             self._find("camera")
             if not self._usable(frame, loop.time()):
                 continue
+            if self._worker is not None and self._worker.is_stuck:
+                self._fault("image not searched", "too many searches hang")
+                continue
             arrived_t = loop.time()
             searched = await self._search(frame)
             if searched is None:

@@ -84,11 +84,11 @@ def test_every_fault_of_a_file_is_told_with_its_line_key_finding_and_expectation
     )
     assert faults(path) == [
         "broken.yaml:3: guidance.limits.speed_mps: found '5 m/s', expected a number "
-        "above 0 and at most 20",
+        "at least 0.5 and at most 20",
         "broken.yaml:4: guidance.limits.climb_mps: found '1', expected a number "
-        "above 0 and at most 5",
+        "at least 0.3 and at most 5",
         "broken.yaml:5: guidance.limits.jerk_mps3: found '.nan', expected a number "
-        "above 0 and at most 50",
+        "at least 2 and at most 50",
         "broken.yaml:6: guidance.limits.jerk_mps3: given twice, first on line 5",
         "broken.yaml:7: guidance.methd: unknown key; nearest known key: guidance.method",
         "broken.yaml:8: guidance.descent: expected align_deg < realign_deg <= 5",

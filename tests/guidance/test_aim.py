@@ -274,8 +274,8 @@ def test_a_vehicle_that_leans_looks_as_far_down_from_the_horizon(course_deg: flo
 
 
 def test_who_flies_where_the_gimbal_cannot_look_is_searched_for_as_who_hovers() -> None:
-    backwards = search(Aim(AimSection(search_after_s=0.0), GimbalSection()), 20.0, course=math.pi)
-    hovering = search(Aim(AimSection(search_after_s=0.0), GimbalSection()), 20.0)
+    backwards = search(Aim(AimSection(search_after_s=0.5), GimbalSection()), 20.0, course=math.pi)
+    hovering = search(Aim(AimSection(search_after_s=0.5), GimbalSection()), 20.0)
     assert backwards == hovering
 
 
@@ -288,7 +288,7 @@ def test_a_sighting_ends_the_search() -> None:
 
 def test_the_sweep_keeps_to_the_gimbals_limits() -> None:
     limits = GimbalSection(pitch_limits_deg=(-60.0, 0.0))
-    pitches = [c.pitch for c in search(Aim(AimSection(search_after_s=0.0), limits), 15.0)]
+    pitches = [c.pitch for c in search(Aim(AimSection(search_after_s=0.5), limits), 15.0)]
     assert min(pitches) == pytest.approx(math.radians(-60.0))
 
 

@@ -1087,6 +1087,29 @@ def test_no_landing_is_given_back_just_over_a_fast_pad() -> None:
         assert flight.contact_t is None
 
 
+def test_what_others_fly_meanwhile_takes_no_time_of_the_landing() -> None:
+    """RC was stale for two minutes; as it came back the pilot read "no landing in time"."""
+    flight = Flight(position=(-15.0, 2.0, -8.0)).engaged()
+    flight.silent.add(RcChannels)
+    to(flight, State.SILENT)
+    flight.run(flight.config.guidance.lost.total_s)
+    flight.silent.clear()
+    to(flight, State.ON_PAD)
+    assert flight.lander.outcome is None
+    assert not any("take over" in text for text in flight.texts)
+
+
+def test_a_control_step_that_comes_late_does_not_end_the_sight_of_a_young_picture() -> None:
+    """The loop hung for 0.475 s: a picture 0.05 s old was "not in sight", and an abort counted."""
+    flight = Flight(position=(-3.0, 0.0, -4.0)).engaged()
+    flight.until(Phase.DESCENT)
+    while flight.height > 1.2:
+        flight.tick()
+    flight.held_up(0.475)
+    assert flight.lander.state is State.TRACKING
+    assert flight.lander.aborts == 0
+
+
 @pytest.mark.parametrize("rc_is_stale", [False, True])
 def test_descents_that_are_broken_off_in_sight_are_limited_in_number(rc_is_stale: bool) -> None:
     """A pad that jumps aside whenever it has committed is given up, however well it is seen.

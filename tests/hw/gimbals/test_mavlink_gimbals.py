@@ -258,3 +258,19 @@ def test_the_mounts_angles_are_composed_as_ardupilot_does() -> None:
     assert angles is not None
     lens = rotate(rot_zxy(angles[0], angles[2], angles[1]), (1.0, 0.0, 0.0))
     assert lens == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("impossible", [math.inf, -math.inf, math.nan])
+def test_an_angle_that_cannot_be_loses_neither_the_link_nor_what_comes_after(
+    impossible: float,
+) -> None:
+    """An infinite one was taken for a lost autopilot, and the last velocity flew on."""
+
+    async def scene(gimbal: MavlinkMountGimbal, wire: Wire) -> None:
+        for boot_ms, pitch in ((1000, impossible), (1040, -90.0)):
+            wire.say(mavlink.MAVLink_mount_orientation_message(boot_ms, 0.0, pitch, 0.0))
+            await asyncio.sleep(0.04)
+        state = await asyncio.wait_for(gimbal.state(), 1.0)
+        assert state.pitch == pytest.approx(-math.pi / 2)
+
+    behind_autopilot(old(), scene)

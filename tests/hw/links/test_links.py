@@ -193,6 +193,28 @@ def test_tcp_both_ways_and_the_loss_of_the_peer() -> None:
     run(scene)
 
 
+def test_who_else_connects_does_not_cut_the_autopilot_that_speaks() -> None:
+    """Any stranger's connect ended its connection, and he was sent the set-points."""
+
+    async def scene() -> None:
+        port = free_port(socket.SOCK_STREAM)
+        server = open_link(f"tcpin:127.0.0.1:{port}")
+        await server.open()
+        autopilot = open_link(f"tcp:127.0.0.1:{port}")
+        await autopilot.open()
+        await hears(autopilot, server, b"there")
+        stranger = open_link(f"tcp:127.0.0.1:{port}")
+        await stranger.open()
+        with pytest.raises(DeviceLost):
+            await stranger.read()
+        await hears(server, autopilot, b"still yours")
+        await hears(autopilot, server, b"mine")
+        await autopilot.close()
+        await server.close()
+
+    run(scene)
+
+
 def test_a_tcp_peer_that_takes_nothing_does_not_fill_the_memory() -> None:
     async def scene() -> None:
         with socket.create_server(("127.0.0.1", 0)) as listener:
