@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 
 from hw.gimbals.i2c import I2c, I2cDevice
 from landerd.geometry import Vec3, add, cross, dot, norm, scale, sub, unit
+from landerd.ports import DeviceLost
 from landerd.section import Section
 
 # MPU-6050
@@ -41,6 +42,7 @@ _CORRECTION_S = 20.0  # time constant of the accelerometer's correction: 1 / k_P
 _BIAS_GAIN = 0.25 / _CORRECTION_S**2  # k_I of the paper, 1/s^2, for critical damping
 _GRAVITY_TOLERANCE = 0.1  # of g: farther from 1 g the accelerometer tells nothing of gravity
 _LONGEST_STEP_S = 0.2  # between two samples of one motion
+_STARTS_S = 1.0  # after it was set up a chip tells of gravity by then; later, it was reset
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
 Kind = Literal["mpu6050", "bno055"]
@@ -94,18 +96,26 @@ class Imu(ABC):
     def __init__(self, options: ImuOptions, address: int, i2c: I2c[ReadableBus]) -> None:
         self._address = address if options.address is None else options.address
         self._rows = tuple(AXES[axis] for axis in options.axes)
-        self._device = I2cDevice(f"IMU at 0x{self._address:02x}", options.bus, i2c)
+        self._name = f"IMU at 0x{self._address:02x}"
+        self._device = I2cDevice(self._name, options.bus, i2c)
+        self._set_up_t = 0.0
 
     async def open(self) -> None:
         """Set the sensor up. Raises DeviceLost."""
         await self._device.open(self._set_up)
+        self._set_up_t = asyncio.get_running_loop().time()
 
     async def pitch(self) -> float | None:
         """Return the lens's angle above the horizon, rad; None: not yet. Raises DeviceLost.
 
         Counted on beyond straight up and down: level to the rear is -pi.
         """
-        down = self._down(await self._device.do(self._read))
+        data = await self._device.do(self._read)
+        waited_s = asyncio.get_running_loop().time() - self._set_up_t
+        if not any(data[:3]) and waited_s > _STARTS_S:
+            # Asleep after its supply broke down: opened again it is set up again.
+            raise DeviceLost(f"{self._name}: shows no gravity, it was reset")
+        down = self._down(data)
         if down is None:
             return None
         return math.atan2(-down[0], down[2])  # of Rz(yaw) Rx(roll) Ry(pitch)
@@ -147,12 +157,13 @@ class Mpu6050(Imu):
     def __init__(self, options: ImuOptions, i2c: I2c[ReadableBus]) -> None:
         super().__init__(options, 0x68, i2c)
         self._bias: Vec3 = (0.0, 0.0, 0.0)  # of the gyroscope, rad/s
+        self._knows_bias = False
         self._still: list[tuple[Vec3, Vec3]] = []
         self._direction: Vec3 | None = None
         self._t = 0.0
 
     async def open(self) -> None:
-        """Set the sensor up; it finds the horizon anew. Raises DeviceLost."""
+        """Set the sensor up; it finds the horizon anew, once still. Raises DeviceLost."""
         self._still, self._direction = [], None
         await super().open()
 
@@ -182,6 +193,8 @@ class Mpu6050(Imu):
         """Take the first direction, and the gyroscope's error, when all is still.
 
         Without the error, which may be many degrees a second, no direction would be true for long.
+        Opened again in the air nothing is ever still: it has the error from before then, and what
+        pulls is gravity as long as it pulls with 1 g on the whole.
         """
         self._still.append((force, rates))
         still = self._still
@@ -195,17 +208,22 @@ class Mpu6050(Imu):
             mean_rates = add(mean_rates, scale(one_rates, count))
         self._still = []
         is_still = all(norm(sub(one, mean_rates)) < _STILL_RADPS for _, one in still)
-        if is_still and norm(mean) > 0.0:
-            self._bias = mean_rates
+        if is_still and not self._knows_bias:
+            self._bias, self._knows_bias = mean_rates, True
+        if self._knows_bias and _is_gravity(mean):
             self._direction = unit(scale(mean, -1.0))
 
     def _propagated(self, down: Vec3, force: Vec3, rates: Vec3, dt: float) -> Vec3:
         down = unit(add(down, scale(cross(down, sub(rates, self._bias)), dt)))
-        if abs(norm(force) - _G) > _GRAVITY_TOLERANCE * _G:
+        if not _is_gravity(force):
             return down
         shown = unit(scale(force, -1.0))
         self._bias = add(self._bias, scale(cross(down, shown), _BIAS_GAIN * dt))
         return unit(add(down, scale(sub(shown, down), dt / _CORRECTION_S)))
+
+
+def _is_gravity(force: Vec3) -> bool:
+    return abs(norm(force) - _G) <= _GRAVITY_TOLERANCE * _G
 
 
 class Bno055(Imu):

@@ -16,6 +16,9 @@ from landerd.messages import Phase, Severity
 HOVER: Vec3 = (0.0, 0.0, 0.0)
 # A wave-off climbs for so long, or so far; design rule 1b: at most 1 s or 0.5 m.
 WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
+# While it may fly on, a vehicle that has not climbed so far yet goes on with it for so long, s: one
+# whose thrust came back late was stopped with its feet 6 cm over a pad that drove on.
+SLOW_WAVE_OFF_S = 2.0
 # Held over the pad: climbing speed per m below the height asked for, as TrackingMethod sinks above
 # it; and no higher over it the pilot is told that it is there, m.
 HOLD_KP = 1.5
@@ -174,7 +177,7 @@ class WavingOff:
     """Climbs away from the pad at the pad's velocity as it is seen, and does not turn.
 
     Just over a pad that moves, or with feet on it, a stop relative to the ground would tip the
-    vehicle over. Leaves after WAVE_OFF_S, or WAVE_OFF_M higher.
+    vehicle over. Leaves WAVE_OFF_M higher, or after WAVE_OFF_S; later where it is slow.
     """
 
     def __init__(self, context: LandingContext) -> None:
@@ -194,7 +197,10 @@ class WavingOff:
 
     def order(self, step: ControlStep) -> Event | None:
         """Order the climb until the time is over."""
-        if step.now - self._began >= WAVE_OFF_S or self._climbed_m(step.now) >= WAVE_OFF_M:
+        climbed_m = self._climbed_m(step.now)
+        is_slow = step.granted and climbed_m is not None
+        most_s = SLOW_WAVE_OFF_S if is_slow else WAVE_OFF_S
+        if step.now - self._began >= most_s or (climbed_m or 0.0) >= WAVE_OFF_M:
             return Event.CLEAR_OF_PAD
         self.climb()
         return None
@@ -213,12 +219,12 @@ class WavingOff:
             climb = (north, east, -context.options.limits.climb_mps)
             context.orders.fly(climb, 0.0, may_descend=False)
 
-    def _climbed_m(self, now: float) -> float:
-        """Return how far it has climbed from the pad, if that heaves on as it did; 0: not known."""
+    def _climbed_m(self, now: float) -> float | None:
+        """Return how far it has climbed from the pad, if that heaves on as it did."""
         context = self._context
         vehicle = context.estimator.fresh_vehicle(now)
         if vehicle is None or self._from_down is None:
-            return 0.0
+            return None
         return self._from_down - vehicle.feet[2] + (now - self._began) * context.pad_velocity[2]
 
 

@@ -285,7 +285,7 @@ def test_sight_lost_as_it_sinks_fast_to_a_pad_that_moves_it_climbs_with_the_pad(
     assert flight.height > 0.22
     begun, seen = flight.t, len(flight.setpoints)
     to(flight, State.SEARCHING)
-    assert 0.8 < flight.t - begun < 1.2
+    assert 0.8 < flight.t - begun < 1.6  # 0.4 m higher
     orders = [setpoint.velocity for _, setpoint in flight.setpoints[seen:-1]]
     assert all(north > 0.9 and down <= 0.0 for north, _, down in orders)
     assert orders[0][2] > -0.2  # there is room to begin gently

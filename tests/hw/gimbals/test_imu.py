@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -140,6 +141,55 @@ def test_nothing_is_told_before_it_was_still_for_a_moment() -> None:
         assert degrees(await sample(imu, 60)) == pytest.approx(0.0, abs=0.1)
 
     with_imu(ImuOptions(kind="mpu6050"), {0x75: 0x68}, scene)
+
+
+def test_opened_again_in_the_air_it_goes_on_with_the_error_it_had_learnt() -> None:
+    """One failed read lost the gimbal for the rest of the flight: nothing is still in the air."""
+
+    async def scene(sensor: Sensor, imu: object) -> None:
+        await imu.open()  # type: ignore[attr-defined]
+        sensor.data = mpu(0, 0, G, 98, -131, 66)
+        await sample(imu, 30)
+        sensor.gone = True
+        with pytest.raises(DeviceLost):
+            await sample(imu, 1)
+        sensor.gone = False
+        await imu.open()  # type: ignore[attr-defined]
+        for i in range(60):
+            shaken = 400 * (i % 2)  # by 6 degrees/s
+            sensor.data = mpu(-5793, 0, 5793, 98, -131 - 200 + shaken, 66)
+            pitch = await sample(imu, 1)
+        assert degrees(pitch) == pytest.approx(-45.0, abs=0.2)
+
+    with_imu(ImuOptions(kind="mpu6050"), {0x75: 0x68}, scene)
+
+
+@pytest.mark.parametrize(
+    ("kind", "registers", "flat", "nothing"),
+    [
+        ("mpu6050", {0x75: 0x68}, mpu(0, 0, G, 10, 20, 30), mpu(0, 0, 0)),
+        ("bno055", {0x00: 0xA0}, words("<", 0, 0, 981), words("<", 0, 0, 0)),
+    ],
+)
+def test_a_chip_that_was_reset_is_lost_and_set_up_again(
+    kind: Any, registers: dict[int, int], flat: list[int], nothing: list[int]
+) -> None:
+    """Asleep after a brown-out it showed nothing, and its last angle was told for ever."""
+
+    async def scene(sensor: Sensor, imu: object) -> None:
+        await imu.open()  # type: ignore[attr-defined]
+        sensor.data = nothing  # as until its first measurement
+        assert await sample(imu, 5) is None
+        sensor.data = flat
+        assert degrees(await sample(imu, 80)) == pytest.approx(0.0, abs=0.1)
+        sensor.data = nothing
+        with pytest.raises(DeviceLost, match="shows no gravity"):
+            await sample(imu, 1)
+        sensor.registers[0x6B] = sensor.registers[0x3D] = 0  # asleep
+        await imu.open()  # type: ignore[attr-defined]
+        assert sensor.registers[0x6B if kind == "mpu6050" else 0x3D] != 0
+
+    with_imu(ImuOptions(kind=kind), registers, scene)
 
 
 def test_a_short_acceleration_hardly_moves_the_horizon_and_a_false_one_is_found_again() -> None:
