@@ -244,7 +244,10 @@ class MavlinkAutopilot:
         if subscriber is not None and t is not None:
             try:
                 subscriber(m, t)
-            except (ArithmeticError, ValueError) as e:  # an angle of inf: no reason to lose the link
+            except (
+                ArithmeticError,
+                ValueError,
+            ) as e:  # an angle of inf: no reason to lose the link
                 raise telemetry.BadMessage(f"bad {m.get_type()}") from e
         if message is not None and t is not None:
             self._pending.append(replace(message, t=t))

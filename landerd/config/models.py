@@ -161,7 +161,8 @@ class EstimationSection(Section):
     gimbal_late_s: NotNegative = 0.002  # jitter of the times of attitude and gimbal angles
     clock_sigma_s: NotNegative = 0.02  # of the pictures' time against the telemetry's
     position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
-    gate_sigma: Annotated[float, Field(ge=1, le=20)] = 4.0  # innovations beyond this are not accepted
+    # innovations beyond this are not accepted
+    gate_sigma: Annotated[float, Field(ge=1, le=20)] = 4.0
 
 
 class PidGains(Section):
@@ -290,7 +291,8 @@ class AimSection(Section):
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
     idle_yaw_deg: Finite = 0.0  # where the camera looks while no pad is known
     idle_pitch_deg: Finite = -50.0  # a pad that the flight begins near is in the picture
-    search_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0  # without a sighting: sweep down and up
+    # without a sighting: sweep down and up
+    search_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
 
 
 class ControlSection(Section):

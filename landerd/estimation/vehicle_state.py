@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from landerd.config.models import VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.history import Values
-from landerd.geometry import Vec3, add, cross, rot_zyx, rotate, scale, wrap
+from landerd.geometry import Vec3, add, cross, dot, rot_zyx, rotate, scale, wrap
 
 COURSE_MPS = 1.5  # slower it hovers, and what it does is wind and control
 
@@ -29,6 +29,16 @@ class VehicleState:
     def foot_velocity(self) -> Vec3:
         """Velocity of the foot that sinks slowest, m/s."""
         return slowest_foot(self.airframe, self.velocity, self.attitude)
+
+    def lowest_foot(self, normal: Vec3) -> float:
+        """Return how far the lowest foot hangs under the feet's centre along a normal, m.
+
+        Args:
+            normal: of the plane to stand on, local, down into it, unit vector.
+        """
+        roll, pitch, *_ = self.attitude
+        R = rot_zyx(self.yaw, pitch, roll)
+        return max(dot(rotate(R, foot), normal) for foot in feet_of(self.airframe, 0.0))
 
     @property
     def down(self) -> Vec3:
@@ -80,10 +90,16 @@ def slowest_foot(vehicle: VehicleSection, velocity: Vec3, attitude: Values) -> V
     roll, pitch, yaw, *rates = attitude
     R = rot_zyx(yaw, pitch, roll)
     turn = rotate(R, (rates[0], rates[1], rates[2]))
-    length, width = vehicle.footprint_m
     feet = [
-        add(velocity, cross(turn, rotate(R, (x, y, vehicle.gear_height_m))))
-        for x in (-0.5 * length, 0.5 * length)
-        for y in (-0.5 * width, 0.5 * width)
+        add(velocity, cross(turn, rotate(R, foot)))
+        for foot in feet_of(vehicle, vehicle.gear_height_m)
     ]
     return min(feet, key=lambda foot: foot[2])
+
+
+def feet_of(vehicle: VehicleSection, down_m: float) -> list[Vec3]:
+    """Return the four feet in the body frame, so far down, m."""
+    length, width = vehicle.footprint_m
+    return [
+        (x, y, down_m) for x in (-0.5 * length, 0.5 * length) for y in (-0.5 * width, 0.5 * width)
+    ]

@@ -27,6 +27,7 @@ from landerd.pad import PadLayout
 # A wave-off that nobody watches any more, s: at climb_mps it gains a metre at most (rule 1b).
 BLIND_WAVE_OFF_S = 1.0
 TIPPED = math.radians(30.0)  # of lean on the ground: no pad lies so steep (pad_filter.MAX_TILT)
+FALLEN_M = 0.2  # under the pad: more than a build and a height that drifts are off
 
 
 class Landing:
@@ -165,13 +166,20 @@ class Landing:
                     return Event.SILENCED
                 if self._has_tipped:
                     return Event.DISARMED_TIPPED
-                on_plate = self._context.foothold.on_plate
+                on_plate = self._context.foothold.on_plate and not self._has_fallen
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD
 
     @property
     def _has_tipped(self) -> bool:
         attitude = self._context.estimator.poses.attitude.newest
         return attitude is not None and math.hypot(*attitude[1][:2]) > TIPPED
+
+    @property
+    def _has_fallen(self) -> bool:
+        """Whether it stands lower than the pad can be: it has slid off a plate that stands high."""
+        vehicle = self._context.estimator.vehicle(self._now)
+        below = 0.0 if vehicle is None else vehicle.feet[2] - self._context.pad_down(self._now)
+        return below > FALLEN_M
 
     def _must_leave(self) -> bool:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""

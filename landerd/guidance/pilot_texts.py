@@ -11,6 +11,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
+| held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |
 | on the pad, and the land detector is silent | CRITICAL | UNCONFIRMED |
 
 A reason is also recorded with every change of phase. What hands back is in `states.HAND_BACKS`.
@@ -87,6 +88,7 @@ HOLDING, CLIMBING, SEARCHING = "holding", "climbing", "searching"
 STANDS = "stands on the pad"
 MAY_STAND = "pad in sight, stands on it?"
 HOLDS_IN_THE_AIR = "on the pad: holding begins in the air"
+TOUCHED_HIGH = "touched {height:.2f} m up: gear, camera?"  # gear_height_m, camera_offset_m
 UNCONFIRMED = "touch-down not confirmed, disarm by hand"
 
 

@@ -76,7 +76,7 @@ class Committed:
         context.note(relative)
         heave = relative.pad_velocity[2]
         age = context.estimator.sight_age(step.now)
-        clearance = _clearance(context, relative, vehicle, pad)
+        clearance = _clearance(relative, vehicle, pad)
         self._watch(relative, clearance)
         # Over a deck that begins to sink a vehicle that answers late is as slow against it.
         is_seen = age < context.options.lost.after_s
@@ -90,6 +90,9 @@ class Committed:
             event = Event.CONTACT
         if event is Event.CONTACT:
             context.foothold.touch(relative, pad.heading)
+            if clearance > MAX_CONTACT_HEIGHT_M:
+                text = pilot_texts.TOUCHED_HIGH.format(height=clearance)
+                context.orders.say(Severity.WARNING, text)
         if event is not None:
             return event
         # A touch turns the airframe faster than the lens's direction is known: nothing is to be
@@ -216,15 +219,23 @@ class OnPad:
         return None
 
     def _is_clear(self, now: float) -> bool:
-        """Tell whether it is seen to have risen from the pad, higher than contact is believed."""
+        """Tell whether it is seen over the pad: to have risen, or as the pad slides away.
+
+        Risen higher than contact is believed; or with no foot down, and no contact either where the
+        pad goes on without it.
+        """
         context = self._context
-        if self._touchdown.stands or context.rise_m < RISES_M:
-            return False
         vehicle, pad = context.estimator.fresh_vehicle(now), context.estimator.pad(now)
-        if vehicle is None or pad is None:
+        if self._touchdown.stands or vehicle is None or pad is None:
             return False
-        lowest_m = context.foothold.clearance(context.relative(vehicle, pad), vehicle.tilt)
-        return lowest_m > MAX_CONTACT_HEIGHT_M
+        relative = context.relative(vehicle, pad)
+        lowest_m = relative.height - vehicle.lowest_foot(relative.normal)
+        if context.rise_m >= RISES_M and lowest_m > MAX_CONTACT_HEIGHT_M:
+            return True
+        surely_mps = horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity
+        slides = surely_mps > context.options.descent.commit_slip_mps
+        clears = _clearance(relative, vehicle, pad) > BUILD_ERROR_M
+        return slides and clears and context.sight is not None
 
 
 class Standing:
@@ -339,19 +350,17 @@ class Leaving:
         if pad is None or (self._flies_on and not context.rests(now)):
             return
         relative = context.relative(vehicle, pad)
-        if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
+        if _clearance(relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
             return
         if not self._touchdown.has_touched:
             context.foothold.touch(relative, pad.heading)
         self._touchdown.settle(self._rests_since)
 
 
-def _clearance(
-    context: LandingContext, relative: RelativeState, vehicle: VehicleState, pad: PadEstimate
-) -> float:
-    """Return the least that the lowest foot may be over the pad, m: leaning, as low as may be."""
-    at_worst = context.foothold.clearance(relative, vehicle.tilt)
-    return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
+def _clearance(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
+    """Return the least that the lowest foot may be over the pad, m."""
+    lowest_m = relative.height - vehicle.lowest_foot(relative.normal)
+    return lowest_m - 2.0 * math.sqrt(pad.covariance[2][2])
 
 
 def _of_foot(relative: RelativeState, vehicle: VehicleState) -> RelativeState:

@@ -32,6 +32,11 @@ MAX_BLIND_S = 0.97
 # No contact is believed with the lowest foot higher over the pad than this, m (design rule 4): a
 # gust or the air cushion over the plate slows the sinking too.
 MAX_CONTACT_HEIGHT_M = 0.10
+# But where gear or camera were measured wrong: what is so slow for so long, s, is held up, and
+# sooner if the land detector says so as well. With gear 10 cm longer than configured vehicles stood
+# under thrust, climbed off again, or tipped over, and the pilot never heard why.
+WRONG_BUILD_M = 0.20
+HELD_UP_S, SAID_HELD_UP_S = 1.2, 0.6
 # ON_GROUND is believed so long after contact, s: ArduCopter's land detector takes 1 s at least.
 # What says it sooner is wrong, and to disarm on its word would be to fall.
 CONFIRMED_S = 0.5
@@ -162,7 +167,9 @@ class Touchdown:
         # What sinks as ordered is in the air, whatever is said of it.
         says_so = landed is Landed.ON_GROUND and self.may_touch
         is_slow = now - self._slow_since >= CONTACT_S and clearance <= highest_m
-        if is_slow or (says_so and clearance <= MAX_CONTACT_HEIGHT_M):
+        held_up_s = SAID_HELD_UP_S if says_so else HELD_UP_S
+        is_held_up = now - self._slow_since >= held_up_s and clearance <= WRONG_BUILD_M
+        if is_slow or is_held_up or (says_so and clearance <= MAX_CONTACT_HEIGHT_M):
             self._contact_t = now
             return Event.CONTACT
         # A contact that begins only now would be noticed too late.

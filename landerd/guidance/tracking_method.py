@@ -14,8 +14,8 @@ from dataclasses import replace
 
 from landerd.config.models import Config, LimitsSection
 from landerd.geometry import Vec3, add, clamp, horizontal, rot_z, rotate, sub
-from landerd.guidance.phases import region_height
 from landerd.guidance.limits import flyable_limits
+from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.swing import LASTS, Swing
 from landerd.messages import Phase

@@ -292,6 +292,70 @@ def test_sight_lost_as_it_sinks_fast_to_a_pad_that_moves_it_climbs_with_the_pad(
     assert orders[-1][2] < -0.4
 
 
+def test_leaning_as_the_pad_does_no_foot_is_taken_to_be_down() -> None:
+    """Were the plate tilted the other way, one could be: it was pressed down 16 cm over a deck."""
+    flight = Flight()
+    flight.pad_heading, flight.lean, flight.slope = 0.0, math.radians(14.0), math.radians(-5.0)
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.13:
+        flight.tick()
+    held = flight.position
+    for _ in range(26):  # a gust, or a cushion of air
+        flight.position, flight.velocity = held, (0.0, 0.0, 0.0)
+        flight.tick()
+    assert flight.lander.state is State.COMMITTED
+
+
+def test_held_up_where_the_build_is_wrong_it_has_touched_and_says_so() -> None:
+    """Gear 12 cm longer than configured: it stood under thrust, for ever, and nobody heard why."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.14:
+        flight.tick()
+    held, begun = flight.position, flight.t
+    while flight.lander.state is State.COMMITTED:
+        flight.position, flight.velocity = held, (0.0, 0.0, 0.0)
+        flight.tick()
+    assert flight.lander.state is State.ON_PAD
+    assert 0.9 < flight.t - begun < 1.7
+    assert any("touched 0.1" in text and "gear" in text for text in flight.texts)
+
+
+def test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off() -> None:
+    """It flew on beside the pad, with the velocity that this had had, and was levelled there."""
+    flight = Flight(pad_velocity=(4.0, 0.0, 0.0))
+    to(flight.engaged(), State.ON_PAD)
+    over = add(sub(flight.position, flight.pad), (0.0, 0.0, -0.14))  # as where a gust was a touch
+    flight.contact_t = None
+    speed, begun = 4.0, flight.t
+    while flight.lander.state is State.ON_PAD:
+        assert flight.t < begun + 1.0
+        speed -= DT * 1.5
+        flight.pad_velocity = (speed, 0.0, 0.0)
+        flight.position = add(add(flight.pad, over), ((flight.t - begun) ** 2 * 0.75, 0.0, 0.0))
+        flight.velocity = (4.0, 0.0, 0.0)
+        flight.tick()
+    assert flight.pressed == []
+
+
+def test_what_ends_under_the_pad_has_not_landed_on_it() -> None:
+    """It fell off the plate, came upright beside it, and was told to have landed."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.run(1.0)
+    flight.visible = False
+    flight.contact_t = None
+    flight.pad = add(flight.pad, (0.0, 0.0, 0.3))  # the ground beside it
+    for _ in range(12):
+        flight.velocity = (0.0, 0.0, 1.0)
+        flight.tick()
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed_off_pad"
+
+
 def test_waved_off_from_a_pad_that_drives_off_it_climbs_away_with_it() -> None:
     """It climbed where it was, its feet on a pad that was carried away: that tipped it over."""
     flight = Flight().engaged()
