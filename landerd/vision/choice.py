@@ -2,22 +2,32 @@
 
 An image may hold look-alikes, a marker twice, or one ring that could be either of two that differ
 only in size. Those are taken that agree on one pose of the pad.
+
+What bends a picture (rows that wobble, motion in a curve, interlaced fields) moves each marker's
+outline by pixels of which its own fit knows nothing: a small tag's tilt by tens of degrees, a large
+ring's hardly. Where a marker that was decoded and a ring beside it contradict each other, the
+picture is taken to be bent by as much as explains that.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution, Prior
-from landerd.pad import PadLayout, Ring, Square, WhyCode
+from landerd.pad import PadLayout, Ring, Square, WhyCode, size_m
 from landerd.vision.expected import any_across
+from landerd.vision.linear import solved
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, pad_poses
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
+from landerd.vision.square_pose import corner_information
 
 _MAX_SEEDS = 6  # candidates from which a consensus is grown: bounds the time among look-alikes
 _MAX_CHI2_PER_MARKER = 30.0  # that one more may add: its six errors add more once in 25,000 times
+# By how much a picture may be bent, 1 sigma of each corner of a marker, px; and what one more
+# marker may add then: the least bend is sought under which its six errors are as large as stated.
+_BENDS_PX, _MAX_CHI2_BENT = (0.25, 0.5, 1.0, 2.0), 12.0
 _ALWAYS_FOUND_PX = 16.0  # rings so wide and wholly in the image are found 99 times of 100
 # Two outlines are of one thing if their middles are nearer and their sizes more alike than this.
 _SAME_MIDDLE, _SAME_SIZE = 0.2, 1.3  # of the smaller one's size
@@ -66,19 +76,54 @@ def choose(
         score = (float(len(group) - missing), decoded, -off)
         if best_score is None or score > best_score:
             best, best_score = (group, poses), score
+    if len(best[0]) == 1 < len(candidates) and best[0][0].sighting.id is not None:
+        return _bent_consensus(best[0][0], candidates, camera, errors, prior) or best
     return best
 
 
+def _bent_consensus(
+    seed: Candidate,
+    candidates: list[Candidate],
+    camera: CameraModel,
+    errors: MarkerErrors,
+    prior: Prior,
+) -> tuple[list[Candidate], list[PoseSolution]] | None:
+    """Return what agrees with a seed in a picture that is bent, as little as may be."""
+    for px in _BENDS_PX:
+        bend = px / (0.5 * (camera.fx + camera.fy))
+        start, *others = (_bent(c, bend) for c in (seed, *candidates))
+        group, poses = _consensus(start, others, errors, prior, _MAX_CHI2_BENT)
+        if len(group) > 1:
+            return group, poses
+    return None
+
+
+def _bent(candidate: Candidate, bend: float) -> Candidate:
+    """Return a candidate whose corners may each be off by a bend besides, on z = 1, 1 sigma."""
+    size = size_m(candidate.marker)
+    poses = []
+    for pose in candidate.measurement.poses:
+        # The inverse of the sum of both covariances, where a ring's heading has none.
+        known = pose.information
+        both = known + corner_information(pose, size, bend)
+        poses.append(replace(pose, information=known - known @ solved(both, known)))
+    return replace(candidate, measurement=replace(candidate.measurement, poses=tuple(poses)))
+
+
 def _consensus(
-    seed: Candidate, candidates: list[Candidate], errors: MarkerErrors, prior: Prior
+    seed: Candidate,
+    candidates: list[Candidate],
+    errors: MarkerErrors,
+    prior: Prior,
+    most: float = _MAX_CHI2_PER_MARKER,
 ) -> tuple[list[Candidate], list[PoseSolution]]:
-    """Add to a seed what agrees with it."""
+    """Add to a seed what agrees with it: adds less than `most` to chi-square a marker."""
     group, poses = [seed], _poses([seed], errors, prior)
     for other in sorted(candidates, key=_uncertainty):
         if not _no_two_alike([*group, other]):
             continue
         joint = _poses([*group, other], errors, prior)
-        if _agree(joint, len(group) + 1):
+        if _agree(joint, len(group) + 1, most):
             group, poses = [*group, other], joint
     return group, poses
 
@@ -88,8 +133,8 @@ def _poses(candidates: list[Candidate], errors: MarkerErrors, prior: Prior) -> l
     return pad_poses([c.measurement for c in candidates], errors, north, prior.down)
 
 
-def _agree(poses: list[PoseSolution], markers: int) -> bool:
-    return bool(poses) and poses[0].cost < _MAX_CHI2_PER_MARKER * (markers - 1)
+def _agree(poses: list[PoseSolution], markers: int, most: float = _MAX_CHI2_PER_MARKER) -> bool:
+    return bool(poses) and poses[0].cost < most * (markers - 1)
 
 
 def _no_two_alike(candidates: list[Candidate]) -> bool:

@@ -30,7 +30,7 @@ U8 = NDArray[np.uint8]
 
 _MIN_RADIUS_PX = 3.5  # of the ring: nothing can be said against smaller ones
 _RATIO_TELLS_PX = 14.0  # radius of the ring from which on its ratio tells it from others
-_MOST_CUT = 0.3  # of what tells its black and white, that may be out of the picture
+_MOST_CUT = 0.6  # of what tells its black and white, that may be out of the picture
 _OWN_WHITE = 1.1  # times the ring's radius: within the margin of any print
 
 

@@ -10,7 +10,7 @@ from landerd.geometry import Vec3
 from landerd.messages import EDGES, GREY
 from landerd.pad import Square
 from landerd.vision.patch import Image
-from landerd.vision.pose import EQUAL_NORMALS_COS, SAME_SOLUTION_COS, Pose
+from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, SAME_SOLUTION_COS, Pose
 from landerd.vision.print_edges import EdgeFit, ranked_by_edges
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint
 from landerd.vision.square_edges import square_edges
@@ -34,6 +34,9 @@ _MIN_TRACKED_EXPLAINED = 0.93
 _MAX_CONTRADICTED = 0.05
 # Where light or something foreign lies on it: share of the whole, below which the fit is not near.
 _MIN_NEAR_EXPLAINED = 0.3
+# Share of the code's cells that must be in the picture: twelve of 36 are by chance as printed once
+# in 4096 times, and a border alone is anything's that is dark and straight.
+_MIN_IN_VIEW = 1.0 / 3.0
 # What edges must show to be the print's: share of all, and of those of its code, that are in
 # place, and of the code's that are turned. Of 300 tags in their vehicle's shadow all but a few had
 # 0.65, 0.53 and none; another code's tag in its place 0.7, 0.42 and 0.07, texture none.
@@ -57,6 +60,8 @@ class SquarePrint(MarkerPrint):
         fine = np.kron(padded, np.ones((_PER_CELL, _PER_CELL)))
         reach = 0.5 * size * (1.0 + 2.0 * _USED_MARGIN_CELLS / count)
         self._code_reach = size * (0.5 - 1.0 / count)
+        rows = size * ((np.arange(1, count - 1) + 0.5) / count - 0.5)  # within the border
+        self._code_cells = np.stack(np.meshgrid(rows, rows), axis=-1).reshape(-1, 2)
         super().__init__(fine, size, count * _PER_CELL / size, reach)
         self._edges = square_edges(cells, size)
 
@@ -113,8 +118,22 @@ class SquarePrint(MarkerPrint):
         """Return the fit of the square where it is expected, to a cell; None: it is not there.
 
         The whole print must be explained, or most of its edges where something hides the rest or
-        the light is uneven, so that nothing else is taken for it.
+        the light is uneven, so that nothing else is taken for it; and enough of its code be seen.
         """
+        fit = self._tracked(image, camera, expected)
+        return fit if fit is not None and self._is_in_view(camera, fit.pose) else None
+
+    def _is_in_view(self, camera: CameraModel, pose: Pose) -> bool:
+        """Tell whether enough of the code is in the picture."""
+        cells = pose.points(self._code_cells)
+        if cells[:, 2].min() < MIN_DEPTH_M:
+            return False
+        px = camera.pixels(cells)
+        inside = ((px > 0.0) & (px < (camera.width - 1, camera.height - 1))).all(axis=1)
+        return bool(inside.mean() > _MIN_IN_VIEW)
+
+    def _tracked(self, image: Image, camera: CameraModel, expected: Pose) -> Fit | EdgeFit | None:
+        """Return the fit that explains what is in the picture, be it ever so little."""
         fit = self.fit(image, camera, expected, has_rival=False)
         if fit is None or fit.explained < _MIN_NEAR_EXPLAINED:
             return self._by_edges(image, camera, expected)

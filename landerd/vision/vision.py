@@ -152,8 +152,11 @@ class Vision:
             candidates = [self._turned_by_plate(image, c, known) for c in candidates]
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
-        self._found = _once(_placed([*chosen, *candidates])) if poses else []
-        others = [c for c in candidates if c.sighting.id is not None and c not in chosen]
+        own = [c.sighting for c in chosen]
+        # As each was seen, whatever may have bent the picture.
+        candidates.sort(key=lambda c: c.sighting not in own)
+        self._found = _once(_placed(candidates)) if poses else []
+        others = [c for c in candidates[len(own) :] if c.sighting.id is not None]
         markers = tuple(self._in_whole(c.sighting) for c in chosen + others)
         pad = tuple(s for s in poses if self._is_certain(s))
         if pad:

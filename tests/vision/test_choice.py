@@ -2,14 +2,18 @@
 
 import math
 
+import cv2
 import numpy as np
+import pytest
 
-from landerd.messages import MarkerSighting, PoseSolution, Prior
+from landerd.config.models import VisionSection
+from landerd.messages import Frame, MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Plate, Ring
+from landerd.vision import Vision
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import ring_measurement
-from tests.vision.scenes import IDEAL_CAMERA
+from tests.vision.scenes import IDEAL_CAMERA, THESIS_CAMERA, THESIS_PAD, U8, Optics, look, render
 
 LARGE = Ring(kind="whycon", outer_diameter_m=1.0)
 SMALL = Ring(kind="whycon", outer_diameter_m=0.2, inner_ratio=0.5)
@@ -46,3 +50,35 @@ def test_a_ring_is_not_taken_for_one_beside_which_another_would_be_seen_whatever
     )
     assert chosen == [near]
     assert np.allclose(poses[0].position, (0.0, 0.0, 0.6))
+
+
+def wobbling(image: U8, period: float, phase: float) -> U8:
+    """Return a picture whose rows a vibration has moved by 2 px; a period in rows, a phase, rad."""
+    y, x = np.indices(image.shape, dtype=np.float32)
+    wave = 2.0 * math.pi * y / period + phase
+    at = (x + 2.0 * np.sin(wave)).astype(np.float32), (y + 0.7 * np.cos(wave)).astype(np.float32)
+    bent = cv2.remap(image, *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(bent, dtype=np.uint8)
+
+
+@pytest.mark.parametrize("seed", [4, 7, 12, 14, 16, 20])
+def test_a_ring_is_not_given_up_for_a_tag_that_rows_which_wobble_have_bent(seed: int) -> None:
+    """By the tag alone the pad was 0.2 to 0.5 m off, with a sigma of 5 cm."""
+    rng = np.random.default_rng([3, seed])
+    towards, heading = rng.uniform(0.0, 2.0 * math.pi, 2)
+    view = look(
+        THESIS_CAMERA, 4.5, 0.4, pixel=(300.0, 230.0), tilt_towards=towards, heading=heading
+    )
+    image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(seed))
+    bent = wobbling(image, rng.uniform(40.0, 90.0), rng.uniform(0.0, 6.28))
+    x, y, z = view.normal.tolist()
+    seen = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection()).process(
+        Frame(0.0, 0, bent), Prior(down=(x, y, z))
+    )
+    assert {m.kind for m in seen.markers} == {"whycon", "apriltag"}
+    pad = seen.pad[0]
+    error = np.array(pad.position) - np.array(view.position)
+    assert np.linalg.norm(error) < 0.15
+    assert error @ np.linalg.solve(np.array(pad.covariance), error) < 16.3  # 99.9 %
+    assert pad.north is not None
+    assert np.dot(pad.north, view.R_camera_pad[:, 0]) > math.cos(math.radians(8.0))

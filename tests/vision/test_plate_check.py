@@ -18,9 +18,11 @@ from landerd.vision.plate_heading import PlateHeading
 from landerd.vision.plate_outline import plate_corners
 from landerd.vision.whycon import find_rings
 from tests.vision.scenes import (
+    F32,
     IDEAL_CAMERA,
     THESIS_CAMERA,
     THESIS_PAD,
+    Mask,
     Optics,
     Shadow,
     View,
@@ -83,6 +85,29 @@ def test_nor_at_the_pictures_edge_one_beside_which_what_is_in_view_is_not_white(
         image = render(at, THESIS_CAMERA, optics, np.random.default_rng(5), painted)
         vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
         down = tuple(at.normal.tolist())
+        looks = [vision.process(Frame(i / 30.0, i, image), Prior(down=down)) for i in range(5)]
+        assert any(bool(seen.pad) for seen in looks) is is_pad
+
+
+@pytest.mark.parametrize(
+    ("distance", "pixel"),
+    [(4.6, (25.0, 200.0)), (5.5, (520.0, 471.0)), (9.5, (380.0, 15.0))],
+)
+def test_nor_is_a_hoop_that_the_pictures_edge_cuts(
+    distance: float, pixel: tuple[float, float]
+) -> None:
+    """It has bright ground within and about it, of the pad's ratio, and no plate."""
+
+    def hoop(north: F32, east: F32) -> tuple[Mask, Mask]:
+        r = np.hypot(north, east) / RING.radius_m
+        return r < 1.0, r < RING.inner_ratio
+
+    at = look(THESIS_CAMERA, distance, 0.3, pixel=pixel, tilt_towards=1.0, heading=0.3)
+    down = tuple(at.normal.tolist())
+    for paint, is_pad in ((hoop, False), (None, True)):
+        asphalt = Optics(background="asphalt")
+        image = render(at, THESIS_CAMERA, asphalt, np.random.default_rng(5), paint=paint)
+        vision = Vision(THESIS_PAD, THESIS_CAMERA, VisionSection())
         looks = [vision.process(Frame(i / 30.0, i, image), Prior(down=down)) for i in range(5)]
         assert any(bool(seen.pad) for seen in looks) is is_pad
 

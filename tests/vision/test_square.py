@@ -218,6 +218,21 @@ def test_a_tag_that_is_hidden_for_the_most_or_another_is_not_tracked(
     assert tracked(number, width_px)[0] is None
 
 
+@pytest.mark.parametrize(("in_view", "is_tracked"), [(0.2, False), (0.35, False), (0.6, True)])
+def test_a_tag_that_the_picture_s_edge_cuts_is_tracked_while_enough_of_its_code_is_in_view(
+    in_view: float, is_tracked: bool
+) -> None:
+    """Of a border alone any pose may be fitted: it told the pad 1.2 m off within 3 cm."""
+    square = tag()
+    side = THESIS_CAMERA.fx * square.size_m / 2.5
+    beyond = THESIS_CAMERA.width - 1 + (0.5 - in_view) * side
+    view = look(THESIS_CAMERA, 3.0, 0.3, pixel=(beyond, 260))
+    image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(5), pad_of(square))
+    start = Pose(view.R_camera_pad, np.array(view.position), np.zeros((6, 6)), 0.0)
+    fit = SquarePrint(square, printed_cells(square)).track(image, THESIS_CAMERA, start)
+    assert (fit is not None) is is_tracked
+
+
 def test_light_that_falls_off_is_no_tag() -> None:
     square = tag()
     view = look(THESIS_CAMERA, 2.0, math.radians(30), pixel=(250, 260), heading=0.7)
