@@ -89,10 +89,7 @@ class Committed:
             self._touchdown.touch(step.now)
             event = Event.CONTACT
         if event is Event.CONTACT:
-            context.foothold.touch(relative, pad.heading)
-            if clearance > MAX_CONTACT_HEIGHT_M:
-                text = pilot_texts.TOUCHED_HIGH.format(height=clearance)
-                context.orders.say(Severity.WARNING, text)
+            self._note_contact(relative, pad.heading, clearance)
         if event is not None:
             return event
         # A touch turns the airframe faster than the lens's direction is known: nothing is to be
@@ -111,6 +108,16 @@ class Committed:
         descent = max(heave + sink_rate, MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
         return None
+
+    def _note_contact(
+        self, relative: RelativeState, heading: float | None, clearance: float
+    ) -> None:
+        """Note where it touches, and tell the pilot if that is where nothing should be."""
+        context = self._context
+        context.foothold.touch(relative, heading)
+        if clearance > MAX_CONTACT_HEIGHT_M:
+            text = pilot_texts.TOUCHED_HIGH.format(height=clearance)
+            context.orders.say(Severity.WARNING, text)
 
     def _blind(self, now: float) -> Event:
         """Return what it means that data are too old all at once.
