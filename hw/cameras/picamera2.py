@@ -4,7 +4,6 @@ picamera2 is the system's (apt install python3-picamera2) and is imported when t
 opened. Untested on a Raspberry Pi.
 """
 
-import asyncio
 import time
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ from hw.cameras.newest import NewestFrame, unknown_exposure_sigma
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost, NotInstalled
 from landerd.section import Section
+from landerd.worker import in_thread
 
 
 class Picamera2Options(Section):
@@ -46,7 +46,7 @@ class Picamera2Camera:
             f"camera {self._options.number} (picamera2)",
             lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
         )
-        await asyncio.to_thread(self._start)
+        await in_thread(self._start, "camera")
 
     async def newest(self) -> Frame:
         """Wait for a picture newer than the last and return the newest. Raises DeviceLost."""
@@ -69,7 +69,7 @@ class Picamera2Camera:
         """Stop the stream; safe to call twice."""
         camera, self._camera, self._newest = self._camera, None, None
         if camera is not None:
-            await asyncio.to_thread(camera.close)
+            await in_thread(camera.close, "camera")
 
     def _start(self) -> None:
         try:
