@@ -247,6 +247,7 @@ class GimbalState:
     roll: float
     reference: Reference
     pitch_measured: bool = True  # False: a servo without feedback, pitch is what was ordered
+    yaw_measured: bool = True  # the same of yaw
 
 
 # ---- the clock's ------------------------------------------------------------------------------
