@@ -248,6 +248,7 @@ class GimbalState:
     reference: Reference
     pitch_measured: bool = True  # False: a servo without feedback, pitch is what was ordered
     yaw_measured: bool = True  # the same of yaw
+    from_autopilot: bool = False  # over its link, half whose round trip counts as age
 
 
 # ---- the clock's ------------------------------------------------------------------------------

@@ -171,6 +171,7 @@ def test_v2_of_servos_says_that_nobody_measured() -> None:
     async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
         said = await report(gimbal, wire, attitude(turn(0.0, -20.0)))
         assert (said.yaw_measured, said.pitch_measured) == (False, False)
+        assert said.from_autopilot
 
     behind_autopilot(v2(feedback=False), scene)
 
