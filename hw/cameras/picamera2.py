@@ -37,6 +37,7 @@ class Picamera2Camera:
         self._options = options
         self._camera: Any = None
         self._newest: NewestFrame | None = None
+        self._order: ExposureOrder | None = None  # the newest
 
     async def open(self) -> None:
         """Start the stream. Raises DeviceLost."""
@@ -47,6 +48,8 @@ class Picamera2Camera:
             lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
         )
         await in_thread(self._start, "camera")
+        if self._order is not None:
+            self.expose(self._order)  # it was away, and begins as it was set up
 
     async def newest(self) -> Frame:
         """Wait for a picture newer than the last and return the newest. Raises DeviceLost."""
@@ -56,6 +59,7 @@ class Picamera2Camera:
 
     def expose(self, order: ExposureOrder) -> None:
         """Expose so from the next pictures on; libcamera takes what is nearest."""
+        self._order = order
         if self._camera is not None:
             self._camera.set_controls(
                 {
