@@ -11,7 +11,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
-| on the pad, and the land detector is silent | CRITICAL | UNCONFIRMED |
+| on the pad, and the land detector is silent, every REMIND_UNCONFIRMED_S | CRITICAL | UNCONFIRMED |
 
 A reason is also recorded with every change of phase. What hands back is in `states.HAND_BACKS`.
 """
@@ -24,6 +24,8 @@ PREFIX = "landerd: "
 MAX_CHARACTERS = 50  # of a STATUSTEXT
 REPEAT_S = 1.0  # the same line is not told more often: a bound for the link, chosen by hand
 REMIND_S = 10.0  # what waits for the pilot's hand is told again: a line may be lost, or not be read
+# No longer than guidance.touchdown_timeout_s may be: of one that touches anew it is told in time.
+REMIND_UNCONFIRMED_S = 5.0
 
 # ---- who flies (guidance.gate) -----------------------------------------------------------------
 STARTING = "starting"

@@ -67,7 +67,7 @@ class Committed:
         """Order a descent relative to the pad's own vertical motion, and go along with it."""
         context = self._context
         if self._touchdown.unconfirmed(step.now, context.landed):
-            context.orders.say(Severity.CRITICAL, pilot_texts.UNCONFIRMED)
+            _tell_unconfirmed(context)
         vehicle = context.estimator.fresh_vehicle(step.now)
         pad = self._pad_now(step.now)
         if vehicle is None or pad is None:
@@ -207,7 +207,7 @@ class OnPad:
             orders.disarm()
         if self._touchdown.unconfirmed(now, context.landed):
             context.finish("touchdown_unconfirmed")
-            orders.say(Severity.CRITICAL, pilot_texts.UNCONFIRMED)
+            _tell_unconfirmed(context)
         if not _stand_level(context, self._touchdown, step):
             north, east, _ = context.pad_velocity
             # It presses down on a deck that sinks, and as hard on one that comes up.
@@ -344,6 +344,11 @@ class Leaving:
         if not self._touchdown.has_touched:
             context.foothold.touch(relative, pad.heading)
         self._touchdown.settle(self._rests_since)
+
+
+def _tell_unconfirmed(context: LandingContext) -> None:
+    text, every_s = pilot_texts.UNCONFIRMED, pilot_texts.REMIND_UNCONFIRMED_S
+    context.orders.say(Severity.CRITICAL, text, every_s=every_s)
 
 
 def _clearance(
