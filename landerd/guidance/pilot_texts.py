@@ -4,7 +4,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 
 | when | severity | text |
 |---|---|---|
-| landerd does not fly, or flies without sight | WARNING | the reason |
+| landerd does not fly, or without sight, or for a while without own data | WARNING | the reason |
 | a phase of the landing begins | NOTICE | the phase and the reason |
 | it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
 | a descent is broken off with the pad in sight | WARNING | the reason |
