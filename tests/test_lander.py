@@ -357,6 +357,14 @@ def test_every_loss_of_sight_is_told() -> None:
         assert any("not in sight" in text for text in flight.texts[before:])
 
 
+def test_a_camera_that_sends_nothing_any_more_is_told_as_that_at_once() -> None:
+    flight = Flight(position=(-3.0, 0.0, -4.0)).engaged().until(Phase.DESCENT)
+    before = len(flight.texts)
+    flight.silent = {Sightings}
+    flight.run(2.0)
+    assert flight.texts[before:] == ["landerd: no pictures from the camera, holding"]
+
+
 @pytest.mark.parametrize(
     ("kind", "words"),
     [

@@ -145,6 +145,11 @@ class Estimator:
         """Whether the newest sightings, accepted or not, were where the pad was expected."""
         return self._filter.doubt
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether the newest frame that was searched shows the pad, and was accepted."""
+        return self.sighting_t == self.frame_t - self._clock_offset_s
+
     def sight_age(self, now: float) -> float:
         """Return the age of the last accepted sighting at time now, s; infinite without one.
 
