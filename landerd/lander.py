@@ -171,7 +171,8 @@ class Lander:
         if observations is None:
             return []  # late, twice or no number: never flown on
         if self.needs_sight and self._config.aim.method == "increment":
-            self._aim.on_sightings(sightings, self._estimator.poses.gimbal.at(sightings.t))
+            exposed_t = sightings.t - self._config.camera.clock_offset_s
+            self._aim.on_sightings(sightings, self._estimator.poses.gimbal.at(exposed_t))
         commands: list[Command] = []
         if self._metering is not None and self._tick_t is not None:
             order = self._metering.on_sightings(self._tick_t, sightings)

@@ -247,6 +247,8 @@ class GimbalState:
     roll: float
     reference: Reference
     pitch_measured: bool = True  # False: a servo without feedback, pitch is what was ordered
+    yaw_measured: bool = True  # the same of yaw
+    from_autopilot: bool = False  # over its link, half whose round trip counts as age
 
 
 # ---- the clock's ------------------------------------------------------------------------------

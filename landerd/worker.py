@@ -1,4 +1,4 @@
-"""One thread beside the event loop, which may be given up when a job hangs."""
+"""Threads beside the event loop, which may be given up when a job hangs."""
 
 import asyncio
 import contextlib
@@ -50,11 +50,7 @@ class Worker:
             raise JobHangs
         if self._jobs is None:
             self._jobs = SimpleQueue()
-            self._thread = threading.Thread(
-                target=_work, args=(self._jobs,), name=self._name, daemon=True
-            )
-            _threads.add(self._thread)
-            self._thread.start()
+            self._thread = _start(self._jobs, self._name)
         loop = asyncio.get_running_loop()
         future: asyncio.Future[T] = loop.create_future()
         self._jobs.put(_Job(call, loop, future).do)
@@ -72,6 +68,21 @@ class Worker:
         jobs, self._jobs = self._jobs, None
         if jobs is not None:
             jobs.put(None)
+
+
+def in_thread(call: Callable[[], T], name: str) -> "asyncio.Future[T]":
+    """Begin a call in a thread of its own; return the future that gets what comes of it.
+
+    asyncio's own threads are waited for at the end of `asyncio.run`, however long they hang; for
+    this one the process's end does not wait. Name: of the thread.
+    """
+    loop = asyncio.get_running_loop()
+    future: asyncio.Future[T] = loop.create_future()
+    jobs: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+    jobs.put(_Job(call, loop, future).do)
+    jobs.put(None)
+    _start(jobs, name)
+    return future
 
 
 class _Job(Generic[T]):
@@ -100,6 +111,13 @@ class _Job(Generic[T]):
     def _fail(self, e: Exception) -> None:
         if not self._future.done():
             self._future.set_exception(e)
+
+
+def _start(jobs: "SimpleQueue[Callable[[], None] | None]", name: str) -> threading.Thread:
+    thread = threading.Thread(target=_work, args=(jobs,), name=name, daemon=True)
+    _threads.add(thread)
+    thread.start()
+    return thread
 
 
 def _work(jobs: "SimpleQueue[Callable[[], None] | None]") -> None:

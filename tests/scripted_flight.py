@@ -180,8 +180,8 @@ class Flight:
         self._move()
         for message in self._telemetry():
             self.give(message)
-        if self.visible:
-            self._late.append(self.sighting())
+        unseen = Sightings(self.t, self._ticks, (), ())
+        self._late.append(self.sighting() if self.visible else unseen)
         while self._late and self._late[0].t <= self.t - LATE_TICKS * DT + 1e-9:
             self.give(self._late.pop(0))
 

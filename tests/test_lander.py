@@ -357,6 +357,14 @@ def test_every_loss_of_sight_is_told() -> None:
         assert any("not in sight" in text for text in flight.texts[before:])
 
 
+def test_a_camera_that_sends_nothing_any_more_is_told_as_that_at_once() -> None:
+    flight = Flight(position=(-3.0, 0.0, -4.0)).engaged().until(Phase.DESCENT)
+    before = len(flight.texts)
+    flight.silent = {Sightings}
+    flight.run(2.0)
+    assert flight.texts[before:] == ["landerd: no pictures from the camera, holding"]
+
+
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
@@ -386,7 +394,7 @@ def test_stale_attitude_or_position_stops_sooner_than_a_lost_pad(kind: type) -> 
     flight.run(1.0)
     flight.silent = {kind}
     flight.run(0.35)
-    assert flight.lander.phase is Phase.NOT_LANDING
+    assert flight.lander.state is State.SEARCHING
 
 
 def test_moments_of_stale_attitude_break_off_no_descent_and_longer_ones_do() -> None:
@@ -398,15 +406,18 @@ def test_moments_of_stale_attitude_break_off_no_descent_and_longer_ones_do() -> 
     for _ in range(flight.config.guidance.lost.retries + 1):
         flight.silent = {Attitude}
         flight.run(freshness_s + 0.1)
-        flown_by.add(flight.lander.phase)
+        flown_by.add(flight.lander.state)
         flight.silent = set()
         flight.run(0.15)
-        flown_by.add(flight.lander.phase)
-    assert flown_by == {Phase.NOT_LANDING, Phase.DESCENT}  # no landing begins anew
+        flown_by.add(flight.lander.state)
+    assert flown_by == {State.SEARCHING, State.TRACKING}
+    assert flight.lander.phase is Phase.DESCENT  # no landing begins anew
     assert flight.lander.aborts == 0
+    assert not said(flight, "stale")  # it was over by the time that anybody has read it
     flight.silent = {Attitude}
     flight.run(freshness_s + 0.4)
     assert flight.lander.aborts == 1
+    assert said(flight, "attitude is stale, ")
 
 
 def test_without_a_position_it_does_not_climb() -> None:
@@ -591,6 +602,8 @@ def test_without_on_ground_it_stands_level_and_the_pilot_is_told() -> None:
     assert flight.lander.outcome == "touchdown_unconfirmed"
     assert said(flight, "disarm by hand")
     assert flight.disarm_orders == []
+    flight.run(10.0)
+    assert sum("disarm by hand" in text for text in flight.texts) in (3, 4)  # and not 11
     flight.pressed.clear()
     assert flight.run(2.0) == []
     assert len(flight.pressed) == 80  # at the rate of set-points

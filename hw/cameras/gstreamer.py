@@ -4,8 +4,8 @@ GStreamer and its Python binding are the system's (python3-gi, gir1.2-gst-plugin
 imported when the camera is opened. Untested on a Jetson.
 """
 
-import asyncio
 import time
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from hw.cameras.newest import NewestFrame, unknown_exposure_sigma
 from landerd.messages import Frame
 from landerd.ports import DeviceLost, NotInstalled
 from landerd.section import Section
+from landerd.worker import in_thread
 
 
 class GstreamerOptions(Section):
@@ -43,7 +44,7 @@ class GstreamerCamera:
         """Start the pipeline. Raises DeviceLost."""
         await self.close()
         self._newest = NewestFrame("camera (gstreamer)", time.monotonic)
-        await asyncio.to_thread(self._start)
+        await in_thread(self._start, "camera")
 
     async def newest(self) -> Frame:
         """Wait for a picture newer than the last and return the newest. Raises DeviceLost."""
@@ -55,7 +56,7 @@ class GstreamerCamera:
         """Stop the pipeline; safe to call twice."""
         pipeline, self._pipeline, self._newest = self._pipeline, None, None
         if pipeline is not None:
-            await asyncio.to_thread(pipeline.set_state, self._gst.State.NULL)
+            await in_thread(partial(pipeline.set_state, self._gst.State.NULL), "camera")
 
     def _start(self) -> None:
         try:

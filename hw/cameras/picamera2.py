@@ -4,7 +4,6 @@ picamera2 is the system's (apt install python3-picamera2) and is imported when t
 opened. Untested on a Raspberry Pi.
 """
 
-import asyncio
 import time
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ from hw.cameras.newest import NewestFrame, unknown_exposure_sigma
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost, NotInstalled
 from landerd.section import Section
+from landerd.worker import in_thread
 
 
 class Picamera2Options(Section):
@@ -37,6 +37,7 @@ class Picamera2Camera:
         self._options = options
         self._camera: Any = None
         self._newest: NewestFrame | None = None
+        self._order: ExposureOrder | None = None  # the newest
 
     async def open(self) -> None:
         """Start the stream. Raises DeviceLost."""
@@ -46,7 +47,9 @@ class Picamera2Camera:
             f"camera {self._options.number} (picamera2)",
             lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
         )
-        await asyncio.to_thread(self._start)
+        await in_thread(self._start, "camera")
+        if self._order is not None:
+            self.expose(self._order)  # it was away, and begins as it was set up
 
     async def newest(self) -> Frame:
         """Wait for a picture newer than the last and return the newest. Raises DeviceLost."""
@@ -56,6 +59,7 @@ class Picamera2Camera:
 
     def expose(self, order: ExposureOrder) -> None:
         """Expose so from the next pictures on; libcamera takes what is nearest."""
+        self._order = order
         if self._camera is not None:
             self._camera.set_controls(
                 {
@@ -69,7 +73,7 @@ class Picamera2Camera:
         """Stop the stream; safe to call twice."""
         camera, self._camera, self._newest = self._camera, None, None
         if camera is not None:
-            await asyncio.to_thread(camera.close)
+            await in_thread(camera.close, "camera")
 
     def _start(self) -> None:
         try:

@@ -10,9 +10,11 @@ import errno
 import logging
 import math
 import re
+import threading
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -37,6 +39,7 @@ from hw.cameras.v4l2_node import Filled, Layout, Mode, Stamp, VideoNode
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 from landerd.section import Section
+from landerd.worker import in_thread
 
 log = logging.getLogger(__name__)
 
@@ -82,6 +85,12 @@ def _close_opened(opening: asyncio.Future[VideoNode]) -> None:
         opening.result().close()
 
 
+async def _release(node: VideoNode, ordering: asyncio.Task[None] | None) -> None:
+    if ordering is not None:
+        await ordering  # it uses the node
+    await in_thread(node.close, "camera")
+
+
 class V4l2Camera:
     """A V4L2 camera; a Camera.
 
@@ -117,6 +126,7 @@ class V4l2Camera:
         self._order: ExposureOrder | None = None  # the newest
         self._is_new_order = False
         self._ordering: asyncio.Task[None] | None = None
+        self._releasing: asyncio.Task[None] | None = None
 
     # ---- open and close ----
 
@@ -127,11 +137,14 @@ class V4l2Camera:
         self._was_full = False
         self._arrived.clear()
         # Control transfers over USB take tens of milliseconds each.
-        opening = asyncio.get_running_loop().run_in_executor(None, self._set_up)
+        unwanted = threading.Event()
+        opening = in_thread(lambda: self._set_up_for(unwanted), "camera")
         try:
             self._node = await asyncio.shield(opening)
         except asyncio.CancelledError:
-            opening.add_done_callback(_close_opened)  # the thread goes on, and nobody has the node
+            # The thread goes on, and nobody has the node: who is done last closes it.
+            unwanted.set()
+            opening.add_done_callback(_close_opened)
             raise
         for remark in self.remarks:
             log.warning("camera %s: %s", self._options.device, remark)
@@ -140,18 +153,27 @@ class V4l2Camera:
             self.expose(self._order)  # it was away, and begins as it was set up
 
     async def close(self) -> None:
-        """Stop the stream; safe to call twice."""
+        """Stop the stream; safe to call twice. Goes on by itself where nobody waits for it."""
         node, self._node = self._node, None
-        if self._ordering is not None:
-            await self._ordering  # it uses the node
-            self._ordering = None
+        ordering, self._ordering = self._ordering, None
         self._held = None
         if node is not None:
-            asyncio.get_running_loop().remove_reader(node.fileno())
-            await asyncio.to_thread(node.close)
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(node.fileno())
+            self._releasing = loop.create_task(_release(node, ordering))
         if self._decoder is not None:
             self._decoder.shutdown(wait=False)
             self._decoder = None
+        if self._releasing is not None and not self._releasing.done():
+            await asyncio.shield(self._releasing)
+
+    def _set_up_for(self, unwanted: threading.Event) -> VideoNode:
+        """Set up, unless nobody wants it any more when that is done."""
+        node = self._set_up()
+        if unwanted.is_set():
+            node.close()
+            raise DeviceLost(self._says("opened too late"))
+        return node
 
     def _set_up(self) -> VideoNode:
         options = self._options
@@ -262,9 +284,10 @@ class V4l2Camera:
             self._is_new_order = False
             try:
                 # Control transfers over USB take tens of milliseconds each.
-                self._exposure_s = await asyncio.to_thread(
+                call = partial(
                     carry_out, self._node, self._order, options.gain_most, 0.9 / options.fps
                 )
+                self._exposure_s = await in_thread(call, "camera")
             except OSError as e:
                 remark = f"exposure: it does not take orders: {e.strerror or e}"
                 if remark not in self.remarks:

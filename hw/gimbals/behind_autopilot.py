@@ -92,6 +92,6 @@ class BehindAutopilotGimbal(ABC):
         state = self._mounting.state(t, *angles) if angles is not None else None
         if state is None:
             return
-        self._states.append(state)
+        self._states.append(replace(state, from_autopilot=True))
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)

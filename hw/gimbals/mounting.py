@@ -65,14 +65,15 @@ class Mounting:
         """Return the state for a device's angles (rad) that arrived at t; None: they are none."""
         if not all(-_LARGEST_ANGLE <= angle <= _LARGEST_ANGLE for angle in (yaw, pitch, roll)):
             return None  # NaN too
-        o = self._options
+        o, is_measured = self._options, self.traits.feedback is not Feedback.ORDERED
         return GimbalState(
             t - o.latency_s,
             wrap(o.yaw_sign * yaw + math.radians(o.yaw_zero_deg)),
             wrap(o.pitch_sign * pitch + math.radians(o.pitch_zero_deg)),
             wrap(roll),
             self.traits.reference,
-            pitch_measured=self.traits.feedback is not Feedback.ORDERED,
+            pitch_measured=is_measured,
+            yaw_measured=is_measured,
         )
 
     def order(self, command: GimbalCommand) -> tuple[float, float] | None:

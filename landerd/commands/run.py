@@ -8,6 +8,7 @@ import logging
 import os
 import signal
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hw.autopilots.tlog import TlogEncoder
@@ -31,24 +32,35 @@ log = logging.getLogger("landerd")
 
 
 class SensorNotes(Observer):
-    """Keeps what each landing has found of camera, gimbal and sight, for `landerd check`."""
+    """Keeps what each landing has found of camera, gimbal and sight, for `landerd check`.
+
+    In a thread: a landing may end in the air, where orders go on while the disk takes its time.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._outcome: str | None = None
+        self._writing = ThreadPoolExecutor(1, "sensor notes")  # one after the other
 
     def on_flight(self, lander: Lander) -> None:
         """A flight begins."""
         self._lander = lander
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:
-        """Write it when a landing has ended."""
+        """Have it written when a landing has ended."""
         outcome, self._outcome = self._outcome, self._lander.outcome
         if self._outcome is None or self._outcome == outcome:
             return
+        found = LastFlight(self._lander.sensor_errors, self._lander.flight_health)
+        self._writing.submit(self._write, found)
+
+    def close(self) -> None:
+        """Wait until it is written."""
+        self._writing.shutdown()
+
+    def _write(self, found: LastFlight) -> None:
         try:
-            lander = self._lander
-            write_sensors(self._path, LastFlight(lander.sensor_errors, lander.flight_health))
+            write_sensors(self._path, found)
         except OSError as e:
             log.warning("what was found of camera and gimbal is not kept: %s", e)
 
@@ -80,13 +92,15 @@ def run(args: argparse.Namespace) -> int:
     page = StatusPage.of(config, camera_model, layout, folder, temperature_c)
     both = (page, FoxgloveServer.of(config, camera_model, layout))
     viewers: list[StatusPage | FoxgloveServer] = [viewer for viewer in both if viewer is not None]
+    kept = sensors_file()
+    notes = SensorNotes(kept) if kept is not None else None
 
     async def fly() -> None:
         observers: list[Observer] = [ServiceNotifier()]
         if recorder is not None:
             observers.append(recorder)
-        if (notes := sensors_file()) is not None:
-            observers.append(SensorNotes(notes))
+        if notes is not None:
+            observers.append(notes)
         daemon = Daemon(config, layout, camera_model, devices, observers=tuple(observers))
         for viewer in viewers:
             viewer.watch(daemon)
@@ -101,10 +115,9 @@ def run(args: argparse.Namespace) -> int:
     except CoreFailed:
         code = 1  # systemd starts it again
     finally:
-        if recorder is not None:
-            recorder.close()
-        for viewer in viewers:
-            viewer.close()
+        for each in (recorder, notes, *viewers):
+            if each is not None:
+                each.close()
     return code
 
 

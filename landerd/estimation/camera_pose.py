@@ -125,8 +125,10 @@ class PoseHistory:
             self.attitude.add(message.t, turned)
         else:
             self._reference = message.reference
-            pitch = message.pitch if message.pitch_measured else self._lagged_pitch(message)
-            self.gimbal.add(message.t, (message.yaw, pitch, message.roll))
+            t, yaw, pitch = message.t, message.yaw, message.pitch
+            yaw = yaw if message.yaw_measured else self._lagged(t, yaw, 0)
+            pitch = pitch if message.pitch_measured else self._lagged(t, pitch, 1)
+            self.gimbal.add(t, (yaw, pitch, message.roll))
         return None
 
     def _turned(self, t: float, said: Values, *, keeps_heading: bool) -> Values:
@@ -152,13 +154,17 @@ class PoseHistory:
         most = KNOCK_MPS + FASTEST_MPS2 * dt
         return self._velocities.is_one(new.t, sub(new.velocity, (u, v, w)), most)
 
-    def _lagged_pitch(self, ordered: GimbalState) -> float:
-        """Return the pitch of a gimbal that only tells its order: a first-order lag, rad."""
+    def _lagged(self, t: float, ordered: float, axis: int) -> float:
+        """Return where an axis that only tells its order (rad) is at t (s): a first-order lag.
+
+        Axis: its place in the gimbal's history.
+        """
         last = self.gimbal.newest
         if last is None:
-            return ordered.pitch
-        pitch, dt = last[1][1], max(0.0, ordered.t - last[0])
-        return pitch + (1.0 - math.exp(-dt / self._gimbal_lag_s)) * wrap(ordered.pitch - pitch)
+            return ordered
+        angle, dt = last[1][axis], max(0.0, t - last[0])
+        share = 1.0 - math.exp(-dt / self._gimbal_lag_s)
+        return wrap(angle + share * wrap(ordered - angle))
 
     def _add_position(self, new: LocalPosition) -> Vec3 | None:
         """Take a position in by a complementary filter; return how far the frame jumped, if so."""

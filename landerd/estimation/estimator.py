@@ -64,6 +64,7 @@ class Estimator:
         self.health = HealthMonitor(config.estimation.gate_sigma**2)
         # How wrong the times of the autopilot's data and of the pictures may be, s.
         self._clock_s = self._picture_clock_s = 0.0
+        self._is_gimbal_autopilots = False  # its angles come over the autopilot's link
 
     # ---- inputs --------------------------------------------------------------------------------
 
@@ -73,6 +74,8 @@ class Estimator:
         While a pad is known the heading goes on by which it was seen so far: one that the autopilot
         sets anew may be wrong, and where it is right the old one did as well.
         """
+        if isinstance(message, GimbalState):
+            self._is_gimbal_autopilots = message.from_autopilot
         is_known = message.t - self.sighting_t <= MAX_GAP_S
         jump = self.poses.add(message, keeps_heading=is_known)
         if jump is not None:
@@ -142,6 +145,11 @@ class Estimator:
         """Whether the newest sightings, accepted or not, were where the pad was expected."""
         return self._filter.doubt
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether the newest frame that was searched shows the pad, and was accepted."""
+        return self.sighting_t == self.frame_t - self._clock_offset_s
+
     def sight_age(self, now: float) -> float:
         """Return the age of the last accepted sighting at time now, s; infinite without one.
 
@@ -205,7 +213,8 @@ class Estimator:
             return "attitude"
         if poses.position.age(now) + self._clock_s > fresh.position_s:
             return "position"
-        if poses.gimbal.age(now) > fresh.gimbal_s:
+        gimbal_late_s = self._clock_s if self._is_gimbal_autopilots else 0.0
+        if poses.gimbal.age(now) + gimbal_late_s > fresh.gimbal_s:
             return "gimbal"
         return None
 

@@ -93,7 +93,11 @@ def rotate(folder: Path, most_bytes: int, running: Path) -> list[Path]:
         for path in folder.iterdir()
         if path.suffix in (".mcap", ".tlog") and (number := _number(path)) is not None
     )
-    sizes = {path: path.stat().st_size for *_, path in logs if path.stem != running.stem}
+    sizes: dict[Path, int] = {}
+    for *_, path in logs:
+        if path.stem != running.stem:
+            with contextlib.suppress(OSError):  # somebody else has deleted it meanwhile
+                sizes[path] = path.stat().st_size
     total = 0
     for size in sizes.values():
         total += size
@@ -101,7 +105,10 @@ def rotate(folder: Path, most_bytes: int, running: Path) -> list[Path]:
     for path, size in sizes.items():
         if total <= most_bytes:
             break
-        path.unlink()
+        try:
+            path.unlink(missing_ok=True)
+        except OSError:  # it stays, and a younger one has to go
+            continue
         total -= size
         deleted.append(path)
     return deleted

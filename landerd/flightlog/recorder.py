@@ -5,6 +5,7 @@ to the disk twice a second. When thread or disk cannot follow, images are droppe
 only people look at, and the core's messages last; all is counted, nothing is waited for.
 """
 
+import contextlib
 import logging
 import threading
 import time
@@ -306,9 +307,10 @@ class Recorder:
         files.writer.flush()
         taken = files.mcap.sync() & (files.tlog is None or files.tlog.sync())
         folder = files.mcap.path.parent
-        try:
-            if folder == self._target:
+        if folder == self._target:
+            with contextlib.suppress(OSError):  # what stays takes room, and that is looked at next
                 self._keep_in_bounds(files)
+        try:
             free = free_bytes(folder)
         except OSError:
             free = 0

@@ -101,7 +101,7 @@ class Gate:
     def authority(self, now: float) -> tuple[Authority, str]:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
-        if beat is None or now - beat.t > self._freshness.heartbeat_s:
+        if beat is None or now - beat.t + self._clock_s > self._freshness.heartbeat_s:
             # One that was heard may still fly on the last velocity: that is stopped first.
             silent = Authority.SILENT if beat is None else Authority.RELEASED
             return silent, pilot_texts.NO_HEARTBEAT

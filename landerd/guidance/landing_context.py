@@ -161,10 +161,13 @@ class LandingContext:
         stale = self.estimator.stale(now)
         if stale is not None:
             return pilot_texts.STALE[stale]
-        if now - self.estimator.searched_t > self.options.lost.after_s:
-            return pilot_texts.NO_PICTURES
-        if now - self.estimator.frame_t > self.options.lost.after_s:
-            return pilot_texts.OLD_PICTURES
+        limit = self.options.lost.after_s
+        searched_t, frame_t = self.estimator.searched_t, self.estimator.frame_t
+        # The newest picture may show the pad: then none has come that does not.
+        is_old = self.estimator.is_shown and self.estimator.sight_age(now) >= limit - MAX_STEP_S
+        if is_old or now - frame_t > limit:
+            was_late = searched_t - frame_t >= now - searched_t
+            return pilot_texts.OLD_PICTURES if was_late else pilot_texts.NO_PICTURES
         if now - self.estimator.refused_t <= self.options.lost.after_s:
             return pilot_texts.NOT_BELIEVED
         other = self.estimator.other

@@ -4,7 +4,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 
 | when | severity | text |
 |---|---|---|
-| landerd does not fly, or flies without sight | WARNING | the reason |
+| landerd does not fly, or without sight, or for a while without own data | WARNING | the reason |
 | a phase of the landing begins | NOTICE | the phase and the reason |
 | it is where the pilot asked to hold | NOTICE | HOLDING_OVER |
 | a descent is broken off with the pad in sight | WARNING | the reason |
@@ -12,7 +12,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |
-| on the pad, and the land detector is silent | CRITICAL | UNCONFIRMED |
+| on the pad, and the land detector is silent, every REMIND_UNCONFIRMED_S | CRITICAL | UNCONFIRMED |
 
 A reason is also recorded with every change of phase. What hands back is in `states.HAND_BACKS`.
 """
@@ -25,6 +25,8 @@ PREFIX = "landerd: "
 MAX_CHARACTERS = 50  # of a STATUSTEXT
 REPEAT_S = 1.0  # the same line is not told more often: a bound for the link, chosen by hand
 REMIND_S = 10.0  # what waits for the pilot's hand is told again: a line may be lost, or not be read
+# No longer than guidance.touchdown_timeout_s may be: of one that touches anew it is told in time.
+REMIND_UNCONFIRMED_S = 5.0
 
 # ---- who flies (guidance.gate) -----------------------------------------------------------------
 STARTING = "starting"

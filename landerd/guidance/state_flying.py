@@ -264,6 +264,8 @@ class Searching:
         may_climb = vehicle is not None or climbs_blind
         velocity, what = planned if may_climb else (HOVER, pilot_texts.HOLDING)
         why = pilot_texts.BLIND.format(why=context.why_blind(step.now), what=what)
-        context.orders.enter(Phase.NOT_LANDING, why)
+        # That its own data are stale for a moment is no news: the landing goes on.
+        if vehicle is not None or not context.goes_on(step.now):
+            context.orders.enter(Phase.NOT_LANDING, why)
         context.orders.fly(velocity, 0.0, may_descend=False)
         return None

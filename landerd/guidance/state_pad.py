@@ -67,7 +67,7 @@ class Committed:
         """Order a descent relative to the pad's own vertical motion, and go along with it."""
         context = self._context
         if self._touchdown.unconfirmed(step.now, context.landed):
-            context.orders.say(Severity.CRITICAL, pilot_texts.UNCONFIRMED)
+            _tell_unconfirmed(context)
         vehicle = context.estimator.fresh_vehicle(step.now)
         pad = self._pad_now(step.now)
         if vehicle is None or pad is None:
@@ -217,7 +217,7 @@ class OnPad:
             orders.disarm()
         if self._touchdown.unconfirmed(now, context.landed):
             context.finish("touchdown_unconfirmed")
-            orders.say(Severity.CRITICAL, pilot_texts.UNCONFIRMED)
+            _tell_unconfirmed(context)
         if not _stand_level(context, self._touchdown, step):
             north, east, _ = context.pad_velocity
             # It presses down on a deck that sinks, and as hard on one that comes up.
@@ -368,6 +368,11 @@ def _clearance(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate)
     """Return the least that the lowest foot may be over the pad, m."""
     lowest_m = relative.height - vehicle.lowest_foot(relative.normal)
     return lowest_m - 2.0 * math.sqrt(pad.covariance[2][2])
+
+
+def _tell_unconfirmed(context: LandingContext) -> None:
+    text, every_s = pilot_texts.UNCONFIRMED, pilot_texts.REMIND_UNCONFIRMED_S
+    context.orders.say(Severity.CRITICAL, text, every_s=every_s)
 
 
 def _of_foot(relative: RelativeState, vehicle: VehicleState) -> RelativeState:

@@ -75,6 +75,7 @@ class TrackingMethod:
 
     def __init__(self, config: Config) -> None:
         self._swing = Swing()
+        self._calmed_of: tuple[float, float, float] | None = None  # gain, lead and compensation
         self.configure(config)
         self.restart()
 
@@ -99,7 +100,10 @@ class TrackingMethod:
             MAX_KP_PER_ACCELERATION * acceleration,
         )
         self._ki = min(options.tracking.ki, MAX_KI_SHARE * self._kp * self._kp)
-        self._calmed = 1.0  # of the gain; of the integral's its square
+        calmed_of = self._kp, self._lead_s, self._compensation
+        if calmed_of != self._calmed_of:
+            self._calmed_of = calmed_of
+            self._calmed = 1.0  # of the gain; of the integral's its square
         self._vertical_lag_s = max(VERTICAL_LAG_S, vehicle.vertical_shaper_lag_s + VERTICAL_LATE_S)
         self._brake = min(options.tracking.brake_mps2, BRAKE_SHARE * acceleration)
         self._region = options.descent

@@ -66,6 +66,8 @@ SEARCH_S = 1.0  # a search that takes longer hangs; what it found would be too o
 BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
 ARRIVALS_HZ = 300.0  # no device sends more messages
 CATCH_UP_S = 3.0  # what came before that is of no use any more
+# A camera that hangs does not let go; with LAST_ORDERS_S less than systemd waits (TimeoutStopSec).
+CLOSE_S = 1.0
 AWAY_S = 60.0  # how often it is said again that a device is away
 
 
@@ -202,7 +204,10 @@ class Daemon:
 
     async def _close(self, name: str, device: Camera | Gimbal | Autopilot) -> None:
         try:
-            await device.close()
+            async with asyncio.timeout(CLOSE_S):
+                await device.close()
+        except TimeoutError:
+            self._fault(f"{name} not closed", f"it hangs for {CLOSE_S:g} s")
         except Exception as e:
             self._fault(f"{name} not closed", f"{type(e).__name__}: {e}")
 

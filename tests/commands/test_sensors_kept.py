@@ -1,18 +1,22 @@
 """What a flight finds of camera and gimbal is offered, in words that say what to set."""
 
 import math
+import os
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from landerd.commands.run import SensorNotes
 from landerd.config.models import CameraSection, Config, GimbalSection
 from landerd.estimation.health import Health
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.geometry import R_GIMBAL_CAMERA, Mat3, camera_mount, matmul, transpose
-from landerd.messages import Phase
+from landerd.messages import Phase, Tick
 from landerd.preflight.sensors import LastFlight, read_sensors, sensor_findings, write_sensors
-from tests.scripted_flight import Flight
+from tests.scripted_flight import LOW, Flight
 
 SENSORS = SensorErrors(-0.021, 0.002, 0.0, 0.003, 0.0, 0.0, 0.005, 0.005)
 HEALTH = Health(600, 2.9, 0.01, 0.12)
@@ -65,6 +69,37 @@ def test_a_flight_that_saw_badly_is_told_before_the_next(
 ) -> None:
     (finding,) = sensor_findings(Config(), replace(found(clock_s=0.0), health=health))
     assert (finding.level, says in finding.what, mend in finding.mend) == ("warn", True, True)
+
+
+def test_it_is_written_beside_the_flight_and_before_the_end(tmp_path: Path) -> None:
+    """A pipe is written to as slowly as it is read: such a disk must not hold up the orders."""
+    path = tmp_path / "sensors.json"
+    pipe = path.with_suffix(".new")
+    read: list[str] = []
+    os.mkfifo(pipe)
+
+    def read_late() -> None:
+        time.sleep(1.0)
+        read.append(pipe.read_text())
+
+    flight = Flight().engaged().until(Phase.DESCENT)
+    notes = SensorNotes(path)
+    notes.on_flight(flight.lander)
+    flight.pulse_us = LOW
+    flight.run(0.1)
+    assert flight.lander.outcome == "released"
+    reading = threading.Thread(target=read_late)
+    reading.start()
+    began = time.monotonic()
+    notes.on_step(flight.t, Tick(flight.t), [])
+    assert time.monotonic() - began < 0.5
+    notes.close()
+    reading.join()
+    path.unlink()  # the pipe, which has been put in its place
+    path.write_text(read[0])
+    assert read_sensors(path) == LastFlight(
+        flight.lander.sensor_errors, flight.lander.flight_health
+    )
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", "7", '{"sensors": {}, "health": null}'])

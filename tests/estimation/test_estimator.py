@@ -7,7 +7,7 @@ import pytest
 
 from landerd.config.models import CameraSection, Config
 from landerd.estimation.estimator import Estimator
-from landerd.messages import Attitude, ClockSync, LocalPosition
+from landerd.messages import Attitude, ClockSync, GimbalState, LocalPosition, Reference
 from tests.estimation.hovering import BELOW, TELEMETRY, hear, shown
 
 
@@ -118,6 +118,17 @@ def test_half_the_round_trip_to_the_autopilot_counts_as_age() -> None:
     assert estimator.stale(1.05) is None
     assert estimator.stale(1.15) == "attitude"
     assert not estimator.has_fresh_vehicle(1.15)
+
+
+@pytest.mark.parametrize("from_autopilot", [False, True])
+def test_and_as_age_of_a_gimbals_angles_where_they_come_over_its_link(from_autopilot: bool) -> None:
+    estimator = seeing(until=1.0)
+    estimator.on_clock(ClockSync(1.0, 0.1))
+    estimator.on_telemetry(
+        GimbalState(1.02, 0.0, -1.5, 0.0, Reference.BODY, from_autopilot=from_autopilot)
+    )
+    hear(estimator, 1.24, "position", "attitude")
+    assert estimator.stale(1.24) == ("gimbal" if from_autopilot else None)
 
 
 def test_what_the_camera_says_of_its_times_counts_as_age_and_as_sigma_of_the_clock() -> None:

@@ -209,6 +209,27 @@ def test_the_oldest_logs_make_room_but_nothing_else_is_touched(tmp_path: Path) -
     assert [name[:5] for name in left] == kept
 
 
+@pytest.mark.parametrize("stays", ["deleted", "undeletable"])
+def test_an_old_log_that_is_gone_or_stays_costs_no_pictures(
+    stays: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A log that somebody deleted meanwhile was told as a disk that is nearly full."""
+    odd = tmp_path / "00001-20260101-000000.mcap"
+    if stays == "deleted":
+        odd.symlink_to("deleted between the folder's listing and the look at its size")
+    else:
+        odd.mkdir()
+    (tmp_path / "00002-20260101-000000.mcap").write_bytes(bytes(1_000_000))
+    options = PLENTY.model_copy(update={"most_mb": 0.5, "images": "lossless", "every_nth": 1})
+    flight = RecordedFlight(recorder(tmp_path, options), SMALL_NOISE)
+    flight.run(2.0)
+    flight.recorder.close()
+    assert "nearly full" not in caplog.text
+    assert sorted(path.name[:5] for path in tmp_path.iterdir()) == ["00001", "00003"]
+    log = read_log(next(tmp_path.glob("00003-*")))
+    assert log.dropped is None or log.dropped.images == 0
+
+
 def test_the_log_in_progress_is_neither_counted_nor_deleted(tmp_path: Path) -> None:
     (tmp_path / "00001-20260101-000000.mcap").write_bytes(bytes(40_000))
     options = PLENTY.model_copy(update={"most_mb": 0.05, "images": "lossless", "every_nth": 1})

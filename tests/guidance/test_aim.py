@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from landerd.config.models import AimSection, GimbalSection
+from landerd.config.files import config_dir
+from landerd.config.models import AimSection, CameraSection, Config, GimbalSection
 from landerd.geometry import (
     IDENTITY,
     R_GIMBAL_CAMERA,
@@ -18,7 +19,17 @@ from landerd.geometry import (
     unit,
 )
 from landerd.guidance.aim import Aim
-from landerd.messages import GimbalCommand, MarkerSighting, PoseSolution, Sightings
+from landerd.lander import Lander
+from landerd.messages import (
+    GimbalCommand,
+    GimbalState,
+    MarkerSighting,
+    PoseSolution,
+    Reference,
+    Sightings,
+    Tick,
+)
+from landerd.pad import load_pad
 
 DOWN = math.radians(-90.0)
 
@@ -290,6 +301,21 @@ def test_the_sweep_keeps_to_the_gimbals_limits() -> None:
     limits = GimbalSection(pitch_limits_deg=(-60.0, 0.0))
     pitches = [c.pitch for c in search(Aim(AimSection(search_after_s=0.5), limits), 15.0)]
     assert min(pitches) == pytest.approx(math.radians(-60.0))
+
+
+@pytest.mark.parametrize("offset_s", [0.0, 0.04])
+def test_the_angles_are_those_of_the_exposure_on_the_telemetrys_clock(offset_s: float) -> None:
+    config = Config(
+        aim=AimSection(method="increment", gain=1.0, idle_yaw_deg=0.0, idle_pitch_deg=0.0),
+        camera=CameraSection(clock_offset_s=offset_s),
+    )
+    lander = Lander(config, load_pad(config_dir() / "pads" / "thesis.yaml"))
+    for i in range(11):  # it turns by 1 rad/s
+        lander.step(GimbalState(1.0 + 0.02 * i, 0.02 * i, 0.0, 0.0, Reference.BODY))
+    lander.step(seen(1.1 + offset_s, marker((0.0, 0.0, 5.0))))
+    aimed, *_ = lander.step(Tick(1.2)) + lander.step(Tick(1.225))
+    assert isinstance(aimed, GimbalCommand)
+    assert aimed.yaw == pytest.approx(0.1)
 
 
 # ---- by prediction -----------------------------------------------------------------------------

@@ -190,3 +190,13 @@ def test_messages_older_than_the_last_are_dropped() -> None:
     pilot.gate.on_heartbeat(Heartbeat(pilot.t - 1.0, False, False, "LOITER"))
     pilot.gate.on_rc(RcChannels(pilot.t - 1.0, (LOW,) * 18))
     assert pilot.may() is Authority.GRANTED
+
+
+def test_half_the_round_trip_counts_as_age_of_the_heartbeat() -> None:
+    pilot = Pilot().granted()
+    pilot.gate.on_clock(ClockSync(pilot.t, 0.2))
+    pilot.t += 2.7
+    assert pilot.switch(HIGH).may() is Authority.GRANTED
+    pilot.t += 0.2
+    assert pilot.switch(HIGH).may() is Authority.RELEASED
+    assert "heartbeat" in pilot.why

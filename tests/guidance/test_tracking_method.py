@@ -5,6 +5,7 @@ import pytest
 from hw.sim.options import ResponseOptions
 from hw.sim.physics.response import STEP_S, HorizontalResponse
 from landerd.config.models import Config
+from landerd.config.parameters import with_value
 from landerd.geometry import Vec3, add, horizontal, scale, sub
 from landerd.guidance.limits import Limiter, flyable_limits
 from landerd.guidance.tracking_method import TrackingMethod
@@ -256,3 +257,24 @@ def test_a_pad_that_drives_away_is_kept_in_sight_by_climbing(
     velocity, _ = order(12.0, height, rate=(leaves_mps, 0.0, 0.0))
     assert (velocity[2] < -0.5) is climbs
     assert velocity[2] >= -OPTIONS.limits.climb_mps
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "is_kept"),
+    [
+        ("guidance.descent.alignment_height_m", 1.2, True),
+        ("guidance.tracking.ki", 0.1, True),
+        ("guidance.tracking.kp", 0.5, False),
+        ("autopilot.jerk_mps3", 2.0, False),
+    ],
+)
+def test_what_it_was_calmed_to_outlives_a_parameter_that_has_no_part_in_it(
+    key: str, value: float, is_kept: bool
+) -> None:
+    changed = with_value(CONFIG, key, value)
+    method, fresh = TrackingMethod(CONFIG), TrackingMethod(changed)
+    swung(method, seconds=11.0, by_m=0.2)
+    method.configure(changed)
+    method.restart()
+    left = swung(method, seconds=0.0, by_m=0.0) / swung(fresh, seconds=0.0, by_m=0.0)
+    assert left == (pytest.approx(0.5, abs=0.2) if is_kept else pytest.approx(1.0))

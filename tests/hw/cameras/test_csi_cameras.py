@@ -106,8 +106,12 @@ def test_a_pi_camera_gives_the_newest_brightness_and_the_middle_of_the_exposure(
         assert camera.settings["controls"]["ExposureTime"] == 2100
         assert camera.settings["controls"]["AnalogueGain"] == 3.5
         await driver.close()
-        driver.expose(ExposureOrder(0.001, 1.0))  # a lost camera drops it
         assert camera.closed
+        driver.expose(ExposureOrder(0.001, 1.0))  # while it is away
+        await driver.open()
+        assert picamera2[-1].settings["controls"]["ExposureTime"] == 1000
+        assert picamera2[-1].settings["controls"]["AeEnable"] is False
+        await driver.close()
 
     asyncio.run(main())
 

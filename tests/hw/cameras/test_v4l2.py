@@ -4,6 +4,7 @@ import asyncio
 import errno
 import logging
 import math
+import os
 import threading
 import time
 from collections.abc import Awaitable, Callable
@@ -567,3 +568,45 @@ def test_a_camera_whose_exposure_cannot_be_set_keeps_its_own_automatic() -> None
 
     driver = run(source, use)
     assert any("does not take orders" in remark for remark in driver.remarks)
+
+
+@pytest.mark.parametrize("hangs", ["open", "close", "set_control"])
+def test_a_camera_that_hangs_does_not_keep_the_process_from_ending(hangs: str) -> None:
+    """TimeoutStopSec is 6 s: killed, the service would have failed, and the log lack its end."""
+    source, hung, let_go = FakeCamera(ranges=ADJUSTABLE), threading.Event(), threading.Event()
+
+    def hang(*_: object) -> Any:
+        hung.set()
+        let_go.wait(8.0)
+        raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+
+    def open_node(path: str) -> VideoNode:
+        if hangs == "open":
+            hang()
+        return source.open(path)
+
+    async def fly() -> float:
+        driver = V4l2Camera(options=V4l2Options(width=64, height=48), node=open_node)
+        daemon = Daemon(
+            Config(),
+            load_pad(config_dir() / "pads" / "thesis.yaml"),
+            load_camera(config_dir() / "cameras" / "thesis.yaml"),
+            Devices(driver, Idle(), MavlinkAutopilot(memory_pair()[0])),
+        )
+        flying = asyncio.create_task(daemon.run())
+        await asyncio.sleep(0.3)
+        if source.node is not None:
+            setattr(source.node, hangs, hang)
+            driver.expose(ExposureOrder(0.004, 1.0))
+        await asyncio.sleep(0.3)
+        ending = time.monotonic()
+        flying.cancel()
+        await asyncio.gather(flying, return_exceptions=True)
+        return ending
+
+    try:
+        ending = asyncio.run(fly())
+        assert hung.is_set()
+        assert time.monotonic() - ending < 2.0
+    finally:
+        let_go.set()

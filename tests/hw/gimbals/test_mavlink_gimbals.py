@@ -169,7 +169,9 @@ def test_v2_turns_a_yaw_from_north_into_one_from_the_airframe_or_leaves_it() -> 
 
 def test_v2_of_servos_says_that_nobody_measured() -> None:
     async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
-        assert not (await report(gimbal, wire, attitude(turn(0.0, -20.0)))).pitch_measured
+        said = await report(gimbal, wire, attitude(turn(0.0, -20.0)))
+        assert (said.yaw_measured, said.pitch_measured) == (False, False)
+        assert said.from_autopilot
 
     behind_autopilot(v2(feedback=False), scene)
 

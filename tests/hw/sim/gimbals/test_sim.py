@@ -64,7 +64,9 @@ def test_without_an_encoder_it_reports_what_was_commanded() -> None:
         assert not state.pitch_measured
         assert w.gimbal.pitch.angle > -1.0
         gimbal.command(GimbalCommand(0.5, -1.5))
-        assert (await gimbal.state()).yaw < 0.4  # yaw is measured all the same
+        state = await gimbal.state()
+        assert state.yaw < 0.4  # yaw is measured all the same
+        assert state.yaw_measured
 
     run_device(scenario, SimGimbalOptions(pitch_feedback=False, bias_deg=0.0, noise_deg=0.0))
 
