@@ -217,7 +217,7 @@ MUTANTS = [
     Mutant(
         "2: descends without a young sighting",
         CONTEXT,
-        "limit = self.options.lost.after_s - step.dt",
+        "limit = self.options.lost.after_s - min(step.dt, MAX_STEP_S)",
         "limit = 9.0",
         "test_2_no_descent_without_a_young_sighting",
     ),
@@ -606,6 +606,49 @@ MUTANTS = [
         "STOPS_OVER_PAD_M = -9.0",
         "guidance/test_landing.py::"
         "test_sight_lost_as_it_sinks_fast_to_a_pad_that_moves_it_climbs_with_the_pad",
+    ),
+    Mutant(
+        "4: a foot that leans up is taken to be down",
+        "landerd/estimation/vehicle_state.py",
+        "return max(dot(rotate(R, foot), normal)",
+        "return 0.04 + max(dot(rotate(R, foot), (0.0, 0.0, 1.0))",
+        "guidance/test_landing.py::test_leaning_as_the_pad_does_no_foot_is_taken_to_be_down",
+    ),
+    Mutant(
+        "4: flies on beside a pad that slid away under it",
+        PAD,
+        "return slides and clears and context.sight is not None",
+        "return False",
+        "guidance/test_landing.py::"
+        "test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off",
+    ),
+    Mutant(
+        "6: told to have landed on a pad that it fell off",
+        LANDING,
+        "return below > FALLEN_M",
+        "return False",
+        "guidance/test_landing.py::test_what_ends_under_the_pad_has_not_landed_on_it",
+    ),
+    Mutant(
+        "6: the time of a landing runs while others fly",
+        "landerd/guidance/state_silent.py",
+        "self._context.end_landing()",
+        "pass",
+        "guidance/test_landing.py::test_what_others_fly_meanwhile_takes_no_time_of_the_landing",
+    ),
+    Mutant(
+        "7: whoever connects cuts the autopilot's link",
+        "hw/links/tcp.py",
+        "if self._transport is not None and now - self._heard_t <= SILENT_S:",
+        "if False:",
+        "hw/links/test_links.py::test_who_else_connects_does_not_cut_the_autopilot_that_speaks",
+    ),
+    Mutant(
+        "5: a sensor that was reset tells its last angle",
+        "hw/gimbals/imu.py",
+        "if not any(data[:3]) and waited_s > _STARTS_S:",
+        "if False:",
+        "hw/gimbals/test_imu.py::test_a_chip_that_was_reset_is_lost_and_set_up_again",
     ),
     Mutant(
         "1b: stopped with thrust where it touches before that is sure",

@@ -420,11 +420,16 @@ def _level_due(
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
     north, east, _ = context.pad_velocity
     v_north, v_east, _ = vehicle.velocity
+    slip = math.hypot(v_north - north, v_east - east)
+    if context.sight is not None and not context.is_carried:
+        # What the pad did at the touch it may do no longer: it brakes under feet that are up.
+        relative = context.sight.relative
+        slip = max(slip, horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity)
     return touchdown.level_due(
         step.now,
         (vehicle.feet[2], context.pad_down(step.now)),
         (vehicle.foot_velocity[2], context.orders.velocity[2]),
-        math.hypot(v_north - north, v_east - east),
+        slip,
         vehicle.roll_pitch_rate,
         math.hypot(north, east),
         context.heave(step.now),

@@ -74,7 +74,7 @@ def test_a_changed_command_is_found_and_named(flown: RecordedFlight) -> None:
 
 def test_what_if_replays_with_another_parameter(flown: RecordedFlight) -> None:
     log = read_log(flown.recorder._target)
-    slow = Config.model_validate({"guidance": {"limits": {"speed_mps": 0.1}}})
+    slow = Config.model_validate({"guidance": {"limits": {"speed_mps": 0.5}}})
     comparison = replay(log, slow).comparison
     assert not comparison.identical
     assert comparison.first is not None

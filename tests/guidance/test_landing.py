@@ -325,15 +325,18 @@ def test_held_up_where_the_build_is_wrong_it_has_touched_and_says_so() -> None:
 def test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off() -> None:
     """It flew on beside the pad, with the velocity that this had had, and was levelled there."""
     flight = Flight(pad_velocity=(4.0, 0.0, 0.0))
-    to(flight.engaged(), State.ON_PAD)
-    over = add(sub(flight.position, flight.pad), (0.0, 0.0, -0.14))  # as where a gust was a touch
-    flight.contact_t = None
-    speed, begun = 4.0, flight.t
-    while flight.lander.state is State.ON_PAD:
-        assert flight.t < begun + 1.0
-        speed -= DT * 1.5
+    to(flight.engaged(), State.COMMITTED)
+    while flight.height > 0.14:
+        flight.tick()
+    over, speed, slid_m = sub(flight.position, flight.pad), 4.0, 0.0
+    begun = flight.t
+    while flight.lander.state in (State.COMMITTED, State.ON_PAD):
+        assert flight.t < begun + 3.0
+        if flight.lander.state is State.ON_PAD:  # for a gust held it up; and now the pad brakes
+            speed -= 3.0 * DT
+            slid_m += (4.0 - speed) * DT
         flight.pad_velocity = (speed, 0.0, 0.0)
-        flight.position = add(add(flight.pad, over), ((flight.t - begun) ** 2 * 0.75, 0.0, 0.0))
+        flight.position = add(flight.pad, add(over, (slid_m, 0.0, 0.0)))
         flight.velocity = (4.0, 0.0, 0.0)
         flight.tick()
     assert flight.pressed == []
