@@ -32,6 +32,9 @@ THRUST_BACK_S, LIFTED_S = 0.45, 2.5
 # and to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own
 # it was carried off. The touch turns the lens less than that.
 RISES_M = 0.05
+# Feet that may be down are surely not with the lowest one so high, m: gear, camera and the plate's
+# tilt are all known a little wrong. With BUILD_ERROR_M one that had touched was waved off.
+CLEAR_M = 2.0 * BUILD_ERROR_M
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -96,7 +99,7 @@ class Committed:
         # told of where the pad is then.
         if context.hold_asked and not self._touchdown.may_touch:
             return Event.HOLD_ASKED
-        in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)
+        in_air = clearance > (CLEAR_M if self._touchdown.may_touch else BUILD_ERROR_M)
         if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
@@ -241,7 +244,7 @@ class OnPad:
             return True
         surely_mps = horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity
         slides = surely_mps > context.options.descent.commit_slip_mps
-        clears = _clearance(relative, vehicle, pad) > BUILD_ERROR_M
+        clears = _clearance(relative, vehicle, pad) > CLEAR_M
         return slides and clears and context.sight is not None
 
 
