@@ -619,8 +619,7 @@ MUTANTS = [
         PAD,
         "return slides and clears and context.sight is not None",
         "return False",
-        "guidance/test_landing.py::"
-        "test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off",
+        "guidance/test_landing.py::test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off",
     ),
     Mutant(
         "6: told to have landed on a pad that it fell off",
