@@ -2,8 +2,9 @@
 
 import math
 
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, clamp
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.touchdown import MAX_TILT
 from landerd.pad import Plate
 
 SLOWEST_SINK_MPS = 0.1  # at least so fast it is taken to sink, to tell where it will touch
@@ -63,6 +64,16 @@ class Foothold:
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
         offset = (-north - t * v_north, -east - t * v_east)
         return math.hypot(*offset) > tolerance_m and not self._holds(offset, heading)
+
+    def clearance(self, relative: RelativeState, tilt: float) -> float:
+        """Return the height (m) of the lowest foot over the plate, were it tilted the worst way.
+
+        Args:
+            relative: pad relative to the vehicle.
+            tilt: of the airframe from level, rad.
+        """
+        plate = math.acos(clamp(relative.normal[2], -1.0, 1.0))
+        return relative.height - self._reach_m * math.tan(min(tilt + plate, MAX_TILT))
 
     def touch(self, relative: RelativeState, heading: float | None) -> None:
         """Note where it touches."""

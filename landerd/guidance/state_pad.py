@@ -32,9 +32,6 @@ THRUST_BACK_S, LIFTED_S = 0.45, 2.5
 # and to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own
 # it was carried off. The touch turns the lens less than that.
 RISES_M = 0.05
-# Feet that may be down are surely not with the lowest one so high, m: gear, camera and the plate's
-# tilt are all known a little wrong. With BUILD_ERROR_M one that had touched was waved off.
-CLEAR_M = 2.0 * BUILD_ERROR_M
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
 MISSES_S = 0.09
 
@@ -79,12 +76,13 @@ class Committed:
         context.note(relative)
         heave = relative.pad_velocity[2]
         age = context.estimator.sight_age(step.now)
-        clearance = _clearance(relative, vehicle, pad)
+        clearance = _clearance(context, relative, vehicle, pad)
         self._watch(relative, clearance)
         # Over a deck that begins to sink a vehicle that answers late is as slow against it.
         is_seen = age < context.options.lost.after_s
         highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M
-        event = self._touchdown.step(step.now, age, clearance, context.landed, highest_m)
+        lowest_m = _lowest_foot(relative, vehicle, pad)
+        event = self._touchdown.step(step.now, age, lowest_m, context.landed, highest_m)
         self._touching = None
         if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
             self._touching = (relative, pad.heading)
@@ -92,14 +90,14 @@ class Committed:
             self._touchdown.touch(step.now)
             event = Event.CONTACT
         if event is Event.CONTACT:
-            self._note_contact(relative, pad.heading, clearance)
+            self._note_contact(relative, pad.heading, lowest_m)
         if event is not None:
             return event
         # A touch turns the airframe faster than the lens's direction is known: nothing is to be
         # told of where the pad is then.
         if context.hold_asked and not self._touchdown.may_touch:
             return Event.HOLD_ASKED
-        in_air = clearance > (CLEAR_M if self._touchdown.may_touch else BUILD_ERROR_M)
+        in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)
         if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):
             return Event.PAD_MISSED
         (north, east, _), yaw_rate = self._method.step(Phase.LANDED, relative, 0.0, step.dt)
@@ -113,13 +111,13 @@ class Committed:
         return None
 
     def _note_contact(
-        self, relative: RelativeState, heading: float | None, clearance: float
+        self, relative: RelativeState, heading: float | None, lowest_m: float
     ) -> None:
         """Note where it touches, and tell the pilot if that is where nothing should be."""
         context = self._context
         context.foothold.touch(relative, heading)
-        if clearance > MAX_CONTACT_HEIGHT_M:
-            text = pilot_texts.TOUCHED_HIGH.format(height=clearance)
+        if lowest_m > MAX_CONTACT_HEIGHT_M:
+            text = pilot_texts.TOUCHED_HIGH.format(height=lowest_m)
             context.orders.say(Severity.WARNING, text)
 
     def _blind(self, now: float) -> Event:
@@ -239,12 +237,12 @@ class OnPad:
         if self._touchdown.stands or vehicle is None or pad is None:
             return False
         relative = context.relative(vehicle, pad)
-        lowest_m = relative.height - vehicle.lowest_foot(relative.normal)
+        lowest_m = context.foothold.clearance(relative, vehicle.tilt)
         if context.rise_m >= RISES_M and lowest_m > MAX_CONTACT_HEIGHT_M:
             return True
         surely_mps = horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity
         slides = surely_mps > context.options.descent.commit_slip_mps
-        clears = _clearance(relative, vehicle, pad) > CLEAR_M
+        clears = _clearance(context, relative, vehicle, pad) > BUILD_ERROR_M
         return slides and clears and context.sight is not None
 
 
@@ -360,15 +358,29 @@ class Leaving:
         if pad is None or (self._flies_on and not context.rests(now)):
             return
         relative = context.relative(vehicle, pad)
-        if _clearance(relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
+        if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
             return
         if not self._touchdown.has_touched:
             context.foothold.touch(relative, pad.heading)
         self._touchdown.settle(self._rests_since)
 
 
-def _clearance(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
-    """Return the least that the lowest foot may be over the pad, m."""
+def _clearance(
+    context: LandingContext, relative: RelativeState, vehicle: VehicleState, pad: PadEstimate
+) -> float:
+    """Return the least that the lowest foot may be over the pad, m: leaning, as low as may be.
+
+    By it a touch is allowed for; not waved off, say, for a pad that seems to slide.
+    """
+    at_worst = context.foothold.clearance(relative, vehicle.tilt)
+    return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
+
+
+def _lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
+    """Return the height of the lowest foot over the pad, m, as airframe and plate do lean.
+
+    By it contact is believed. Its uncertainty counts as in `_clearance`.
+    """
     lowest_m = relative.height - vehicle.lowest_foot(relative.normal)
     return lowest_m - 2.0 * math.sqrt(pad.covariance[2][2])
 
