@@ -244,10 +244,8 @@ class MavlinkAutopilot:
         if subscriber is not None and t is not None:
             try:
                 subscriber(m, t)
-            except (
-                ArithmeticError,
-                ValueError,
-            ) as e:  # an angle of inf: no reason to lose the link
+            except (ArithmeticError, ValueError) as e:
+                # As of an angle that is infinite: no reason to lose the link.
                 raise telemetry.BadMessage(f"bad {m.get_type()}") from e
         if message is not None and t is not None:
             self._pending.append(replace(message, t=t))

@@ -237,9 +237,10 @@ class OnPad:
         if self._touchdown.stands or vehicle is None or pad is None:
             return False
         relative = context.relative(vehicle, pad)
-        lowest_m = context.foothold.clearance(relative, vehicle.tilt)
-        if context.rise_m >= RISES_M and lowest_m > MAX_CONTACT_HEIGHT_M:
-            return True
+        if context.rise_m >= RISES_M:
+            lowest_m = context.foothold.clearance(relative, vehicle.tilt)
+            if lowest_m > MAX_CONTACT_HEIGHT_M:
+                return True
         surely_mps = horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity
         slides = surely_mps > context.options.descent.commit_slip_mps
         clears = _clearance(context, relative, vehicle, pad) > BUILD_ERROR_M
@@ -372,8 +373,7 @@ def _clearance(
 
     By it a touch is allowed for; not waved off, say, for a pad that seems to slide.
     """
-    at_worst = context.foothold.clearance(relative, vehicle.tilt)
-    return at_worst - 2.0 * math.sqrt(pad.covariance[2][2])
+    return context.foothold.clearance(relative, vehicle.tilt) - _unsure_m(pad)
 
 
 def _lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
@@ -381,8 +381,12 @@ def _lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimat
 
     By it contact is believed. Its uncertainty counts as in `_clearance`.
     """
-    lowest_m = relative.height - vehicle.lowest_foot(relative.normal)
-    return lowest_m - 2.0 * math.sqrt(pad.covariance[2][2])
+    return relative.height - vehicle.lowest_foot(relative.normal) - _unsure_m(pad)
+
+
+def _unsure_m(pad: PadEstimate) -> float:
+    """Return by how much the pad may be higher than it is said to be, m."""
+    return 2.0 * math.sqrt(pad.covariance[2][2])
 
 
 def _tell_unconfirmed(context: LandingContext) -> None:

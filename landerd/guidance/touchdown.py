@@ -162,7 +162,8 @@ class Touchdown:
             sighting_age: s since the exposure of the last accepted sighting.
             clearance: the least that the lowest foot may be over the pad as last known, m.
             landed: what the autopilot's land detector says.
-            highest_m: with no more clearance a slow sinking is believed to be contact.
+            highest_m: with no more clearance a slow sinking is believed to be contact; one that
+                lasts, up to WRONG_BUILD_M.
         """
         # What sinks as ordered is in the air, whatever is said of it.
         says_so = landed is Landed.ON_GROUND and self.may_touch
