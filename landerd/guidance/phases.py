@@ -234,5 +234,8 @@ class Phases:
             return pilot_texts.NO_HEADING
         if self.goes_around:
             return pilot_texts.OFF_CLIMBING.format(distance=relative.distance)
+        error = relative.heading_error
+        if self.phase is Phase.YAW_CORRECTION and error is not None and not self._aligned:
+            return pilot_texts.TURNING.format(error=abs(math.degrees(error)))
         height = round(relative.height, 1) + 0.0  # not -0.0
         return pilot_texts.UNDER_WAY.format(distance=relative.distance, height=height)

@@ -62,6 +62,7 @@ HANDED_BACK = "{reason}: pilot, take over"
 # ---- with the pad in sight (guidance.phases) ---------------------------------------------------
 UNDER_WAY = "{distance:.1f} m away, {height:.1f} m up"
 HOLDING_OVER = "holding over the marker, switch to land"
+TURNING = "heading {error:.0f} degrees off"
 NO_HEADING = "pad's heading not seen"
 NO_HEADING_CLIMBING = "pad's heading not seen, climbing again"
 LEANS = "leans too far: {lean:.0f} degrees"

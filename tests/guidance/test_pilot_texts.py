@@ -12,6 +12,7 @@ WIDEST = {
     "distance": 99.94,
     "height": 99.94,
     "lean": 59.9,
+    "error": 179.9,
     "id": 999,
     "what": pilot_texts.SEARCHING,
 }
@@ -59,5 +60,5 @@ def test_a_hand_back_fits_with_its_reason(event: Event) -> None:
 @pytest.mark.parametrize("phase", [p for p in Phase if p is not Phase.NOT_LANDING])
 def test_a_phase_and_where_the_pad_is_fit(phase: Phase) -> None:
     name = phase.value.replace("_", " ").lower()
-    said = line(f"{name}: {pilot_texts.UNDER_WAY.format(**WIDEST)}")
-    assert len(said) <= pilot_texts.MAX_CHARACTERS
+    for text in (pilot_texts.UNDER_WAY, pilot_texts.TURNING):
+        assert len(line(f"{name}: {text.format(**WIDEST)}")) <= pilot_texts.MAX_CHARACTERS

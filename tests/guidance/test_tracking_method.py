@@ -104,6 +104,21 @@ def test_it_turns_the_short_way_as_soon_as_it_looks_down_on_the_pad() -> None:
     assert abs(order(0.0, 5.0, heading_deg=170.0)[1]) <= most
 
 
+@pytest.mark.parametrize("beside_deg_s", [-5.0, 5.0])
+def test_a_vehicle_that_turns_beside_its_order_still_comes_to_the_pads_heading(
+    beside_deg_s: float,
+) -> None:
+    method = TrackingMethod(CONFIG)
+    heading = rate = 0.0
+    for _ in range(round(15.0 / DT)):
+        off_deg = 20.0 - math.degrees(heading)
+        seen = situation(height=3.0, heading_deg=off_deg, yaw_rate=rate)
+        _, wanted = method.step(Phase.YAW_CORRECTION, seen, 2.0, DT)
+        rate = wanted + math.radians(beside_deg_s)
+        heading += DT * rate
+    assert math.degrees(heading) == pytest.approx(20.0, abs=0.2)
+
+
 def test_braking_its_descent_leaves_room_for_the_decks_own_acceleration() -> None:
     # Half of what the vehicle can do: the rest is for a deck that turns from falling to rising.
     most = 0.55 * OPTIONS.limits.vertical_acceleration_mps2
