@@ -190,8 +190,18 @@ class PadLayout(Section):
 
     @property
     def has_heading(self) -> bool:
-        """Whether any marker tells the pad's heading."""
-        return bool(self.squares or self.whycodes) or len(self.rings) > 1
+        """Whether any marker tells the pad's heading, or two rings that lie apart."""
+        places = {ring.position_m for ring in self.rings}
+        return bool(self.squares or self.whycodes) or len(places) > 1
+
+    @model_validator(mode="after")
+    def _is_found_by_a_ring_alone(self) -> Self:
+        if not self.has_heading and self.rings[0].position_m != (0.0, 0.0):
+            raise ValueError(
+                "a ring alone does not tell which way the landing point lies: expected its "
+                "position_m to be [0, 0], or another marker"
+            )
+        return self
 
     @model_validator(mode="after")
     def _no_square_twice(self) -> Self:

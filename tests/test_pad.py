@@ -8,6 +8,7 @@ from landerd.pad import DICTIONARIES, PadError, PadLayout, Square, load_pad
 ROOT = Path(__file__).parents[1]
 PLATE = "plate: {north_m: 1, south_m: 1, east_m: 1, west_m: 1}\n"
 RING = "  - {kind: whycon, outer_diameter_m: 1.0}\n"
+ASIDE = "  - {kind: whycon, outer_diameter_m: 0.5, position_m: [0.7, 0]}\n"
 TAG = "  - {kind: apriltag, dictionary: APRILTAG_36h11, id: 0, size_m: 0.3}\n"
 CODE = "  - {kind: whycode, outer_diameter_m: 1.0, bits: 6, id: 5}\n"
 GOOD = "name: test\nmarkers:\n" + RING + TAG + PLATE
@@ -37,9 +38,16 @@ def test_the_thesis_pad_is_that_of_its_section_2_3_5() -> None:
 
 @pytest.mark.parametrize(
     ("markers", "has_heading"),
-    [(RING, False), (TAG, True), (RING + TAG, True), (RING + RING, True), (CODE, True)],
+    [
+        (RING, False),
+        (TAG, True),
+        (RING + TAG, True),
+        (RING + RING, False),
+        (RING + ASIDE, True),
+        (CODE, True),
+    ],
 )
-def test_a_pad_has_a_heading_unless_it_is_one_plain_ring(
+def test_a_pad_has_a_heading_unless_it_is_plain_rings_about_one_place(
     tmp_path: Path, markers: str, has_heading: bool
 ) -> None:
     assert load(tmp_path, f"name: test\nmarkers:\n{markers}{PLATE}").has_heading is has_heading
@@ -110,6 +118,11 @@ def test_of_six_bits_nine_codes_are_told_apart_at_every_turn(tmp_path: Path) -> 
             continue
     # As many as there are aperiodic necklaces: (2^6 - 2^3 - 2^2 + 2) / 6.
     assert usable == [1, 3, 5, 7, 11, 13, 15, 23, 31]
+
+
+def test_a_ring_alone_beside_the_landing_point_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PadError, match=r"pad.yaml: a ring alone .* \[0, 0\], or another marker"):
+        load(tmp_path, f"name: test\nmarkers:\n{ASIDE}{PLATE}")
 
 
 def test_a_whycode_twice_on_a_pad_is_refused(tmp_path: Path) -> None:

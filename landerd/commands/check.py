@@ -38,7 +38,14 @@ from landerd.ports import Camera
 from landerd.preflight.autopilot import AutopilotCheck
 from landerd.preflight.camera import check_camera
 from landerd.preflight.computer import SYSTEM, budget_finding, computer_findings
-from landerd.preflight.configuration import first_flight, pad_findings, placeholder
+from landerd.preflight.configuration import (
+    descent_findings,
+    first_flight,
+    pad_findings,
+    placeholder,
+    stance_findings,
+    view_findings,
+)
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
 from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
@@ -177,6 +184,7 @@ async def check(
     state = Path(given) if given else state
     autopilot = AutopilotCheck(config)
     model, calibration = _calibration(loaded)
+    layout = load_pad(config.pad.layout)
     gimbal_done = asyncio.Event()
 
     async def camera() -> list[Finding]:
@@ -193,9 +201,12 @@ async def check(
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
     found = read_sensors(state / FILE)
     return [
-        *pad_findings(load_pad(config.pad.layout)),
+        *pad_findings(layout),
+        *stance_findings(config, layout),
         *placeholder(config),
+        *descent_findings(config),
         *calibration,
+        *(view_findings(config, layout, model) if model is not None else ()),
         *(finding for part in parts for finding in part),
         *first_flight(config, state),
         *cut,
@@ -224,7 +235,11 @@ async def _camera(loaded: Loaded, camera: Camera, model: CameraModel) -> list[Fi
     layout = load_pad(loaded.config.pad.layout)
     vision = Vision(layout, model, loaded.config.vision)
     fps = options.fps if options is not None else None
-    found = await check_camera(camera, vision, model, fps)
+    config = loaded.config
+    # As the core counts it: it must be young enough still at the next control step.
+    oldest_s = config.guidance.lost.after_s - config.estimation.clock_sigma_s
+    oldest_s -= 1.0 / config.control.rate_hz
+    found = await check_camera(camera, vision, model, fps, oldest_s)
     if any(f.item == "camera" and f.level == "fail" for f in found):
         found += [
             Finding("ok", "camera", f"there is {path}, {name}: {v4l2.in_words(modes)}")

@@ -10,11 +10,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from landerd.section import Finite, NotNegative, Positive, Section
+from landerd.section import Angle, Finite, NotNegative, Positive, Section
 
 _ADDRESS = re.compile(r"(?:\[([0-9A-Fa-f:.%\w]+)\]|([^\s:\[\]]+)):(\d{1,5})", re.ASCII)
 
 Gain = Annotated[float, Field(ge=0, le=10)]
+# Of an airframe, m: what is larger was typed in cm or mm.
+Arm = Annotated[float, Field(ge=-3, le=3)]
+Width = Annotated[float, Field(gt=0, le=5)]
 
 
 def split_address(text: str) -> tuple[str, int]:
@@ -38,9 +41,9 @@ class PadSection(Section):
 class VehicleSection(Section):
     """Geometry of the airframe, body frame (FRD) from the autopilot's position."""
 
-    camera_offset_m: tuple[Finite, Finite, Finite] = (0.10, 0.0, 0.04)  # to the gimbal's pivot
-    gear_height_m: NotNegative = 0.20  # down to the plane of the feet
-    footprint_m: tuple[Positive, Positive] = (0.44, 0.26)  # between the feet: along x, along y
+    camera_offset_m: tuple[Arm, Arm, Arm] = (0.10, 0.0, 0.04)  # to the gimbal's pivot
+    gear_height_m: Annotated[float, Field(ge=0, le=3)] = 0.20  # down to the plane of the feet
+    footprint_m: tuple[Width, Width] = (0.44, 0.26)  # between the feet: along x, along y
 
 
 class MeteringSection(Section):
@@ -74,11 +77,19 @@ class GimbalSection(Section):
     """Which gimbal, and how far it may turn (thesis 2.3.3)."""
 
     driver: str = "sim"
-    yaw_limits_deg: tuple[Finite, Finite] = (-90.0, 90.0)  # positive right
-    pitch_limits_deg: tuple[Finite, Finite] = (-180.0, 0.0)  # positive up; -90 is straight down
+    yaw_limits_deg: tuple[Angle, Angle] = (-90.0, 90.0)  # positive right
+    pitch_limits_deg: tuple[Angle, Angle] = (-180.0, 0.0)  # positive up; -90 is straight down
     # How the camera sits turned on the last axis: roll right, pitch up, yaw right.
-    camera_rotation_deg: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-    lag_s: Positive = 0.08  # behind its orders; used where a gimbal does not measure its angles
+    camera_rotation_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    # Behind its orders; used where a gimbal does not measure its angles.
+    lag_s: Annotated[float, Field(gt=0, le=0.5)] = 0.08
+
+    @field_validator("yaw_limits_deg", "pitch_limits_deg")
+    @classmethod
+    def _in_order(cls, limits: tuple[float, float]) -> tuple[float, float]:
+        if limits[0] > limits[1]:
+            raise ValueError(f"found {limits[0]:g} to {limits[1]:g}, expected the lower one first")
+        return limits
 
 
 class AutopilotSection(Section):
@@ -119,7 +130,7 @@ class RcSection(Section):
     gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500  # above this pulse width
     # Of a switch with three positions: above this it lands, between the two it holds over the
     # marker (guidance.hold). 0: there is no position between.
-    land_threshold_us: Annotated[int, Field(ge=0, le=1900)] = 0
+    land_threshold_us: Annotated[int, Field(ge=0, le=1800)] = 0
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -280,7 +291,9 @@ class GuidanceSection(Section):
     hold: HoldSection = HoldSection()
     release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
     touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # after commit
-    touchdown_timeout_s: Annotated[float, Field(gt=0, le=5)] = 5.0  # then: disarm by hand
+    # Then: disarm by hand. With less that was told in the air: feet are down a second or two after
+    # commit, and ArduCopter knows it two seconds later.
+    touchdown_timeout_s: Annotated[float, Field(ge=3, le=5)] = 5.0
 
 
 class AimSection(Section):

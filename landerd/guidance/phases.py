@@ -3,7 +3,7 @@
 import math
 
 from landerd.config.models import DescentSection
-from landerd.geometry import clamp
+from landerd.geometry import clamp, horizontal
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import MAX_LEAN
 from landerd.guidance.relative_state import RelativeState
@@ -93,6 +93,7 @@ class Phases:
         self._lean: float | None = None  # smoothed, rad
         self.leans = False
         self.goes_around = False
+        self._unfit = ""  # why it did, but for being off, as the pilot is told it
         self._waited_s = 0.0  # in DESCENT
 
     @property
@@ -160,7 +161,7 @@ class Phases:
         if self._commits(relative, sighting_age):
             self.phase = Phase.LANDED
         else:
-            self._decide_go_around(relative)
+            self._decide_go_around(relative, sighting_age)
         return self.phase, self._why(relative)
 
     def _move_on(self, relative: RelativeState, *, may_land: bool) -> None:
@@ -196,14 +197,31 @@ class Phases:
 
     def will_land_well(self, relative: RelativeState) -> bool:
         """Tell whether the error and the speed at touch-down will be inside their limits."""
-        o = self._options
-        (north, east, _), (v_north, v_east, v_down) = relative.error, relative.error_rate
-        t = self._touchdown_s
-        off = math.hypot(north + t * v_north, east + t * v_east) + 2.0 * relative.sigma_m
-        slow = math.hypot(v_north, v_east) < o.commit_slip_mps and -v_down < o.commit_sink_mps
-        return off < o.commit_miss_m and slow
+        o, rate = self._options, relative.error_rate
+        slow = horizontal(rate) < o.commit_slip_mps and -rate[2] < o.commit_sink_mps
+        return self._may_miss_by(relative) < o.commit_miss_m and slow
 
-    def _decide_go_around(self, relative: RelativeState) -> None:
+    def _may_miss_by(self, relative: RelativeState) -> float:
+        """Return how far off the landing point it may touch, m."""
+        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
+        t = self._touchdown_s
+        return math.hypot(north + t * v_north, east + t * v_east) + 2.0 * relative.sigma_m
+
+    def _why_unfit(self, relative: RelativeState, sighting_age: float) -> str:
+        """Return why it is not fit to commit, for the pilot."""
+        o, rate = self._options, relative.error_rate
+        if self.is_blind(relative, sighting_age):
+            return pilot_texts.OLD_SIGHT_CLIMBING
+        if horizontal(rate) >= o.commit_slip_mps:
+            return pilot_texts.SLIDES_CLIMBING.format(speed=horizontal(rate))
+        if -rate[2] >= o.commit_sink_mps:
+            return pilot_texts.SINKS_CLIMBING.format(speed=-rate[2])
+        off = self._may_miss_by(relative)
+        if off >= o.commit_miss_m:
+            return pilot_texts.MAY_MISS_CLIMBING.format(distance=off)
+        return ""
+
+    def _decide_go_around(self, relative: RelativeState, sighting_age: float) -> None:
         """Just over the pad is no place to wait: what cannot land climbs and tries again."""
         o = self._options
         if self.goes_around:
@@ -211,10 +229,12 @@ class Phases:
         elif not self._heading_known or self.leans:
             # From higher up the camera sees all markers again; a foot touches early that leans.
             self.goes_around = relative.height < o.alignment_height_m
+            self._unfit = ""
         elif relative.height < o.commit_height_m:
             outside = relative.distance > GO_AROUND_RADII * self._radius(relative.height)
             too_low = relative.height < GO_AROUND_HEIGHT_SHARE * o.commit_height_m
             self.goes_around = outside or too_low
+            self._unfit = "" if outside else self._why_unfit(relative, sighting_age)
 
     def _update_alignment(self, heading_error: float | None) -> None:
         if not self._has_heading:
@@ -233,7 +253,8 @@ class Phases:
         if self.phase is Phase.YAW_CORRECTION and not self._heading_known:
             return pilot_texts.NO_HEADING
         if self.goes_around:
-            return pilot_texts.OFF_CLIMBING.format(distance=relative.distance)
+            off = pilot_texts.OFF_CLIMBING.format(distance=relative.distance)
+            return self._unfit or off
         error = relative.heading_error
         if self.phase is Phase.YAW_CORRECTION and error is not None and not self._aligned:
             return pilot_texts.TURNING.format(error=abs(math.degrees(error)))

@@ -67,6 +67,11 @@ NO_HEADING = "pad's heading not seen"
 NO_HEADING_CLIMBING = "pad's heading not seen, climbing again"
 LEANS = "leans too far: {lean:.0f} degrees"
 OFF_CLIMBING = "off by {distance:.2f} m, climbing again"
+# Below the commit height, and nearer than that: why it is not carried through.
+MAY_MISS_CLIMBING = "may miss by {distance:.2f} m, climbing again"
+SLIDES_CLIMBING = "{speed:.2f} m/s across, climbing again"
+SINKS_CLIMBING = "sinks at {speed:.2f} m/s, climbing again"
+OLD_SIGHT_CLIMBING = "pictures too old, climbing again"
 
 # Before it matters: the words say where to look.
 MANY_REFUSED = "many sightings refused: camera, gimbal?"

@@ -18,7 +18,7 @@ _DARK, _BRIGHT = 12.0, 243.0  # mean brightness of a picture that shows nothing
 
 
 async def check_camera(
-    camera: Camera, vision: Vision, model: CameraModel, fps: float | None
+    camera: Camera, vision: Vision, model: CameraModel, fps: float | None, oldest_s: float = 0.5
 ) -> list[Finding]:
     """Return what is found of a camera.
 
@@ -27,6 +27,7 @@ async def check_camera(
         vision: for the pad, should it be in sight.
         model: the calibration at the size of the pictures.
         fps: asked of it; None: not known.
+        oldest_s: older pictures are not flown on (guidance.lost.after_s).
     """
     try:
         await camera.open()
@@ -50,7 +51,14 @@ async def check_camera(
         Finding("warn", "camera", remark, "see docs/cameras.md")
         for remark in getattr(camera, "remarks", ())
     ]
-    found = [f for f in (_size(got, model), _rate(got, fps), _age(got), _light(got)) if f]
+    looked_at = (
+        _size(got, model),
+        _rate(got, fps),
+        _age(got),
+        _in_time(got, oldest_s),
+        _light(got),
+    )
+    found = [f for f in looked_at if f]
     height, width = got[-1][1].image.shape
     if not any(f.level == "fail" for f in found):
         rate = (len(got) - 1) / max(got[-1][0] - got[0][0], 1e-9)
@@ -101,6 +109,21 @@ def _age(got: _Frames) -> Finding | None:
         "camera time",
         f"pictures are {what}: they are matched with the attitude of another moment",
         "set time_offset_s of the camera (docs/cameras.md), or use a camera without buffers",
+    )
+
+
+def _in_time(got: _Frames, oldest_s: float) -> Finding | None:
+    """Say so if a picture is too old to be flown on before the next one has come."""
+    spacing = (got[-1][0] - got[0][0]) / max(len(got) - 1, 1)
+    age = spacing + statistics.median(t - frame.t for t, frame in got)
+    if age < oldest_s:
+        return None
+    return Finding(
+        "fail",
+        "camera in time",
+        f"pictures are {age:.2f} s old when the next one comes, and flown on for "
+        f"{max(oldest_s, 0.0):.2f} s: the pad would always be out of sight",
+        "set guidance.lost.after_s to 0.5 and estimation.clock_sigma_s to 0.02, as delivered",
     )
 
 

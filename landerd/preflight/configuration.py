@@ -1,5 +1,6 @@
 """The configuration itself: what is allowed, and yet no way to a first landing."""
 
+import math
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -7,12 +8,22 @@ from pathlib import Path
 from landerd.camera_model import CameraModel, load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
+from landerd.guidance.foothold import most_lean
+from landerd.guidance.phases import descent_radius
+from landerd.guidance.relative_state import CAMERA_PLACE_SIGMA_M
 from landerd.pad import WHYCODE_CORE, Marker, PadLayout, Plate, Ring, Square, size_m
 from landerd.preflight.finding import Finding
 from landerd.preflight.sensors import FILE
+from landerd.printing.proposal import View
 
 _FIRST_FLIGHT_MPS = 5.0  # a person's thumb can still answer it
 _EDGE_M = 1e-3  # of a marker over the plate's, is not told
+_HIGHEST_M, _STEP_M = 15.0, 0.25  # over the pad, from where it is to come down
+_LEAST_LEAN_DEG = 5.0  # that steering and a light wind ask for
+# A marker fills the picture at so much of the distance from which it is whole with a margin; and
+# may be out of it so far over the commit height, m: what is left is flown without sight.
+_FILLS, _UNSEEN_M = 0.9, 0.1
+_SEEN_M = 15.0  # from nearer than this no pad is to be told only
 
 
 def placeholder(config: Config) -> list[Finding]:
@@ -59,6 +70,111 @@ def first_flight(config: Config, state: Path) -> list[Finding]:
     what = f"up to {speed:g} m/s may be ordered, and no landing has been recorded here yet"
     mend = "set guidance.limits.speed_mps to 3 for the first landings (docs/install.md)"
     return [Finding("warn", "speed limit", what, mend)]
+
+
+def descent_findings(config: Config) -> list[Finding]:
+    """Return whether the descent region is too narrow somewhere for what is known of the lens.
+
+    A vehicle descends with two standard deviations of its place inside the region: where these fill
+    it, a landing waits until its time is over.
+    """
+    o, sigma = config.guidance.descent, math.radians(config.estimation.gimbal_sigma_deg)
+    for step in range(int(_HIGHEST_M / _STEP_M)):
+        height = _HIGHEST_M - step * _STEP_M
+        radius = max(1.0, o.widest_k1_m / o.k1_m) * descent_radius(o, height)
+        unsure = 2.0 * math.hypot(sigma * height, CAMERA_PLACE_SIGMA_M)
+        if unsure >= radius:
+            what = (
+                f"{height:g} m up it is {radius:.2g} m wide, and the place known to {unsure:.2g} m "
+                f"by estimation.gimbal_sigma_deg {math.degrees(sigma):g}: there is no way down"
+            )
+            mend = "set guidance.descent.k1_m and k2_per_m larger, or calibrate the gimbal better"
+            return [Finding("fail", "descent region", what, mend)]
+    return []
+
+
+def stance_findings(config: Config, layout: PadLayout) -> list[Finding]:
+    """Return whether the vehicle could not stand on the pad, or only in still air."""
+    found, vehicle, plate = [], config.vehicle, layout.plate
+    reach = 0.5 * math.hypot(*vehicle.footprint_m)
+    edge = min(plate.north_m, plate.south_m, plate.east_m, plate.west_m)
+    if reach > edge:
+        what = (
+            f"the feet reach {reach:.2f} m from their middle, the plate {edge:.2f} m from the "
+            "landing point: what touches beside it has not landed"
+        )
+        mend = (
+            "measure vehicle.footprint_m, and the plate of the pad's file; ground that is level "
+            "with the print may count as plate"
+        )
+        found.append(Finding("warn", "feet", what, mend))
+    below = vehicle.camera_offset_m[2] - vehicle.gear_height_m
+    if below >= 0.0:
+        what = f"the camera is {below:.2f} m lower than the feet: it would touch first"
+        mend = "measure vehicle.camera_offset_m (down is positive) and gear_height_m"
+        found.append(Finding("fail", "feet", what, mend))
+    lean_deg = math.degrees(most_lean(vehicle.footprint_m, vehicle.gear_height_m))
+    if lean_deg < _LEAST_LEAN_DEG:
+        wide, high = min(vehicle.footprint_m), vehicle.gear_height_m
+        what = (
+            f"a gear {wide:g} m wide and {high:g} m high tips over too easily: it touches down "
+            f"with no more than {max(lean_deg, 0.0):.0f} degrees of lean, which a light wind takes"
+        )
+        found.append(Finding("warn", "feet", what, "measure vehicle.footprint_m and gear_height_m"))
+    return found
+
+
+def view_findings(config: Config, layout: PadLayout, camera: CameraModel) -> list[Finding]:
+    """Return whether the pad is out of sight just over it, or far off."""
+    return [*_from_above(config, camera), *_near(config, layout, camera), *_far(config, layout)]
+
+
+def _near(config: Config, layout: PadLayout, camera: CameraModel) -> list[Finding]:
+    """Return whether every marker is larger than the picture before the feet are down."""
+    view = View(min(camera.fx, camera.fy), min(camera.width, camera.height))
+    whole_m = _FILLS * min(map(view.nearest_m, layout.markers))
+    vehicle, commit_m = config.vehicle, config.guidance.descent.commit_height_m
+    camera_m = vehicle.gear_height_m - vehicle.camera_offset_m[2]  # over the feet
+    feet_m = whole_m - camera_m
+    if feet_m <= commit_m + _UNSEEN_M or camera_m <= 0.0:
+        return []
+    what = (
+        f"{feet_m:.2g} m up no marker fits the picture any more: sight is lost there, "
+        f"and a landing needs it down to {commit_m:g} m"
+    )
+    mend = "add a small marker to the pad, as in the heart of a ring (docs/markers.md)"
+    return [Finding("fail", "pad", what, mend)]
+
+
+def _far(config: Config, layout: PadLayout) -> list[Finding]:
+    """Return whether what is said of print and lens leaves the pad's distance too uncertain."""
+    vision = config.vision
+    share = math.hypot(vision.focal_sigma, layout.print_scale_sigma)
+    if share * _SEEN_M <= vision.max_sigma_m:
+        return []
+    what = (
+        f"from farther than {vision.max_sigma_m / share:.2g} m the pad is not told of: its place "
+        f"is known to {100.0 * share:.2g} % of the distance, vision.max_sigma_m is "
+        f"{vision.max_sigma_m:g}"
+    )
+    mend = "set vision.focal_sigma and print_scale_sigma of the pad's file to what was measured"
+    return [Finding("warn", "pad", what, mend)]
+
+
+def _from_above(config: Config, camera: CameraModel) -> list[Finding]:
+    """Return whether the gimbal cannot turn the camera straight down, nearly."""
+    low, high = config.gimbal.pitch_limits_deg
+    up = math.degrees(math.atan2(camera.cy, camera.fy))
+    down = math.degrees(math.atan2(camera.height - camera.cy, camera.fy))
+    if config.gimbal.camera_rotation_deg != (0.0, 0.0, 0.0) or low - down <= -90.0 <= high + up:
+        return []
+    what = (
+        f"pitch {low:g} to {high:g} degrees: over the pad it is not in the picture, straight down"
+    )
+    mend = (
+        "set gimbal.pitch_limits_deg as far as the gimbal turns, or mount it so that it looks down"
+    )
+    return [Finding("fail", "gimbal limits", what, mend)]
 
 
 def pad_findings(layout: PadLayout) -> list[Finding]:

@@ -173,6 +173,15 @@ def set_of(name: str, value: object) -> Callable[[SetUp], None]:
     return change
 
 
+def given(setting: str) -> Callable[[SetUp], None]:
+    """Return what sets a key of the configuration."""
+
+    def change(set_up: SetUp) -> None:
+        set_up.overrides = [setting]
+
+    return change
+
+
 def no_signal(set_up: SetUp) -> None:
     set_up.vehicle.pilot.set(11, 0)
 
@@ -241,6 +250,7 @@ _PADS = {  # what was entered wrongly of one that is delivered: from, to
     "edge": ("thesis", "position_m: [0.75, 0.0] ", "position_m: [0.95, 0.0] "),
     "apart": ("thesis", "position_m: [0.75, 0.0] ", "position_m: [0.55, 0.0] "),
     "nested": ("nested", "size_m: 0.18", "size_m: 0.45"),
+    "bare": ("whycode", "outer_diameter_m: 0.45", "outer_diameter_m: 0.8"),
 }
 
 
@@ -266,6 +276,52 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
         (set_of("camera.size", (640, 360)), "fail", "calibration", "640x360.*640x480", "calibrate"),
         (set_of("camera.fps", 5.0), "fail", "camera rate", "5.0 pictures", "exposure"),
         (set_of("camera.age_s", 0.4), "warn", "camera time", "0.40 s old", "time_offset_s"),
+        (
+            given("guidance.lost.after_s=0.1"),
+            "fail",
+            "camera in time",
+            "0.08 s old.*0.0[56] s",
+            "after_s",
+        ),
+        (
+            given("estimation.clock_sigma_s=0.5"),
+            "fail",
+            "camera in time",
+            "for 0.00 s",
+            "clock_sigma",
+        ),
+        (
+            given("guidance.descent.k2_per_m=0"),
+            "fail",
+            "descent region",
+            "15 m up .* 0.16 m",
+            "k1_m",
+        ),
+        (given("estimation.gimbal_sigma_deg=6"), "fail", "descent region", "no way down", "gimbal"),
+        (
+            given("vehicle.footprint_m=[1.1, 1.1]"),
+            "warn",
+            "feet",
+            "0.78 m .* 0.62 m",
+            "footprint_m",
+        ),
+        (
+            given("vehicle.gear_height_m=1.0"),
+            "warn",
+            "feet",
+            "no more than 4 degrees",
+            "gear_height",
+        ),
+        (
+            given("vehicle.camera_offset_m=[0, 0, 0.3]"),
+            "fail",
+            "feet",
+            "0.10 m lower",
+            "down is positive",
+        ),
+        (given("vision.focal_sigma=0.1"), "warn", "pad", "farther than 10 m", "focal_sigma"),
+        (pad_with("bare"), "fail", "pad", "0.49 m up no marker fits", "small marker"),
+        (given("gimbal.pitch_limits_deg=[-50, 0]"), "fail", "gimbal limits", "-50 to 0", "limits"),
         (set_of("camera.age_s", -0.1), "fail", "camera time", "in the future", "time_offset_s"),
         (set_of("camera.brightness", 0), "warn", "camera picture", "black", "cap"),
         (set_of("camera.frozen", True), "warn", "camera picture", "frozen", "unplug"),

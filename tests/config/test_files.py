@@ -1,5 +1,6 @@
 """What a user reads when a configuration is wrong, and what landerd gets when it is right."""
 
+import re
 from pathlib import Path
 from textwrap import dedent
 from typing import Annotated, Literal
@@ -94,7 +95,8 @@ def test_every_fault_of_a_file_is_told_with_its_line_key_finding_and_expectation
         "broken.yaml:8: guidance.descent: expected align_deg < realign_deg <= 5",
         "broken.yaml:10: gimbal.driver: found 'srvo', expected one of servo, sim",
         "broken.yaml:11: gimbal.yaw_limits_deg: found a list of 3, expected a list of 2 values",
-        "broken.yaml:12: gimbal.pitch_limits_deg.0: found true, expected a number",
+        "broken.yaml:12: gimbal.pitch_limits_deg.0: found true, expected a number "
+        "at least -360 and at most 360",
         "broken.yaml:13: gimbal.servo.device: missing, expected a file name",
         "broken.yaml:15: rc.gate_channel: found 11.0, expected a whole number "
         "at least 5 and at most 18",
@@ -120,6 +122,25 @@ def test_what_is_not_a_number_is_never_made_one(folder: Path, value: str) -> Non
     (line,) = faults(path)
     assert line.startswith("a.yaml:1: aim.idle_yaw_deg: found ")
     assert line.endswith(", expected a number")
+
+
+@pytest.mark.parametrize(
+    ("key", "fault"),
+    [
+        ("vehicle: {gear_height_m: 20}", "gear_height_m: found 20, expected .* at most 3"),
+        ("vehicle: {footprint_m: [44, 26]}", "footprint_m.0: found 44, expected .* at most 5"),
+        ("vehicle: {camera_offset_m: [100, 0, 40]}", "camera_offset_m.0: found 100, expected"),
+    ],
+)
+def test_lengths_typed_in_another_unit_are_refused(folder: Path, key: str, fault: str) -> None:
+    found = faults(write(folder / "a.yaml", key))
+    assert re.search(fault, found[0])
+
+
+def test_limits_of_a_gimbal_the_wrong_way_round_are_refused(folder: Path) -> None:
+    assert faults(write(folder / "a.yaml", "gimbal: {pitch_limits_deg: [0, -90]}")) == [
+        "a.yaml:1: gimbal.pitch_limits_deg: found 0 to -90, expected the lower one first"
+    ]
 
 
 @pytest.mark.parametrize(

@@ -384,6 +384,19 @@ def test_too_low_to_try_any_longer_it_climbs_at_once() -> None:
     assert flight.setpoints[-1][1].velocity[2] == -never_fit.guidance.limits.climb_mps
 
 
+def test_the_pilot_is_told_why_a_landing_that_is_not_off_is_not_carried_through() -> None:
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_slip_mps": 0.001}}})
+    flight = Flight(config=never_fit, pad_velocity=(0.5, 0.0, 0.0)).engaged()
+    while "climbing again" not in flight.lander.reason:
+        flight.tick()
+    assert "m/s across" in flight.lander.reason
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})
+    flight = Flight(config=never_fit).engaged()
+    while "climbing again" not in flight.lander.reason:
+        flight.tick()
+    assert flight.lander.reason.startswith("may miss by 0.0")
+
+
 def test_too_low_and_aside_it_climbs_before_it_goes_back_over_the_pad() -> None:
     """A deck that came up had its feet meanwhile, and it was dragged along at 0.4 m/s."""
     never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.01}}})

@@ -9,6 +9,7 @@ from landerd.messages import Phase
 WIDEST = {
     "mode": "AUTOROTATE",
     "channel": 18,
+    "speed": 9.99,
     "distance": 99.94,
     "height": 99.94,
     "lean": 59.9,
