@@ -1138,6 +1138,7 @@ def test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once() -> No
     assert last is not None
     assert last.away is None
     flight.pulse_us = LOW
+    to(flight, State.RELEASING, at_most_s=0.2)
     assert set(flight.run(3.0)) == {STOP}
 
 

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from hw.sim.options import ResponseOptions
-from hw.sim.physics.response import STEP_S, HorizontalResponse
+from hw.sim.physics.response import STEP_S, HorizontalResponse, MeasuredYawResponse
 from landerd.config.models import Config
 from landerd.config.parameters import with_value
 from landerd.geometry import Vec3, add, horizontal, scale, sub
@@ -117,6 +117,21 @@ def test_a_vehicle_that_turns_beside_its_order_still_comes_to_the_pads_heading(
         rate = wanted + math.radians(beside_deg_s)
         heading += DT * rate
     assert math.degrees(heading) == pytest.approx(20.0, abs=0.2)
+
+
+def test_a_large_gain_of_the_heading_does_not_swing_about_it() -> None:
+    method = TrackingMethod(with_value(CONFIG, "guidance.tracking.yaw_kp", 5.0))
+    vehicle, heading = MeasuredYawResponse(), 0.0
+    seen_late, off = [situation(height=3.0, heading_deg=20.0)] * 2, []
+    for _ in range(round(30.0 / DT)):
+        off_deg = 20.0 - math.degrees(heading)
+        seen_late.append(situation(height=3.0, heading_deg=off_deg, yaw_rate=vehicle.rate))
+        _, wanted = method.step(Phase.YAW_CORRECTION, seen_late.pop(0), 2.0, DT)
+        for _ in range(round(DT / STEP_S)):
+            vehicle.step(wanted)
+            heading += STEP_S * vehicle.rate
+        off.append(abs(off_deg))
+    assert max(off[2 * len(off) // 3 :]) < 0.5 * OPTIONS.descent.align_deg
 
 
 def test_braking_its_descent_leaves_room_for_the_decks_own_acceleration() -> None:
