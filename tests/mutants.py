@@ -501,9 +501,30 @@ MUTANTS = [
     Mutant(
         "3: turns the wrong way",
         TRACKING,
-        "turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), error)",
-        "turn = math.copysign(_braking_speed(abs(error), self._gains.yaw_kp, YAW_BRAKE), -error)",
+        "turn = math.copysign(_braking_speed(abs(error), self._yaw_kp, YAW_BRAKE), error)",
+        "turn = math.copysign(_braking_speed(abs(error), self._yaw_kp, YAW_BRAKE), -error)",
         "guidance/test_tracking_method.py::test_it_turns_the_short_way_as_soon_as_it_looks_down_on_the_pad",
+    ),
+    Mutant(
+        "3: a yaw rate that is wrong is not learned",
+        TRACKING,
+        "wanted = relative.pad_turn_rate + turn + self._turn_integral",
+        "wanted = relative.pad_turn_rate + turn",
+        "guidance/test_tracking_method.py::test_a_vehicle_that_turns_beside_its_order_still_comes_to_the_pads_heading",
+    ),
+    Mutant(
+        "3: turns with a gain that the airframe's lag does not allow",
+        TRACKING,
+        "self._yaw_kp = min(options.tracking.yaw_kp, MAX_YAW_KP_LAG / YAW_LAG_S)",
+        "self._yaw_kp = options.tracking.yaw_kp",
+        "guidance/test_tracking_method.py::test_a_large_gain_of_the_heading_does_not_swing_about_it",
+    ),
+    Mutant(
+        "2: the noise of one picture's axes teaches an error of the lens",
+        "landerd/estimation/pad_filter.py",
+        "return new._replace(about_x=x, about_y=y)",
+        "return new",
+        "estimation/test_pad_filter.py::test_a_gimbals_noise_about_the_line_of_sight_tells_nothing_of_the_lens",
     ),
     Mutant(
         "3: no limit of the vertical speed",
