@@ -90,7 +90,8 @@ _PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06
 _MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
 # Of small ones a shift as large as that of another ratio's edges says nothing: of the radius.
 _SMALL_PX, _MIN_SMALL_SHIFT = 6.5, -0.015
-_CLIPPED = 250.0  # grey level of the white
+# Grey level of the white: 255, of video of limited range 235; tone mapping compresses it.
+_CLIPPED = 230.0
 # A shift by more of the radius than this is as well that of a ring whose ratio is a fifth off, but
 # where white is near full scale or the blur explains it: below this white no gamma to 2.4 and no
 # S-curve over it moves the edges of ink of 3 % and more by more than 0.51 of their blur. Beyond
@@ -121,6 +122,13 @@ _NOISE_BIAS = 0.3
 # diameter they scattered by 0.3 to 0.7 px, and the radius was off by as much. Of their noise, where
 # their blur, px, is more than the first, and in full from the second on; and aside.
 _SPREAD_PX, _SPREAD_ASIDE = (1.0, 1.5), 0.25
+# Out of focus, black and white of a stroke mix, and the range is over: of 46 rings with a blur of a
+# fifth to half of the stroke by 0.5 to 7 per cent. Of the radius, for each stroke of blur beyond a
+# share of it. Edges themselves show no more blur than a fifth of the stroke, nor than 2.6 px: the
+# fit to grey levels tells it, to a limit; where there is none, so much is taken for it.
+_BLURRED_SHARE, _BLUR_BIAS, _BLUR_ASIDE = 0.17, 0.18, 0.2
+_TOLD_SHARE, _TOLD_PX, _TOLD_WIDE_PX = 0.155, 1.3, 1.8  # blur of edges up to which they tell it
+_UNTOLD_SHARE, _MOST_SHARE = 0.4, 0.5
 # Of grey levels and edges. Both see the same pixels: behind legs, dirt and glare, which take some
 # of them away, 97 of 100 differ by less than this. In leaf shade and soft shadow, where all are
 # wrong, two thirds differ by more, and the edges are two to ten times as exact.
@@ -254,7 +262,8 @@ def _explained(
         # What is left over of the grey levels is as alike from place to place as that of the edges.
         wider = [replace(f, inflation=inflation * edges.dependence * f.inflation) for f in fits]
         return Explained(wider, toned)
-    return Explained([_ring_fit(e, ring, camera, noise, inflation) for e in found], toned)
+    told = [_ring_fit(e, ring, camera, noise, inflation, best.blur_px) for e in found]
+    return Explained(told, toned)
 
 
 def _is_hopeless(e: EdgeFit) -> bool:
@@ -448,17 +457,34 @@ def _max_shift_px(e: EdgeFit) -> float:
 
 def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether a fit to grey levels is where the edges are."""
-    if _is_shifted(e) or is_toned(fit, ring):
+    is_blurred = _blur_share(e, ring, fit.blur_px) > _BLURRED_SHARE
+    if is_toned(fit, ring) or (_is_shifted(e) and not is_blurred):
         return False
     if float(fit.normal @ e.normal) < _AGREE_COS:
         return False
     off = fit.position - e.position
-    C = _covariance(e, ring, camera) + fit.covariance
+    C = _covariance(e, ring, camera, fit.blur_px) + fit.covariance
     return float(off @ solved(C, off)) < _AGREE_CHI2
 
 
-def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
-    """Return the covariance of the position (3, 3), m^2, biases included."""
+def _blur_share(e: EdgeFit, ring: Ring, blur_px: float | None) -> float:
+    """Return the blur over the stroke's width where edges do not tell it, else 0.
+
+    `blur_px` is that of a fit to grey levels; None: there is none.
+    """
+    stroke_px = e.radius_px * (1.0 - ring.inner_ratio)
+    told_px = max(_TOLD_SHARE * stroke_px, _TOLD_PX)
+    if blur_px is None:
+        return _UNTOLD_SHARE if e.blur_px > told_px else 0.0
+    is_told = e.blur_px < min(told_px, _TOLD_WIDE_PX)
+    return 0.0 if is_told else min(blur_px / stroke_px, _MOST_SHARE)
+
+
+def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel, blur_px: float | None = None) -> F64:
+    """Return the covariance of the position (3, 3), m^2, biases included.
+
+    `blur_px` is that of a fit to grey levels; None: there is none.
+    """
     _, axes = plane_axes(e.position[None], e.normal[None])
     a = axes[0].astype(np.float64)
     distance = float(np.linalg.norm(e.position))
@@ -469,8 +495,10 @@ def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
     shift = math.hypot(shift, _UNEVEN_BIAS_PX * min(e.uneven, 1.0))
     sharp, broad = _SPREAD_PX
     spread = e.noise_px * min(1.0, max(0.0, (e.blur_px - sharp) / (broad - sharp)))
-    radial_px = math.hypot(_EDGE_BIAS_PX, shift, spread)
-    lateral_px = math.hypot(_LATERAL_BIAS_PX, shift, _SPREAD_ASIDE * spread)
+    blurred = max(0.0, _blur_share(e, ring, blur_px) - _BLURRED_SHARE) * _BLUR_BIAS * e.radius_px
+    radial_px = math.hypot(_EDGE_BIAS_PX, shift, spread, blurred)
+    aside = math.hypot(_SPREAD_ASIDE * spread, _BLUR_ASIDE * blurred)
+    lateral_px = math.hypot(_LATERAL_BIAS_PX, shift, aside)
     radial = radial_px * distance * distance / (focal * ring.radius_m)
     lateral = lateral_px * distance / focal
     covariance: F64 = a.T @ C[:3, :3] @ a + np.outer(sight, sight) * radial**2
@@ -478,11 +506,16 @@ def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel) -> F64:
 
 
 def _ring_fit(
-    e: EdgeFit, ring: Ring, camera: CameraModel, noise_px: float, inflation: float
+    e: EdgeFit,
+    ring: Ring,
+    camera: CameraModel,
+    noise_px: float,
+    inflation: float,
+    blur_px: float | None = None,
 ) -> RingFit:
     """Return a fit to edges as one to grey levels would say it."""
     inside, black, outside = e.levels
-    covariance = _covariance(e, ring, camera)
+    covariance = _covariance(e, ring, camera, blur_px)
     sigma_tilt = math.sqrt(max(0.0, float(np.trace(e.covariance[3:, 3:])) / 2.0))
     return RingFit(
         position=e.position,

@@ -338,7 +338,10 @@ def _is_open(reduction: F64, last_reduction: F64, noise: F32, steps_before: int)
 
 
 def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquations) -> list[RingFit]:
-    """Return the fits, best first, but for those of flat views."""
+    """Return the fits, best first, but for those of flat views and those that no pixel tells of.
+
+    None does where all are of one grey level, as below the cut of a broken picture, or clipped.
+    """
     noise, u = equations.noise, equations.squares
     robust = _ROBUST_SIGMAS * _ROBUST_SIGMAS * model.pixels.weight * u / (1.0 + u)
     costs = robust.sum(axis=1) * (noise / noise.min()) ** 2
@@ -346,6 +349,7 @@ def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquation
         _ring_fit(model, estimate, equations, k, float(costs[k]))
         for k, (t, normal) in enumerate(zip(estimate.t, estimate.normal, strict=True))
         if float(normal @ t) > _MIN_COS * math.hypot(*t.tolist())
+        and float(equations.products[k, -1, -1]) > 0.0
     ]
     return sorted(fits, key=lambda f: f.cost)
 

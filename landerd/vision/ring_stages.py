@@ -225,7 +225,11 @@ def tracked_fits(
 
     `response` is a first one of the camera's; None: it is linear.
     """
-    return _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX, response)
+    fits = _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX, response)
+    if fits and fits[0].blur_px > TRACKED_BAND_PX:
+        poses, blur = [(f.position, f.normal) for f in fits], fits[0].blur_px
+        fits = _fits(image, camera, ring, poses, _BAND_BLURS * blur, _TRACKED, blur, response)
+    return fits
 
 
 def hard_fits(image: U8, camera: CameraModel, ring: Ring, plain: list[RingFit]) -> list[RingFit]:

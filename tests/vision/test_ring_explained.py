@@ -128,6 +128,13 @@ def test_a_ring_whose_white_is_blown_out_is_seen(distance: float, over: float) -
     assert check(picture(over * light(view)), view, 0.005) == "edges"
 
 
+@pytest.mark.parametrize("distance", [3.0, 7.0, 15.0])
+def test_a_ring_blown_out_in_video_of_limited_range_is_seen(distance: float) -> None:
+    view = seen(distance, 25.0)
+    level = np.clip(3.2 * light(view), 0.0, 1.0) ** (1.0 / 2.2)
+    check(picture((16.0 + 219.0 * level) / 255.0, noise=1.0), view, 0.02)
+
+
 @pytest.mark.parametrize("over", [4.0, 6.0])
 @pytest.mark.parametrize("distance", [3.0, 7.0, 12.0])
 def test_white_that_has_spread_over_most_of_the_stroke_leaves_the_range_right(
@@ -203,6 +210,29 @@ def test_a_blown_out_ring_is_tracked() -> None:
     assert found is not None
     assert found.stage == "edges"
     assert math.dist(found.solutions[0].position, view.position) < 0.025
+
+
+@pytest.mark.parametrize("cut", [0, 255])
+def test_where_a_broken_picture_is_all_grey_a_ring_behind_a_curve_is_not_tracked(cut: int) -> None:
+    view = seen(5.0, 20.0)
+    image = picture((0.85 * light(view)) ** (1.0 / 2.2), noise=0.0)
+    image[cut:] = 128  # what a decoder leaves of a JPEG that ends too early
+    near = np.array(view.position) * 1.005
+    response = CameraResponse(response=np.array([0.3, 0.0, 0.1]))
+    found = track_ring(image, RING, CAMERA, near, view.normal, response=response)
+    assert found is None or cut > 0
+
+
+@pytest.mark.parametrize("share", [0.32, 0.4])  # of the stroke
+@pytest.mark.parametrize("distance", [7.0, 12.0])
+@pytest.mark.parametrize("gamma", [1.0, 2.2])
+def test_a_ring_out_of_focus_is_no_further_off_than_sigma_tells(
+    distance: float, share: float, gamma: float
+) -> None:
+    view = seen(distance, 15.0)
+    stroke_px = CAMERA.fx * RING.radius_m * (1.0 - RING.inner_ratio) / distance
+    image = picture((0.8 * light(view, blur_px=share * stroke_px)) ** (1.0 / gamma))
+    check(image, view, 0.05)
 
 
 def test_a_ring_cut_by_the_edge_is_tracked_just_over_the_pad() -> None:
