@@ -71,8 +71,9 @@ RANGE_TIME_CONSTANT_S = 2.0  # of the errors of ranges, which change as the pad 
 ANOTHER_MARKER = 2.0  # by which is seen what says that its range errs by so much more, or less
 # Over which the camera's axes are told that the lens errs about, s, while they turn by less than
 # this, rad. In the newest frame they are as noisy as what it shows: 1.2 m behind a pad of 1 m/s,
-# 6 m up, that taught the filter 0.05 degrees of the lens a second, without end.
-AXES_TIME_CONSTANT_S, AXES_TURN = 0.3, math.radians(3.0)
+# 6 m up, that taught the filter 0.05 degrees of the lens a second, without end. Axes that lag a
+# turn tell of the lens too: with 3 degrees one that was 2 degrees off was taken for 0.4 +- 0.5.
+AXES_TIME_CONSTANT_S, AXES_TURN = 0.3, math.radians(0.25)
 BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and gimbal's clock
 # Of the pictures' clock, which stays as it is for a flight. With 120 s it was known at 15 m, and
 # forgotten low over the pad for whatever moved like it there (bench/sensor_errors.py).
