@@ -18,7 +18,7 @@ _DARK, _BRIGHT = 12.0, 243.0  # mean brightness of a picture that shows nothing
 
 
 async def check_camera(
-    camera: Camera, vision: Vision, model: CameraModel, fps: float | None, oldest_s: float = 0.5
+    camera: Camera, vision: Vision, model: CameraModel, fps: float | None, oldest_s: float
 ) -> list[Finding]:
     """Return what is found of a camera.
 
