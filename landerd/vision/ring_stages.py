@@ -226,7 +226,7 @@ def tracked_fits(
     `response` is a first one of the camera's; None: it is linear.
     """
     fits = _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX, response)
-    if fits and fits[0].blur_px > TRACKED_BAND_PX:
+    if fits and fits[0].blur_px > TRACKED_BAND_PX:  # out of focus: wider than what was looked at
         poses, blur = [(f.position, f.normal) for f in fits], fits[0].blur_px
         fits = _fits(image, camera, ring, poses, _BAND_BLURS * blur, _TRACKED, blur, response)
     return fits
