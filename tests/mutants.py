@@ -472,7 +472,7 @@ MUTANTS = [
     Mutant(
         "2: commits to a bad touch-down",
         PHASES,
-        "and self.will_land_well(relative)",
+        "and not self._why_unfit(relative, sighting_age)",
         "",
         "guidance/test_phases.py::test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again",
     ),

@@ -3,7 +3,7 @@
 import math
 
 from landerd.config.models import DescentSection
-from landerd.geometry import clamp, horizontal
+from landerd.geometry import clamp
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import MAX_LEAN
 from landerd.guidance.relative_state import RelativeState
@@ -45,6 +45,11 @@ WAITS_MPS = 0.1
 def descent_radius(options: DescentSection, height: float) -> float:
     """Return delta = k1 exp(k2 z) (thesis eq. 2.3), m, for a height over the pad in m."""
     return options.k1_m * math.exp(min(options.k2_per_m * max(0.0, height), MAX_EXPONENT))
+
+
+def most_widening(options: DescentSection) -> float:
+    """Return how many times as wide the region gets for having waited."""
+    return max(1.0, options.widest_k1_m / options.k1_m)
 
 
 def region_height(options: DescentSection, radius: float) -> float:
@@ -99,9 +104,8 @@ class Phases:
     @property
     def widening(self) -> float:
         """Of the descent region's radius, for having waited."""
-        o = self._options
         k = clamp((self._waited_s - WIDENS_AFTER_S) / WIDENS_S, 0.0, 1.0)
-        return 1.0 + k * max(0.0, o.widest_k1_m / o.k1_m - 1.0)
+        return 1.0 + k * (most_widening(self._options) - 1.0)
 
     def _radius(self, height: float) -> float:
         return self.widening * descent_radius(self._options, height)
@@ -186,8 +190,7 @@ class Phases:
             and relative.height < self._options.commit_height_m
             and not self.goes_around
             and relative.error_rate[2] < MAX_CLIMB_MPS
-            and not self.is_blind(relative, sighting_age)
-            and self.will_land_well(relative)
+            and not self._why_unfit(relative, sighting_age)
         )
 
     def is_blind(self, relative: RelativeState, sighting_age: float) -> bool:
@@ -195,29 +198,24 @@ class Phases:
         blind_s = sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S
         return relative.height < self._options.commit_height_m and blind_s >= MAX_BLIND_S
 
-    def will_land_well(self, relative: RelativeState) -> bool:
-        """Tell whether the error and the speed at touch-down will be inside their limits."""
-        o, rate = self._options, relative.error_rate
-        slow = horizontal(rate) < o.commit_slip_mps and -rate[2] < o.commit_sink_mps
-        return self._may_miss_by(relative) < o.commit_miss_m and slow
-
-    def _may_miss_by(self, relative: RelativeState) -> float:
-        """Return how far off the landing point it may touch, m."""
-        (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
-        t = self._touchdown_s
-        return math.hypot(north + t * v_north, east + t * v_east) + 2.0 * relative.sigma_m
-
     def _why_unfit(self, relative: RelativeState, sighting_age: float) -> str:
-        """Return why it is not fit to commit, for the pilot."""
-        o, rate = self._options, relative.error_rate
+        """Return why it is not fit to commit, for the pilot; "" where it is.
+
+        It may be blind, or what the error and the speed at touch-down will be is outside of their
+        limits.
+        """
+        o = self._options
+        (north, east, _), (v_north, v_east, v_down) = relative.error, relative.error_rate
         if self.is_blind(relative, sighting_age):
             return pilot_texts.OLD_SIGHT_CLIMBING
-        if horizontal(rate) >= o.commit_slip_mps:
-            return pilot_texts.SLIDES_CLIMBING.format(speed=horizontal(rate))
-        if -rate[2] >= o.commit_sink_mps:
-            return pilot_texts.SINKS_CLIMBING.format(speed=-rate[2])
-        off = self._may_miss_by(relative)
-        if off >= o.commit_miss_m:
+        slip = math.hypot(v_north, v_east)
+        if not slip < o.commit_slip_mps:
+            return pilot_texts.SLIDES_CLIMBING.format(speed=slip)
+        if not -v_down < o.commit_sink_mps:
+            return pilot_texts.SINKS_CLIMBING.format(speed=-v_down)
+        t = self._touchdown_s
+        off = math.hypot(north + t * v_north, east + t * v_east) + 2.0 * relative.sigma_m
+        if not off < o.commit_miss_m:
             return pilot_texts.MAY_MISS_CLIMBING.format(distance=off)
         return ""
 

@@ -241,8 +241,7 @@ class OnPad:
             lowest_m = context.foothold.clearance(relative, vehicle.tilt)
             if lowest_m > MAX_CONTACT_HEIGHT_M:
                 return True
-        surely_mps = horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity
-        slides = surely_mps > context.options.descent.commit_slip_mps
+        slides = _sure_slip_mps(relative) > context.options.descent.commit_slip_mps
         clears = _clearance(context, relative, vehicle, pad) > BUILD_ERROR_M
         return slides and clears and context.sight is not None
 
@@ -384,6 +383,11 @@ def _lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimat
     return relative.height - vehicle.lowest_foot(relative.normal) - _unsure_m(pad)
 
 
+def _sure_slip_mps(relative: RelativeState) -> float:
+    """Return how fast the pad surely slides away under it, as seen, m/s."""
+    return horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity
+
+
 def _unsure_m(pad: PadEstimate) -> float:
     """Return by how much the pad may be higher than it is said to be, m."""
     return 2.0 * math.sqrt(pad.covariance[2][2])
@@ -442,8 +446,7 @@ def _level_due(
     slip = math.hypot(v_north - north, v_east - east)
     if context.sight is not None and not context.is_carried:
         # What the pad did at the touch it may do no longer: it brakes under feet that are up.
-        relative = context.sight.relative
-        slip = max(slip, horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity)
+        slip = max(slip, _sure_slip_mps(context.sight.relative))
     return touchdown.level_due(
         step.now,
         (vehicle.feet[2], context.pad_down(step.now)),

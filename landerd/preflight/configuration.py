@@ -9,7 +9,7 @@ from landerd.camera_model import CameraModel, load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
 from landerd.guidance.foothold import most_lean
-from landerd.guidance.phases import descent_radius
+from landerd.guidance.phases import descent_radius, most_widening
 from landerd.guidance.relative_state import CAMERA_PLACE_SIGMA_M
 from landerd.pad import WHYCODE_CORE, Marker, PadLayout, Plate, Ring, Square, size_m
 from landerd.preflight.finding import Finding
@@ -81,7 +81,7 @@ def descent_findings(config: Config) -> list[Finding]:
     o, sigma = config.guidance.descent, math.radians(config.estimation.gimbal_sigma_deg)
     for step in range(int(_HIGHEST_M / _STEP_M)):
         height = _HIGHEST_M - step * _STEP_M
-        radius = max(1.0, o.widest_k1_m / o.k1_m) * descent_radius(o, height)
+        radius = most_widening(o) * descent_radius(o, height)
         unsure = 2.0 * math.hypot(sigma * height, CAMERA_PLACE_SIGMA_M)
         if unsure >= radius:
             what = (

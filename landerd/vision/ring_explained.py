@@ -480,7 +480,7 @@ def _blur_share(e: EdgeFit, ring: Ring, blur_px: float | None) -> float:
     return 0.0 if is_told else min(blur_px / stroke_px, _MOST_SHARE)
 
 
-def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel, blur_px: float | None = None) -> F64:
+def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel, blur_px: float | None) -> F64:
     """Return the covariance of the position (3, 3), m^2, biases included.
 
     `blur_px` is that of a fit to grey levels; None: there is none.
