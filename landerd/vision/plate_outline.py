@@ -29,6 +29,8 @@ _PER_SIDE = 8  # places on each side of an outline
 _LEAST_SEEN = 0.7  # of the places that must be in the picture
 # Where fewer are: of the plate's, and the share of those with a step below which it is another's.
 _LEAST_CUT, _LEAST_PLATE_CUT = 0.25, 0.7
+# Up to such a share of places with a step, either way, the ground is as bright as the plate.
+_EVEN_GROUND = 0.2
 _LEAST_PRINT_PX = 3.0  # of smaller prints nothing is known
 # A step, as share of the ring's contrast, which is understated where white is over full scale, and
 # grey levels.
@@ -145,6 +147,9 @@ class PlateOutline:
             is_seen |= prints - off * prints_view >= _LEAST_PRINTS * prints_view
         plate_tells = tells[:, is_plate].mean(axis=1)
         is_without = (plate_tells > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_tells)
+        if self._has_prints:
+            uneven = (is_plate & tells & (np.abs(rise) > least)).sum(axis=1) / is_plate.sum()
+            is_without &= uneven > _EVEN_GROUND * plate_tells
         return is_seen & ~is_cut, is_cut & ~is_without
 
 

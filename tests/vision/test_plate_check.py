@@ -66,6 +66,26 @@ def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     assert is_seen(UNREADABLE, view(distance, heading), grass)
 
 
+SNOW = Plate(north_m=30.0, south_m=30.0, east_m=30.0, west_m=30.0)
+
+
+@pytest.mark.parametrize("distance", [10.0, 13.0, 15.0])
+@pytest.mark.parametrize("heading", [0.3, 2.5])
+def test_on_ground_as_bright_as_the_plate_the_tag_beside_it_tells_the_pad(
+    distance: float, heading: float
+) -> None:
+    noisy = Optics(noise=4.0)
+    for painted, is_pad in ((BARE, False), (UNREADABLE, True)):
+        on_snow = painted.model_copy(update={"plate": SNOW})
+        assert is_seen(on_snow, view(distance, heading), noisy) is is_pad
+
+
+@pytest.mark.parametrize("distance", [3.0, 5.0])
+def test_there_another_code_beside_it_tells_that_it_is_not(distance: float) -> None:
+    on_snow = UNREADABLE.model_copy(update={"plate": SNOW})
+    assert not is_seen(on_snow, view(distance, 0.3), Optics())
+
+
 @pytest.mark.parametrize("seed", [3, 11, 16, 18, 22])
 def test_nor_at_the_pictures_edge_one_beside_which_what_is_in_view_is_not_white(seed: int) -> None:
     rng = np.random.default_rng([9, seed])
