@@ -1063,9 +1063,16 @@ MUTANTS = [
     Mutant(
         "2: turns to the north of a plate that carries another pad's code",
         "landerd/vision/plate_heading.py",
-        "if not any(code.is_another(image, camera, t, north) for code in self._codes):",
+        "if not self._is_another(image, camera, t, north):",
         "if True:",
         "vision/test_plate_heading.py::test_a_plate_with_another_code_on_it_tells_none",
+    ),
+    Mutant(
+        "2: on snow a ring beside another pad's code is taken for the pad's",
+        "landerd/vision/plate_heading.py",
+        "return not self._is_another(image, camera, t, axes @ rotation_2d(float(self.angles[k])))",
+        "return True",
+        "vision/test_plate_check.py::test_there_another_code_beside_it_tells_that_it_is_not",
     ),
     Mutant(
         "2: things that move through the picture keep the pad from being looked for",

@@ -10,6 +10,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
+| velocities are not flown as ordered, every `state_flying.UNFOLLOWED_S` | WARNING | UNFOLLOWED |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |
 | on the pad, and the land detector is silent, every REMIND_UNCONFIRMED_S | CRITICAL | UNCONFIRMED |
@@ -76,6 +77,7 @@ OLD_SIGHT_CLIMBING = "pictures too old, climbing again"
 # Before it matters: the words say where to look.
 MANY_REFUSED = "many sightings refused: camera, gimbal?"
 LATE_PICTURES = "pictures come late: camera, computer?"
+UNFOLLOWED = "ordered {ordered:.0f} m/s, flies {flown:.0f}: autopilot?"
 
 # ---- out of sight ------------------------------------------------------------------------------
 STALE: Mapping[str, str] = {  # by Estimator.stale

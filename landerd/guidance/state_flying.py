@@ -2,7 +2,7 @@
 
 import math
 
-from landerd.geometry import Vec3
+from landerd.geometry import Vec3, norm, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext, Sight
 from landerd.guidance.lost import LostPlan
@@ -38,6 +38,11 @@ RING_ALONE_S = 1.0
 # then, where the turn of a slow deck had not been seen yet.
 UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
 
+# The vehicle's velocity may be off what is ordered by such a share, and m/s, for so long, s. The
+# latest that is landed with answers 2.1 s late; ArduCopter with GUID_OPTIONS 32 follows no velocity
+# at all, and in wind a vehicle that may lean no further lags behind.
+UNFOLLOWED_SHARE, UNFOLLOWED_MPS, UNFOLLOWED_S = 0.5, 1.0, 5.0
+
 
 class Tracking:
     """Flies to the pad and down, as phase and method say; climbs where it could not land.
@@ -56,6 +61,7 @@ class Tracking:
         self._holds = False  # where the pilot asked to, and he was told
         self._outside_t = -math.inf  # when it was last seen outside the descent region, s
         self._seen_from = 0.0  # in sight without a break since then, s
+        self._followed_t = 0.0  # when the vehicle last flew as it was ordered, s
 
     def enter(self, step: ControlStep) -> None:
         """Begin a landing, from the velocity that the vehicle has, or go on with it."""
@@ -68,7 +74,7 @@ class Tracking:
             # What stands on the pad does not climb, whatever noise says: it was lifted by that.
             down = max(down, 0.0) if context.stands(step.now) else down
             context.orders.go_on_from((north, east, down))
-        self._heading_t = self._seen_from = step.now
+        self._heading_t = self._seen_from = self._followed_t = step.now
         self._holds = False
         context.begin_landing(step.now)
         context.outcome = None
@@ -87,6 +93,7 @@ class Tracking:
             self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS
         self._context.tell_of_health()
+        self._tell_if_unfollowed(step.now, sight.relative)
         event = self._event(step, sight)
         if event is not None:
             return event
@@ -133,6 +140,18 @@ class Tracking:
         else:
             context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
         return None
+
+    def _tell_if_unfollowed(self, now: float, relative: RelativeState) -> None:
+        """Tell the pilot of an autopilot that does not fly what it is ordered."""
+        ordered = self._context.orders.velocity
+        flown = sub(relative.pad_velocity, relative.error_rate)
+        off = norm(sub(ordered, flown))
+        if off <= max(UNFOLLOWED_MPS, UNFOLLOWED_SHARE * norm(ordered)):
+            self._followed_t = now
+        elif now - self._followed_t > UNFOLLOWED_S:
+            text = pilot_texts.UNFOLLOWED.format(flown=norm(flown), ordered=norm(ordered))
+            self._context.orders.say(Severity.WARNING, text)
+            self._followed_t = now  # its figures change: it is told again when it has lasted
 
     def _event(self, step: ControlStep, sight: Sight) -> Event | None:
         """Step the phases; return the event that ends tracking, None to go on."""

@@ -20,6 +20,9 @@ LONGEST_TIMEOUT_S = 1.0  # of the autopilot's, after which it stops by itself
 # Acceleration over jerk, s: how late a velocity is answered. In the simulator a landing on a pad of
 # 5 m/s took 14 s at 0.5 s, 15 s at 0.8, 19 s at 1.3 and 28 s at 2.1.
 LATEST_S = 0.8
+# Of GUID_OPTIONS: velocity is not held. In SITL ArduCopter then drifted at 0.1 m/s whatever was
+# ordered, and never came to the pad; with 16, position is not held, it landed as ever.
+VELOCITY_NOT_HELD = 1 << 5
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,10 @@ def judged_parameters(config: Config) -> Mapping[str, Rule]:
         "GUID_TIMEOUT": Rule(
             lambda v: v <= LONGEST_TIMEOUT_S, "fail",
             "the last velocity is flown on so many seconds when landerd dies", LONGEST_TIMEOUT_S,
+        ),
+        "GUID_OPTIONS": Rule(
+            lambda v: not int(v) & VELOCITY_NOT_HELD, "fail",
+            "velocities that landerd orders are not held (bit 5)", 0.0,
         ),
         "WP_YAW_BEHAVIOR": Rule(
             lambda v: v == 0, "warn",

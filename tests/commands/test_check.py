@@ -30,6 +30,7 @@ from tests.hw.flight import PlainAirframe, plain_autopilot
 GOOD_PARAMETERS = {
     "RC11_OPTION": 0.0,
     "GUID_TIMEOUT": 1.0,
+    "GUID_OPTIONS": 0.0,
     "WP_YAW_BEHAVIOR": 0.0,
     "FS_THR_ENABLE": 1.0,
     "ARMING_CHECK": 1.0,

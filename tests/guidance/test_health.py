@@ -57,3 +57,18 @@ def test_pictures_that_come_too_late_to_be_flown_on_are_no_missing_ones(
     flight.run(2.5)
     assert flight.lander.phase is Phase.NOT_LANDING
     assert pilot_texts.OLD_PICTURES in flight.lander.reason
+
+
+def test_an_autopilot_that_does_not_fly_as_ordered_is_told_of(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As ArduCopter with GUID_OPTIONS 32 does: it says that it obeys, and drifts."""
+    ignored = [f"{pilot_texts.PREFIX}ordered ", " m/s, flies 0: autopilot?"]
+    flight = Flight().engaged().until_contact()
+    assert not any(text.startswith(ignored[0]) for text in flight.texts)
+    flight = Flight().engaged()
+    monkeypatch.setattr("tests.scripted_flight.VELOCITY_LAG_S", 1e6)
+    flight.run(8.0)
+    told = [text for text in flight.texts if text.startswith(ignored[0])]
+    assert len(told) == 1
+    assert told[0].endswith(ignored[1])
