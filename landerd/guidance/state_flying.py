@@ -41,7 +41,7 @@ UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
 # The vehicle's velocity may be off what is ordered by such a share, and m/s, for so long, s. The
 # latest that is landed with answers 2.1 s late; ArduCopter with GUID_OPTIONS 32 follows no velocity
 # at all, and in wind a vehicle that may lean no further lags behind.
-UNFOLLOWED_SHARE, UNFOLLOWED_MPS, UNFOLLOWED_S = 0.5, 1.0, 5.0
+UNFOLLOWED_SHARE, UNFOLLOWED_MPS, UNFOLLOWED_S = 0.5, 1.5, 5.0
 
 
 class Tracking:
