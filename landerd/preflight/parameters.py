@@ -46,7 +46,7 @@ def judged_parameters(config: Config) -> Mapping[str, Rule]:
             "the last velocity is flown on so many seconds when landerd dies", LONGEST_TIMEOUT_S,
         ),
         "GUID_OPTIONS": Rule(
-            lambda v: not int(v) & VELOCITY_NOT_HELD, "fail",
+            lambda v: math.isfinite(v) and not int(v) & VELOCITY_NOT_HELD, "fail",
             "velocities that landerd orders are not held (bit 5)", 0.0,
         ),
         "WP_YAW_BEHAVIOR": Rule(

@@ -4,7 +4,8 @@ A look-alike whose ratio is off by a tenth cannot be told from a small ring behi
 a ring of the right ratio that is somebody else's. But where the pad has another marker, the plate
 reaches round it, which is seen long before that marker can be read. No heading need be known: a
 ring is refused if there is none under which the outlines of plate and prints are seen, or if they
-are seen under others as well, as white all round a ring fits them.
+are seen under others as well, as white all round a ring fits them. On ground as bright as the
+plate, as concrete or snow, the prints alone tell it.
 
 Of a pad that has nothing beside its ring the plate alone is looked for, and only about rings so
 small that their ratio tells little: on ground as bright as the plate it is not seen, and larger

@@ -172,7 +172,8 @@ class PlateHeading:
     def stands_out(self, image: Image, camera: CameraModel, t: F64, axes: F64) -> bool | None:
         """Tell whether the plate is seen about a ring at one heading more than at any other.
 
-        White on all sides, or ground with bright spots, is seen alike at many. None: that cannot be
+        Or its prints, on ground as bright as the plate, if no other code is seen there. White on
+        all sides, or ground with bright spots, is seen alike at many. None: that cannot be
         told, as the plate may be out of the picture.
 
         Args:

@@ -66,7 +66,7 @@ def test_a_long_timeout_fails_with_the_height_from_which_it_strikes(
     assert f"below {height_m} m to the ground" in finding.what
 
 
-@pytest.mark.parametrize("options", [32.0, 48.0])
+@pytest.mark.parametrize("options", [32.0, 48.0, float("nan")])
 def test_velocities_that_are_not_held_fail(options: float) -> None:
     """ArduCopter in SITL drifted at 0.1 m/s beside every order, and never came to the pad."""
     values = SOUND | {"ARMING_CHECK": 1.0, "GUID_OPTIONS": options}
