@@ -14,6 +14,8 @@ WIDEST = {
     "height": 99.94,
     "lean": 59.9,
     "error": 179.9,
+    "ordered": 15.0,
+    "flown": 99.0,
     "id": 999,
     "what": pilot_texts.SEARCHING,
 }
