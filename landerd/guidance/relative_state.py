@@ -68,6 +68,11 @@ class RelativeState:
         )
 
     @property
+    def vehicle_velocity(self) -> Vec3:
+        """Velocity of the vehicle, local NED, m/s."""
+        return sub(self.pad_velocity, self.error_rate)
+
+    @property
     def height(self) -> float:
         """Height of the feet over the pad, m: over its plane, as far as there is a pad."""
         north, east, down = self.error

@@ -37,7 +37,6 @@ RING_ALONE_S = 1.0
 # said to stand were sunk onto faster than the autopilot's timeout stops; with one sigma, now and
 # then, where the turn of a slow deck had not been seen yet.
 UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
-
 # The vehicle's velocity may be off what is ordered by such a share, and m/s, for so long, s. The
 # latest that is landed with answers 2.1 s late; ArduCopter with GUID_OPTIONS 32 follows no velocity
 # at all, and in wind a vehicle that may lean no further lags behind.
@@ -144,7 +143,7 @@ class Tracking:
     def _tell_if_unfollowed(self, now: float, relative: RelativeState) -> None:
         """Tell the pilot of an autopilot that does not fly what it is ordered."""
         ordered = self._context.orders.velocity
-        flown = sub(relative.pad_velocity, relative.error_rate)
+        flown = relative.vehicle_velocity
         off = norm(sub(ordered, flown))
         if off <= max(UNFOLLOWED_MPS, UNFOLLOWED_SHARE * norm(ordered)):
             self._followed_t = now

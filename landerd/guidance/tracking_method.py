@@ -13,7 +13,7 @@ import math
 from dataclasses import replace
 
 from landerd.config.models import Config, LimitsSection
-from landerd.geometry import Vec3, add, clamp, horizontal, rot_z, rotate, sub
+from landerd.geometry import Vec3, add, clamp, horizontal, rot_z, rotate
 from landerd.guidance.limits import flyable_limits
 from landerd.guidance.phases import region_height
 from landerd.guidance.relative_state import RelativeState
@@ -185,7 +185,7 @@ class TrackingMethod:
         """
         north, east, down = velocity
         pad_north, pad_east, _ = relative.pad_velocity
-        has = sub(relative.pad_velocity, relative.error_rate)
+        has = relative.vehicle_velocity
         north += self._compensation * (north - has[0]) - pad_north
         east += self._compensation * (east - has[1]) - pad_east
         most = self._gains.approach_mps + MAX_INTEGRAL_MPS

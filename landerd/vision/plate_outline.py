@@ -148,7 +148,7 @@ class PlateOutline:
         plate_tells = tells[:, is_plate].mean(axis=1)
         is_without = (plate_tells > _LEAST_CUT) & (plate < _LEAST_PLATE_CUT * plate_tells)
         if self._has_prints:
-            uneven = (is_plate & tells & (np.abs(rise) > least)).sum(axis=1) / is_plate.sum()
+            uneven = (tells & (np.abs(rise) > least))[:, is_plate].mean(axis=1)
             is_without &= uneven > _EVEN_GROUND * plate_tells
         return is_seen & ~is_cut, is_cut & ~is_without
 
