@@ -1105,6 +1105,14 @@ MUTANTS = [
         "if False:",
         "hw/autopilots/test_mavlink.py::test_one_stamp_that_does_not_fit_is_no_restart",
     ),
+    Mutant(
+        "5: a climb rate that the height contradicts is flown down on",
+        "landerd/guidance/landing_context.py",
+        "if self.estimator.poses.climbs_otherwise(step.now):",
+        "if False:",
+        "guidance/test_health.py"
+        "::test_a_climb_rate_that_the_height_contradicts_is_not_flown_down_on",
+    ),
 ]
 
 

@@ -85,6 +85,7 @@ class Flight:
         self.lean = 0.0  # of the airframe really, rad; its camera leans with it
         self.slope = 0.0  # of the pad, down to its north, rad: its normal and north alone show it
         self.skids = 0.0  # m/s across the pad once it touches
+        self.told_to_sink = 0.0  # m/s that the autopilot takes itself to sink faster than it does
         self.pulse_us = LOW
         self.armed, self.mode = True, "GUIDED"
         self.order = Setpoint((0.0, 0.0, 0.0), 0.0)  # the last one, a ground station's at first
@@ -228,9 +229,13 @@ class Flight:
 
     # ---- the world -----------------------------------------------------------------------------
 
+    @property
+    def _told_velocity(self) -> Vec3:
+        return add(self.velocity, (0.0, 0.0, self.told_to_sink))
+
     def _move(self) -> None:
         self.pad = add(self.pad, scale(self.pad_velocity, DT))
-        change = scale(sub(self.order.velocity, self.velocity), DT / VELOCITY_LAG_S)
+        change = scale(sub(self.order.velocity, self._told_velocity), DT / VELOCITY_LAG_S)
         self.velocity = add(self.velocity, change)
         if self.height <= 0.0 and self.velocity[2] >= 0.0 and self.distance < 1.0:
             self.contact_t = self.t if self.contact_t is None else self.contact_t
@@ -247,7 +252,7 @@ class Flight:
     def _telemetry(self) -> list[Input]:
         t = self.t
         messages: list[Input] = [
-            LocalPosition(t, self.position, self.velocity),
+            LocalPosition(t, self.position, self._told_velocity),
             Attitude(
                 t, 0.0, self.lean + self.pitch, self.yaw, (0.0, self.pitch_rate, self.yaw_rate)
             ),

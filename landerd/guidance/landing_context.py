@@ -148,6 +148,9 @@ class LandingContext:
         limit = self.options.lost.after_s - min(step.dt, MAX_STEP_S)
         if vehicle is None or pad is None or not age < limit:
             return None
+        # A pad that seems to sink with it would be followed down.
+        if self.estimator.poses.climbs_otherwise(step.now):
+            return None
         relative = self.relative(vehicle, pad)
         lean = angle_between(vehicle.down, pad.normal)
         return Sight(relative, age, pad.heading, lean, pad.position[2])
@@ -161,6 +164,8 @@ class LandingContext:
         stale = self.estimator.stale(now)
         if stale is not None:
             return pilot_texts.STALE[stale]
+        if self.estimator.poses.climbs_otherwise(now):
+            return pilot_texts.WRONG_CLIMB_RATE
         limit = self.options.lost.after_s
         searched_t, frame_t = self.estimator.searched_t, self.estimator.frame_t
         # The newest picture may show the pad: then none has come that does not.

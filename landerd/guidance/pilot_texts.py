@@ -85,6 +85,7 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
     "position": "position is stale",
     "gimbal": "gimbal angles are stale",
 }
+WRONG_CLIMB_RATE = "climb rate wrong: EKF?"  # the height says otherwise
 NO_PICTURES = "no pictures from the camera"
 OLD_PICTURES = "pictures come too late"
 NOT_IN_SIGHT = "pad not in sight"

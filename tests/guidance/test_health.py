@@ -72,3 +72,23 @@ def test_an_autopilot_that_does_not_fly_as_ordered_is_told_of(
     told = [text for text in flight.texts if text.startswith(ignored[0])]
     assert len(told) == 1
     assert told[0].endswith(ignored[1])
+
+
+def test_a_climb_rate_that_the_height_contradicts_is_not_flown_down_on() -> None:
+    """As of ArduCopter with accelerometers off by 1 m/s^2: it hovered, and fell at 6 m/s."""
+    flight = Flight().engaged().until(Phase.DESCENT)
+    flight.told_to_sink = 1.5
+    flight.run(3.0)
+    assert pilot_texts.WRONG_CLIMB_RATE in flight.lander.reason
+    height = flight.height
+    assert all(order.velocity[2] <= 0.0 for order in flight.run(2.0))
+    assert flight.height > height
+    flight.told_to_sink = 0.0
+    flight.until_contact()
+
+
+def test_a_climb_rate_that_is_a_little_off_is_landed_with() -> None:
+    flight = Flight().engaged()
+    flight.told_to_sink = 0.2
+    flight.until_contact()
+    assert flight.lander.aborts == 0
