@@ -64,13 +64,12 @@ class Part(Enum):
 class RingWork:
     """The counted work of the searches of one image after another for one ring.
 
-    A thorough search takes three images, in texture five, one more where gravity is known: one for
-    each of its parts. What costs
-    more than an image may is cut short, and a later one goes on with what was not tried: places
-    that were refused come last, as they show in another reduction of the image; what was refused
-    in the same one is not tried again. So it comes to an end, after which a new search begins. What
-    moves across the images is something new in each: a part gets three of them at most, and the
-    next search goes on from there.
+    A thorough search takes three images, in texture five, two more where gravity is known: one for
+    each of its parts. What costs more than an image may is cut short, and a later one goes on with
+    what was not tried: places that were refused come last, as they show in another reduction of the
+    image; what was refused in the same one is not tried again. So it comes to an end, after which a
+    new search begins. What moves across the images is something new in each: a part gets three of
+    them at most, and the next search goes on from there.
 
     Attributes:
         part: what the image gets.
@@ -93,7 +92,7 @@ class RingWork:
         self._image: U8 | None = None  # the last one, reduced
         self._open: list[Part] = []  # what is left for the next images, in turn
         self._turns: Counter[Part] = Counter()
-        self._match = Part.MATCH
+        self._matches = [Part.MATCH, Part.MATCH_BETWEEN]
         self.part = self._first
         self.is_continued = self.is_spread = False
 
@@ -172,10 +171,13 @@ class RingWork:
             self.is_spread = Part.FINEST in parts
 
     def leave_match(self) -> None:
-        """Leave the sizes that were not matched in the search before for an image more."""
+        """Leave the matching for two images more, every second size each, in turn the first.
+
+        The first may show a ring that is not known well enough, which ends the search.
+        """
         if not self.is_continued:
-            self._open.append(self._match)
-            self._match = Part.MATCH_BETWEEN if self._match is Part.MATCH else Part.MATCH
+            self._open += self._matches
+            self._matches.reverse()
 
     def has(self, cost: int) -> bool:
         """Tell whether a cost is left to spend."""

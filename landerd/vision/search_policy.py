@@ -36,8 +36,8 @@ A thorough search of the whole image for rings takes three frames: what shows mo
 thresholds, and the plate's outline. In an image full of texture it takes five, one each for what
 shows most, for the other thresholds, for the plate's outline, for broken rings, and for far rings
 in the finest level, which is not looked at with the first threshold either. Where gravity is known
-one more looks for what is on the whole like a level ring with the pad's plate about it, of every
-second size in turn. After an image with nothing in it, as clear sky, the next one is searched
+two more look for what is on the whole like a level ring with the pad's plate about it, of every
+second size each. After an image with nothing in it, as clear sky, the next one is searched
 thoroughly. What a frame may cost is counted (`ring_work.py`): a search that comes to the end of it
 is cut short, and a later frame goes on with what was not tried, twice at most for each part. What
 was refused is followed to where it moves in the picture. To look for squares in the whole of an

@@ -54,3 +54,12 @@ def test_nor_where_dirt_covers_some_of_its_hole_besides(way: float, dirt_way: fl
     found = sights(image, Prior(down=gravity(at)))
     assert found
     assert math.dist(found[0].pad[0].position, at.position) < 0.05 * 9.0
+
+
+@pytest.mark.parametrize(("way", "edge_radii"), [(3.6, 0.0), (4.8, 0.4)])
+def test_all_sizes_are_matched_within_a_search(way: float, edge_radii: float) -> None:
+    """A pad that is flown past is in sight for one or two searches."""
+    at = view(18.1, 0.4)
+    found = sights(half_in_shade(at, way, edge_radii), Prior(down=gravity(at)))
+    assert found
+    assert found[0].seq < 5
