@@ -241,7 +241,7 @@ def load_camera(path: Path) -> CameraModel:
     if path.suffix.lower() == ".xml":
         raise CalibrationError(f"{path}: XML is not read; expected {expected}, as YAML")
     data = read_mapping(path, CalibrationError, expected)
-    ros = _in_ros_words(data)
+    ros = _in_ros_words(path, data)
     if not data.keys() & {"cam0"} and not ros.keys() & {"image_width", "camera_matrix"}:
         raise CalibrationError(f"{path}: expected {expected}")
     camera = _of_kalibr(path, data) if "cam0" in data else _of_ros(path, ros)
@@ -267,14 +267,22 @@ def _of_ros(path: Path, data: dict[str, Any]) -> CameraModel:
     return CameraModel(width, height, k[0], k[4], k[2], k[5], d, str(model) in _FISHEYE)
 
 
-def _in_ros_words(data: dict[str, Any]) -> dict[str, Any]:
+def _in_ros_words(path: Path, data: dict[str, Any]) -> dict[str, Any]:
     """Return OpenCV's FileStorage with the keys of ROS; what has them already as it is.
 
     OpenCV writes the coefficients in a row or a column, zeros at the end included (12 or 14, then,
     whatever the model is called), and calls the keys as the program that called it liked.
+
+    Raises:
+        CalibrationError: one thing is given twice, or four coefficients of an unnamed model.
     """
     words = {name: key for key, names in _OPENCV_KEYS.items() for name in names}
-    data = {words.get(str(key).lower(), key): value for key, value in data.items()}
+    given, data = data, {}
+    for said, value in given.items():
+        key = words.get(str(said).lower(), said)
+        if data.get(key, value) != value:
+            raise CalibrationError(f"{path}: {said}: {key} is given already, otherwise")
+        data[key] = value
     for key in ("camera_matrix", "distortion_coefficients"):
         if isinstance(data.get(key), list):  # a ROS message, or written without OpenCV
             data[key] = {"data": _flat(data[key])}
@@ -293,6 +301,9 @@ def _in_ros_words(data: dict[str, Any]) -> dict[str, Any]:
         values = values[:-1]
     if len(values) in (6, 7):
         values = values + [0.0] * (8 - len(values))
+    if len(values) == 4 and any(values):  # OpenCV's fisheye lenses have four, and some others
+        named = ", ".join(name for name, lengths in _LENGTHS.items() if 4 in lengths)
+        raise CalibrationError(f"{path}: four coefficients; add distortion_model: one of {named}")
     model = "rational_polynomial" if len(values) == 8 else "plumb_bob"
     return {**data, "distortion_coefficients": {"data": values}, "distortion_model": model}
 
@@ -313,7 +324,7 @@ def _of_kalibr(path: Path, data: dict[str, Any]) -> CameraModel:
     block = block if isinstance(block, dict) else {}
     models = {"radtan": "plumb_bob", "equidistant": _FISHEYE[0], "none": "plumb_bob"}
     kind, distortion = block.get("camera_model"), block.get("distortion_model")
-    if kind != "pinhole" or distortion not in models:
+    if kind != "pinhole" or not isinstance(distortion, str) or distortion not in models:
         raise CalibrationError(
             f"{path}: cam0: found {kind!r} with {distortion!r}, "
             f"expected pinhole with one of {', '.join(models)}"

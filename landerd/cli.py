@@ -158,6 +158,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if e.errno == errno.ENAMETOOLONG:
             print(f"{str(e.filename)[:40]}...: {e.strerror}", file=sys.stderr)
             return 2
+        if e.errno == errno.EACCES and e.filename is not None:  # its folder may not be entered
+            print(f"{e.filename}: cannot be read: {e.strerror}", file=sys.stderr)
+            return 2
         failure = _stdout_failure()
         if failure is None:
             raise

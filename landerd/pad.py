@@ -37,7 +37,8 @@ class Ring(Section):
 
     kind: Literal["whycon"]
     outer_diameter_m: Positive
-    inner_ratio: Annotated[float, Field(gt=0.1, lt=0.9)] = 50 / 122  # inner over outer diameter
+    # inner over outer diameter
+    inner_ratio: Annotated[float, Field(strict=True, gt=0.1, lt=0.9)] = 50 / 122
     position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
 
     @property
@@ -53,7 +54,7 @@ class Square(Section):
     # OpenCV's name, with or without DICT_: APRILTAG_36h11, 4X4_50; or the AprilTag project's,
     # tag36h11. Held as the first.
     dictionary: str
-    id: Annotated[int, Field(ge=0)]
+    id: Annotated[int, Field(strict=True, ge=0)]
     size_m: Positive  # outer edge of the black border
     position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
     heading_deg: Finite = 0.0  # of the marker's top, clockwise from the pad's north
@@ -94,8 +95,8 @@ class WhyCode(Section):
 
     kind: Literal["whycode"]
     outer_diameter_m: Positive
-    bits: Annotated[int, Field(ge=3, le=12)]
-    id: Annotated[int, Field(ge=0)]
+    bits: Annotated[int, Field(strict=True, ge=3, le=12)]
+    id: Annotated[int, Field(strict=True, ge=0)]
     position_m: tuple[Finite, Finite] = (0.0, 0.0)  # centre: north, east
     heading_deg: Finite = 0.0  # of the print's top, clockwise from the pad's north
 
@@ -168,10 +169,12 @@ class PadLayout(Section):
     # How true the pad is to this file, 1 sigma. Printers and shops that cut vinyl keep half a per
     # cent, and an edge of ink or paint a millimetre; markers are laid with a tape measure; plywood
     # and composite plates of this size warp by a degree or two.
-    print_scale_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.007  # share of a marker's size
-    placement_sigma_m: Annotated[float, Field(ge=0, le=0.1)] = 0.003  # of a marker's centre
+    # share of a marker's size
+    print_scale_sigma: Annotated[float, Field(strict=True, ge=0, le=0.1)] = 0.007
+    # of a marker's centre
+    placement_sigma_m: Annotated[float, Field(strict=True, ge=0, le=0.1)] = 0.003
     # between the planes of landing point and marker
-    flatness_deg: Annotated[float, Field(ge=0, le=10)] = 1.5
+    flatness_deg: Annotated[float, Field(strict=True, ge=0, le=10)] = 1.5
 
     @property
     def rings(self) -> tuple[Ring, ...]:
@@ -233,7 +236,10 @@ def load_pad(path: Path) -> PadLayout:
     try:
         return PadLayout.model_validate(data)
     except ValidationError as e:
-        raise PadError(f"{path}: " + "; ".join(map(_in_words, e.errors()))) from None
+        errors = e.errors()
+        # Where no marker is right pydantic says, besides, that there are none.
+        counted = [error for error in errors if error["type"] != "too_short"] or errors
+        raise PadError(f"{path}: " + "; ".join(map(_in_words, counted))) from None
 
 
 def _in_words(error: ErrorDetails) -> str:

@@ -12,10 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from landerd.files import read_text
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Angle = Annotated[float, Field(ge=-360, le=360)]  # in degrees
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
+Angle = Annotated[float, Field(strict=True, ge=-360, le=360)]  # in degrees
 
 
 class Section(BaseModel):
@@ -24,11 +24,30 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class _Loader(yaml.SafeLoader):
-    """Reads 1e-05 as a number, which YAML 1.1 does not, and OpenCV's matrices as mappings.
+_OF_YAML_1_1 = {f"tag:yaml.org,2002:{name}" for name in ("bool", "int", "float", "timestamp")}
 
-    A key that is given twice is refused: of two diameters the last one would be flown on.
+
+class _Loader(yaml.SafeLoader):
+    """Reads YAML 1.2's plain scalars, and OpenCV's matrices as mappings.
+
+    Without the surprises of 1.1: 010 is ten, yes and 1:30 are text, 1e-05 is a number. A key that
+    is given twice is refused: of two diameters the last one would be flown on.
     """
+
+    # A copy without what 1.1 takes for a number, a truth or a date.
+    yaml_implicit_resolvers = {  # noqa: RUF012 - yaml.SafeLoader has it so
+        first: [(tag, pattern) for tag, pattern in resolvers if tag not in _OF_YAML_1_1]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep)
+        except ValueError:  # a tag that its text does not fit, or too many digits
+            raise yaml.constructor.ConstructorError(
+                problem=f"found {node.value!r:.40}, which is no {node.tag.rpartition(':')[2]}",
+                problem_mark=node.start_mark,
+            ) from None
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         names: set[str] = set()
@@ -42,11 +61,17 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+\Z", re.ASCII),
-    list("-+.0123456789"),
-)
+_DIGITS = list("-+.0123456789")
+for _name, _pattern, _first in (
+    ("bool", r"(true|True|TRUE|false|False|FALSE)\Z", list("tTfF")),
+    ("int", r"[-+]?\d+\Z", _DIGITS),
+    ("float", r"([-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?\.inf|\.nan)\Z", _DIGITS),
+    ("float", r"([-+]?\.(Inf|INF)|\.(NaN|Nan|NAN))\Z", _DIGITS),
+):
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_name}", re.compile(_pattern, re.ASCII), _first
+    )
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda _, node: int(node.value))
 _Loader.add_constructor(
     "tag:yaml.org,2002:opencv-matrix",
     yaml.SafeLoader.construct_yaml_map,  # type: ignore[type-var]
@@ -64,7 +89,9 @@ def read_mapping(path: Path, error: type[Exception], expected: str) -> dict[str,
     try:
         text = read_text(path)
         # OpenCV's FileStorage begins with a directive that YAML does not know.
-        data = yaml.load(re.sub(r"\A%YAML:1\.0", "", text), Loader=_Loader)
+        text = re.sub(r"\A\ufeff?%YAML:1\.0", "", text)
+        # `rostopic echo` ends each message with the beginning of another document.
+        data = yaml.load(re.sub(r"\n---\s*\Z", "\n", text), Loader=_Loader)
     except (OSError, UnicodeDecodeError) as e:
         reason = e.strerror if isinstance(e, OSError) else "not text"
         raise error(f"{path}: cannot be read: {reason}") from None

@@ -380,3 +380,42 @@ def test_a_fisheye_that_sees_behind_itself_is_not_told_to_become_one(tmp_path: P
     )
     with pytest.raises(CalibrationError, match="or with a lens of at most 160 degrees"):
         load_camera(path)
+
+
+@pytest.mark.parametrize("line", ["date: 2024-30-06", "date: 2024-02-30 10:00:00", "serial: 0x_"])
+def test_what_is_beside_a_calibration_may_look_like_a_wrong_date(tmp_path: Path, line: str) -> None:
+    assert load_camera(camera(tmp_path, f"{GOOD}{line}\n")).fx == 400.0
+
+
+@pytest.mark.parametrize("width", ["9" * 5000, "!!int wide", "1_000", "10:40", "yes"])
+def test_a_width_that_is_no_number_is_refused_in_one_line(tmp_path: Path, width: str) -> None:
+    path = camera(tmp_path, GOOD.replace("width: 640", f"width: {width}"))
+    with pytest.raises(CalibrationError) as e:
+        load_camera(path)
+    assert str(path) in str(e.value)
+    assert "\n" not in str(e.value)
+
+
+@pytest.mark.parametrize("model", ["[radtan]", "{a: b}"])
+def test_a_distortion_that_is_no_name_is_refused(tmp_path: Path, model: str) -> None:
+    with pytest.raises(CalibrationError, match="expected pinhole with one of"):
+        load_camera(camera(tmp_path, KALIBR.replace("radtan", model)))
+
+
+def test_a_thing_that_is_given_twice_is_refused_where_the_two_differ(tmp_path: Path) -> None:
+    assert load_camera(camera(tmp_path, f"{GOOD}width: 640\n")).width == 640
+    with pytest.raises(CalibrationError, match="width: image_width is given already"):
+        load_camera(camera(tmp_path, f"{GOOD}width: 1280\n"))
+
+
+def test_four_coefficients_are_of_a_lens_that_is_named(tmp_path: Path) -> None:
+    """OpenCV saves a fisheye's four like the first four of any other lens."""
+    k = [400.0, 0.0, 319.5, 0.0, 400.0, 239.5, 0.0, 0.0, 1.0]
+    text = f"width: 640\nheight: 480\nK: {k}\nD: [0.01, 0.02, 0.0, 0.0]\n"
+    with pytest.raises(CalibrationError, match="distortion_model: one of plumb_bob, equidistant"):
+        load_camera(camera(tmp_path, text))
+    assert load_camera(camera(tmp_path, f"{text}distortion_model: equidistant\n")).fisheye
+
+
+def test_what_rostopic_echo_prints_is_read(tmp_path: Path) -> None:
+    assert load_camera(camera(tmp_path, f"{GOOD}---\n")).fx == 400.0

@@ -3,6 +3,7 @@
 Of a real process where it is the process that matters; else of `main`, which is all that it runs.
 """
 
+import errno
 import os
 import re
 import signal
@@ -241,3 +242,14 @@ def test_a_configuration_that_is_not_here_is_looked_for_among_landerds_own(
     told, *faults = wrong_input(capsys, "sim", "-c", "thesis-gains.yaml", "--set", "a=1")
     assert told.startswith("thesis-gains.yaml: not here, landerd's own is taken: ")
     assert [fault for fault in faults if "unknown key" not in fault] == []
+
+
+def test_a_folder_that_may_not_be_entered_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    def locked(path: Path) -> bool:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(Path, "exists", locked)
+    assert main(["check", "-c", str(tmp_path / "mine.yaml")]) == 2
+    assert "mine.saved.yaml: cannot be read: Permission denied" in capsys.readouterr().err

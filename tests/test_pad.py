@@ -185,3 +185,37 @@ def test_a_square_twice_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(PadError, match="id 3 of APRILTAG_36h11 is on the pad twice"):
         load_pad(path)
+
+
+@pytest.mark.parametrize(
+    ("was", "instead"),
+    [
+        ("diameter_m: 1.0", "diameter_m: yes"),
+        ("diameter_m: 1.0", "diameter_m: 1:30"),
+        ("diameter_m: 1.0", "diameter_m: 1_0"),
+        ("diameter_m: 1.0", "diameter_m: '1.0'"),
+        ("diameter_m: 1.0", "diameter_m: 2024-02-30"),
+        ("diameter_m: 1.0", f"diameter_m: {'9' * 5000}"),
+        ("diameter_m: 1.0", "diameter_m: !!int wide"),
+        ("id: 0", "id: true"),
+        ("id: 0", "id: '0'"),
+        ("id: 0", "id: 0.0"),
+    ],
+)
+def test_what_is_no_number_is_not_made_one(tmp_path: Path, was: str, instead: str) -> None:
+    with pytest.raises(PadError, match=r"pad\.yaml") as e:
+        load(tmp_path, GOOD.replace(was, instead))
+    assert "\n" not in str(e.value)
+
+
+def test_an_id_is_decimal_and_a_name_like_a_date_is_text(tmp_path: Path) -> None:
+    text = GOOD.replace("id: 0", "id: 010").replace("name: test", "name: 2024-02-30")
+    layout = load(tmp_path, text)
+    assert layout.squares[0].id == 10
+    assert layout.name == "2024-02-30"
+
+
+def test_a_wrong_marker_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    with pytest.raises(PadError, match="looks the same") as e:
+        load(tmp_path, f"name: test\nmarkers:\n{CODE.replace('id: 5', 'id: 21')}{PLATE}")
+    assert "at least" not in str(e.value)

@@ -29,6 +29,7 @@ from landerd.printing.svg import outline_svg, svg
 _Sheets = dict[str, Any]  # what --json says of the paper
 
 _SHEET = "sheet"
+_MOST_SHEETS = 5000  # of paper: a pad of 15 m
 _SCALED = 0.03  # of the bar's length: no printer errs so far, a dialog that fits to the page does
 _SUFFIXES = (".pdf", ".svg", ".yaml")
 _NONE = ("0", "0mm")
@@ -210,6 +211,8 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     if not args.measured:
         return layout
     lengths_m = dict(args.measured)
+    if len(lengths_m) < len(args.measured):
+        raise InputError("--measured: one thing is given twice; give the mean")
     layout = measured(layout, lengths_m)
     if abs(1e3 * lengths_m.get(RULER, RULER_MM / 1e3) / RULER_MM - 1.0) > _SCALED:
         tell("ruler: 3 % and more off; was it printed at 100 %? It is taken as measured")
@@ -253,6 +256,11 @@ def _write_print(args: argparse.Namespace, layout: PadLayout) -> _Sheets:
         return {}
     paper = args.paper or (_SHEET if is_svg else "a4")
     tiles = None if paper == _SHEET else tiling(layout, paper, 1e3 * args.overlap)
+    if tiles is not None and tiles.sheets > _MOST_SHEETS:
+        raise InputError(
+            f"-o {args.output}: {tiles.sheets} sheets, more than {_MOST_SHEETS}; are the lengths "
+            "in the pad file metres?"
+        )
     document = one_sheet(layout) if tiles is None else tiled(layout, tiles)
     if is_svg:
         write_text(args.output, svg(document))

@@ -124,14 +124,17 @@ def _read(
     own: Path,
 ) -> Node:
     empty = Node(Place(shown(path)), path.absolute().parent, {})
-    path = path.resolve()
     try:
+        path = path.resolve()
         if path in including:
             raise OSError(0, "it includes itself")
         text = read_text(path)
     except (OSError, UnicodeDecodeError) as e:
         reason = e.strerror if isinstance(e, OSError) else "not text"
         faults.append(Fault(named_at, key, f"cannot be read: {reason}"))
+        return empty
+    except (ValueError, RuntimeError):  # a zero byte in its name; links in a circle
+        faults.append(Fault(named_at, key, "cannot be read: not a file name"))
         return empty
     tree = _Parser(empty.place, empty.folder, faults).parse(text)
     if tree is None:

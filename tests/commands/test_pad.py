@@ -351,3 +351,28 @@ def test_wrong_input_is_one_clear_line_and_nothing_is_written(
     assert len(told.err.splitlines()) == 1
     assert says in told.err
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["nested", "--measured", "ruler=99mm", "--measured", "ruler=98mm"], "given twice"),
+        (["in_mm.yaml"], "in the pad file metres"),
+    ],
+)
+def test_a_slip_is_refused(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    expected: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("in_mm.yaml").write_text(
+        "name: in millimetres\nmarkers: [{kind: whycon, outer_diameter_m: 1000}]\n"
+        "plate: {north_m: 620, south_m: 620, east_m: 620, west_m: 620}\n"
+    )
+    output = Path("out.yaml" if "--measured" in arguments else "out.pdf")
+    assert main(["pad", *arguments, "-o", str(output)]) == 2
+    assert expected in capsys.readouterr().err
+    assert not output.exists()

@@ -303,3 +303,11 @@ def test_an_include_that_is_not_beside_the_file_is_landerds_own(folder: Path) ->
     assert read_configuration(file).config.rc.gate_channel == 9
     write(folder / "default.yaml", "rc: {gate_channel: 8, gate_threshold_us: 1600}\n")
     assert read_configuration(file).config.rc.gate_threshold_us == 1600
+
+
+def test_an_include_that_is_no_file_name_or_leads_in_a_circle_is_a_fault(folder: Path) -> None:
+    (folder / "circle.yaml").symlink_to("circle.yaml")
+    for name in (r'"a\0b"', "circle.yaml"):
+        (folder / "mine.yaml").write_text(f"include: [{name}]\n")
+        with pytest.raises(ConfigError, match=r"mine\.yaml:1: include: .*: cannot be read"):
+            load(folder / "mine.yaml", options_models=OPTIONS)
