@@ -39,6 +39,9 @@ MOMENT_S = 0.3
 # pad: as low over one as contact is believed, and going with it, nothing flies for so long.
 RESTS_MPS = 0.1
 RESTS_S, RESTS_HIGHER_S = 0.35, 1.0
+# What is seen of the height tells up and down where the autopilot's climb rate is wrong; over so
+# long, s, its noise of some millimetres is less than RESTS_MPS. Chosen by hand.
+HEIGHT_CHANGES_S = 0.3
 # What stands on a pad and is so much slower than that was, m/s, has slid off, or its pad has
 # braked: it is looked at and followed once more.
 LEFT_BEHIND_MPS = 1.5
@@ -79,6 +82,9 @@ class Sight:
     heading: float | None  # of the pad, local, rad; None: not known
     lean: float  # of the airframe from how it would stand on the pad, rad
     pad_down: float  # local z of the landing point, m
+    # The autopilot's height contradicts its climb rate: what it is ordered up or down it flies
+    # otherwise, and a pad that stands seems to rise or to sink.
+    climbs_otherwise: bool
 
 
 class LandingContext:
@@ -127,6 +133,7 @@ class LandingContext:
         # On the pad, as far as is seen: since then, and low enough for it, s.
         self._rests_since = self._rests_low_since = math.inf
         self._may_rest = False  # there, for all that is known of its velocities
+        self._height_m: float | None = None  # over the pad as seen, smoothed
         self._began = math.inf  # this landing, without having come to commit since, s
         self._sigma_bearing = math.radians(config.estimation.gimbal_sigma_deg)
         self._descents_broken_off = 0
@@ -148,12 +155,10 @@ class LandingContext:
         limit = self.options.lost.after_s - min(step.dt, MAX_STEP_S)
         if vehicle is None or pad is None or not age < limit:
             return None
-        # A pad that seems to sink with it would be followed down.
-        if self.estimator.poses.climbs_otherwise(step.now):
-            return None
         relative = self.relative(vehicle, pad)
         lean = angle_between(vehicle.down, pad.normal)
-        return Sight(relative, age, pad.heading, lean, pad.position[2])
+        otherwise = self.estimator.poses.climbs_otherwise(step.now)
+        return Sight(relative, age, pad.heading, lean, pad.position[2], otherwise)
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""
@@ -204,6 +209,7 @@ class LandingContext:
         if sight is None:
             self._rests_since = self._rests_low_since = math.inf
             self._may_rest = False
+            self._height_m = None
             return
         self._pad_seen = step.now, sight.pad_down
         relative, o = sight.relative, self.options
@@ -212,7 +218,9 @@ class LandingContext:
         )
         # Just begun, it may not know yet how the lens errs; the autopilot knows what stands.
         is_low = relative.least_height <= BUILD_ERROR_M or self.landed is Landed.ON_GROUND
-        up, across = abs(relative.error_rate[2]), horizontal(relative.error_rate)
+        changes = self._height_rate(relative.height, step.dt)
+        up = abs(changes if sight.climbs_otherwise else relative.error_rate[2])
+        across = horizontal(relative.error_rate)
         rests = is_there and up < RESTS_MPS and across < o.descent.commit_slip_mps
         # The first pictures after a while without any tell little of the pad's velocity.
         self._may_rest = (
@@ -223,6 +231,12 @@ class LandingContext:
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
         is_low = is_low and rests
         self._rests_low_since = min(self._rests_low_since, step.now) if is_low else math.inf
+
+    def _height_rate(self, height: float, dt: float) -> float:
+        """Return how fast the height over the pad is seen to change lately, m/s; up is positive."""
+        last = height if self._height_m is None else self._height_m
+        self._height_m = last + min(1.0, dt / HEIGHT_CHANGES_S) * (height - last)
+        return (height - self._height_m) / HEIGHT_CHANGES_S
 
     def rests(self, now: float) -> bool:
         """Tell whether it is seen to have rested on the pad for some time."""
@@ -237,12 +251,15 @@ class LandingContext:
         """
         rests = self.rests(now)
         waits = self.hold_asked if rests else self._may_rest
+        waits = waits or (self.sight is not None and self.sight.climbs_otherwise)
         return self.sight is not None and not waits
 
     def why_not_begun(self, now: float) -> str:
         """Return why no landing begins although it may fly, for the pilot."""
         if self.sight is None:
             return self.why_blind(now)
+        if self.sight.climbs_otherwise:
+            return pilot_texts.WRONG_CLIMB_RATE
         return pilot_texts.HOLDS_IN_THE_AIR if self.hold_asked else pilot_texts.MAY_STAND
 
     def stands(self, now: float) -> bool:

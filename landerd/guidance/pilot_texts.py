@@ -10,6 +10,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
+| its climb rate is wrong, again after REMIND_S | WARNING | WRONG_CLIMB_RATE, and what is done |
 | velocities are not flown as ordered, every `state_flying.UNFOLLOWED_S` | WARNING | UNFOLLOWED |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |

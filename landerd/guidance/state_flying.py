@@ -61,6 +61,8 @@ class Tracking:
         self._outside_t = -math.inf  # when it was last seen outside the descent region, s
         self._seen_from = 0.0  # in sight without a break since then, s
         self._followed_t = 0.0  # when the vehicle last flew as it was ordered, s
+        # Over the pad when the climb rate was found to be wrong, m; None: it is right.
+        self._held_m: float | None = None
 
     def enter(self, step: ControlStep) -> None:
         """Begin a landing, from the velocity that the vehicle has, or go on with it."""
@@ -88,6 +90,12 @@ class Tracking:
             is_low = context.just_over_fast_pad or context.sinks_onto_fast_pad
             return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
         self._context.tracked_t = step.now
+        rests = sight.climbs_otherwise and self._context.rests(step.now)
+        if rests and self._context.orders.climbs and not self._context.hold_asked:
+            # Its climb rate is wrong: that it was told to climb does not say that it will.
+            north, east, _ = self._context.pad_velocity
+            self._context.orders.end_climb(north, east)
+            return None
         if self._context.stands(step.now) and not self._context.hold_asked:
             self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS
@@ -103,12 +111,22 @@ class Tracking:
         velocity, yaw_rate = self._method.step(
             phases.phase, relative, floor_m, step.dt, widening=phases.widening
         )
-        if phases.goes_around:
+        climbs, heave = phases.goes_around, relative.heave
+        if self._held_m is not None:
+            # What is ordered is not what is flown: sight alone shows how it sinks. A pad that seems
+            # to rise is given way to, for it is the vehicle that sinks; one that seems to sink is
+            # not followed. Low over it is no place to wait. It stays over the pad: one that stood
+            # still meanwhile came down half beside it.
+            heave = min(0.0, relative.pad_velocity[2])
+            velocity = (velocity[0], velocity[1], heave)
+            hold_m = max(self._held_m, o.descent.retry_height_m)
+            climbs = relative.height < o.descent.retry_height_m
+        if climbs:
             # From a deck that comes up it climbs as fast.
-            velocity = (velocity[0], velocity[1], min(0.0, relative.heave) - o.lost.climb_mps)
+            velocity = (velocity[0], velocity[1], min(0.0, heave) - o.lost.climb_mps)
         elif relative.height < hold_m:
             climb = min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
-            velocity = (velocity[0], velocity[1], relative.heave - climb)
+            velocity = (velocity[0], velocity[1], heave - climb)
         # Were this the last order, the autopilot's own timeout must stop the vehicle in time, also
         # where it is lower than it seems.
         safe = safe_sink_rate(
@@ -130,9 +148,10 @@ class Tracking:
         is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
         is_blind = phases.is_blind(relative, sight.age)
         may_descend = is_inside and is_sure and not is_blind and relative.height > floor_m
+        may_descend = may_descend and not sight.climbs_otherwise
         # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
         seen_m = relative.height + context.estimator.doubt.off_m
-        if phases.goes_around and seen_m < o.descent.commit_height_m:
+        if climbs and seen_m < o.descent.commit_height_m:
             # With the pad: a deck that comes up may have its feet, and they would be dragged.
             north, east, _ = relative.pad_velocity
             context.orders.climb_away(north, east)
@@ -162,7 +181,10 @@ class Tracking:
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
         phases.watch(sight.lean, relative, step.dt)
-        phase, why = phases.step(relative, sight.age, may_land=not context.hold_asked)
+        may_land = not context.hold_asked and not sight.climbs_otherwise
+        phase, why = phases.step(relative, sight.age, may_land=may_land)
+        if self._wait_out(sight):
+            return Event.NO_LANDING_POSSIBLE if context.tried_enough else None
         context.orders.enter(phase, why)
         self._tell_of_hold(phase, relative)
         if phases.goes_around and not went_around:
@@ -178,6 +200,21 @@ class Tracking:
         elif step.now - self._heading_t > context.options.lost.give_up_s:
             return Event.NO_LANDING_POSSIBLE if phases.leans else Event.HEADING_NOT_SEEN
         return Event.COMMITS if phase is Phase.LANDED else None
+
+    def _wait_out(self, sight: Sight) -> bool:
+        """Tell whether a wrong climb rate is waited out; count the abort, once."""
+        if not sight.climbs_otherwise:
+            self._held_m = None
+            return False
+        context, orders = self._context, self._context.orders
+        why, what = pilot_texts.WRONG_CLIMB_RATE, pilot_texts.HOLDING
+        text = pilot_texts.BLIND.format(why=why, what=what)
+        orders.enter(Phase.NOT_LANDING, text)
+        orders.say(Severity.WARNING, text, every_s=pilot_texts.REMIND_S)
+        if self._held_m is None:
+            self._held_m = sight.relative.height
+            context.break_off()
+        return True
 
     def _tell_of_hold(self, phase: Phase, relative: RelativeState) -> None:
         """Tell the pilot, once, that it is where he asked to hold and waits for him."""

@@ -92,3 +92,35 @@ def test_a_climb_rate_that_is_a_little_off_is_landed_with() -> None:
     flight.told_to_sink = 0.2
     flight.until_contact()
     assert flight.lander.aborts == 0
+
+
+def test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight() -> None:
+    """As of ArduCopter with accelerometers off the other way: it touched at 0.9 m/s, told to climb.
+
+    It is told what will not do to hold, but for what is seen of the pad.
+    """
+    flight = Flight().engaged().until(Phase.DESCENT)
+    while flight.height > 6.0:
+        flight.run(0.1)
+    flight.told_to_sink = -0.9
+    while pilot_texts.WRONG_CLIMB_RATE not in flight.lander.reason:
+        flight.tick()
+    flight.run(1.0)  # it sank with what it was ordered before
+    height = flight.height
+    assert height > 2.0
+    flight.run(8.0)
+    assert flight.height > height - 0.2
+    assert flight.contact_t is None
+    flight.told_to_sink = 0.0
+    flight.until_contact()
+    assert flight.lander.aborts == 1
+
+
+def test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there() -> None:
+    flight = Flight().engaged().until(Phase.DESCENT)
+    flight.told_to_sink = -2.5
+    while flight.contact_t is None:
+        flight.run(0.1)
+    assert pilot_texts.WRONG_CLIMB_RATE in flight.lander.reason
+    flight.run(1.5)
+    assert flight.lander.phase is Phase.LANDED
