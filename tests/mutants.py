@@ -520,6 +520,13 @@ MUTANTS = [
         "guidance/test_tracking_method.py::test_a_large_gain_of_the_heading_does_not_swing_about_it",
     ),
     Mutant(
+        "3: flies a vehicle whose attitude follows late with any gain",
+        TRACKING,
+        "(ATTITUDE_AT_KP_1_S / vehicle.attitude_time_constant_s) ** 2,",
+        "math.inf,",
+        "guidance/test_tracking_method.py::test_a_vehicle_whose_attitude_follows_late_comes_to_rest_over_the_pad",
+    ),
+    Mutant(
         "2: the noise of one picture's axes teaches an error of the lens",
         "landerd/estimation/pad_filter.py",
         "return new._replace(about_x=x, about_y=y)",
@@ -1108,10 +1115,25 @@ MUTANTS = [
     Mutant(
         "5: a climb rate that the height contradicts is flown down on",
         "landerd/guidance/landing_context.py",
-        "if self.estimator.poses.climbs_otherwise(step.now):",
-        "if False:",
+        "otherwise = self.estimator.poses.climbs_otherwise(step.now)",
+        "otherwise = False",
         "guidance/test_health.py"
         "::test_a_climb_rate_that_the_height_contradicts_is_not_flown_down_on",
+    ),
+    Mutant(
+        "5: held by the autopilot's climb rate where that is wrong",
+        "landerd/guidance/state_flying.py",
+        "hold_m = max(self._held_m, o.descent.retry_height_m)",
+        "pass",
+        "guidance/test_health.py"
+        "::test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight",
+    ),
+    Mutant(
+        "5: told to climb as it stands on the pad with a wrong climb rate",
+        "landerd/guidance/landing_context.py",
+        "up = abs(changes if sight.climbs_otherwise else relative.error_rate[2])",
+        "up = abs(relative.error_rate[2])",
+        "guidance/test_health.py::test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there",
     ),
 ]
 

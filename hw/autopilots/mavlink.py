@@ -47,6 +47,7 @@ _ACCELERATION = ("autopilot.acceleration_mps2", 0.5, 10.0)
 _VERTICAL_ACCELERATION = ("autopilot.vertical_acceleration_mps2", 0.3, 5.0)
 _JERK = ("autopilot.jerk_mps3", 1.0, 50.0)
 _VERTICAL_JERK = ("autopilot.vertical_jerk_mps3", 1.0, 50.0)
+_ATTITUDE = ("autopilot.attitude_time_constant_s", 0.01, 2.0)
 _CORE_PARAMETERS: dict[str, tuple[float, tuple[str, float, float]]] = {
     "GUID_TIMEOUT": (1.0, ("autopilot.guided_timeout_s", 0.1, 3600.0)),
     "WPNAV_ACCEL": (0.01, _ACCELERATION),
@@ -59,6 +60,7 @@ _CORE_PARAMETERS: dict[str, tuple[float, tuple[str, float, float]]] = {
     "PSC_JERK_Z": (1.0, _VERTICAL_JERK),
     "PSC_JERK_D": (1.0, _VERTICAL_JERK),
     "PSC_D_JERK": (1.0, _VERTICAL_JERK),
+    "ATC_INPUT_TC": (1.0, _ATTITUDE),
 }
 _ASK_S = 5.0  # they are asked for again until they are told
 _TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry

@@ -107,6 +107,8 @@ class AutopilotSection(Section):
     vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0
     jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
     vertical_jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
+    # time constant of its attitude (ATC_INPUT_TC), until it tells that too
+    attitude_time_constant_s: Annotated[float, Field(ge=0.01, le=2)] = 0.15
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
     signing_key: Path | None = None  # file with the key of signed messages; None: unsigned

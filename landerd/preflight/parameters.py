@@ -20,6 +20,9 @@ LONGEST_TIMEOUT_S = 1.0  # of the autopilot's, after which it stops by itself
 # Acceleration over jerk, s: how late a velocity is answered. In the simulator a landing on a pad of
 # 5 m/s took 14 s at 0.5 s, 15 s at 0.8, 19 s at 1.3 and 28 s at 2.1.
 LATEST_S = 0.8
+# Time constant of the attitude, s: in SITL ArduCopter's own velocities overshot by 3 % with 0.15,
+# by 9 with 0.3 and by 20 to 25 with 0.5, to and fro for ten seconds.
+ATTITUDE, SLOWEST_ATTITUDE_S, GOOD_ATTITUDE_S = "ATC_INPUT_TC", 0.3, 0.2
 # Of GUID_OPTIONS: velocity is not held. In SITL ArduCopter then drifted at 0.1 m/s whatever was
 # ordered, and never came to the pad; with 16, position is not held, it landed as ever.
 VELOCITY_NOT_HELD = 1 << 5
@@ -74,7 +77,7 @@ def judged_parameters(config: Config) -> Mapping[str, Rule]:
 
 def asked_parameters(config: Config) -> list[str]:
     """Return the names of all parameters that `parameter_findings` looks at."""
-    return [*judged_parameters(config), *_ACCELERATIONS, *_JERKS]
+    return [*judged_parameters(config), *_ACCELERATIONS, *_JERKS, ATTITUDE]
 
 
 def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Finding]:
@@ -87,7 +90,7 @@ def parameter_findings(config: Config, values: Mapping[str, float]) -> list[Find
             if name == "GUID_TIMEOUT":
                 what += _where_it_strikes(config, values[name])
             found.append(Finding(rule.level, "parameters", what, f"set {name} {rule.best:g}"))
-    found += _shaping(config, values)
+    found += _shaping(config, values) + _attitude(values)
     told = {*values, *(old for old, new in SUCCESSORS.items() if new in values)}
     told |= {new for old, new in SUCCESSORS.items() if old in values}
     missing = [name for name in rules if name not in told]
@@ -121,3 +124,12 @@ def _shaping(config: Config, values: Mapping[str, float]) -> list[Finding]:
             mend = f"set {name} {max(5, math.ceil(acceleration / LATEST_S))}"
             return [Finding("warn", "parameters", what, mend)]
     return []
+
+
+def _attitude(values: Mapping[str, float]) -> list[Finding]:
+    """Return what is wrong with how late the autopilot lets the attitude follow."""
+    time_s = values.get(ATTITUDE, 0.0)
+    if not time_s > SLOWEST_ATTITUDE_S:
+        return []
+    what = f"{ATTITUDE} is {time_s:g}: it leans so late that its velocities swing: slow landings"
+    return [Finding("warn", "parameters", what, f"set {ATTITUDE} {GOOD_ATTITUDE_S:g}")]

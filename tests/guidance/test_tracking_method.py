@@ -6,7 +6,7 @@ from hw.sim.options import ResponseOptions
 from hw.sim.physics.response import STEP_S, HorizontalResponse, MeasuredYawResponse
 from landerd.config.models import Config
 from landerd.config.parameters import with_value
-from landerd.geometry import Vec3, add, horizontal, scale, sub
+from landerd.geometry import Vec3, add, clamp, horizontal, scale, sub
 from landerd.guidance.limits import Limiter, flyable_limits
 from landerd.guidance.tracking_method import TrackingMethod
 from landerd.messages import Phase
@@ -155,6 +155,30 @@ def test_a_vehicle_that_answers_late_up_and_down_brakes_its_descent_sooner() -> 
     assert slow < quick - 0.2
 
 
+class LateAttitude:
+    """One level axis of ArduCopter, its attitude a first-order lag behind what its loops ask for.
+
+    Its shaper orders velocity and acceleration, its position controller corrects them with SITL's
+    gains: PSC_POSXY_P 1, PSC_VELXY_P 2, _I 1 and _D 0.5.
+    """
+
+    def __init__(self, time_constant_s: float) -> None:
+        self._time_constant_s = time_constant_s
+        self._shaped = HorizontalResponse()
+        self._behind = self._integral = self._lean = 0.0  # m, m/s^2, m/s^2
+        self.velocity = 0.0
+
+    def step(self, order: float) -> None:
+        self._shaped.step(order, 0.0)
+        self._behind += STEP_S * (self._shaped.vn - self.velocity)
+        error = self._shaped.vn - self.velocity + self._behind
+        self._integral += STEP_S * error
+        asked = self._shaped.an + 2.0 * error + self._integral
+        asked += 0.5 * (self._shaped.an - self._lean)
+        self._lean += STEP_S / self._time_constant_s * (clamp(asked, -5.6, 5.6) - self._lean)
+        self.velocity += STEP_S * self._lean
+
+
 def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> None:
     """Over a pad at 10 m/s, with lags of 1.75 and 2.5 s: without compensation in twice the time."""
     for acceleration, jerk in ((3.5, 2.0), (5.0, 2.0)):
@@ -179,6 +203,24 @@ def test_a_vehicle_that_its_autopilot_lets_answer_slowly_comes_to_rest_too() -> 
             beyond = max(beyond, -error[0])
         assert abs(error[0]) < 0.3, shaping
         assert beyond < 0.3, shaping
+
+
+def test_a_vehicle_whose_attitude_follows_late_comes_to_rest_over_the_pad() -> None:
+    """ArduCopter's own velocities then swing: it flew to and fro over the pad for ever."""
+    slow = CONFIG.autopilot.model_copy(update={"attitude_time_constant_s": 0.4})
+    method = TrackingMethod(CONFIG.model_copy(update={"autopilot": slow}))
+    limiter, vehicle, position = Limiter(OPTIONS.limits), LateAttitude(0.4), -6.0
+    seen_late, off = [situation(6.0, 5.0)] * 2, []
+    for _ in range(round(20.0 / DT)):
+        error, rate = (-position, 0.0, 5.0), (-vehicle.velocity, 0.0, 0.0)
+        seen_late.append(situation(error=error, rate=rate))
+        wanted, _ = method.step(Phase.DESCENT, seen_late.pop(0), 4.9, DT)
+        north, _, _ = limiter.step(wanted, 0.0, DT, may_descend=False).velocity
+        for _ in range(round(DT / STEP_S)):
+            vehicle.step(north)
+            position += STEP_S * vehicle.velocity
+        off.append(abs(position))
+    assert max(off[3 * len(off) // 4 :]) < OPTIONS.descent.k1_m
 
 
 def test_a_pad_that_stops_is_not_flown_after_as_if_it_drove_on() -> None:

@@ -79,3 +79,14 @@ def test_other_options_of_guided_are_as_you_wish(options: float) -> None:
     values = SOUND | {"ARMING_CHECK": 1.0, "GUID_OPTIONS": options}
     (finding,) = parameter_findings(CONFIG, values)
     assert finding.level == "ok"
+
+
+@pytest.mark.parametrize(("time_s", "level"), [(0.15, "ok"), (0.3, "ok"), (0.5, "warn")])
+def test_an_attitude_that_follows_late_is_told(time_s: float, level: str) -> None:
+    """ArduCopter in SITL then overshoots its velocities by a fifth, to and fro for ten seconds."""
+    values = SOUND | {"ARMING_CHECK": 1.0, "ATC_INPUT_TC": time_s}
+    (finding,) = parameter_findings(CONFIG, values)
+    assert finding.level == level
+    if level == "warn":
+        (again,) = parameter_findings(CONFIG, values | {"ATC_INPUT_TC": float(finding.mend[-3:])})
+        assert again.level == "ok"

@@ -129,6 +129,7 @@ class SimAutopilot:
             "WPNAV_ACCEL_Z": 100.0 * parameters.wpnav_accel_z_mps2,
             "PSC_JERK_XY": parameters.psc_jerk_xy_mps3,
             "PSC_JERK_Z": parameters.psc_jerk_z_mps3,
+            "ATC_INPUT_TC": parameters.atc_input_tc_s,
         }
         self._mount: Mount | None = None
         self.pilot = PilotRadio(options.rc_channels)

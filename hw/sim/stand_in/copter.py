@@ -45,6 +45,7 @@ class CopterParameters:
     wpnav_accel_z_mps2: float = 1.0
     psc_jerk_xy_mps3: float = 5.0  # PSC_JERK_XY
     psc_jerk_z_mps3: float = 5.0
+    atc_input_tc_s: float = 0.15  # ATC_INPUT_TC
     land_speed_mps: float = 0.5  # LAND_SPEED
     rtl_alt_m: float = 15.0  # RTL_ALT, over home
     wp_yaw_behavior: int = 2  # 0: never turn by itself; 2: the nose into the course
