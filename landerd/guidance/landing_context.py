@@ -169,8 +169,6 @@ class LandingContext:
         stale = self.estimator.stale(now)
         if stale is not None:
             return pilot_texts.STALE[stale]
-        if self.estimator.poses.climbs_otherwise(now):
-            return pilot_texts.WRONG_CLIMB_RATE
         limit = self.options.lost.after_s
         searched_t, frame_t = self.estimator.searched_t, self.estimator.frame_t
         # The newest picture may show the pad: then none has come that does not.

@@ -10,7 +10,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | a descent is broken off with the pad in sight | WARNING | the reason |
 | the switch must be low first (RC_LATCHED), again after REMIND_S | WARNING | the reason |
 | sight suffices still; again after REMIND_S | WARNING | MANY_REFUSED, LATE_PICTURES |
-| its climb rate is wrong, again after REMIND_S | WARNING | WRONG_CLIMB_RATE, and what is done |
+| its climb rate is wrong, again after REMIND_S | WARNING | WRONG_CLIMB_RATE |
 | velocities are not flown as ordered, every `state_flying.UNFOLLOWED_S` | WARNING | UNFOLLOWED |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |
@@ -78,6 +78,7 @@ OLD_SIGHT_CLIMBING = "pictures too old, climbing again"
 # Before it matters: the words say where to look.
 MANY_REFUSED = "many sightings refused: camera, gimbal?"
 LATE_PICTURES = "pictures come late: camera, computer?"
+WRONG_CLIMB_RATE = "climb rate wrong: EKF?"  # the height says otherwise
 UNFOLLOWED = "ordered {ordered:.0f} m/s, flies {flown:.0f}: autopilot?"
 
 # ---- out of sight ------------------------------------------------------------------------------
@@ -86,7 +87,6 @@ STALE: Mapping[str, str] = {  # by Estimator.stale
     "position": "position is stale",
     "gimbal": "gimbal angles are stale",
 }
-WRONG_CLIMB_RATE = "climb rate wrong: EKF?"  # the height says otherwise
 NO_PICTURES = "no pictures from the camera"
 OLD_PICTURES = "pictures come too late"
 NOT_IN_SIGHT = "pad not in sight"

@@ -2,7 +2,7 @@
 
 import math
 
-from landerd.geometry import Vec3, norm, sub
+from landerd.geometry import Vec3, clamp, norm, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext, Sight
 from landerd.guidance.lost import LostPlan
@@ -23,6 +23,9 @@ SLOW_WAVE_OFF_S = 2.0
 # it; and no higher over it the pilot is told that it is there, m.
 HOLD_KP = 1.5
 HOLD_TOLERANCE_M = 0.3
+# With a wrong climb rate it gives way to a pad that seems to rise the less, the higher it is, m:
+# where only what is told of the rate is wrong it would climb for as long.
+GIVES_WAY_M = 1.0
 # Low over the pad without a position it climbs for so long, s: at guidance.lost.climb_mps out of
 # the reach of a deck that heaves. It struck one that hovered 0.3 m over it.
 BLIND_CLIMB_S = 2.0
@@ -113,13 +116,11 @@ class Tracking:
         )
         climbs, heave = phases.goes_around, relative.heave
         if self._held_m is not None:
-            # What is ordered is not what is flown: sight alone shows how it sinks. A pad that seems
-            # to rise is given way to, for it is the vehicle that sinks; one that seems to sink is
-            # not followed. Low over it is no place to wait. It stays over the pad: one that stood
-            # still meanwhile came down half beside it.
-            heave = min(0.0, relative.pad_velocity[2])
-            velocity = (velocity[0], velocity[1], heave)
+            # Low over it is no place to wait. It stays over the pad: one that stood still meanwhile
+            # came down half beside it.
             hold_m = max(self._held_m, o.descent.retry_height_m)
+            heave = _given_way(relative, hold_m)
+            velocity = (velocity[0], velocity[1], heave)
             climbs = relative.height < o.descent.retry_height_m
         if climbs:
             # From a deck that comes up it climbs as fast.
@@ -207,8 +208,7 @@ class Tracking:
             self._held_m = None
             return False
         context, orders = self._context, self._context.orders
-        why, what = pilot_texts.WRONG_CLIMB_RATE, pilot_texts.HOLDING
-        text = pilot_texts.BLIND.format(why=why, what=what)
+        text = pilot_texts.WRONG_CLIMB_RATE
         orders.enter(Phase.NOT_LANDING, text)
         orders.say(Severity.WARNING, text, every_s=pilot_texts.REMIND_S)
         if self._held_m is None:
@@ -226,6 +226,20 @@ class Tracking:
             context.orders.enter(phase, pilot_texts.HOLDING_OVER)
             if not held:
                 context.orders.say(Severity.NOTICE, pilot_texts.HOLDING_OVER)
+
+
+def _given_way(relative: RelativeState, hold_m: float) -> float:
+    """Return the vertical velocity, m/s, that keeps a height where the climb rate is wrong.
+
+    What is ordered is not what is flown then: sight alone shows how it sinks. A pad that seems to
+    rise is given way to, for it is the vehicle that sinks; one that seems to sink is not followed.
+
+    Args:
+        relative: pad relative to vehicle.
+        hold_m: the height over the pad.
+    """
+    share = clamp((hold_m + GIVES_WAY_M - relative.height) / GIVES_WAY_M, 0.0, 1.0)
+    return share * min(0.0, relative.pad_velocity[2])
 
 
 class WavingOff:

@@ -21,7 +21,6 @@ WIDEST = {
 }
 BLIND_REASONS = (
     *pilot_texts.STALE.values(),
-    pilot_texts.WRONG_CLIMB_RATE,
     pilot_texts.NO_PICTURES,
     pilot_texts.OLD_PICTURES,
     pilot_texts.NOT_IN_SIGHT,
