@@ -31,6 +31,7 @@ _LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
 _MOST_CAMERAS = 1000  # a longer number is none's
 _READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
+_OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".gif", ".dng"}  # which OpenCV does not read
 
 
 class SourceError(Exception):
@@ -173,11 +174,17 @@ def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     path = Path(source)
+    if not source:
+        raise SourceError("'': expected an image, a folder, a video, a camera or a URL")
     if path.is_dir():
         try:
-            images = sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES)
+            files = sorted(path.iterdir())
         except OSError as e:
             raise SourceError(f"{source}: cannot be read: {e.strerror}") from None
+        images = [p for p in files if p.suffix.lower() in _IMAGES]
+        for file in files:
+            if file.suffix.lower() in _OTHER_IMAGES:
+                refuse(SourceError(f"{file}: not read; save it as PNG or JPEG"))
         if not images:
             raise SourceError(f"{source}: no images in this folder")
         for image in images:

@@ -204,6 +204,8 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     """
     if args.side is not None:
         return propose(args.side, args.seen_from, view)
+    if args.pad == "":  # as of a shell's variable that is not set
+        raise InputError("pad '': expected the name of a pad or a file")
     name = args.pad or _DEFAULT_PAD
     layout = load_pad(pad_path(name))
     for marker in reaching_out(layout):

@@ -143,6 +143,21 @@ def test_a_bad_source_is_one_clear_line(
     assert name in printed.err
 
 
+def test_no_source_is_not_the_working_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["detect", "", *FILES]) == 2
+    assert "expected an image" in capsys.readouterr().err
+
+
+def test_a_telephones_pictures_in_a_folder_are_not_passed_over(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "IMG_1.HEIC").write_text("not read")
+    assert main(["detect", str(folder), *FILES, "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.splitlines()[0].endswith("IMG_1.HEIC: not read; save it as PNG or JPEG")
+    assert "a.png" in printed.out
+
+
 def test_landerds_own_pad_and_calibration_are_taken_by_name(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -358,6 +358,7 @@ def test_wrong_input_is_one_clear_line_and_nothing_is_written(
     [
         (["nested", "--measured", "ruler=99mm", "--measured", "ruler=98mm"], "given twice"),
         (["in_mm.yaml"], "in the pad file metres"),
+        ([""], "expected the name of a pad"),
     ],
 )
 def test_a_slip_is_refused(
