@@ -37,11 +37,17 @@ def add_root(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dry-run", action="store_true", help="say each action and do none")
     parser.add_argument(
         "--root",
-        type=Path,
+        type=_system,
         default=_SYSTEM,
         metavar="DIR",
         help="another system's files, of an image: only files are written, no command is run",
     )
+
+
+def _system(text: str) -> Path:
+    if not Path(text).is_dir():  # an image that is not mounted would be written beside
+        raise argparse.ArgumentTypeError(f"{text}: no such folder")
+    return Path(text)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -106,6 +106,15 @@ def test_uninstalled_it_leaves_logs_configuration_and_what_is_not_ours(
     assert capsys.readouterr().out == "nothing left to do\n"
 
 
+def test_an_image_that_is_not_there_is_not_begun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        install(tmp_path / "mnt", "jetson")
+    assert "no such folder" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_without_root_it_says_so_and_does_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[int] = []
     monkeypatch.setattr("os.geteuid", lambda: 1000)
