@@ -24,6 +24,8 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+# A number, decimal, as a plain scalar of YAML 1.2: in pads, calibrations and configurations alike.
+NUMBER = r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"
 _OF_YAML_1_1 = {f"tag:yaml.org,2002:{name}" for name in ("bool", "int", "float", "timestamp")}
 
 
@@ -65,8 +67,7 @@ _DIGITS = list("-+.0123456789")
 for _name, _pattern, _first in (
     ("bool", r"(true|True|TRUE|false|False|FALSE)\Z", list("tTfF")),
     ("int", r"[-+]?\d+\Z", _DIGITS),
-    ("float", r"([-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?\.inf|\.nan)\Z", _DIGITS),
-    ("float", r"([-+]?\.(Inf|INF)|\.(NaN|Nan|NAN))\Z", _DIGITS),
+    ("float", rf"({NUMBER}|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|Nan|NAN))\Z", _DIGITS),
 ):
     _Loader.add_implicit_resolver(
         f"tag:yaml.org,2002:{_name}", re.compile(_pattern, re.ASCII), _first

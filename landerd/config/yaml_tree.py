@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from landerd.files import read_text
+from landerd.section import NUMBER
 
 Loc = tuple[str | int, ...]
 
@@ -270,7 +271,7 @@ class _Loader(yaml.BaseLoader):
         return super().compose_node(parent, index)
 
 
-_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(NUMBER, re.ASCII)
 
 
 def _scalar(text: str) -> bool | int | float | str | None:
