@@ -1,18 +1,16 @@
 """The cable between landerd and a real autopilot, where faults can lay hands on it."""
 
 import asyncio
-from collections.abc import Callable
 from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import memory_pair
+from hw.sim.tampering import Tampering
 from landerd.ports import ByteLink, DeviceLost
 
 _REOPEN_S = 0.1
-
-Tamper = Callable[[Message, Callable[[Message], None]], None]
 
 
 class Cable:
@@ -21,14 +19,13 @@ class Cable:
     Attributes:
         near: landerd's end.
         far: the autopilot's end; what the autopilot sends is written here, a message a write.
-        tamper: what becomes of messages on their way to landerd, by id: called with each and with
-            what sends it, now or later.
+        tampering: what becomes of messages on their way to landerd.
     """
 
     def __init__(self, link: ByteLink) -> None:
         """Link: of the autopilot."""
         self.near, self.far = memory_pair()
-        self.tamper: dict[int, Tamper] = {}
+        self.tampering = Tampering()
         self._link = link
         self._codec = MavlinkCodec(255, 0)  # only takes frames apart
 
@@ -50,14 +47,13 @@ class Cable:
     async def _down(self) -> None:
         while True:
             for message in self._codec.decode(await self._link.read()):
-                tamper = self.tamper.get(message.get_msgId())
-                if tamper is None:
-                    self.far.write(bytes(message.get_msgbuf()))
-                else:
-                    tamper(message, partial(self._send_as, message))
+                self.tampering.pass_on(message, partial(self._send_as, message))
 
     def _send_as(self, original: Message, message: Message) -> None:
-        """Send a message as from the original's sender, with its sequence number."""
+        """Send the original as it is, another as from its sender, with its sequence number."""
+        if message is original:
+            self.far.write(bytes(original.get_msgbuf()))
+            return
         sender = mavlink.MAVLink(None, original.get_srcSystem(), original.get_srcComponent())
         sender.seq = original.get_seq()
         self.far.write(message.pack(sender))

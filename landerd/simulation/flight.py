@@ -240,7 +240,7 @@ class Simulation:
             vehicle=Vehicle(
                 stand_in.link,
                 stand_in.autopilot_end,
-                stand_in.autopilot.tamper,
+                stand_in.autopilot.tampering,
                 stand_in.switch,
                 stand_in.pilot,
                 stand_in.autopilot,

@@ -218,7 +218,7 @@ class SitlFlight:
         cable = vehicle = None
         if options.faults:
             cable = Cable(self.link.side())
-            vehicle = Vehicle(cable.near, cable.far, cable.tamper, switch, pilot)
+            vehicle = Vehicle(cable.near, cable.far, cable.tampering, switch, pilot)
         self.simulation = simulation = Simulation(
             self._loaded,
             self._seed,

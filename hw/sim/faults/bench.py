@@ -8,7 +8,6 @@ from random import Random
 from typing import Protocol
 
 from hw.links.memory import MemoryLink
-from hw.sim.cable import Tamper
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.physics.world import World
@@ -16,6 +15,7 @@ from hw.sim.picture.camera import Renders, SimCamera
 from hw.sim.picture.view import Frustum
 from hw.sim.stand_in.autopilot import SimAutopilot
 from hw.sim.stand_in.switch import GateSwitch, Pilot
+from hw.sim.tampering import Tampering
 from landerd.pad import Plate
 from landerd.ports import Gimbal
 
@@ -50,7 +50,7 @@ class Vehicle:
 
     near: MemoryLink  # landerd's end of its link
     far: MemoryLink  # the autopilot's end
-    tamper: dict[int, Tamper]  # what becomes of the autopilot's messages, by id
+    tampering: Tampering  # what becomes of the autopilot's messages
     switch: GateSwitch
     pilot: Pilot
     stand_in: SimAutopilot | None = None  # None: a real autopilot flies

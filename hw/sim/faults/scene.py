@@ -10,10 +10,9 @@ from hw.sim.picture.other_pads import SecondPad
 
 @contextmanager
 def _seen_through(bench: Bench, renderer: Renders) -> Iterator[None]:
-    camera = bench.camera
-    before, camera.pictures = camera.pictures, renderer
+    bench.camera.show(renderer)
     yield
-    camera.pictures = before
+    bench.camera.hide(renderer)
 
 
 @contextmanager

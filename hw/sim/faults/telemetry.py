@@ -9,8 +9,8 @@ from contextlib import ExitStack, contextmanager
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import Message
-from hw.sim.cable import Tamper
 from hw.sim.faults.bench import Bench, Effect, goes_on, stand_in
+from hw.sim.tampering import Send, Tamper
 from landerd.geometry import wrap
 
 _WRAP_S = 2.0**32 / 1e3
@@ -29,9 +29,10 @@ _TIMESYNC: int = mavlink.MAVLINK_MSG_ID_TIMESYNC
 def _tampered(kind: int, tamper: Callable[[Bench, float], Tamper]) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        bench.vehicle.tamper[kind] = tamper(bench, severity)
+        does = tamper(bench, severity)
+        bench.vehicle.tampering.begin(kind, does)
         yield
-        bench.vehicle.tamper.pop(kind, None)
+        bench.vehicle.tampering.end(kind, does)
 
     return effect
 
@@ -53,7 +54,7 @@ def _frozen(kind: int) -> Effect:
     def tamper(bench: Bench, severity: float) -> Tamper:
         first: list[Message] = []
 
-        def repeat(message: Message, send: Callable[[Message], None]) -> None:
+        def repeat(message: Message, send: Send) -> None:
             first.append(message)
             again = copy.copy(first[0])
             again.time_boot_ms = message.time_boot_ms
@@ -69,7 +70,7 @@ def _changed(kind: int, change: Callable[[Bench, float, Message], None]) -> Effe
     """Return the fault that changes each message."""
 
     def tamper(bench: Bench, severity: float) -> Tamper:
-        def send_changed(message: Message, send: Callable[[Message], None]) -> None:
+        def send_changed(message: Message, send: Send) -> None:
             message = copy.copy(message)
             change(bench, severity, message)
             send(message)
@@ -182,14 +183,14 @@ def _reset(kind: int, name: str, least: float, most: float) -> Effect:
     def effect(bench: Bench, severity: float) -> Iterator[None]:
         off = bench.between(least, most, severity) * bench.rng.choice((-1.0, 1.0))
 
-        def send_off(message: Message, send: Callable[[Message], None]) -> None:
+        def send_off(message: Message, send: Send) -> None:
             message = copy.copy(message)
             for field in name.split():
                 value = getattr(message, field) + off
                 setattr(message, field, wrap(value) if field == "yaw" else value)
             send(message)
 
-        bench.vehicle.tamper[kind] = send_off
+        bench.vehicle.tampering.begin(kind, send_off)
         yield
 
     return effect

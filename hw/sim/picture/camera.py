@@ -77,7 +77,6 @@ class SimCamera:
 
     Attributes:
         faults: what is wrong with it.
-        pictures: makes them; may be changed at any time.
     """
 
     def __init__(
@@ -98,7 +97,7 @@ class SimCamera:
             seed: of all that jitters.
         """
         self.faults = CameraFaults()
-        self.pictures = renderer
+        self._scenes = [renderer]
         self._truth = truth
         self._options = options
         self._delivered = delivered
@@ -115,6 +114,19 @@ class SimCamera:
         self._line: deque[_Made] = deque()  # under way
         self._overtaken: _Made | None = None  # the next one comes before it
         self._behind: _Made | None = None  # it comes now
+
+    @property
+    def pictures(self) -> Renders:
+        """What makes its pictures."""
+        return self._scenes[-1]
+
+    def show(self, scene: Renders) -> None:
+        """See the world through this from now on."""
+        self._scenes.append(scene)
+
+    def hide(self, scene: Renders) -> None:
+        """See it through that no more; what was shown first need not be hidden last."""
+        self._scenes.remove(scene)
 
     async def open(self) -> None:
         """Start the stream. Raises DeviceLost."""

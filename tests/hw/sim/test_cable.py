@@ -27,7 +27,7 @@ def test_it_changes_what_it_is_told_to_and_passes_all_else_to_the_bit_also_after
         await asyncio.gather(side.open(), autopilot.open(), cable.near.open())
         running = asyncio.create_task(cable.run())
         await asyncio.sleep(0.1)
-        cable.tamper[LANDED_STATE] = on_ground
+        cable.tampering.begin(LANDED_STATE, on_ground)
         codec = MavlinkCodec(3, 1)
         sent = [
             mavlink.MAVLink_heartbeat_message(2, 3, 217, 4, 4, 3),

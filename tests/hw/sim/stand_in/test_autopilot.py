@@ -47,7 +47,8 @@ def test_nothing_streams_until_asked_and_then_at_the_exact_rate() -> None:
 def test_answers_to_timesync_are_lost_where_they_are_to_be(is_lost: bool) -> None:
     async def scene(f: Flight) -> None:
         if is_lost:
-            f.autopilot.tamper[mavlink.MAVLINK_MSG_ID_TIMESYNC] = lambda message, send: None
+            timesync = mavlink.MAVLINK_MSG_ID_TIMESYNC
+            f.autopilot.tampering.begin(timesync, lambda message, send: None)
         await f.connect()
         await asyncio.sleep(2.0)
         assert any(isinstance(m, ClockSync) for m in f.messages) is not is_lost
