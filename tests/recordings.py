@@ -48,6 +48,7 @@ def write_tlog(
     vehicle: int = mavlink.MAV_TYPE_QUADROTOR,
     boot_s: float = 5.0,
     at_s: float = 0.0,
+    mount_deg: tuple[float, float, float] | None = None,
 ) -> Path:
     """Write a telemetry log.
 
@@ -59,6 +60,7 @@ def write_tlog(
         vehicle: MAV_TYPE.
         boot_s: time since boot when it begins.
         at_s: Unix time when it begins, after some day in 2023.
+        mount_deg: yaw, pitch and roll of the gimbal as ArduPilot has them; None: not recorded.
     """
     encoder = mavlink.MAVLink(None, system, 1)
     data = b""
@@ -80,6 +82,9 @@ def write_tlog(
         latitude, longitude = place(t)
         fix = (round(1e7 * latitude), round(1e7 * longitude), 0, round(-1e3 * position[2]))
         add(t, mavlink.MAVLink_global_position_int_message(ms, *fix, 20, 10, 20, 0))
+        if mount_deg is not None:
+            pan, tilt, lean = (round(100.0 * angle) for angle in mount_deg)
+            add(t, mavlink.MAVLink_mount_status_message(0, 0, tilt, lean, pan))
     path.write_bytes(data)
     return path
 
@@ -153,6 +158,7 @@ def write_bin(
     estimator: int = 3,
     primary: int = 0,
     disarmed_s: float = 0.0,
+    mount_deg: tuple[float, float, float] = (5.0, -60.0, 0.0),
 ) -> Path:
     """Write a DataFlash log.
 
@@ -165,6 +171,7 @@ def write_bin(
         estimator: AHRS_EKF_TYPE; the other one that is recorded is 99 m off.
         primary: of the two cores; the other one is 99 m off.
         disarmed_s: so long it stood disarmed before, its attitude measured once a second.
+        mount_deg: yaw, pitch and roll of the gimbal as ArduPilot has them.
     """
     writer = BinWriter({name: form for name, form in formats.items() if name not in skip})
     writer.add("MSG", 7.0, Message=firmware)
@@ -183,7 +190,8 @@ def write_bin(
                 is_right = number == estimator and core == primary
                 writer.add(kind, boot, C=core, **(right if is_right else wrong))
         writer.add("XKF4", boot, PI=primary)
-        writer.add("MNT", boot, Pitch=-60.0, YawB=5.0)
+        yaw_deg, pitch_deg, roll_deg = mount_deg
+        writer.add("MNT", boot, Roll=roll_deg, Pitch=pitch_deg, YawB=yaw_deg)
         latitude, longitude = place(max(0.0, t))
         writer.add("POS", boot, Lat=latitude, Lng=longitude, Alt=400.0 - d, RelOriginAlt=-d)
         course = math.degrees(math.atan2(0.1, 0.2))

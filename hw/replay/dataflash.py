@@ -138,10 +138,11 @@ class DataFlash:
         data = self._data
         if data[at : at + 2] != MARKER or at + 2 >= len(data):
             return None
-        end = at + self._lengths.get(data[at + 2], len(data))
-        if end == len(data) or data[end : end + 2] == MARKER:
-            return end
-        return None
+        length = self._lengths.get(data[at + 2])
+        if length is None:
+            return None
+        end = at + length
+        return end if end == len(data) or data[end : end + 2] == MARKER else None
 
     def _next_record(self, at: int) -> int:
         """Return where the next good record begins, or the end."""

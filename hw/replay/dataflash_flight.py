@@ -5,7 +5,14 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 
 from hw.replay.dataflash import DataFlash, Record
-from hw.replay.recorded import FromPlaces, Recorded, Turning, is_place, position_track
+from hw.replay.recorded import (
+    FromPlaces,
+    Recorded,
+    Turning,
+    is_place,
+    mount_angles,
+    position_track,
+)
 from hw.replay.track import MAX_GAP_S, Track
 from landerd.geometry import Vec3, wrap
 
@@ -108,11 +115,10 @@ class _Flight:
         self._recorded.arming.append((m.t, bool(m.numbers["ArmState"])))
 
     def _mount(self, m: Record) -> None:
-        """MNT: angles of the camera, degrees; pitch, roll by the horizon, yaw by the airframe."""
+        """MNT: angles of the camera, degrees."""
         yaw = m.numbers.get("YawB", m.numbers.get("Yaw"))
         if m.numbers.get("I", 0) == 0 and yaw is not None:
-            angles = _radians(yaw, m.numbers["Pitch"], m.numbers["Roll"])
-            self._recorded.gimbal.add(m.t, angles)
+            self._recorded.gimbal.add(m.t, mount_angles(yaw, m.numbers["Pitch"], m.numbers["Roll"]))
 
     def _battery(self, m: Record) -> None:
         if m.numbers.get("Instance", m.numbers.get("Inst", 0)) == 0:

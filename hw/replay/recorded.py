@@ -5,8 +5,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from hw.replay.track import Track
-from landerd.geometry import Vec3, wrap
-from landerd.messages import Reference
+from landerd.geometry import Vec3, angles_zxy, rot_zyx, wrap
 
 EARTH_M = 6378137.0  # radius, WGS 84 equatorial
 _MOST_M = 1e6  # and m/s: nothing that a vehicle does
@@ -32,8 +31,7 @@ class Recorded:
     positions: dict[str, Track] = field(default_factory=dict)  # by source, the best one first
     places: Track = field(default_factory=Track)  # latitude, longitude, degrees
     gimbal: Track = field(default_factory=lambda: Track(angles=3, most=_MOST_RAD))
-    gimbal_reference: Reference = Reference.HORIZON
-    battery: Track = field(default_factory=Track)  # V, J (nan: not reported)
+    battery: Track = field(default_factory=Track)  # V, J (0: not reported)
     arming: list[tuple[float, bool]] = field(default_factory=list)
     other_vehicle: str | None = None  # what it is, if it is known not to be a copter
     is_copter: bool = False  # it is known to be one
@@ -81,6 +79,15 @@ def local(origin: tuple[float, float], latitude: float, longitude: float) -> tup
     north = math.radians(latitude - origin[0]) * EARTH_M
     cos = math.cos(math.radians(origin[0]))
     return north, math.radians(math.remainder(longitude - origin[1], 360.0)) * EARTH_M * cos
+
+
+def mount_angles(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Vec3:
+    """Return yaw, pitch and roll, rad, as a GimbalState has them.
+
+    ArduPilot composes those of a mount as yaw, pitch, roll; see hw.gimbals.mavlink_mount.
+    """
+    yaw, pitch, roll = map(math.radians, (yaw_deg, pitch_deg, roll_deg))
+    return angles_zxy(rot_zyx(yaw, pitch, roll))
 
 
 class Turning:

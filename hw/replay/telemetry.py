@@ -13,7 +13,6 @@ from hw.replay.dataflash_flight import read_dataflash
 from hw.replay.recorded import EARTH_M, Recorded, attitude_track, local, position_track
 from hw.replay.tlog_flight import read_tlog
 from hw.replay.track import Span, Track
-from landerd.messages import Reference
 
 LEAST_RATE_HZ = 2.0  # slower telemetry says too little between its measurements
 
@@ -36,8 +35,8 @@ class Telemetry:
         attitude: roll pitch yaw, rad, and body rates, rad/s.
         position: NED m, m/s.
         position_source: the kind of message it is from.
-        gimbal: yaw pitch roll, as `gimbal_reference`.
-        battery: V, J (nan: not reported).
+        gimbal: yaw pitch roll, rad; pitch and roll by the horizon, yaw by the airframe.
+        battery: V, J (0: not reported).
         armed: when it was armed, as far as it says so.
         says_armed: it says when it was armed and when not.
         origin: latitude, longitude of local (0, 0), degrees.
@@ -49,7 +48,6 @@ class Telemetry:
     position: Track = field(default_factory=position_track)
     position_source: str = ""
     gimbal: Track = field(default_factory=lambda: Track(angles=3))
-    gimbal_reference: Reference = Reference.HORIZON
     battery: Track = field(default_factory=Track)
     armed: tuple[Span, ...] = ()
     says_armed: bool = False
@@ -104,7 +102,6 @@ def read_telemetry(path: Path) -> Telemetry:
         position,
         source,
         recorded.gimbal,
-        recorded.gimbal_reference,
         recorded.battery,
         armed,
         bool(recorded.arming),

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from hw.autopilots.arducopter import VEHICLE_TYPES
 from hw.autopilots.mavlink_codec import Message
 from hw.replay.damage import Damage
-from hw.replay.recorded import FromPlaces, Recorded, is_place, position_track
+from hw.replay.recorded import FromPlaces, Recorded, is_place, mount_angles, position_track
 from landerd.geometry import angles_zxy, rotation
 
 _MARKER = re.compile(rb"[\xfd\xfe]")
@@ -182,10 +182,8 @@ class _Boot:
     def _mount(self, t: float, m: Message) -> None:
         """MOUNT_STATUS: hundredths of a degree."""
         if not self._has_device_attitude:
-            yaw, pitch, roll = (
-                math.radians(0.01 * v) for v in (m.pointing_c, m.pointing_a, m.pointing_b)
-            )
-            self.recorded.gimbal.add(t, (yaw, pitch, roll))
+            yaw, pitch, roll = (0.01 * v for v in (m.pointing_c, m.pointing_a, m.pointing_b))
+            self.recorded.gimbal.add(t, mount_angles(yaw, pitch, roll))
 
     def _device_attitude(self, t: float, m: Message) -> None:
         self._has_device_attitude = True

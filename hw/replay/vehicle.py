@@ -77,7 +77,7 @@ class RecordedVehicle:
             volts, joules = battery.values[self._battery]
             if self._battery % 5 == 0:
                 t = battery.times[self._battery]
-                messages.append(Battery(t, volts, joules or None))
+                messages.append(Battery(t, volts or None, joules or None))
             self._battery += 1
         return messages
 
@@ -92,7 +92,7 @@ class RecordedVehicle:
         if angles is None:
             return None
         yaw, pitch, roll = angles
-        return GimbalState(t, yaw, pitch, roll, self._telemetry.gimbal_reference)
+        return GimbalState(t, yaw, pitch, roll, Reference.HORIZON)
 
     def _turn(self, t: float) -> None:
         """Let the pretended gimbal follow its last order."""

@@ -3,6 +3,7 @@
 import csv
 import os
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 from landerd.messages import Frame
 
 TIMES = "times.csv"  # in a folder of images: NAME,SECONDS a line
+_RATE_FRAMES = 31  # that tell the rate of a video
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"}
 
 
@@ -56,11 +58,23 @@ def read_video(path: Path) -> Iterator[Frame]:
         capture.release()
 
 
+def rate_hz(path: Path) -> float | None:
+    """Return how many frames a second a video begins with; None: it has one only.
+
+    Raises:
+        VideoError: as `read_video`.
+    """
+    times = [frame.t for frame in islice(read_video(path), _RATE_FRAMES)]
+    length_s = times[-1] - times[0]
+    return (len(times) - 1) / length_s if length_s > 0.0 else None
+
+
 def _folder(path: Path) -> Iterator[Frame]:
     times = _times(path)
     first = times[0][0]
     for seq, (t, image_path) in enumerate(times):
-        image = cv2.imdecode(np.fromfile(image_path, np.uint8), cv2.IMREAD_GRAYSCALE)
+        data = np.fromfile(image_path, np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
         if image is None:
             raise VideoError(f"{image_path}: not an image that can be read")
         yield Frame(t - first, seq, np.asarray(image, dtype=np.uint8))

@@ -18,7 +18,7 @@ from hw.replay.telemetry import (
 )
 from hw.replay.track import MAX_GAP_S
 from hw.replay.vehicle import RecordedVehicle
-from hw.replay.video import VideoError, read_video
+from hw.replay.video import VideoError, rate_hz, read_video
 from landerd.analysis.orders_video import OrdersVideo, VideoNotWritten
 from landerd.camera_model import CalibrationError, CameraModel, load_camera
 from landerd.commands.shared import (
@@ -65,6 +65,7 @@ class _Flight:
     expose: Expose
     start: float
     end: float
+    fps: float  # of the pictures
     offset_s: float | None = None  # of the video's beginning after the telemetry's; None: no video
     offset_correlation: float | None = None  # None: the offset was given
     drawn_pad: Vec3 | None = None  # local NED, m; None: there is a video
@@ -174,13 +175,14 @@ def _flight(
     if args.video is None:
         pad = _pad(args, telemetry, loaded.config)
         drawn = drawn_pictures(loaded, layout, camera, vehicle, pad, start=start, fps=args.fps)
-        return _Flight(camera, vehicle, drawn.expose, start, end, drawn_pad=pad)
+        return _Flight(camera, vehicle, drawn.expose, start, end, args.fps, drawn_pad=pad)
     camera = _fitting(camera, args.video, loaded.config)
     offset, correlation = _offset(args, camera, vehicle, telemetry)
     begins = telemetry.start + offset
     filmed = VideoPictures(args.video, begins)
     start = max(start, begins)
-    return _Flight(camera, vehicle, filmed.expose, start, end, offset, correlation)
+    fps = rate_hz(args.video) or args.fps
+    return _Flight(camera, vehicle, filmed.expose, start, end, fps, offset, correlation)
 
 
 def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]:
@@ -258,7 +260,7 @@ def _fly(
     """
     not_written: list[str] = []
     recorder = _recorder(args.log, config, layout, flight.camera)
-    video = OrdersVideo(args.draw, flight.camera, layout, args.fps) if args.draw else None
+    video = OrdersVideo(args.draw, flight.camera, layout, flight.fps) if args.draw else None
     observers: list[Observer] = [each for each in (recorder, video) if each is not None]
     dry = DryRun(config, layout, flight.camera, observers)
     flight.vehicle.ordered = lambda: dry.gimbal

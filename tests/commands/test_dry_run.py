@@ -40,15 +40,33 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 def test_a_video_is_aligned_by_its_motion(
-    recording: Path, capsys: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    video = ("--video", str(recording / "video.avi"), "--gimbal", "0,-50")
+    film = tmp_path / "film.mp4"
+    video = ("--video", str(recording / "video.avi"), "--gimbal", "0,-50", "--draw", str(film))
     result = dry_run(capsys, "--telemetry", str(recording / "a.tlog"), *video)
     assert result["offset_s"] == pytest.approx(6.3, abs=0.1)
     assert result["frames"] == pytest.approx(10.7 * FPS, abs=3)
     assert result["frames_with_pad"] > 20
     assert result["setpoints"] > 50
     assert result["phases"][0]["name"] == "APPROACH"
+    assert played_hz(film) == pytest.approx(FPS, rel=0.02)
+
+
+def test_a_picture_without_anything_in_it_is_told_in_one_line(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "frame-0.0.png").touch()
+    video = ("--video", str(tmp_path), "--gimbal", "0,-50", "--offset", "6")
+    said = refused(capsys, "--telemetry", str(recording / "a.tlog"), *video)
+    assert said == f"{tmp_path}/frame-0.0.png: not an image that can be read"
+
+
+def played_hz(film: Path) -> float:
+    capture = cv2.VideoCapture(str(film))
+    rate = capture.get(cv2.CAP_PROP_FPS)
+    capture.release()
+    return rate
 
 
 def test_without_a_video_a_drawn_pad_is_landed_on(

@@ -9,6 +9,7 @@ import pytest
 
 from hw.replay.telemetry import Telemetry, TelemetryError, read_telemetry
 from hw.replay.track import Track
+from landerd.geometry import rot_zxy, rotate
 from tests.recordings import FORMATS_2014, ORIGIN, flown, place, write_bin, write_tlog
 
 Write = Callable[..., Path]
@@ -42,6 +43,17 @@ def test_the_mount_is_read(tmp_path: Path) -> None:
     telemetry = read_telemetry(write_bin(tmp_path / "a.bin"))
     angles = telemetry.gimbal.at(10.0)
     assert angles == pytest.approx((math.radians(5.0), math.radians(-60.0), 0.0))
+
+
+@BOTH
+def test_a_mount_that_rolls_looks_straight_down_where_ardupilot_says_so(
+    write: Write, boot_s: float, tmp_path: Path
+) -> None:
+    telemetry = read_telemetry(write(tmp_path / "a", mount_deg=(5.0, -90.0, 3.0)))
+    angles = telemetry.gimbal.at(boot_s + 5.0)
+    assert angles is not None
+    yaw, pitch, roll = angles
+    assert rotate(rot_zxy(yaw, roll, pitch), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 1.0))
 
 
 def test_places_on_earth_become_local(tmp_path: Path) -> None:
@@ -189,6 +201,16 @@ def test_zeros_at_its_start_cost_only_what_they_replace(
     telemetry = read_telemetry(path)
     assert telemetry.end == pytest.approx(boot_s + 19.9)
     assert "at its start" in telemetry.remarks[0]
+
+
+def test_a_bin_that_begins_with_a_record_of_an_unknown_kind_is_read_from_the_next_one_on(
+    tmp_path: Path,
+) -> None:
+    path = write_bin(tmp_path / "a.bin")
+    path.write_bytes(b"\xa3\x95\xfa" + bytes(20) + path.read_bytes())
+    telemetry = read_telemetry(path)
+    check(telemetry, 8.0)
+    assert "23 at its start" in telemetry.remarks[0]
 
 
 def test_a_bin_whose_formats_are_lost_is_refused_in_one_line(tmp_path: Path) -> None:
