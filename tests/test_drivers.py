@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hw.autopilots.mavlink import MavlinkAutopilot
-from landerd.config.files import config_dir
+from landerd.config.files import Loaded, config_dir
 from landerd.devices import SetUpError, make_devices
 from landerd.drivers import (
     DRIVERS,
@@ -46,7 +46,17 @@ def test_what_a_driver_names_is_there(section: str, name: str, driver: Driver) -
 def test_an_exposure_that_a_camera_does_not_have_is_refused(
     overrides: tuple[str, ...], said: str, tmp_path: Path
 ) -> None:
-    loaded = read_configuration(
+    with pytest.raises(SetUpError, match=said):
+        make_devices(with_camera(*overrides), tmp_path / "overlay.yaml")
+
+
+@pytest.mark.parametrize("driver", ["v4l2", "gstreamer", "picamera2"])
+def test_every_camera_may_find_its_own_exposure(driver: str, tmp_path: Path) -> None:
+    make_devices(with_camera("exposure=auto", f"driver={driver}"), tmp_path / "overlay.yaml")
+
+
+def with_camera(*overrides: str) -> Loaded:
+    return read_configuration(
         config_dir() / "default.yaml",
         overrides=[
             *(f"camera.{o}" for o in overrides),
@@ -54,8 +64,6 @@ def test_an_exposure_that_a_camera_does_not_have_is_refused(
             "autopilot.url=udpin:127.0.0.1:14999",
         ],
     )
-    with pytest.raises(SetUpError, match=said):
-        make_devices(loaded, tmp_path / "overlay.yaml")
 
 
 @pytest.mark.parametrize(("section", "name", "driver"), ALL)

@@ -26,8 +26,8 @@ class GstreamerOptions(Section):
     width: Annotated[int, Field(ge=16, le=8192)] = 1280
     height: Annotated[int, Field(ge=16, le=8192)] = 720
     fps: Annotated[float, Field(gt=0, le=300)] = 30.0
-    # Exposure set in source: the stamp is that of its start, the frame's time its middle.
-    exposure_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    # As source sets it; the stamp is of its start, the frame's time its middle. null: automatic
+    exposure_s: Annotated[float, Field(gt=0, le=0.1)] | None = None
     time_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0  # added to the frames' time
 
 
@@ -113,6 +113,7 @@ class GstreamerCamera:
             finally:
                 buffer.unmap(mapped)
             start_s = 1e-9 * (pipeline.get_base_time() + buffer.pts)
-            sigma_t = 0.0 if o.exposure_s > 0.0 else unknown_exposure_sigma(o.fps)
-            newest.put(image, start_s + 0.5 * o.exposure_s + o.time_offset_s, sigma_t)
+            half_s = 0.5 * (o.exposure_s or 0.0)
+            sigma_t = 0.0 if o.exposure_s else unknown_exposure_sigma(o.fps)
+            newest.put(image, start_s + half_s + o.time_offset_s, sigma_t)
         return self._gst.FlowReturn.OK
