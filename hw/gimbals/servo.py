@@ -70,10 +70,14 @@ class ServoOptions(Section):
     lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.08  # behind a slowly moving order
     imu: ImuOptions | None = None  # a sensor on the camera
 
+    @property
+    def axes(self) -> list[ServoAxisOptions]:
+        """The servos that there are, that for yaw first."""
+        return [axis for axis in (self.yaw, self.pitch) if axis is not None]
+
     def see_pulses_fit(self, frequency_hz: float) -> None:
         """See that the tables' pulses end before the next begins. Raises ValueError."""
-        axes = [axis for axis in (self.yaw, self.pitch) if axis is not None]
-        longest_us = max(pulse for axis in axes for _, pulse in axis.table)
+        longest_us = max(pulse for axis in self.axes for _, pulse in axis.table)
         if longest_us >= 1e6 / frequency_hz:
             raise ValueError(
                 f"frequency_hz: expected less than {1e6 / longest_us:.0f}, for the table's pulses "

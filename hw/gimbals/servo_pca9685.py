@@ -16,9 +16,10 @@ from hw.gimbals.servo import ServoGimbal, ServoOptions
 from landerd.ports import DeviceLost
 
 MODE1, LED0_ON_L, PRE_SCALE = 0x00, 0x06, 0xFE
-RESTART, AUTO_INCREMENT, SLEEP = 0x80, 0x20, 0x10
+AUTO_INCREMENT, SLEEP = 0x20, 0x10
 STEPS = 4096  # of one period
 LEAST_PRESCALE, MOST_PRESCALE = 3, 255  # 7.3.5
+_LAST_CHANNEL = 15
 
 
 class ServoPca9685Options(ServoOptions):
@@ -40,6 +41,9 @@ class ServoPca9685Options(ServoOptions):
             raise ValueError(
                 f"frequency_hz: expected {least:.1f} to {most:.0f} with this oscillator_hz"
             )
+        for axis in self.axes:
+            if axis.channel > _LAST_CHANNEL:
+                raise ValueError(f"channel: found {axis.channel}, expected 0 to {_LAST_CHANNEL}")
         self.see_pulses_fit(self.frequency_hz)
         return self
 

@@ -44,11 +44,11 @@ async def ask(question: str) -> None:
     Raises:
         InputError: nobody can answer.
     """
-    import asyncio
+    from landerd.worker import in_thread
 
     print(question)
     try:
-        await asyncio.get_running_loop().run_in_executor(None, input, "Press Enter when it is so. ")
+        await in_thread(lambda: input("Press Enter when it is so. "), "prompt")
     except EOFError:
         raise InputError("nobody can press Enter: standard input has ended") from None
 

@@ -231,6 +231,8 @@ class Recorder:
         self._end()
         self._head = replace(self._head, config=config)
         self._idle_part = None
+        self._dropped.clear()
+        self._dropped_written = Dropped(0, 0, 0, 0)
         path = self._path()
         path.parent.mkdir(parents=True, exist_ok=True)
         self._files = self._new_files(path, self._mavlink() if self._mavlink is not None else None)

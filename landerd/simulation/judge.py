@@ -161,5 +161,4 @@ def _servo_outputs(loaded: Loaded) -> frozenset[int]:
     options = loaded.options.get(f"gimbal.{loaded.config.gimbal.driver}")
     if not isinstance(options, ServoMavlinkOptions):
         return frozenset()
-    axes = (options.yaw, options.pitch)
-    return frozenset(axis.channel for axis in axes if axis is not None)
+    return frozenset(axis.channel for axis in options.axes)

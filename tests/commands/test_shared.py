@@ -1,8 +1,11 @@
+import asyncio
+import threading
+import time
 from pathlib import Path
 
 import pytest
 
-from landerd.commands.shared import InputError, check_folder, check_output, refusing
+from landerd.commands.shared import InputError, ask, check_folder, check_output, refusing
 
 
 def test_only_the_errors_that_were_named_become_wrong_input() -> None:
@@ -32,3 +35,26 @@ def test_files_that_cannot_be_written_are_refused_with_the_flag(tmp_path: Path) 
     check_folder(tmp_path / "a.yaml")
     with pytest.raises(InputError, match=r"^-o .*none/a.yaml: its folder does not exist$"):
         check_folder(tmp_path / "none" / "a.yaml")
+
+
+def test_nobody_waits_for_an_answer_that_is_not_wanted_any_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After Ctrl-C the command ended only when Enter was pressed, too."""
+    pressed = threading.Event()
+    monkeypatch.setattr("builtins.input", lambda _: str(pressed.wait(5.0)))
+    began = time.monotonic()
+    with pytest.raises(TimeoutError):
+        asyncio.run(asyncio.wait_for(ask("Lay the pad down."), 0.1))
+    took_s = time.monotonic() - began
+    pressed.set()
+    assert took_s < 2.0
+
+
+def test_without_anybody_to_answer_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(_: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", ended)
+    with pytest.raises(InputError, match="nobody can press Enter"):
+        asyncio.run(ask("Lay the pad down."))

@@ -194,6 +194,18 @@ def test_a_message_that_cannot_be_written_costs_only_itself(tmp_path: Path) -> N
     assert log.replayable < len(log.steps) == len(flight.inputs)
 
 
+def test_what_one_flight_lost_is_not_said_of_the_next(tmp_path: Path) -> None:
+    flight = RecordedFlight(recorder(tmp_path / "a.mcap"))
+    flight.run(0.2)
+    for seconds in (0.2, 0.4):  # an error in this flight, another in the next one
+        flight.recorder.on_step(flight.t, Tick(1j), [])  # type: ignore[arg-type]
+        flight.run(seconds)
+        flight.recorder.on_flight(flight.lander)
+    flight.recorder.close()
+    lost = [read_log(tmp_path / name).dropped for name in ("a.mcap", "a-2.mcap")]
+    assert [dropped.errors if dropped else 0 for dropped in lost] == [1, 1]
+
+
 def test_the_oldest_logs_make_room_but_nothing_else_is_touched(tmp_path: Path) -> None:
     for number in range(1, 6):
         for suffix in (".mcap", ".tlog"):

@@ -32,18 +32,18 @@ _FRAME_S = 0.02  # a servo looks at its pulse once a period
 
 
 class Servos:
-    """The servos: each goes to the angle of its pulse, off by the linkage's error."""
+    """The servos: each goes to the angle of its pulse, off by the linkage's error.
+
+    Attributes:
+        channels: theirs.
+    """
 
     def __init__(self, options: ServoOptions, mount: SimMount) -> None:
         self._yaw, self._pitch = options.yaw, options.pitch
+        self.channels = [axis.channel for axis in options.axes]
         self._mount = mount
         if options.yaw is None:
             mount.plant.yaw.bolt(-mount.yaw_bias)
-
-    @property
-    def channels(self) -> list[int]:
-        """Their channels."""
-        return [axis.channel for axis in (self._yaw, self._pitch) if axis is not None]
 
     def move(self, pulses: Mapping[int, float]) -> None:
         """Take pulse widths, us by channel; a channel without pulses leaves its servo as it is."""

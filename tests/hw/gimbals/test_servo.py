@@ -232,6 +232,7 @@ def test_pca9685_without_its_bus_is_lost() -> None:
     [
         ({"frequency_hz": 24.0, "oscillator_hz": 27e6}, "frequency_hz: expected 25.7 to 1648"),
         ({"frequency_hz": 1500.0}, "frequency_hz: expected less than 500"),
+        ({"pitch": TILT | {"channel": 16}}, "channel: found 16, expected 0 to 15"),
     ],
 )
 def test_what_the_pca9685_cannot_do_is_refused(options: dict[str, Any], expected: str) -> None:
