@@ -155,12 +155,6 @@ def inverse(m: Mat3) -> Mat3:
     return transpose((scale(c0, k), scale(c1, k), scale(c2, k)))
 
 
-def rot_x(angle: float) -> Mat3:
-    """Return the rotation by angle (rad) about x."""
-    c, s = math.cos(angle), math.sin(angle)
-    return ((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c))
-
-
 def rot_y(angle: float) -> Mat3:
     """Return the rotation by angle (rad) about y."""
     c, s = math.cos(angle), math.sin(angle)

@@ -151,6 +151,10 @@ class Plate(Section):
     east_m: Positive
     west_m: Positive
 
+    def holds(self, north: float, east: float) -> bool:
+        """Tell whether a point of the pad frame, m, is on it."""
+        return -self.south_m <= north <= self.north_m and -self.west_m <= east <= self.east_m
+
 
 Marker = Annotated[Ring | WhyCode | Square, Field(discriminator="kind")]
 

@@ -10,7 +10,7 @@ import pytest
 
 from landerd.commands.replay import config_of
 from landerd.flightlog.reader import read_log
-from landerd.flightlog.replay import replay
+from landerd.flightlog.replay import phases, replay
 from landerd.messages import Disarm, Phase
 
 GOLDEN = sorted((Path(__file__).parent / "golden").glob("*.mcap"))
@@ -31,4 +31,4 @@ def test_one_of_them_lands() -> None:
     replayed = replay(log, config_of(log, [])[0])
     assert replayed.outcome == "landed"
     assert any(isinstance(c, Disarm) for _, commands in replayed.steps for c in commands)
-    assert Phase.DESCENT in [change.phase for _, change in replayed.phases()]
+    assert Phase.DESCENT in [change.phase for _, change in phases(replayed.steps)]

@@ -37,6 +37,7 @@ class Mode(IntEnum):
 # MAV_TYPE of the vehicles that ArduCopter flies: quad, coaxial, helicopter, hexa, octo, tri,
 # dodeca, deca. Mode 4 of ArduPlane or ArduRover is another one.
 VEHICLE_TYPES = frozenset({2, 3, 4, 13, 14, 15, 29, 35})
+FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air, too
 
 
 def mode_name(number: int) -> str:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink_codec import MavlinkCodec
-from hw.autopilots.orders import AUTOPILOT_COMPONENT
 from hw.autopilots.signing import Signing
 
 
@@ -22,7 +21,7 @@ def heartbeat_of(system_id: int, signing: Signing | None) -> Callable[[bytes], b
         return any(
             message.get_msgId() == mavlink.MAVLINK_MSG_ID_HEARTBEAT
             and message.get_srcSystem() == system_id
-            and message.get_srcComponent() == AUTOPILOT_COMPONENT
+            and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1
             and (signing is None or signing.is_genuine(bytes(message.get_msgbuf())))
             for message in codec.decode(datagram)
         )

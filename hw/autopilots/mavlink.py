@@ -13,7 +13,7 @@ from hw.autopilots import file_transfer, orders, telemetry
 from hw.autopilots.boot_clock import WRAP_S, BootClock
 from hw.autopilots.heading import Heading
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
-from hw.autopilots.orders import AUTOPILOT_COMPONENT, SetpointFrame
+from hw.autopilots.orders import SetpointFrame
 from hw.autopilots.parameter_protocol import ParameterProtocol
 from hw.autopilots.refusals import Refusals
 from hw.autopilots.streams import Streams
@@ -33,7 +33,8 @@ from landerd.ports import ByteLink, MessageSigning, Parameters
 
 log = logging.getLogger(__name__)
 
-COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
+COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+_AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 
 _TIMESYNC_PERIOD_S = 0.2
 # Boot time going back by more than this is a restart, and one so far off fits no other: a stamp may
@@ -192,9 +193,7 @@ class MavlinkAutopilot:
         """Send the autopilot a COMMAND_LONG; missing parameters are 0. A refusal is told once."""
         values = (*params, *(0.0,) * (7 - len(params)))
         self.send(
-            mavlink.MAVLink_command_long_message(
-                self._system, AUTOPILOT_COMPONENT, command, 0, *values
-            )
+            mavlink.MAVLink_command_long_message(self._system, _AUTOPILOT, command, 0, *values)
         )
 
     # ---- in ----
@@ -215,7 +214,7 @@ class MavlinkAutopilot:
     def _take(self, message: Message, now: float) -> None:
         source = (message.get_srcSystem(), message.get_srcComponent())
         kind = message.get_msgId()
-        if source == (self._system, AUTOPILOT_COMPONENT):
+        if source == (self._system, _AUTOPILOT):
             self._take_autopilots(message, kind, now)
             self._request_missing(now)
         elif source[0] in self._ground_stations and kind in _GROUND_STATION_MESSAGES:
@@ -471,7 +470,7 @@ class MavlinkAutopilot:
         """Ask for one of the autopilot's parameters; `receive` takes the answer."""
         self.send(
             mavlink.MAVLink_param_request_read_message(
-                self._system, AUTOPILOT_COMPONENT, name.encode("ascii"), -1
+                self._system, _AUTOPILOT, name.encode("ascii"), -1
             )
         )
 

@@ -12,7 +12,6 @@ from landerd.messages import LandingTarget, PressDown, Setpoint
 
 SetpointFrame = Literal["local_ned", "body_ned"]
 
-AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 _VELOCITY_AND_YAW_RATE = 1479  # type_mask: ignore position, acceleration, yaw
 _ATTITUDE_AND_THRUST = 7  # type_mask: ignore the body's rates
 
@@ -51,7 +50,7 @@ def velocity_target(
     return mavlink.MAVLink_set_position_target_local_ned_message(
         _milliseconds(now),
         system,
-        AUTOPILOT_COMPONENT,
+        mavlink.MAV_COMP_ID_AUTOPILOT1,
         mav_frame,
         _VELOCITY_AND_YAW_RATE,
         *(0.0, 0.0, 0.0),
@@ -77,7 +76,7 @@ def level_target(order: PressDown, system: int, now: float) -> Message:
     return mavlink.MAVLink_set_attitude_target_message(
         _milliseconds(now),
         system,
-        AUTOPILOT_COMPONENT,
+        mavlink.MAV_COMP_ID_AUTOPILOT1,
         _ATTITUDE_AND_THRUST,
         (math.cos(half), 0.0, 0.0, math.sin(half)),
         *(0.0, 0.0, 0.0),

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, get_args
 import cv2
 from pydantic import AfterValidator, ConfigDict, Field
 
-from hw.sim.camera_options import SimCameraOptions
+from hw.sim.camera_options import Share, SimCameraOptions
 from hw.sim.fault_options import FaultOptions
 from landerd.section import Finite, NotNegative, Positive, Section
 
@@ -14,7 +14,6 @@ GroundKind = Literal[
     "grass", "asphalt", "plain",
     "meadow", "gravel", "paving", "canopy", "roof", "car_park", "water",
 ]  # fmt: skip
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 def _picture(ground: GroundKind | Path) -> GroundKind | Path:

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.sim.options import SimOptions
+from hw.sim.physics.contact import feet_of
 from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.vehicle import Touchdown
 from hw.sim.physics.world import HISTORY_S, Airframe, Sample, World, interpolated
@@ -24,8 +25,7 @@ from landerd.geometry import Vec3, add, rot_zyx, rotate, sub, wrap
 from landerd.pad import Plate
 from landerd.ports import ByteLink
 
-_SYSTEM, _COMPONENT = 255, 191  # of who asks for the truth
-_AUTOPILOT_COMPONENT = 1
+_SYSTEM, _COMPONENT = 255, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER  # of who asks for the truth
 TRUTH_HZ = 100.0
 _EXTRAPOLATION_S = 0.1  # the truth is carried on for at most this long after the last report
 _POSITION_LAG_S = 2.0  # time constant that takes out the steps of the reported position
@@ -97,14 +97,14 @@ class Truth:
 
     def _command(self, command: int, param1: float, param2: float) -> None:
         message = mavlink.MAVLink_command_long_message(
-            self._vehicle, _AUTOPILOT_COMPONENT, command, 0, param1, param2, 0, 0, 0, 0, 0
+            self._vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1, command, 0, param1, param2, 0, 0, 0, 0, 0
         )
         self._link.write(self._codec.encode(message))
 
     def take(self, message: Message) -> None:
         """Take a message that arrived on the link."""
         source = (message.get_srcSystem(), message.get_srcComponent())
-        if source != (self._vehicle, _AUTOPILOT_COMPONENT):
+        if source != (self._vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1):
             return
         kind = message.get_msgId()
         if kind == mavlink.MAVLINK_MSG_ID_SYSTEM_TIME:
@@ -231,9 +231,7 @@ class SitlWorld(World):
         super().__init__(options, airframe, plate, seed)
         self._truth = truth
         self._lift = (0.0, 0.0, _FRAME_HEIGHT_M - airframe.gear_height_m - self._motion.mean_height)
-        x, y = 0.5 * airframe.footprint_m[0], 0.5 * airframe.footprint_m[1]
-        z = airframe.gear_height_m
-        self._feet: tuple[Vec3, ...] = ((x, -y, z), (x, y, z), (-x, -y, z), (-x, y, z))
+        self._feet = feet_of(airframe.footprint_m, airframe.gear_height_m)
         self._plate = plate
         self._flying = True
 
@@ -263,7 +261,7 @@ class SitlWorld(World):
         a, b, c, d = (-foot[2] < _CONTACT_M for foot in feet)
         vehicle.feet = (a, b, c, d)
         touching = [foot for foot, is_down in zip(feet, vehicle.feet, strict=True) if is_down]
-        down = [self._is_over_plate(foot) for foot in touching]
+        down = [self._plate.holds(north, east) for north, east, _ in touching]
         vehicle.on_pad = bool(down) and all(down)
         if min(-foot[2] for foot in feet) > _CLEAR_M:
             self._flying = True
@@ -271,12 +269,6 @@ class SitlWorld(World):
             self._flying = False
             relative = sub(vehicle.velocity, pad.velocity_at(self.footprint_centre))
             vehicle.touchdown = Touchdown(self.t, on_pad=vehicle.on_pad, velocity=relative)
-
-    def _is_over_plate(self, foot: Vec3) -> bool:
-        """Tell of a foot's place in the pad's frame, m."""
-        north, east, _ = foot
-        plate = self._plate
-        return -plate.south_m <= north <= plate.north_m and -plate.west_m <= east <= plate.east_m
 
     def state_at(self, t: float) -> Sample:
         """Return the state at time t: the vehicle's is SITL's, the gimbal's the world's own."""

@@ -90,15 +90,6 @@ class Flight:
         (t0, e0), (t1, e1) = known[i - 1], known[i]
         return e0 + (e1 - e0) * (min(t, t1) - t0) / (t1 - t0)
 
-    def phase_at(self, t: float) -> Phase:
-        """Return the phase at a time."""
-        phase = Phase.NOT_LANDING
-        for start, change in self.changes:
-            if start > t:
-                break
-            phase = change.phase
-        return phase
-
     def state_at(self, t: float) -> State | None:
         """Return the last logged state before a time."""
         before = [s for s in self.log.states if s.t - self.zero <= t + 1e-6]

@@ -16,6 +16,7 @@ from landerd.campaigns.failures import is_feasible
 from landerd.campaigns.plan import Row
 from landerd.campaigns.pool import Run
 from landerd.config.files import ConfigError, config_files, read_model
+from landerd.config.yaml_tree import put
 from landerd.section import Finite, NotNegative, Section
 
 DIGITS = 3  # of the values tried: more would be noise, and nobody could read them
@@ -172,9 +173,5 @@ def overlay(values: Values, remarks: Sequence[str]) -> str:
     """Return a YAML file that sets the values, remarks first; for `include:` of a configuration."""
     tree: dict[str, Any] = {}
     for key, value in values.items():
-        *sections, last = key.split(".")
-        node = tree
-        for section in sections:
-            node = node.setdefault(section, {})
-        node[last] = value
+        put(tree, key.split("."), value)
     return "".join(f"# {line}\n" for line in remarks) + yaml.safe_dump(tree, sort_keys=False)

@@ -41,6 +41,7 @@ from landerd.commands.shared import (
 )
 from landerd.commands.tune_from import tune_from
 from landerd.config.files import ConfigError, Loaded, config_files, default_config
+from landerd.config.parameters import value_of
 from landerd.drivers import read_configuration
 
 LONGEST_S = 90.0  # what is not over then has failed
@@ -109,12 +110,10 @@ def _start(tuning: Tuning, args: argparse.Namespace) -> dict[str, float]:
             _load(tuning, args, settings_of({key: end}))
         loaded = _load(tuning, args)
         check_stand_in_flies(loaded)
-        value: Any = loaded.config
-        for part in key.split("."):
-            value = getattr(value, part, None)
-        if not isinstance(value, (int, float)):
-            raise ConfigError([f"{key}: expected a number of the configuration"])
-        values[key] = float(value)
+        try:
+            values[key] = value_of(loaded.config, key)
+        except (AttributeError, TypeError, ValueError):
+            raise ConfigError([f"{key}: expected a number of the configuration"]) from None
     return values
 
 

@@ -65,10 +65,6 @@ class Replayed:
     outcome: str | None
     aborts: int
 
-    def phases(self) -> list[tuple[float, PhaseChange]]:
-        """Return the changes of phase."""
-        return phases(self.steps)
-
 
 def phases(steps: list[tuple[float, list[Command]]]) -> list[tuple[float, PhaseChange]]:
     """Return the changes of phase among commands, without mere changes of reason."""

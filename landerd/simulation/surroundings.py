@@ -8,6 +8,7 @@ from functools import partial
 from random import Random
 
 from hw.autopilots.arducopter import Mode
+from hw.autopilots.mavlink import COMPONENT
 from hw.links.memory import LinkFaults, MemoryLink, memory_pair
 from hw.sim.faults.bench import Vehicle
 from hw.sim.options import LinkOptions
@@ -23,7 +24,6 @@ from landerd.geometry import Vec3, add, horizontal, scale, sub, unit
 from landerd.guidance.pilot_texts import HOLDING_OVER
 
 WALL_JITTER_S = 0.01  # of the control task beside rendering on the wall's clock
-LANDERD = 191  # its component
 GATE_OPENS_S = 1.0  # when the pilot moves the switch
 BEYOND_M = 170.0  # the ground station sends the vehicle past the pad, as the thesis does (3.5.1),
 FOLLOWED_M = 5000.0  # and along the way of one that it follows
@@ -115,7 +115,7 @@ class StandIn:
         return jobs
 
     def _screen(self) -> list[str]:
-        return [t.text for t in self.ground_station.texts if t.component == LANDERD]
+        return [t.text for t in self.ground_station.texts if t.component == COMPONENT]
 
     async def open_gate(self) -> None:
         """Move the pilot's switch up."""

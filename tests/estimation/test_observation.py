@@ -11,7 +11,6 @@ from landerd.geometry import (
     Vec3,
     matmul,
     norm,
-    rot_x,
     rot_y,
     rot_z,
     rot_zyx,
@@ -121,7 +120,7 @@ def test_a_pads_heading_is_found_from_any_attitude() -> None:
         roll, pitch, yaw = (a * DEGREES for a in attitude)
         body = rot_zyx(yaw, pitch, roll)
         yaw, pitch, roll = (a * DEGREES for a in gimbal)
-        turned = matmul(matmul(rot_z(yaw), rot_x(roll)), rot_y(pitch))
+        turned = matmul(matmul(rot_z(yaw), rot_zyx(0.0, 0.0, roll)), rot_y(pitch))
         lens = matmul(turned, R_GIMBAL_CAMERA)
         camera_from_local = transpose(matmul(body, lens))
         north = rotate(camera_from_local, (math.cos(170 * DEGREES), math.sin(170 * DEGREES), 0.0))

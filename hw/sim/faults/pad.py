@@ -110,13 +110,13 @@ def _along(bench: Bench) -> Vec3:
     velocity = bench.world.pad.velocity
     if horizontal(velocity) > 0.0:
         return scale((velocity[0], velocity[1], 0.0), 1.0 / horizontal(velocity))
+    return _anywhere(bench)
+
+
+def _anywhere(bench: Bench) -> Vec3:
+    """Return any level direction as a unit vector."""
     course = bench.rng.uniform(-math.pi, math.pi)
     return (math.cos(course), math.sin(course), 0.0)
-
-
-def _across(bench: Bench) -> Vec3:
-    side = bench.rng.uniform(-math.pi, math.pi)
-    return (math.cos(side), math.sin(side), 0.0)
 
 
 def _once(disturbance: Callable[[Bench, float], list[Disturbance]]) -> Effect:
@@ -148,14 +148,14 @@ FAULTS: Mapping[str, Effect] = {
         lambda b, s: [_going(b.world.elapsed_s, _along(b), b.between(0.5, 3.0, s), _STARTS_MPS2)]
     ),
     "pad-jerks": _once(
-        lambda b, s: [_jerking(b.world.elapsed_s, _across(b), b.between(0.1, 1.0, s))]
+        lambda b, s: [_jerking(b.world.elapsed_s, _anywhere(b), b.between(0.1, 1.0, s))]
     ),
     "pad-turns": _turns,
     "pad-lifted": _once(lambda b, s: [_lifting(b.world.elapsed_s, b.between(0.1, 1.0, s))]),
     "pad-carried-away": _once(
         lambda b, s: [
             _lifting(b.world.elapsed_s, 1.0),
-            _going(b.world.elapsed_s, _across(b), b.between(1.0, 5.0, s), _STARTS_MPS2),
+            _going(b.world.elapsed_s, _anywhere(b), b.between(1.0, 5.0, s), _STARTS_MPS2),
         ]
     ),
 }

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from hw.sim.physics.contact import feet_of
 from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.response import STEP_S
 from hw.sim.physics.world import Airframe, World
@@ -55,32 +56,23 @@ class Feet:
     """The four feet and the plate, in a world."""
 
     def __init__(self, world: World, airframe: Airframe, plate: Plate) -> None:
-        x, y = 0.5 * airframe.footprint_m[0], 0.5 * airframe.footprint_m[1]
-        z = airframe.gear_height_m
-        self._arms: tuple[Vec3, ...] = ((x, -y, z), (x, y, z), (-x, -y, z), (-x, y, z))
+        self._arms = feet_of(airframe.footprint_m, airframe.gear_height_m)
         self._world = world
         self._plate = plate
 
-    def over_plate(self, at_most_m: float = math.inf, ahead: Vec3 = (0.0, 0.0, 0.0)) -> bool:
-        """Tell whether all four feet are over the plate, none of them higher than this.
-
-        Args:
-            at_most_m: over the plate.
-            ahead: that much further on, local, m.
-        """
+    def over_plate(self, at_most_m: float = math.inf) -> bool:
+        """Tell whether all four feet are over the plate, none of them higher than this, m."""
         vehicle = self._world.vehicle
         R = rot_zyx(vehicle.yaw, vehicle.pitch, vehicle.roll)
-        return self._are_over(self._world.pad, R, add(vehicle.position, ahead), at_most_m)
+        return self._are_over(self._world.pad, R, vehicle.position, at_most_m)
 
     def _are_over(self, pad: PadState, R: Mat3, position: Vec3, at_most_m: float) -> bool:
         """Tell the same of a vehicle at this position, turned by R_local_body."""
-        plate, R_pad_local = self._plate, transpose(pad.R_local_pad)
+        R_pad_local = transpose(pad.R_local_pad)
         for arm in self._arms:
             foot = sub(add(position, rotate(R, arm)), pad.position)
             x, y, down = rotate(R_pad_local, foot)
-            if down < -at_most_m:
-                return False
-            if not (-plate.south_m <= x <= plate.north_m and -plate.west_m <= y <= plate.east_m):
+            if down < -at_most_m or not self._plate.holds(x, y):
                 return False
         return True
 

@@ -49,16 +49,21 @@ class _Press:
     surface_velocity: Vec3  # of the same, local, m/s
 
 
+def feet_of(footprint_m: tuple[float, float], gear_height_m: float) -> tuple[Vec3, ...]:
+    """Return where the feet are: front left, front right, rear left, rear right; body, m."""
+    x, y, z = 0.5 * footprint_m[0], 0.5 * footprint_m[1], gear_height_m
+    return ((x, -y, z), (x, y, z), (-x, -y, z), (-x, y, z))
+
+
 class LandingGear:
     """Four feet at the corners of the footprint."""
 
     def __init__(
         self, footprint_m: tuple[float, float], gear_height_m: float, plate: Plate
     ) -> None:
-        x, y, z = 0.5 * footprint_m[0], 0.5 * footprint_m[1], gear_height_m
-        self._feet: tuple[Vec3, ...] = ((x, -y, z), (x, y, z), (-x, -y, z), (-x, y, z))
+        self._feet = feet_of(footprint_m, gear_height_m)
         self._plate = plate
-        self._grip_radius = math.hypot(x, y)
+        self._grip_radius = math.hypot(*self._feet[0][:2])
 
     def react(
         self, position: Vec3, velocity: Vec3, R_local_body: Mat3, rates: Vec3, pad: PadState
@@ -127,10 +132,8 @@ class LandingGear:
 
     def _surface(self, point: Vec3, pad: PadState) -> tuple[float, Vec3, Vec3, bool]:
         """Return depth below the surface (m), its normal (into it), velocity, and if it is pad."""
-        plate = self._plate
         x, y, z = pad.in_pad(point)
-        inside = -plate.south_m <= x <= plate.north_m and -plate.west_m <= y <= plate.east_m
-        if inside and z < _PLATE_DEPTH_M:
+        if z < _PLATE_DEPTH_M and self._plate.holds(x, y):
             R = pad.R_local_pad
             return z, (R[0][2], R[1][2], R[2][2]), pad.velocity_at(point), True
         return point[2], _DOWN, (0.0, 0.0, 0.0), False

@@ -13,9 +13,8 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots.arducopter import Mode
+from hw.autopilots.arducopter import FORCE_DISARM, Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
-from hw.sim.cable import Tamper
 from hw.sim.options import AutopilotOptions
 from hw.sim.physics.battery import Battery
 from hw.sim.stand_in.copter import (
@@ -27,10 +26,11 @@ from hw.sim.stand_in.copter import (
 from hw.sim.stand_in.ekf import Estimate
 from hw.sim.stand_in.pilot import PilotRadio
 from hw.sim.stand_in.targets import take_attitude_target, take_position_target
+from hw.sim.tampering import Tampering
 from landerd.messages import Landed
 from landerd.ports import ByteLink, DeviceLost
 
-_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+_COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _GROUND_STATION = 255  # SYSID_MYGCS
 _TICK_S = 0.01
 _REOPEN_S = 0.1
@@ -40,7 +40,6 @@ _HEARTBEAT_PERIOD_S = 1.0  # until another is asked for
 _TIMESYNC_PERIOD_S = 10.0
 _STATES = (mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
 DEFAULTS = AutopilotOptions()
-_FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: in the air too
 
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
@@ -103,8 +102,7 @@ class SimAutopilot:
         copter: the flight code.
         pilot: the pilot's radio.
         mute: ids of messages that it is to withhold, a fault to fly with.
-        tamper: what becomes of messages on their way out, by id: called with each and with what
-            sends it, now or later; another fault.
+        tampering: what becomes of messages on their way out, another fault.
         parameters: what it answers when asked for one by name.
     """
 
@@ -122,7 +120,7 @@ class SimAutopilot:
     ) -> None:
         """Make it; flying: starts armed, in LOITER."""
         self.mute: set[int] = set()
-        self.tamper: dict[int, Tamper] = {}
+        self.tampering = Tampering()
         self.parameters = {  # those it is asked for
             "GUID_TIMEOUT": parameters.guid_timeout_s,
             "WPNAV_ACCEL": 100.0 * parameters.wpnav_accel_mps2,
@@ -241,11 +239,7 @@ class SimAutopilot:
                 self._send_by(channel, message)
 
     def _send_by(self, channel: _Channel, message: Message) -> None:
-        tamper = self.tamper.get(message.get_msgId())
-        if tamper is None:
-            channel.send(message)
-        else:
-            tamper(message, channel.send)
+        self.tampering.pass_on(message, channel.send)
 
     def _say(self, text: str) -> None:
         self._send_all(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_INFO, text.encode()))
@@ -398,7 +392,7 @@ class SimAutopilot:
         if m.param1 == 1.0:
             return _result(self.copter.arm())
         if m.param1 == 0.0:
-            return _result(self.copter.disarm(forced=m.param2 == _FORCE_DISARM))
+            return _result(self.copter.disarm(forced=m.param2 == FORCE_DISARM))
         return _UNSUPPORTED
 
     def _set_interval(self, channel: _Channel, message_id: int, us: float, t: float) -> int:

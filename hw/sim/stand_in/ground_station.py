@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots.arducopter import Mode
+from hw.autopilots.arducopter import FORCE_DISARM, Mode
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from landerd.geometry import Vec3, norm, sub, wrap
 from landerd.ports import ByteLink
 
-_SYSTEM, _COMPONENT = 255, 190  # MAV_COMP_ID_MISSIONPLANNER
-_AUTOPILOT_COMPONENT = 1
+_SYSTEM, _COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
+_AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _POSITION_ONLY = 3576  # type_mask
 _POSITION_AND_YAW = 2552
 _ACK_TIMEOUT_S = 1.0
@@ -21,7 +21,6 @@ _FIRST_LATE_CHANNEL = 9  # from here on 0 leaves a channel alone, below 65535 do
 _LAST_CHANNEL = 18
 # It hovers at a place this near to it, this slow, and headed this well (rad).
 _ARRIVED_M, _STANDSTILL_MPS, _ALIGNED = 0.5, 0.1, math.radians(3.0)
-_FORCE_DISARM = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM
 _STUCK_S = 10.0  # standing there armed, in LAND, it is disarmed by force
 
 
@@ -35,7 +34,7 @@ class Text:
 
 
 class GroundStation:
-    """Sets GUIDED, takes off if asked to, sends one position target, then sends heartbeats only.
+    """Sets GUIDED, sends one position target, then sends heartbeats only.
 
     Attributes:
         texts: all STATUSTEXTs of the vehicle, oldest first.
@@ -48,19 +47,14 @@ class GroundStation:
         *,
         destination: Vec3 | None = None,
         speed_mps: float | None = None,
-        take_off_m: float | None = None,
         system_id: int = 1,
     ) -> None:
-        """Destination: local NED, m; None: stay. take_off_m: None if the vehicle flies already.
-
-        speed_mps: on the way; None: the autopilot's own.
-        """
+        """Destination: local NED, m; None: stay. Speed: on the way; None: the autopilot's own."""
         self.texts: list[Text] = []
         self.overrides = True
         self._link = link
         self._destination = destination
         self._speed_mps = speed_mps
-        self._take_off_m = take_off_m
         self._vehicle = system_id
         self._codec = MavlinkCodec(_SYSTEM, _COMPONENT)
         self._acks: dict[int, asyncio.Future[int]] = {}  # by command
@@ -134,9 +128,7 @@ class GroundStation:
         """Set a parameter of the autopilot, once."""
         real = mavlink.MAV_PARAM_TYPE_REAL32
         self._send(
-            mavlink.MAVLink_param_set_message(
-                self._vehicle, _AUTOPILOT_COMPONENT, name.encode(), value, real
-            )
+            mavlink.MAVLink_param_set_message(self._vehicle, _AUTOPILOT, name.encode(), value, real)
         )
 
     async def put_down(self) -> None:
@@ -149,7 +141,7 @@ class GroundStation:
             if norm(self._velocity) > _STANDSTILL_MPS:
                 moved_t = loop.time()
             if loop.time() > moved_t + _STUCK_S:
-                await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCE_DISARM)
+                await self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, FORCE_DISARM)
             await asyncio.sleep(0.5)
 
     def _hovers_at(self, position: Vec3, heading: float) -> bool:
@@ -165,7 +157,7 @@ class GroundStation:
             mavlink.MAVLink_set_position_target_local_ned_message(
                 int(asyncio.get_running_loop().time() * 1e3),
                 self._vehicle,
-                _AUTOPILOT_COMPONENT,
+                _AUTOPILOT,
                 mavlink.MAV_FRAME_LOCAL_NED,
                 type_mask,
                 *position,
@@ -190,11 +182,7 @@ class GroundStation:
             self._rc.get(channel, 0xFFFF if channel < _FIRST_LATE_CHANNEL else 0)
             for channel in range(1, _LAST_CHANNEL + 1)
         ]
-        self._send(
-            mavlink.MAVLink_rc_channels_override_message(
-                self._vehicle, _AUTOPILOT_COMPONENT, *pulses
-            )
-        )
+        self._send(mavlink.MAVLink_rc_channels_override_message(self._vehicle, _AUTOPILOT, *pulses))
 
     async def _live(self) -> None:
         while True:
@@ -213,8 +201,6 @@ class GroundStation:
     async def _send_off(self) -> None:
         """Bring the vehicle on its way."""
         await self.set_mode(Mode.GUIDED)
-        if self._take_off_m is not None:
-            await self.take_off(self._take_off_m)
         if self._speed_mps is not None:
             await self.set_speed(self._speed_mps)
         if self._destination is not None:
@@ -226,9 +212,7 @@ class GroundStation:
         while True:
             ack = self._acks[command] = asyncio.get_running_loop().create_future()
             self._send(
-                mavlink.MAVLink_command_long_message(
-                    self._vehicle, _AUTOPILOT_COMPONENT, command, 0, *padded
-                )
+                mavlink.MAVLink_command_long_message(self._vehicle, _AUTOPILOT, command, 0, *padded)
             )
             try:
                 result = await asyncio.wait_for(ack, _ACK_TIMEOUT_S)
@@ -254,7 +238,7 @@ class GroundStation:
             if ack is not None and not ack.done():
                 ack.set_result(message.result)
         elif message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            if message.get_srcComponent() == _AUTOPILOT_COMPONENT:
+            if message.get_srcComponent() == _AUTOPILOT:
                 self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         elif message_id == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
             self._position = (message.x, message.y, message.z)

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
+from hw.autopilots.arducopter import Mode
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.links.memory import memory_pair
@@ -24,19 +25,13 @@ class Scene:
         *,
         flying: bool,
         destination: Vec3 | None,
-        take_off_m: float | None = None,
         speed_mps: float | None = None,
     ) -> None:
         self.airframe = airframe
         self.ground_link, far = memory_pair()
         link, driver_far = memory_pair()
         self.autopilot = plain_autopilot(airframe, [far, driver_far], flying=flying)
-        self.station = GroundStation(
-            self.ground_link,
-            destination=destination,
-            take_off_m=take_off_m,
-            speed_mps=speed_mps,
-        )
+        self.station = GroundStation(self.ground_link, destination=destination, speed_mps=speed_mps)
         self.driver = MavlinkAutopilot(link)
         self.sent: list[Message] = []
         codec = MavlinkCodec(1, 1)
@@ -95,18 +90,17 @@ def test_it_lets_landerd_take_over() -> None:
     Scene(PlainAirframe(), flying=True, destination=(200.0, 0.0, -10.0)).play(script)
 
 
-def test_it_takes_off_first_and_sends_no_target_before() -> None:
+def test_it_takes_off_and_is_in_the_air_then() -> None:
     async def script(s: Scene) -> None:
-        while not s.targets:
-            await asyncio.sleep(0.01)
+        await s.station.set_mode(Mode.GUIDED)
+        await s.station.take_off(8.0)
         assert s.airframe.position[2] == pytest.approx(-8.0, abs=0.2)
+        s.station.send_to((15.0, 0.0, -8.0))
         await asyncio.sleep(20.0)
         assert s.airframe.position == pytest.approx((15.0, 0.0, -8.0), abs=0.1)
 
     ground: Vec3 = (0.0, 0.0, 0.0)
-    Scene(PlainAirframe(ground), flying=False, destination=(15.0, 0.0, -8.0), take_off_m=8.0).play(
-        script
-    )
+    Scene(PlainAirframe(ground), flying=False, destination=None).play(script)
 
 
 def test_it_shows_what_landerd_and_the_autopilot_tell_the_pilot() -> None:
