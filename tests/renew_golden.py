@@ -20,10 +20,13 @@ from landerd.flightlog.replay import replay
 from landerd.flightlog.writer import LogWriter
 from landerd.runtime.clock import run_virtual
 from landerd.simulation.flight import Simulation
-from tests.simulated import ABOVE, SEEN, Script
+from tests.simulated import ABOVE, AS_FOUND, SEEN, Script
 
 FOLDER = Path(__file__).parent / "golden"
-LOW = (*ABOVE, SEEN, "sim.start.altitude_m=1.0", "log.images=none", "log.keep_free_mb=0.0")
+LOW = (
+    *(*ABOVE, SEEN, AS_FOUND, "sim.start.altitude_m=1.0"),
+    *("log.images=none", "log.keep_free_mb=0.0"),
+)
 
 
 async def close_gate(simulation: Simulation) -> None:

@@ -15,8 +15,10 @@ ABOVE = (  # close over the pad, so that a landing takes seconds
     "sim.start.position_m=[-0.8, 0.4]",  # the ground station sends nobody who is so near
     "sim.start.altitude_m=3.0",
     "sim.start.spread_m=0.0",
+    "sim.camera.fps=15.0",  # half of what there is to search
     "aim.idle_pitch_deg=-70.0",
 )
+AS_FOUND = "sim.camera.fps=30.0"  # where a seed or a height was found by flights of all pictures
 Script = Callable[[Simulation], Awaitable[None]]
 
 

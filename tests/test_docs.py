@@ -18,7 +18,7 @@ from landerd.simulation import flight
 from tests.calibration.boards import SQUARE_M, charuco, chessboard, good_views, shoot
 from tests.quick_clock import run_quickly
 from tests.recordings import write_bin, write_video
-from tests.simulated import ABOVE, SEEN
+from tests.simulated import ABOVE, AS_FOUND, SEEN
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -124,9 +124,11 @@ def lighter(arguments: list[str]) -> list[str]:
             own = [w.replace("/etc/landerd/landerd.yaml", "config/default.yaml") for w in arguments]
             return [*own, "--pictures", "3", "--set", "sim.camera.fps=10"]
         case ["sim", scenario, *_]:
-            low = () if scenario == "hold" else ("sim.start.altitude_m=1.6",)
+            held = ("sim.autopilot.hold_s=3",)
+            low = held if scenario == "hold" else ("sim.start.altitude_m=1.6",)
             seen = (SEEN, "sim.camera.fps=12") if "--log" in arguments else ()
-            settings = (*ABOVE, *low, *seen)
+            faulty = (AS_FOUND,) if any("sim.faults" in w for w in arguments) else ()
+            settings = (*ABOVE, *low, *seen, *faulty)
             return [*arguments, *(word for setting in settings for word in ("--set", setting))]
         case ["dry-run", *_]:
             return [*arguments, "--fps", "1"]

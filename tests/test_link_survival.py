@@ -60,7 +60,8 @@ def test_it_flies_again_within_two_seconds_of_good_data(
         mend(simulation)
         seen["mended"] = asyncio.get_running_loop().time()
 
-    overrides = [MODELLED, "sim.start.position_m=[-14, 3]", "sim.start.altitude_m=8"]
+    start = ("sim.start.position_m=[-14, 3]", "sim.start.altitude_m=8")
+    overrides = [MODELLED, "sim.camera.fps=15", *start]
     simulation = fly(script, longest_s=8.2, overrides=overrides)
     back = seen["mended"] + BACK_S
     after = [m for t, m in flown if back < t < back + 0.5]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -44,29 +45,35 @@ def charuco(columns: int, rows: int) -> NDArray[np.uint8]:
     return np.pad(np.asarray(image, np.uint8), _TEXTURE, constant_values=255)
 
 
+@cache
+def _rays(camera: CameraModel) -> NDArray[np.float32]:
+    """Return a camera's rays, a column each, row by row of a finer picture."""
+    shape = (camera.height * _FINE, camera.width * _FINE)
+    v, u = np.mgrid[: shape[0], : shape[1]]
+    pixels = (np.stack([u, v], axis=-1).reshape(-1, 2) + 0.5) / _FINE - 0.5
+    return np.vstack([camera.rays(pixels).T, np.ones(len(pixels))]).astype(np.float32)
+
+
 class Photographer:
     """Takes pictures with one camera."""
 
     def __init__(self, camera: CameraModel) -> None:
         self._shape = (camera.height * _FINE, camera.width * _FINE)
-        v, u = np.mgrid[: self._shape[0], : self._shape[1]]
-        pixels = (np.stack([u, v], axis=-1).reshape(-1, 2) + 0.5) / _FINE - 0.5
-        self._rays = np.column_stack([camera.rays(pixels), np.ones(len(pixels))])
+        self._rays = _rays(camera)
         self._noise = np.random.default_rng(1)
 
     def shoot(self, texture: NDArray[np.uint8], pose: Pose) -> NDArray[np.uint8]:
         """Return a picture of the board with a little noise."""
         R = rotation(pose)
         centre = np.array([pose.x, pose.y, pose.z])
-        normal = R[:, 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (centre @ normal) / (self._rays @ normal)
-        points = self._rays * distance[:, None] - centre
+        x, y, z = (R.T.astype(np.float32) @ self._rays).reshape(3, *self._shape)
+        middle_x, middle_y, distance = centre @ R
         scale = _TEXTURE / SQUARE_M
-        middle = 0.5 * np.array([texture.shape[1], texture.shape[0]]) - 0.5
-        places = (points @ R[:, :2]) * scale + middle
-        places[distance <= 0.0] = -1.0
-        u, v = places.astype(np.float32).T.reshape(2, *self._shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            k = np.float32(scale * distance) / z  # pixels of the board's a metre of the ray
+            u = x * k + np.float32(0.5 * texture.shape[1] - 0.5 - scale * middle_x)
+            v = y * k + np.float32(0.5 * texture.shape[0] - 0.5 - scale * middle_y)
+        u[k <= 0.0] = -1.0
         fine = np.asarray(cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderValue=128))
         height, width = self._shape[0] // _FINE, self._shape[1] // _FINE
         image = fine.reshape(height, _FINE, width, _FINE).mean(axis=(1, 3))

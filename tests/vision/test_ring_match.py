@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from landerd.messages import Prior
 from tests.vision.scenes import IDEAL_CAMERA, THESIS_PAD, Optics, View, render
 from tests.vision.test_plate_check import plate_mask
-from tests.vision.test_plate_ring import gravity, sights, view
+from tests.vision.test_plate_ring import gravity, looks, view
 
 _SHADE, _GROUND = 0.2, 110
 
@@ -34,9 +34,9 @@ def half_in_shade(at: View, way: float, edge_radii: float) -> NDArray[np.uint8]:
 @pytest.mark.parametrize("way", [0.3, 1.2, 2.5, 3.6, 4.8, 5.7])
 def test_a_hard_shadow_across_a_far_ring_does_not_hide_it(way: float, edge_radii: float) -> None:
     at = view(13.0, 0.4)
-    found = sights(half_in_shade(at, way, edge_radii), Prior(down=gravity(at)))
-    assert found
-    assert math.dist(found[0].pad[0].position, at.position) < 0.05 * 13.0
+    found = next(looks(half_in_shade(at, way, edge_radii), Prior(down=gravity(at))), None)
+    assert found is not None
+    assert math.dist(found.pad[0].position, at.position) < 0.05 * 13.0
 
 
 @pytest.mark.parametrize("dirt_way", [0.5, 2.6, 4.7])
@@ -51,15 +51,15 @@ def test_nor_where_dirt_covers_some_of_its_hole_besides(way: float, dirt_way: fl
     x, y = IDEAL_CAMERA.pixels(np.array([at.position]))[0]
     middle = x + 0.75 * hole_px * math.cos(dirt_way), y + 0.75 * hole_px * math.sin(dirt_way)
     cv2.circle(image, (round(middle[0]), round(middle[1])), round(0.6 * hole_px), 30, cv2.FILLED)
-    found = sights(image, Prior(down=gravity(at)))
-    assert found
-    assert math.dist(found[0].pad[0].position, at.position) < 0.05 * 9.0
+    found = next(looks(image, Prior(down=gravity(at))), None)
+    assert found is not None
+    assert math.dist(found.pad[0].position, at.position) < 0.05 * 9.0
 
 
 @pytest.mark.parametrize(("way", "edge_radii"), [(3.6, 0.0), (4.8, 0.4)])
 def test_all_sizes_are_matched_within_a_search(way: float, edge_radii: float) -> None:
     """A pad that is flown past is in sight for one or two searches."""
     at = view(18.1, 0.4)
-    found = sights(half_in_shade(at, way, edge_radii), Prior(down=gravity(at)))
-    assert found
-    assert found[0].seq < 5
+    found = next(looks(half_in_shade(at, way, edge_radii), Prior(down=gravity(at))), None)
+    assert found is not None
+    assert found.seq < 5

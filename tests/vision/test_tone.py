@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -26,6 +27,20 @@ def bent(image: scenes.U8, white: float, gamma: float) -> scenes.U8:
     return np.asarray(cv2.LUT(image, curve), dtype=np.uint8)
 
 
+@cache
+def picture(marker: Marker, k: int) -> tuple[scenes.U8, scenes.View]:
+    """Return a picture of a marker alone on its plate, which each curve bends, and its view."""
+    rng = np.random.default_rng([15, k])
+    view = None
+    while view is None:
+        tilt = math.radians(rng.uniform(0.0, 45.0))
+        view = scenes.random_view(
+            rng, scenes.THESIS_CAMERA, (2.0, 4.0, 6.0)[k % 3], tilt, scenes.THESIS_PAD.rings[0]
+        )
+    optics = replace(scenes.random_optics(rng), white=220.0, black=30.0, noise=1.5)
+    return scenes.render(view, scenes.THESIS_CAMERA, optics, rng, scenes.alone(marker)), view
+
+
 @pytest.mark.parametrize("marker", [TAG, CODE], ids=["tag", "whycode"])
 @pytest.mark.parametrize(
     ("white", "gamma", "limit"),
@@ -37,17 +52,8 @@ def test_a_tone_curve_costs_little_and_sigma_is_true(
 ) -> None:
     errors, inside = [], 0
     vision_pad = scenes.alone(marker)
-    outline = scenes.THESIS_PAD.rings[0]
     for k in range(PICTURES):
-        rng = np.random.default_rng([15, k])
-        view = None
-        while view is None:
-            tilt = math.radians(rng.uniform(0.0, 45.0))
-            view = scenes.random_view(
-                rng, scenes.THESIS_CAMERA, (2.0, 4.0, 6.0)[k % 3], tilt, outline
-            )
-        optics = replace(scenes.random_optics(rng), white=220.0, black=30.0, noise=1.5)
-        image = scenes.render(view, scenes.THESIS_CAMERA, optics, rng, vision_pad)
+        image, view = picture(marker, k)
         vision = Vision(vision_pad, scenes.THESIS_CAMERA, VisionSection(focal_sigma=0.0))
         seen = vision.process(Frame(0.0, 0, bent(image, white, gamma))).pad
         assert seen

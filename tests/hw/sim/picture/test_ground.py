@@ -1,5 +1,6 @@
 """The ground under the pad: kinds, photographs, and that effects which are off change nothing."""
 
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
@@ -12,18 +13,22 @@ from hw.sim.options import GroundKind, RenderOptions
 from hw.sim.picture.ground import photograph
 from hw.sim.snapshot import PadPose
 from landerd.geometry import IDENTITY
-from tests.hw.sim.picture.scenery import CAMERA, down, looking, picture
+from tests.hw.sim.picture.scenery import CAMERA, U8, down, looking, picture
 
 KINDS = get_args(GroundKind)
 AWAY = PadPose((1e4, 0.0, 0.0), IDENTITY)
 LIT = {"wet": 0.3, "leaf_shade": 0.4, "look_alikes": 4}
 
 
+@cache
+def without_effects(kind: str) -> U8:
+    return picture(down(6.0), {"ground": kind}, at=AWAY, seed=1)
+
+
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "plain"])
 def test_a_ground_is_its_seeds_and_no_others(kind: str) -> None:
-    first, again, other = (
-        picture(down(6.0), {"ground": kind}, at=AWAY, seed=seed) for seed in (1, 1, 2)
-    )
+    first = without_effects(kind)
+    again, other = (picture(down(6.0), {"ground": kind}, at=AWAY, seed=seed) for seed in (1, 2))
     assert (first == again).all()
     assert (first != other).mean() > 0.2
     assert first.std() > 0.5
@@ -31,7 +36,7 @@ def test_a_ground_is_its_seeds_and_no_others(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_everything_lies_and_falls_on_every_kind_of_ground(kind: str) -> None:
-    plain = picture(down(6.0), {"ground": kind}, at=AWAY).astype(float)
+    plain = without_effects(kind).astype(float)
     under = picture(down(6.0), {"ground": kind} | LIT, at=AWAY).astype(float)
     assert under.mean() < 0.95 * plain.mean()
 
