@@ -63,9 +63,9 @@ def default_config() -> Path:
     return config_dir() / "default.yaml"
 
 
-def own_or(path: Path) -> Path:
-    """Return the path, or landerd's own file of that name where there is none at it."""
-    own = config_dir() / path
+def own_or(path: Path, name: str | Path | None = None) -> Path:
+    """Return the path, or landerd's own file of a name, its own, where there is none at it."""
+    own = config_dir() / (name or path)
     return own if own.is_file() and not path.exists() else path
 
 
@@ -260,14 +260,8 @@ def _with_paths(node: Node, schema: Schema, loc: Loc) -> Node:
     elif isinstance(value, list):
         value = [_with_paths(inner, schema, (*loc, i)) for i, inner in enumerate(value)]
     elif isinstance(value, str) and schema.is_path(loc, value):
-        value = str(_found(node.folder / value, value))
+        value = str(own_or(node.folder / value, value))
     return Node(node.place, node.folder, value)
-
-
-def _found(path: Path, name: str) -> Path:
-    """Return the path, or landerd's own file of that name where there is none."""
-    own = config_dir() / name
-    return own if own.exists() and not path.exists() else path
 
 
 def _anchored(model: M) -> M:

@@ -241,7 +241,7 @@ class DescentSection(Section):
     slowest_mps: Annotated[float, Field(gt=0, le=0.5)] = 0.15
 
     @model_validator(mode="after")
-    def _hysteresis(self) -> "DescentSection":
+    def _hysteresis(self) -> Self:
         if not self.align_deg < self.realign_deg <= MAX_HEADING_DEG:
             raise ValueError("expected align_deg < realign_deg <= 5")
         return self

@@ -19,10 +19,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from landerd.config.models import Config
-from landerd.config.yaml_tree import put
+from landerd.config.yaml_tree import parse_block, put
 from landerd.ports import ParameterRefused
 
-NAME_LENGTH = 16  # param_id of MAVLink
 SECTIONS = ("guidance", "rc")
 # Gains and the shape of the descent region; all else is locked while the vehicle is armed.
 IN_FLIGHT = re.compile(
@@ -160,7 +159,7 @@ class ParameterSet:
             raise ParameterRefused("no overlay file to save to")
         try:
             old = self._overlay.read_text("utf-8") if self._overlay.exists() else ""
-            tree = yaml.safe_load(old) or {}
+            tree = parse_block(old, self._overlay)
             for key, value in self._unsaved.items():
                 put(tree, key.split("."), value)
             new = self._overlay.with_name(f".{self._overlay.name}.new")
@@ -170,10 +169,9 @@ class ParameterSet:
                 file.flush()
                 os.fsync(file.fileno())
             new.replace(self._overlay)
-        except (OSError, yaml.YAMLError) as e:
-            raise ParameterRefused(
-                f"not saved: {getattr(e, 'strerror', None) or 'bad YAML'}"
-            ) from None
+        except (OSError, ValueError) as e:
+            reason = e.strerror if isinstance(e, OSError) else "bad YAML"
+            raise ParameterRefused(f"not saved: {reason}") from None
         self._unsaved.clear()
 
 

@@ -156,6 +156,20 @@ def _read(
     return below.under(tree)
 
 
+def parse_block(text: str, path: Path) -> dict[str, Any]:
+    """Return the plain values of a file's text, `include` as it stands; an empty text has none.
+
+    Raises:
+        ValueError: it is no block of keys.
+    """
+    faults: list[Fault] = []
+    tree = _Parser(Place(shown(path)), path.absolute().parent, faults).parse(text)
+    value = {} if tree is None or tree.value is None else tree.plain()
+    if faults or not isinstance(value, dict):
+        raise ValueError(f"{shown(path)}: expected a block of keys")
+    return value
+
+
 def read_override(override: str, faults: list[Fault]) -> Node:
     """Turn "a.b=1" into the tree {a: {b: 1}}; the value is YAML."""
     empty = Node(Place(f"--set {override}"), Path.cwd(), {})

@@ -238,6 +238,8 @@ def test_paths_are_meant_from_the_file_they_are_written_in(folder: Path) -> None
     assert read(path, "pad.layout=x.yaml").config.pad.layout == folder / "x.yaml"
     packaged = config_dir() / "pads" / "nested.yaml"
     assert read(path, "pad.layout=pads/nested.yaml").config.pad.layout == packaged
+    # A folder is made where it is written, though landerd's own files have one of that name.
+    assert read(path, "log.folder=campaigns").config.log.folder == folder / "campaigns"
     own = write(folder / "pads" / "nested.yaml", "")
     assert read(path, "pad.layout=pads/nested.yaml").config.pad.layout == own
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from landerd.config import parameters as module
 from landerd.config.files import config_dir
 from landerd.config.models import Config
 from landerd.config.parameters import (
@@ -26,7 +25,7 @@ from tests.scripted_flight import DT, Flight
 
 def test_names_fit_mavlink_and_are_plain() -> None:
     for name in parameters():
-        assert 0 < len(name) <= module.NAME_LENGTH
+        assert 0 < len(name) <= 16  # of MAVLink's param_id
         assert name.replace("_", "").isalnum()
         assert name.isupper()
 
@@ -106,6 +105,29 @@ def test_what_is_saved_is_laid_over_the_configuration_next_time(tmp_path: Path) 
     assert (config.guidance.pid.up.kp, config.guidance.pid.up.kd) == (1.25, 0.7)
     assert (config.rc.gate_channel, config.vehicle.gear_height_m) == (9, 0.3)
     assert list(tmp_path.iterdir()) == [overlay]
+
+
+def test_what_stands_in_the_overlay_already_is_saved_as_it_is_read(tmp_path: Path) -> None:
+    overlay = tmp_path / "saved.yaml"
+    overlay.write_text("estimation: {bearing_noise_deg: 5e-2}\nautopilot: {system_id: 010}\n")
+    tuned = ParameterSet(Config(), overlay)
+    tuned.change("PID_UP_KP", 1.25, disarmed=True)
+    before = read_configuration(config_dir() / "default.yaml", overlays=[overlay]).config
+    tuned.save()
+    config = read_configuration(config_dir() / "default.yaml", overlays=[overlay]).config
+    assert config.guidance.pid.up.kp == 1.25
+    assert (config.estimation, config.autopilot) == (before.estimation, before.autopilot)
+
+
+@pytest.mark.parametrize("text", ["- 1", "guidance: [", "a: 1\na: 2"])
+def test_an_overlay_that_cannot_be_read_is_not_saved_over(text: str, tmp_path: Path) -> None:
+    overlay = tmp_path / "saved.yaml"
+    overlay.write_text(text)
+    tuned = ParameterSet(Config(), overlay)
+    tuned.change("PID_UP_KP", 1.25, disarmed=True)
+    with pytest.raises(ParameterRefused, match="not saved"):
+        tuned.save()
+    assert overlay.read_text() == text
 
 
 def test_saving_without_a_place_is_refused(tmp_path: Path) -> None:
