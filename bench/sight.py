@@ -34,7 +34,7 @@ from landerd.simulation.flight import Simulation
 from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.sight.world_view import Seen, WorldView
 from landerd.vision import Vision
-from landerd.vision.square import Image
+from landerd.vision.arrays import Image
 
 SIZES_PX = (0, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 30, 50, 80, 120, 200, 400, 4000)
 LONGEST_S = 40.0

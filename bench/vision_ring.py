@@ -18,11 +18,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import CameraModel, Window
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
 from landerd.vision.whycon import find_rings
-from landerd.vision.window import Window
 from tests.vision import scenes
 
 DISTANCES = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 12.0, 15.0, 18.0, 20.0, 25.0, 30.0, 40.0)

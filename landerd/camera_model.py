@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from landerd.section import read_mapping
 
 F64 = NDArray[np.float64]
-Part = tuple[int, int, int, int]  # of an image: columns x0 to x1, rows y0 to y1, ends not included
 
 _FISHEYE = ("equidistant", "fisheye")  # ROS's name, and the one that is used too
 _LENGTHS = {  # of distortion_coefficients
@@ -116,6 +115,20 @@ def _hard(k: tuple[float, ...], fisheye: bool) -> float:
     return float(r[np.argmax(hard)]) if hard.any() else math.inf
 
 
+class Window(NamedTuple):
+    """Pixels of an image: columns x0 to x1 and rows y0 to y1, the ends not included."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    def within(self, width: int, height: int) -> "Window":
+        """Return the part of the window that lies in an image; may be empty."""
+        x0, y0 = min(max(self.x0, 0), width), min(max(self.y0, 0), height)
+        return Window(x0, y0, min(max(self.x1, x0), width), min(max(self.y1, y0), height))
+
+
 class CalibrationError(Exception):
     """A calibration file cannot be used; the text names file, key and what was expected."""
 
@@ -146,6 +159,11 @@ class CameraModel:
     def D(self) -> F64:  # noqa: N802
         """Distortion coefficients in OpenCV's order, (n,)."""
         return np.array(self.distortion, dtype=np.float64)
+
+    @property
+    def focal(self) -> float:
+        """Focal length, px: the geometric mean of both."""
+        return math.sqrt(self.fx * self.fy)
 
     def rays(self, pixels: F64) -> F64:
         """Return undistorted rays (n, 2) on z = 1 for distorted pixels (n, 2)."""
@@ -201,9 +219,9 @@ class CameraModel:
         pixels += (self.cx, self.cy)
         return pixels
 
-    def seeing(self, part: Part) -> "CameraModel":
-        """Return the camera that sees no more than a part of the image."""
-        x0, y0, x1, y1 = part
+    def seeing(self, window: Window) -> "CameraModel":
+        """Return the camera that sees no more than a window of the image."""
+        x0, y0, x1, y1 = window
         return replace(self, width=x1 - x0, height=y1 - y0, cx=self.cx - x0, cy=self.cy - y0)
 
     def scaled(self, width: int, height: int) -> "CameraModel":
@@ -217,7 +235,10 @@ class CameraModel:
                 f"calibrated for {self.width}x{self.height}, images are {width}x{height}: "
                 "another aspect, calibrate for this size"
             )
-        k = width / self.width
+        return self.resized(width, height, width / self.width)
+
+    def resized(self, width: int, height: int, k: float) -> "CameraModel":
+        """Return the same lens before pixels that are k times as many along a line."""
         return replace(
             self,
             width=width,
@@ -378,7 +399,7 @@ def _check_lens(path: Path, camera: CameraModel) -> None:
 
 
 @lru_cache
-def used_part(camera: CameraModel) -> Part:
+def used_part(camera: CameraModel) -> Window:
     """Return the part of the image in which the ray of every pixel comes back to it.
 
     What a distortion folds reaches the image's edge. So a rectangle without such a pixel on its
@@ -395,7 +416,7 @@ def used_part(camera: CameraModel) -> Part:
             break
         cut = [step if worst == side else 0 for side in range(4)]
         x0, y0, x1, y1 = x0 + cut[0], y0 + cut[1], x1 - cut[2], y1 - cut[3]
-    return x0, y0, x1, y1
+    return Window(x0, y0, x1, y1)
 
 
 def left_out(camera: CameraModel) -> str | None:

@@ -228,9 +228,8 @@ class Reference(Enum):
 
     BODY = "body"  # servo gimbals: the airframe
     HORIZON = "horizon"  # stabilised gimbals: gravity for pitch and roll, the airframe for yaw
-    TILT = (
-        "tilt"  # servos with a sensor on the camera: gravity for pitch, the airframe for the rest
-    )
+    # servos with a sensor on the camera: gravity for pitch, the airframe for the rest
+    TILT = "tilt"
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from landerd.camera_model import (
     F64,
     CalibrationError,
     CameraModel,
-    Part,
+    Window,
     camera_info,
     left_out,
     load_camera,
@@ -308,7 +308,7 @@ distortion_coefficients: {rows: 1, cols: 5, data: [0.0981, -4.868, -0.01034, -0.
 """
 
 
-def off_px(model: CameraModel, part: Part) -> F64:
+def off_px(model: CameraModel, part: Window) -> F64:
     """Return how far from it the ray of each pixel of a part of the image comes back to it."""
     x0, y0, x1, y1 = part
     grid = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1)
@@ -321,7 +321,7 @@ def off_px(model: CameraModel, part: Part) -> F64:
 
 
 def test_where_opencvs_iteration_does_not_end_the_ray_is_found_all_the_same() -> None:
-    corner = (1150, 0, 1280, 140)
+    corner = Window(1150, 0, 1280, 140)
     assert off_px(SWINGING, corner).max() < 1e-3
     assert left_out(SWINGING) is None
 
@@ -329,8 +329,8 @@ def test_where_opencvs_iteration_does_not_end_the_ray_is_found_all_the_same() ->
 def test_the_part_without_an_inverse_is_left_out_and_said(tmp_path: Path) -> None:
     model = load_camera(camera(tmp_path, FOLDING))
     x0, y0, x1, y1 = used_part(model)
-    assert off_px(model, (1900, 1060, 1920, 1080)).max() > 1.0
-    assert off_px(model, (x1 - 200, y1 - 200, x1, y1)).max() < 1e-3
+    assert off_px(model, Window(1900, 1060, 1920, 1080)).max() > 1.0
+    assert off_px(model, Window(x1 - 200, y1 - 200, x1, y1)).max() < 1e-3
     assert (x1 - x0) * (y1 - y0) > 0.8 * 1920 * 1080
     said = left_out(model)
     assert said is not None

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64
-
-F32 = NDArray[np.float32]
+from landerd.vision.arrays import F32
 
 _MAX_BLUR_CHANGE = 0.1  # relative; less than that and the blurred print is kept
 _MAX_SAMPLE = 1e5  # where a float32 still holds a hundredth of a sample

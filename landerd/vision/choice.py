@@ -16,7 +16,6 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution, Prior
 from landerd.pad import PadLayout, Ring, Square, WhyCode, size_m
-from landerd.vision.expected import any_across
 from landerd.vision.linear import solved
 from landerd.vision.marker_errors import MarkerErrors
 from landerd.vision.pad_pose import Measurement, pad_poses
@@ -170,8 +169,7 @@ def _count_missing(
             continue
         if pad.north is None and ring.position_m != (0.0, 0.0):
             continue
-        north = np.array(pad.north) if pad.north is not None else any_across(normal)
-        R = rotation_from(normal, north)
+        R = rotation_from(normal, None if pad.north is None else np.array(pad.north))
         points = np.array(pad.position) + (circle(ring.radius_m) + np.array(ring.position_m)) @ (
             R[:, :2].T
         )

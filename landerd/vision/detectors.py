@@ -9,10 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
-from landerd.camera_model import F64, CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3
 from landerd.messages import BESIDE, Light, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Ring, Square
+from landerd.vision.arrays import Image
 from landerd.vision.expected import Expected
 from landerd.vision.metering import Meter
 from landerd.vision.other_ids import OtherIds
@@ -28,20 +29,12 @@ from landerd.vision.pyramid import is_blank
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Beside, Refusal
 from landerd.vision.ring_work import RingWork
-from landerd.vision.square import (
-    MIN_SIDE_PX,
-    FoundSquare,
-    Image,
-    SquareFinder,
-    is_textured,
-    printed_cells,
-)
+from landerd.vision.square import MIN_SIDE_PX, FoundSquare, SquareFinder, is_textured, printed_cells
 from landerd.vision.square_beside import SquareBeside
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
 from landerd.vision.whycon import find_rings, track_ring
-from landerd.vision.window import Window
 
 _KEPT_BYTES = 1 << 24  # 16 MiB: some twenty images of 1280x720
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution, Sightings
 from landerd.pad import PadLayout
+from landerd.vision.arrays import Image
 from landerd.vision.plate_outline import plate_corners
 from landerd.vision.pose import MIN_DEPTH_M, rotation_from
 
-Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]  # blue, green, red
 
 _OUTLINE: Colour = (0, 220, 255)

@@ -4,11 +4,9 @@ Of rings and of squares alike: a line has its own black and white, so that light
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from landerd.camera_model import F64
-
-Mask = NDArray[np.bool_]
+from landerd.vision.arrays import Mask
 
 ROBUST_SIGMAS = 3.0  # an edge that is farther off counts less (Geman and McClure)
 SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation

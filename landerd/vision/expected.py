@@ -76,8 +76,7 @@ class Expected:
     @cached_property
     def _axes(self) -> F64:
         """North and east, (3, 2); any, if the heading is not known."""
-        north = self.north if self.north is not None else any_across(self.normal)
-        axes: F64 = rotation_from(self.normal, north)[:, :2]
+        axes: F64 = rotation_from(self.normal, self.north)[:, :2]
         return axes
 
 
@@ -119,9 +118,3 @@ def _as_predicted(pad: PadPrior, down: Vec3 | None, last: SeenPad | None) -> Exp
     known = pad.north or (last.pose.north if last is not None else None)
     north = None if known is None else np.array(known)
     return Expected(position, normal, north, pad.sigma_m, _PRIOR_MARGIN_PX)
-
-
-def any_across(normal: F64) -> F64:
-    """Return some unit vector (3,) that is far from along the normal."""
-    across: F64 = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    return across

@@ -5,9 +5,8 @@ What OpenCV takes for singular may only be small, as covariances are: there nump
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from landerd.camera_model import F64
 
 
 def inverse(matrix: F64) -> F64:

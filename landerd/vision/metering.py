@@ -10,7 +10,6 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import CLIPPED_LEVEL, Light, PoseSolution
 from landerd.pad import Plate
-from landerd.vision.expected import any_across
 from landerd.vision.patch import on_plate, whole_in_picture
 from landerd.vision.plate_outline import plate_corners
 from landerd.vision.pose import circle, rotation_from
@@ -100,7 +99,7 @@ def _outline(plate: Plate, pad: PoseSolution) -> F64:
     """Return points (n, 3) round the plate, without north round what is surely on it."""
     normal = np.array(pad.normal)
     if pad.north is None:
-        R, flat = rotation_from(normal, any_across(normal)), circle(_sure_reach(plate))
+        R, flat = rotation_from(normal), circle(_sure_reach(plate))
     else:
         R, flat = rotation_from(normal, np.array(pad.north)), plate_corners(plate)
     points: F64 = np.array(pad.position) + flat @ R[:, :2].T

@@ -8,14 +8,13 @@ import math
 
 import numpy as np
 
-from landerd.camera_model import F64, CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
-from landerd.vision.expected import any_across
+from landerd.vision.arrays import Image
 from landerd.vision.patch import is_any_in_picture
 from landerd.vision.pose import MIN_DEPTH_M, circle, px_per_m, rotation_from
-from landerd.vision.square import Image, SquareFinder
-from landerd.vision.window import Window
+from landerd.vision.square import SquareFinder
 
 _MIN_SIDE_PX, _READ_AT_PX = 14.0, 40.0  # of a tag: smaller ones are enlarged to the second
 _HEADINGS = 32  # under which a tag may lie about the ring
@@ -52,7 +51,7 @@ class OtherIds:
         best = sighting.solutions[0]
         t, normal = np.array(best.position), np.array(best.normal)
         scale_px = px_per_m(self._camera, t, normal)
-        axes = rotation_from(normal, any_across(normal))[:, :2]
+        axes = rotation_from(normal)[:, :2]
         for dictionary, size, distance in self._beside[ring]:
             side_px = scale_px * size
             window = self._window(t + circle(distance + 0.75 * size) @ axes.T)

@@ -208,7 +208,7 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
     total = P[:6, :6] + alike
     total[:3, :3] += errors.scale_sigma**2 * np.outer(pose.t, pose.t)
     total[2, 2] += (errors.focal_sigma * pose.t[2]) ** 2
-    found = solution_of(pose, total, has_north)
+    found = solution_of(pose, total, has_north=has_north)
     if found is None:
         return None
     systematic = total - noise

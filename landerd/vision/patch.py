@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import Plate
+from landerd.vision.arrays import Image, Mask
 from landerd.vision.linear import inverse
 from landerd.vision.pose import MIN_DEPTH_M, Pose
-
-Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 _MAX_SIDE_PX = 30.0  # larger markers are fitted on a reduced image
 _MIN_SIDE_PX = 4  # of the reduced box

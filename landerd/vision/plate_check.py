@@ -15,19 +15,16 @@ rings are taken without.
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring
-from landerd.vision.expected import any_across
+from landerd.vision.arrays import U8
 from landerd.vision.patch import levels_at
 from landerd.vision.plate_heading import PlateHeading
 from landerd.vision.plate_outline import PlateOutline, outlines
 from landerd.vision.pose import circle, px_per_m, rotation_from
 from landerd.vision.ring_explained import Vouches
-
-U8 = NDArray[np.uint8]
 
 _MIN_RADIUS_PX = 3.5  # of the ring: nothing can be said against smaller ones
 _RATIO_TELLS_PX = 14.0  # radius of the ring from which on its ratio tells it from others
@@ -97,7 +94,7 @@ class PlateCheck:
 
     def _has_outlines(self, image: U8, ring: Ring, t: F64, normal: F64) -> bool | None:
         """Tell whether a ring's pose has the plate about it; None: it cannot be looked at."""
-        axes = rotation_from(normal, any_across(normal))[:, :2]
+        axes = rotation_from(normal)[:, :2]
         rims = np.concatenate([circle(0.5 * (1.0 + ring.inner_ratio)), circle(_OWN_WHITE)])
         levels = levels_at(image, self._camera, t + ring.radius_m * rims @ axes.T)
         if np.isnan(levels).mean() > _MOST_CUT:

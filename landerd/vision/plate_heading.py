@@ -20,18 +20,16 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution
 from landerd.pad import PadLayout, Ring, Square
-from landerd.vision.expected import any_across
-from landerd.vision.patch import Image, levels_at
-from landerd.vision.plate_outline import CLIPPED, outlines
+from landerd.vision.arrays import Image
+from landerd.vision.patch import levels_at
+from landerd.vision.plate_outline import CLIPPED, HEADINGS, outlines
 from landerd.vision.plate_sides import PlateSides
 from landerd.vision.pose import normal_of, px_per_m, rotation_2d, rotation_from, wrapped
 from landerd.vision.square import printed_cells
 
-_HEADINGS, _ALL = 64, slice(None)
+_ALL = slice(None)
 _MIN_DIAMETER_PX = 18.0  # of the ring where it is narrowest
 _SAME_CHI2 = 12.0  # a mirrored pose of the ring that is worse by more is left
-# From the outlines, to either side: share of the ring's radius, of a print's side, and px.
-_BESIDE_PLATE, _BESIDE_PRINT, _BLUR_PX = 0.12, 0.16, 1.5
 _LEAST_PRINT_PX = 5.0  # of smaller prints nothing is asked
 # A step counts as whole that is such a share of the light on both sides together; so many grey
 # levels are noise. Where white is over full scale a smaller share; where the ground is, nothing is
@@ -103,10 +101,8 @@ class PlateHeading:
             for square in layout.squares
             if square.position_m != ring.position_m
         ]
-        n = int(about.is_plate.sum())
-        shares = _PLATE_WEIGHT / n, (1.0 - _PLATE_WEIGHT) / max(len(about.is_plate) - n, 1)
-        self._weights = np.where(about.is_plate, *shares)
-        self.angles = np.arange(_HEADINGS) * (2.0 * math.pi / _HEADINGS)
+        self._weights = about.weights(_PLATE_WEIGHT)
+        self.angles = np.arange(HEADINGS) * (2.0 * math.pi / HEADINGS)
         self._turns = np.stack([rotation_2d(a).T for a in self.angles])
         self._is_other = np.abs(wrapped(self.angles)) > _OTHER_WAY  # from the first one
         clean = self._clean_leads(layout, ring)
@@ -136,7 +132,7 @@ class PlateHeading:
             t, normal = np.array(s.position), np.array(s.normal)
             if px_per_m(camera, t, normal) * self._diameter < _MIN_DIAMETER_PX:
                 continue
-            axes = rotation_from(normal, any_across(normal))[:, :2]
+            axes = rotation_from(normal)[:, :2]
             seen = self._nearest_way(image, camera, t, axes, known)
             if seen is None or (best is not None and best[0] >= seen[0]):
                 continue
@@ -219,12 +215,11 @@ class PlateHeading:
 
     def _clean_leads(self, layout: PadLayout, ring: Ring) -> tuple[float, float]:
         """Return the leads of a pad of which all is seen, and of its plate alone."""
-        about = self.about
-        share = np.where(about.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)[:, None]
-        points = np.stack([about.places + share * about.ways, about.places - share * about.ways])
-        inside, beyond = (_is_white(layout, ring, p @ self._turns).astype(float) for p in points)
+        inside, beyond = (
+            _is_white(layout, ring, p @ self._turns).astype(float) for p in self.about.beside()
+        )
         steps, weights = inside - beyond, np.broadcast_to(self._weights, inside.shape)
-        both = _mean(steps, weights), _mean(steps, weights * about.is_plate)
+        both = _mean(steps, weights), _mean(steps, weights * self.about.is_plate)
         return self._lead(both[0]), self._lead(both[1])
 
     def ways(
@@ -253,13 +248,7 @@ class PlateHeading:
     ) -> tuple[F64, F64, F64]:
         """Return steps and weights (headings, n) of the outlines, and the plate's share in view."""
         about = self.about
-        px = px_per_m(camera, t, normal_of(axes)) * about.sizes
-        share = np.where(about.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
-        ways = about.ways * np.clip(_BLUR_PX / px, share, 0.5)[:, None]
-        points = np.concatenate([about.places + ways, about.places - ways])
-        turned = points @ self._turns[which]
-        grey = levels_at(image, camera, t + turned.reshape(-1, 2) @ axes.T)
-        inside, beyond = np.moveaxis(grey.reshape(len(turned), 2, -1), 1, 0)
+        px, inside, beyond = about.levels(image, camera, t, axes, self._turns[which])
         in_view = ~np.isnan(inside - beyond)
         whole = np.where(inside > CLIPPED, _WHOLE_STEP_CLIPPED, _WHOLE_STEP)
         steps = (inside - beyond) / (whole * (inside + beyond + 2.0 * _NOISE))

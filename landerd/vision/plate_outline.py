@@ -9,19 +9,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import PadLayout, Plate, Ring, Square
+from landerd.vision.arrays import U8, Mask
 from landerd.vision.edge_profile import medians
 from landerd.vision.patch import levels_at
 from landerd.vision.pose import circle, normal_of, px_per_m, rotation_2d
 from landerd.vision.square_pose import square_points
 
-U8 = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
-
-_HEADINGS = 64
+HEADINGS = 64  # that are tried
 # How far from the outline either side is looked at: of the ring's radius, of a print's side; and
 # px, for which blur leaves something of the step.
 _BESIDE_PLATE, _BESIDE_PRINT, _BLUR_PX = 0.12, 0.16, 1.5
@@ -66,21 +63,54 @@ class Outlines:
     sizes: F64  # of what has the outline: the ring's radius for the plate, a print's side, m, (n,)
     is_plate: Mask  # (n,)
 
+    def weights(self, plate: float) -> F64:
+        """Return the weights (n,) of the places: a share for the plate's, the rest for prints'."""
+        n = int(self.is_plate.sum())
+        shares = plate / n, (1.0 - plate) / max(len(self.is_plate) - n, 1)
+        return np.where(self.is_plate, *shares)
+
+    def beside(self, least: F64 | None = None) -> tuple[F64, F64]:
+        """Return points (n, 2) within the outlines and beyond, pad's axes, m.
+
+        Args:
+            least: from the outlines, of what has them, (n,); None: as far as is looked at.
+        """
+        share = np.where(self.is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
+        # Not so far that it would be beyond the middle of a small print.
+        ways = self.ways * (share if least is None else np.clip(least, share, 0.5))[:, None]
+        return self.places + ways, self.places - ways
+
+    def levels(
+        self, image: U8, camera: CameraModel, t: F64, axes: F64, turns: F64
+    ) -> tuple[F64, F64, F64]:
+        """Return how large what has the outlines is (n,), px, and the levels within and beyond.
+
+        The levels are (turns, n); NaN out of the picture.
+
+        Args:
+            image: grey image (height, width).
+            camera: the lens.
+            t: the ring's centre (3,), camera frame, m.
+            axes: two unit vectors (3, 2) in the ring's plane.
+            turns: of the plate on it, (turns, 2, 2), transposed.
+        """
+        px = px_per_m(camera, t, normal_of(axes)) * self.sizes
+        points = np.concatenate(self.beside(_BLUR_PX / px))
+        grey = levels_at(image, camera, t + (points @ turns).reshape(-1, 2) @ axes.T)
+        inside, beyond = np.moveaxis(grey.reshape(len(turns), 2, -1), 1, 0)
+        return px, inside, beyond
+
 
 class PlateOutline:
     """The outlines about one ring of a pad."""
 
     def __init__(self, about: Outlines) -> None:
         """Take the places."""
-        self._places, self._ways = about.places, about.ways
-        self._sizes, self._is_plate = about.sizes, about.is_plate
-        n, count = int(about.is_plate.sum()), len(about.is_plate)
-        self._beside = np.where(self._is_plate, _BESIDE_PLATE, _BESIDE_PRINT)
-        shares = _PLATE_WEIGHT / n, (1.0 - _PLATE_WEIGHT) / max(count - n, 1)
-        self._weights = np.where(self._is_plate, *shares)
-        self._has_prints = count > n
+        self._about, self._is_plate = about, about.is_plate
+        self._weights = about.weights(_PLATE_WEIGHT)
+        self._has_prints = not about.is_plate.all()
         self._least = _LEAST if self._has_prints else _LEAST_ALONE
-        turns = [rotation_2d(2.0 * math.pi * k / _HEADINGS).T for k in range(_HEADINGS)]
+        turns = [rotation_2d(2.0 * math.pi * k / HEADINGS).T for k in range(HEADINGS)]
         # Every second heading first: most pads are seen under one of them.
         self._turns = np.stack(turns[::2]), np.stack(turns[1::2])
 
@@ -98,15 +128,10 @@ class PlateOutline:
             axes: two unit vectors (3, 2) in the ring's plane.
             levels: grey levels of the ring's black and of the white about it.
         """
-        px = px_per_m(camera, t, normal_of(axes)) * self._sizes
-        # Not so far that it would be beyond the middle of a small print.
-        ways = self._ways * np.clip(_BLUR_PX / px, self._beside, 0.5)[:, None]
-        points = np.concatenate([self._places + ways, self._places - ways])
-        is_known = self._is_plate | (px > _LEAST_PRINT_PX)
         is_cut = False
         for turns in self._turns:
-            grey = levels_at(image, camera, t + (points @ turns).reshape(-1, 2) @ axes.T)
-            inside, beyond = np.moveaxis(grey.reshape(len(turns), 2, -1), 1, 0)
+            px, inside, beyond = self._about.levels(image, camera, t, axes, turns)
+            is_known = self._is_plate | (px > _LEAST_PRINT_PX)
             seen, may_be = self._seen(inside, beyond, is_known, levels)
             if seen.any():
                 return True

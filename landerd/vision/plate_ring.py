@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
-from landerd.camera_model import F64, CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3
 from landerd.messages import PLATE, MarkerSighting, PoseSolution
 from landerd.pad import Plate, Ring
-from landerd.vision.expected import any_across
-from landerd.vision.patch import Image, levels_at
+from landerd.vision.arrays import Image
+from landerd.vision.patch import levels_at
 from landerd.vision.plate_heading import PlateHeading
 from landerd.vision.pose import (
     LEVEL_SIGMA,
@@ -28,7 +28,6 @@ from landerd.vision.pose import (
     vec3,
 )
 from landerd.vision.ring_match import DARK, SMALLEST_PX, STEP, matches
-from landerd.vision.window import Window
 
 # Factors on the size that correlation found, of which the best goes on.
 _SIZES = (0.8, 0.87, 0.94, 1.0, 1.07, 1.15, 1.23)
@@ -39,11 +38,9 @@ _INSIDE, _STROKE, _OUTSIDE = (0.25, 0.54, 0.8), (0.15, 0.32, 0.5, 0.67, 0.83), (
 _RAYS = 32
 _MOST_CUT = 0.3  # of that, out of the picture
 # How much of the plate's outlines is seen roughly; then of its sides' places, all and of each side,
-# with a step beyond this share of the light on both sides, and grey levels; how far from them it is
-# looked, of the radius and px.
+# with a step beyond this share of the light on both sides, and grey levels.
 _LEAST_ROUGH, _LEAST_SIDES, _LEAST_SIDE = 0.4, 0.9, 0.6
 _STEP, _LEAST_STEP = 0.06, 4.0
-_BESIDE, _BLUR_PX = 0.12, 1.5
 # Of the ring: shares of the rays on which the stroke is darker than margin and hole, by so much of
 # a logarithm, both on the median by more; and the correlation. Of the rings of 16 px and more that
 # nothing else showed in 240 pictures of 106 field days three in ten have all of it, one of those
@@ -67,10 +64,7 @@ class PlateRing:
 
     def __init__(self, plate: Plate, ring: Ring, heading: PlateHeading) -> None:
         """Prepare the places to look at, beside those of the heading about the same ring."""
-        about = heading.about
         self._ring, self._heading = ring, heading
-        self._places = about.places[about.is_plate]
-        self._ways = about.ways[about.is_plate]  # inwards, as long as the ring's radius
         width = min(plate.north_m + plate.south_m, plate.east_m + plate.west_m)
         self._half_width = 0.5 * width
         hole = ring.inner_ratio
@@ -91,7 +85,7 @@ class PlateRing:
         if float(expected[2]) < MIN_DEPTH_M:
             return None
         x, y = camera.pixels(expected[None])[0].tolist()
-        focal = math.sqrt(camera.fx * camera.fy)
+        focal = camera.focal
         size = focal * self._ring.outer_diameter_m / float(np.linalg.norm(expected))
         if not SMALLEST_PX < size < _LARGEST_PX:
             return None
@@ -110,7 +104,7 @@ class PlateRing:
             down: unit vector of gravity, camera frame.
         """
         normal = np.array(down)
-        axes = rotation_from(normal, any_across(normal))[:, :2]
+        axes = rotation_from(normal)[:, :2]
         sizes = [t / size for size in _SIZES]
         likest = max(sizes, key=lambda at: self._correlation(self._levels(image, camera, at, axes)))
         seen, _ = self._heading.ways(image, camera, likest, axes)
@@ -163,12 +157,10 @@ class PlateRing:
 
     def _has_sides(self, image: Image, camera: CameraModel, at: F64, north: F64) -> bool:
         """Tell whether all sides of the plate are seen, under the pad's axes north (3, 2)."""
-        px = px_per_m(camera, at, normal_of(north))
-        ways = self._ways * max(_BESIDE, _BLUR_PX / (px * self._ring.radius_m))
-        points = np.concatenate([self._places + ways, self._places - ways])
-        inside, beyond = levels_at(image, camera, at + points @ north.T).reshape(2, -1)
+        about = self._heading.about
+        _, inside, beyond = about.levels(image, camera, at, north, np.eye(2)[None])
         steps = inside - beyond > np.maximum(_STEP * (inside + beyond), _LEAST_STEP)
-        sides = steps.reshape(4, -1).mean(axis=1)
+        sides = steps[:, about.is_plate].reshape(4, -1).mean(axis=1)
         return bool(sides.mean() > _LEAST_SIDES and sides.min() >= _LEAST_SIDE)
 
     def _sighting(self, camera: CameraModel, at: F64, axes: F64, covariance: F64) -> MarkerSighting:

@@ -10,19 +10,17 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.pad import PadLayout, Ring
+from landerd.vision.arrays import U8
 from landerd.vision.edge_profile import is_step
 from landerd.vision.patch import levels_at
 from landerd.vision.plate_outline import along, plate_corners
 from landerd.vision.pose import circle
 from landerd.vision.pyramid import Level
-from landerd.vision.ring_pose import Pose
+from landerd.vision.ring_pose import CirclePose
 from landerd.vision.square_pose import shortest_side
-
-U8 = NDArray[np.uint8]
 
 # What is brighter than its surroundings (px of a level) by a factor, and some grey levels: white on
 # bright ground, and half-shaded white on dark ground, which the first would join with its sunny
@@ -70,7 +68,7 @@ class PlateSearch:
         darker = [places + ways, *(self._centre + p for p in (at[2], at[2]))]
         self._points: F64 = np.concatenate([*brighter, *darker])
 
-    def find(self, image: U8, levels: Sequence[Level], camera: CameraModel) -> Pose | None:
+    def find(self, image: U8, levels: Sequence[Level], camera: CameraModel) -> CirclePose | None:
         """Return the pose of the ring on what is likest the plate; None if nothing is.
 
         Args:

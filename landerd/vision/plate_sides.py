@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
+from landerd.vision.arrays import Image
 from landerd.vision.linear import inverse, solved
-from landerd.vision.patch import Image, levels_at
+from landerd.vision.patch import levels_at
 from landerd.vision.plate_outline import Outlines
 from landerd.vision.pose import normal_of, px_per_m, rotation_2d
 

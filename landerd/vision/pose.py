@@ -65,16 +65,16 @@ class Pose:
         )
 
 
-def solution(pose: Pose, has_north: bool = True) -> PoseSolution | None:
-    """Return the pose as vision reports it; None if its covariance does not exist."""
+def solution(pose: Pose) -> PoseSolution | None:
+    """Return a pose with north as vision reports it; None if its covariance does not exist."""
     try:
         covariance = inverse(pose.information)
     except np.linalg.LinAlgError:
         return None
-    return solution_of(pose, covariance, has_north)
+    return solution_of(pose, covariance, has_north=True)
 
 
-def solution_of(pose: Pose, covariance: F64, has_north: bool) -> PoseSolution | None:
+def solution_of(pose: Pose, covariance: F64, *, has_north: bool) -> PoseSolution | None:
     """Return a pose with a covariance (6, 6) as vision reports it; None if it is none."""
     turn = covariance[3:, 3:]
     variance_yaw = float(pose.normal @ turn @ pose.normal)
@@ -112,8 +112,13 @@ def wrapped(angles: NDArray[np.floating]) -> F64:
     return turned
 
 
-def rotation_from(normal: F64, north: F64) -> F64:
-    """Return the rotation (3, 3) of a plane with this unit normal; north need not lie in it."""
+def rotation_from(normal: F64, north: F64 | None = None) -> F64:
+    """Return the rotation (3, 3) of a plane with this unit normal.
+
+    North need not lie in it, but not along the normal; None: it does not matter which way it is.
+    """
+    if north is None:
+        north = np.eye(3)[int(np.argmin(np.abs(normal)))]
     # In plain floats: numpy takes several times as long on single vectors.
     n, along = vec3(normal), vec3(north)
     off = dot(along, n)
@@ -145,7 +150,7 @@ def px_per_m(camera: CameraModel, t: F64, normal: F64) -> float:
         normal: unit vector (3,) into the plane.
     """
     slant = float(normal @ t) / float(np.linalg.norm(t))
-    return math.sqrt(camera.fx * camera.fy) * slant / max(float(t[2]), MIN_DEPTH_M)
+    return camera.focal * slant / max(float(t[2]), MIN_DEPTH_M)
 
 
 def circle(radius: float, count: int = 16) -> F64:

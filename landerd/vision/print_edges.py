@@ -13,17 +13,17 @@ import cv2
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel
+from landerd.vision.arrays import Image, Mask
 from landerd.vision.edge_profile import (
     ROBUST_SIGMAS,
     SIGMA_PER_MAD,
-    Mask,
     crossing,
     edge_cost,
     is_step,
     medians,
 )
 from landerd.vision.linear import inverse, solved
-from landerd.vision.patch import Image, on_plane, pose_slope
+from landerd.vision.patch import on_plane, pose_slope
 from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, Pose
 from landerd.vision.square_pose import corner_information
 
@@ -189,7 +189,7 @@ class PrintEdges:
         return count >= _MIN_STEPS and fit.own_steps >= _MIN_OWN_STEPS * count
 
     def _cell_px(self, pose: Pose, camera: CameraModel) -> float:
-        return math.sqrt(camera.fx * camera.fy) * self._cell / float(pose.t[2])
+        return camera.focal * self._cell / float(pose.t[2])
 
     def _shows_print(self, seen: Mask) -> bool:
         """Tell whether enough edges are seen (n,) for a print to be there, hidden in part."""
@@ -266,7 +266,7 @@ class PrintEdges:
     def _judged(self, fitted: _Fitted, edges: _Seen, camera: CameraModel) -> EdgeFit | None:
         """Return the fit with what tells whether it is of the print."""
         pose, shift, noise = fitted.pose, fitted.shift_px, fitted.noise_px
-        focal = math.sqrt(camera.fx * camera.fy)
+        focal = camera.focal
         near = _near(edges, fitted.residual, self._cell_px(pose, camera))
         code, outline = edges.in_image & self._is_code, edges.in_image & ~self._is_code
         r, w = fitted.residual, fitted.weight

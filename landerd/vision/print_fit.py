@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
+from landerd.vision.arrays import Image
 from landerd.vision.blurred_print import BlurredPrint
+from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import inverse, solved
-from landerd.vision.patch import Image, Patch, marker_patch, on_plane, pose_slope
+from landerd.vision.patch import Patch, marker_patch, on_plane, pose_slope
 from landerd.vision.pose import Pose
 from landerd.vision.square_pose import corner_information, square_points
 from landerd.vision.tone import LINEAR, TONE_SIGMA, TONES, bounded, edge_shift, toned
@@ -42,7 +44,6 @@ _LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the p
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
 _TURNED = 0.6  # of the contrast: a residual above it
 _MAX_CORRELATION = 0.95  # of neighbouring residuals: what they tell is never nothing
-_SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _READ_NOISE = 1.0  # grey levels: no residual is trusted to be smaller
 _SHIFT_BIAS = 0.2  # of what a tone curve moves edges by: no camera's is a cubic
 _UNSHARP_BIAS = 0.05  # of the corners, over the blur beyond a sharp lens's: it is no Gaussian
@@ -345,7 +346,7 @@ def _first_light(grey: F64) -> F64:
 def _normal_equations(J: F64, residual: F64, tone: F64) -> _NormalEquations:
     n = len(residual)
     size = np.abs(residual)
-    sigma = max(_READ_NOISE, _SIGMA_PER_MAD * float(np.partition(size, n // 2)[n // 2]))
+    sigma = max(_READ_NOISE, SIGMA_PER_MAD * float(np.partition(size, n // 2)[n // 2]))
     weight = np.minimum(1.0, _ROBUST_SIGMAS * sigma / np.maximum(size, 1e-9))
     JW = J * weight
     matrix = JW @ J.T

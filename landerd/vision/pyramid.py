@@ -6,12 +6,9 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
-from landerd.vision.window import Window
-
-U8 = NDArray[np.uint8]
+from landerd.camera_model import CameraModel, Window
+from landerd.vision.arrays import U8
 
 _COARSEST_PX = 100.0  # side of the smallest level: a ring that fills it is what segmentation can do
 _SEARCH_DIAMETER_PX = 28.0  # rings whose size in the image is known are searched at about this
@@ -80,28 +77,10 @@ def levels(
         small_h, small_w = int(crop.shape[0] / k), int(crop.shape[1] / k)
         if min(small_h, small_w) < _SMALLEST_SIDE_PX:
             break
-        seeing = _seeing(camera, part, (small_h, small_w), k)
+        seeing = camera.seeing(part).resized(small_w, small_h, 1.0 / k)
         largest_px = math.inf if n == halvings[-1] else _LARGEST_PX if n > 0 else SMALL_PX
         made.append(Level(made[-1] if made else crop, seeing, (part.x0, part.y0), k, largest_px))
     return made[::-1]
-
-
-def _seeing(
-    camera: CameraModel, part: Window, shape: tuple[int, int], reduction: float
-) -> CameraModel:
-    """Return the camera that sees a part of the image at a reduced size."""
-    height, width = shape
-    return CameraModel(
-        width,
-        height,
-        fx=camera.fx / reduction,
-        fy=camera.fy / reduction,
-        # Pixel centres, not edges, are whole numbers.
-        cx=(camera.cx - part.x0 + 0.5) / reduction - 0.5,
-        cy=(camera.cy - part.y0 + 0.5) / reduction - 0.5,
-        distortion=camera.distortion,
-        fisheye=camera.fisheye,
-    )
 
 
 def is_blank(image: U8) -> bool:

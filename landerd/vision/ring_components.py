@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
+from landerd.camera_model import F64
+from landerd.vision.arrays import U8, Mask
+
 Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 _MIN_AREA_PX = 12  # a ring of 5 px without its hole
 _MIN_HOLE = 0.05  # of a component's area: a plain ring's has 0.2

@@ -12,10 +12,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.camera_model import F64
+from landerd.vision.arrays import F32
 from landerd.vision.linear import eigen
 from landerd.vision.ring_model import CENTRE, RATIO, TILT
-from landerd.vision.ring_pixels import F32, sectors
-from landerd.vision.ring_pose import F64
+from landerd.vision.ring_pixels import sectors
 
 _SECTORS = 12  # with 24 a glare spot covers several, with fewer five numbers could not be told
 _FITTED = 5  # numbers that the sectors' own pulls were used for

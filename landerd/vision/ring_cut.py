@@ -9,14 +9,12 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.pad import Ring
+from landerd.vision.arrays import U8
 from landerd.vision.ring_edges import points_on
-from landerd.vision.ring_pose import F64, Pose, cone_through, poses_of_cone
-
-U8 = NDArray[np.uint8]
+from landerd.vision.ring_pose import CirclePose, cone_through, poses_of_cone
 
 _LEAST_ARC = 32  # pixels of the level; of 90 arcs of rings of which 0.3 and more was seen: 33
 # From the conic, rms, px of the level: those arcs gave 0.22 to 0.35, pixels being whole.
@@ -29,7 +27,7 @@ _CUT_SHARE = 0.93
 _BORDER_PX = 2  # of the level: what is dark there ends where the image does
 
 
-def cut_rings(dark: U8, camera: CameraModel, ring: Ring) -> list[tuple[Pose, Pose]]:
+def cut_rings(dark: U8, camera: CameraModel, ring: Ring) -> list[tuple[CirclePose, CirclePose]]:
     """Return both poses of what may be a ring that the image's edge cuts, the longest arc first.
 
     Args:
@@ -73,7 +71,9 @@ def _is_convex(arc: "cv2.typing.MatLike") -> bool:
     return cv2.contourArea(arc) > _CONVEX * cv2.contourArea(cv2.convexHull(arc))
 
 
-def _poses(dark: U8, camera: CameraModel, ring: Ring, arc: F64) -> tuple[Pose, Pose] | None:
+def _poses(
+    dark: U8, camera: CameraModel, ring: Ring, arc: F64
+) -> tuple[CirclePose, CirclePose] | None:
     """Return both poses of a ring of which an edge is an arc (n, 2), px; None: it is no ellipse."""
     rays = camera.rays(arc)
     cone = cone_through(rays)
@@ -95,7 +95,7 @@ def _poses(dark: U8, camera: CameraModel, ring: Ring, arc: F64) -> tuple[Pose, P
     return (radius * t, n), (radius * other_t, other_n)
 
 
-def _is_cut(camera: CameraModel, ring: Ring, pose: Pose) -> bool:
+def _is_cut(camera: CameraModel, ring: Ring, pose: CirclePose) -> bool:
     points = pose[0] + _CUT_SHARE * (points_on(ring, pose) - pose[0])
     if float(points[:, 2].min()) <= 0.0:
         return True

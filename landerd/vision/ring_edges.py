@@ -15,23 +15,14 @@ from functools import partial
 import cv2
 import numpy as np
 import numpy.ma  # np.median loads it when first called: 40 ms, in flight
-from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.pad import Ring
-from landerd.vision.edge_profile import (
-    ROBUST_SIGMAS,
-    SIGMA_PER_MAD,
-    Mask,
-    crossing,
-    is_step,
-    medians,
-)
+from landerd.vision.arrays import F32, U8, Mask
+from landerd.vision.edge_profile import ROBUST_SIGMAS, SIGMA_PER_MAD, crossing, is_step, medians
 from landerd.vision.linear import inverse
-from landerd.vision.ring_pixels import F32, PlaneView, plane_axes
-from landerd.vision.ring_pose import F64, Pose
-
-U8 = NDArray[np.uint8]
+from landerd.vision.ring_pixels import PlaneView, plane_axes
+from landerd.vision.ring_pose import CirclePose
 
 INTERP = cv2.INTER_CUBIC
 _RAYS = 64
@@ -70,7 +61,7 @@ _MOST_CORRELATED = 0.95
 
 
 @dataclass(frozen=True)
-class EdgeFit:
+class RingEdgeFit:
     """A pose fitted to edges, and how much of the ring they show."""
 
     position: F64  # (3,), m
@@ -121,7 +112,7 @@ class _Edges:
     levels: F64  # (2, 2, n): edge; black, white
 
 
-def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: Pose) -> EdgeFit | None:
+def edge_fit(image: U8, camera: CameraModel, ring: Ring, start: CirclePose) -> RingEdgeFit | None:
     """Return the pose whose edges are those in the image near a start; None if there is none.
 
     Args:
@@ -160,23 +151,23 @@ def _has_support(edges: _Edges, equations: "_Equations", radius_px: float) -> bo
     return bool(np.count_nonzero(near) > _COARSE_SUPPORT * np.count_nonzero(edges.in_image))
 
 
-def moved_px(camera: CameraModel, ring: Ring, before: Pose, after: Pose) -> float:
+def moved_px(camera: CameraModel, ring: Ring, before: CirclePose, after: CirclePose) -> float:
     """Return about how far the edges were moved in the image from one pose to another."""
     way = (after[0] - before[0]) * (_radius_px(camera, ring, after) / ring.radius_m)
     way[2] *= ring.radius_m / float(after[0][2])
     return float(np.sqrt(way @ way))
 
 
-def _radius_px(camera: CameraModel, ring: Ring, pose: Pose) -> float:
-    return math.sqrt(camera.fx * camera.fy) * ring.radius_m / max(float(pose[0][2]), 1e-6)
+def _radius_px(camera: CameraModel, ring: Ring, pose: CirclePose) -> float:
+    return camera.focal * ring.radius_m / max(float(pose[0][2]), 1e-6)
 
 
-def points_on(ring: Ring, pose: Pose) -> F64:
+def points_on(ring: Ring, pose: CirclePose) -> F64:
     """Return points (n, 3) of the outer edge, camera frame, m."""
     return _points(ring, pose, np.full(_RAYS, ring.radius_m))
 
 
-def _points(ring: Ring, pose: Pose, radii: F64) -> F64:
+def _points(ring: Ring, pose: CirclePose, radii: F64) -> F64:
     """Return points (..., rays, 3) on circles of radii (..., rays), camera frame, m."""
     _, axes = plane_axes(pose[0][None], pose[1][None])
     around = _CIRCLE @ axes[0, :2].astype(np.float64)
@@ -185,7 +176,7 @@ def _points(ring: Ring, pose: Pose, radii: F64) -> F64:
 
 
 def _sampled(
-    image: U8, camera: CameraModel, ring: Ring, pose: Pose, radii: F64
+    image: U8, camera: CameraModel, ring: Ring, pose: CirclePose, radii: F64
 ) -> tuple[F64, Mask, F32] | None:
     """Return grey levels on circles (bands, circles), whether they are in the image, and pixels.
 
@@ -219,7 +210,9 @@ def _sampled(
     return grey.reshape(shape).astype(np.float64), inside.reshape(shape), px.reshape(*shape, 2)
 
 
-def _edges(image: U8, camera: CameraModel, ring: Ring, pose: Pose, reach: float) -> _Edges | None:
+def _edges(
+    image: U8, camera: CameraModel, ring: Ring, pose: CirclePose, reach: float
+) -> _Edges | None:
     """Return the edges within a share of the bands about a pose."""
     R, r = ring.radius_m, ring.radius_m * ring.inner_ratio
     along = np.linspace(-_INTO_BLACK, _INTO_WHITE, _SAMPLES) * (reach * R)
@@ -264,8 +257,13 @@ class _Equations:
 
 
 def _descended(
-    edges: _Edges, ring: Ring, camera: CameraModel, pose: Pose, shift: float, least_noise: float
-) -> tuple[Pose, float, float, _Equations] | None:
+    edges: _Edges,
+    ring: Ring,
+    camera: CameraModel,
+    pose: CirclePose,
+    shift: float,
+    least_noise: float,
+) -> tuple[CirclePose, float, float, _Equations] | None:
     """Return pose, shift and noise after some robust steps to the edges."""
     for _ in range(_DESCENTS):
         equations, noise = _normal_equations(edges, ring, camera, pose, shift, least_noise)
@@ -279,7 +277,7 @@ def _descended(
 
 
 def _freed(
-    edges: _Edges, ring: Ring, camera: CameraModel, pose: Pose, shift: float, noise: float
+    edges: _Edges, ring: Ring, camera: CameraModel, pose: CirclePose, shift: float, noise: float
 ) -> Freed:
     """Return the ratio of the same edges, from a fit that was held to the ring's."""
     for _ in range(_FREED_DESCENTS):
@@ -301,7 +299,7 @@ def _solved(equations: _Equations, rows: int) -> F64 | None:
     return np.asarray(step[:, 0]) if solved and np.isfinite(step).all() else None
 
 
-def _moved(pose: Pose, step: F64, axes: F32) -> Pose | None:
+def _moved(pose: CirclePose, step: F64, axes: F32) -> CirclePose | None:
     """Return a pose moved by a step on its plane's axes; None if that is wild."""
     t, normal = pose
     e = axes.astype(np.float64)
@@ -313,10 +311,15 @@ def _moved(pose: Pose, step: F64, axes: F32) -> Pose | None:
 
 
 def _normal_equations(
-    edges: _Edges, ring: Ring, camera: CameraModel, pose: Pose, shift: float, least_noise: float
+    edges: _Edges,
+    ring: Ring,
+    camera: CameraModel,
+    pose: CirclePose,
+    shift: float,
+    least_noise: float,
 ) -> tuple[_Equations, float]:
     """Return the equations about a pose, and the noise of edges, px."""
-    focal = math.sqrt(camera.fx * camera.fy)
+    focal = camera.focal
     t32, axes = plane_axes(pose[0][None], pose[1][None])
     g = PlaneView(edges.rays, focal, t32, axes)
     n = _RAYS
@@ -362,12 +365,12 @@ def _judged(
     image: U8,
     camera: CameraModel,
     ring: Ring,
-    pose: Pose,
+    pose: CirclePose,
     shift: float,
     noise: float,
     edges: _Edges,
     equations: _Equations,
-) -> EdgeFit:
+) -> RingEdgeFit:
     """Return the fit with what tells whether it is of a ring."""
     radius_px = _radius_px(camera, ring, pose)
     off = np.abs(equations.residual)
@@ -387,7 +390,7 @@ def _judged(
     beside = [(*edges.levels[i], seen[i]) for i in (0, 1)]
     contrast = [_median(white - black, there) for black, white, there in beside]
     depth = [_median(1.0 - black / np.maximum(white, 1.0), there) for black, white, there in beside]
-    return EdgeFit(
+    return RingEdgeFit(
         position=pose[0],
         normal=pose[1],
         shift_px=shift,
@@ -454,7 +457,7 @@ _MOST_HALO = 0.2  # of the contrast: 0.19 in strongly sharpened pictures; dirt i
 
 
 def _areas(
-    image: U8, camera: CameraModel, ring: Ring, pose: Pose, edges: _Edges, spread: float
+    image: U8, camera: CameraModel, ring: Ring, pose: CirclePose, edges: _Edges, spread: float
 ) -> tuple[float, float, float]:
     """Return the shares of the stroke that is dark and of the white that is bright, and the ridge.
 

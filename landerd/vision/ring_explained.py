@@ -12,23 +12,20 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.messages import EDGES
 from landerd.pad import Ring
+from landerd.vision.arrays import U8
 from landerd.vision.edge_profile import edge_cost
 from landerd.vision.linear import solved
 from landerd.vision.pose import px_per_m
 from landerd.vision.ring_covariance import frontal_inflation
-from landerd.vision.ring_edges import EdgeFit, edge_fit, points_on
+from landerd.vision.ring_edges import RingEdgeFit, edge_fit, points_on
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
-from landerd.vision.ring_pose import F64, Pose, mirrored
+from landerd.vision.ring_pose import CirclePose, mirrored
 from landerd.vision.ring_stages import is_blurred_away, is_dim_within
-from landerd.vision.window import Window
-
-U8 = NDArray[np.uint8]
 
 # What edges must show to be a ring's: shares of the rays with an outer and with an inner edge, of
 # the stroke that is dark, of hole and surroundings that are bright, of what is seen at all. Each is
@@ -237,7 +234,7 @@ def _explained(
     vouches: Vouches | None,
 ) -> Explained | None:
     best = fits[0]
-    found: list[EdgeFit] = []
+    found: list[RingEdgeFit] = []
     starts = [(best.position, best.normal)]
     other = mirrored(*starts[0], ring.radius_m)
     if other is not None and len(fits) > 1:
@@ -266,7 +263,7 @@ def _explained(
     return Explained(told, toned)
 
 
-def _is_hopeless(e: EdgeFit) -> bool:
+def _is_hopeless(e: RingEdgeFit) -> bool:
     """Tell whether edges are of no ring, not under the mirrored pose either.
 
     Under the wrong one of two poses half of a large ring's edges are in place, in texture few.
@@ -279,7 +276,7 @@ def edge_fits(
     image: U8,
     camera: CameraModel,
     ring: Ring,
-    starts: Sequence[Pose],
+    starts: Sequence[CirclePose],
     vouches: Vouches | None = None,
 ) -> list[RingFit]:
     """Return the fits to edges near expected poses, best first; empty if they are no ring's."""
@@ -294,7 +291,7 @@ def edge_fits(
 
 
 def matched_fits(
-    image: U8, camera: CameraModel, ring: Ring, start: Pose, vouches: Vouches | None
+    image: U8, camera: CameraModel, ring: Ring, start: CirclePose, vouches: Vouches | None
 ) -> list[RingFit]:
     """Return the fit to edges about what is likest a level ring; empty if it is none."""
     e = edge_fit(image, camera, ring, start)
@@ -307,7 +304,7 @@ def matched_fits(
     return [] if inflation is None else [_ring_fit(e, ring, camera, e.noise_px, inflation)]
 
 
-def _best_first(fits: list[EdgeFit]) -> tuple[list[EdgeFit], float]:
+def _best_first(fits: list[RingEdgeFit]) -> tuple[list[RingEdgeFit], float]:
     """Return fits in order of their cost, and the least noise of their edges, px.
 
     As many edges are independent for one as for the other: the fewer it was for any.
@@ -318,7 +315,7 @@ def _best_first(fits: list[EdgeFit]) -> tuple[list[EdgeFit], float]:
     return sorted(fits, key=lambda e: edge_cost(e.residual, noise, e.dependence)), noise
 
 
-def _is_shifted(e: EdgeFit) -> bool:
+def _is_shifted(e: RingEdgeFit) -> bool:
     """Tell whether a tone curve has moved the edges."""
     return abs(e.shift_px) > _AGREE_SHIFT_PX + _AGREE_SIGMAS * e.sigma_shift
 
@@ -342,7 +339,7 @@ def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
     return _share(e) < _VOUCHED or (min(e.support) > _MIN_EITHER and e.ridge > _MAX_RIDGE)
 
 
-def is_ring_by_edges(e: EdgeFit, share: float = 1.0) -> bool:
+def is_ring_by_edges(e: RingEdgeFit, share: float = 1.0) -> bool:
     """Tell whether edges are those of a ring, black between white; or to a share of that."""
     return (
         _has_edges(e, share)
@@ -352,7 +349,7 @@ def is_ring_by_edges(e: EdgeFit, share: float = 1.0) -> bool:
     )
 
 
-def _is_dim_within(e: EdgeFit) -> bool:
+def _is_dim_within(e: RingEdgeFit) -> bool:
     """Tell whether the hole is not of the same white: of none around, wherever a shadow lies.
 
     Nor where it is clean: dirt may cover most of it.
@@ -361,7 +358,9 @@ def _is_dim_within(e: EdgeFit) -> bool:
     return is_dim_within(e.clean, black, outside) and is_dim_within(e.clean, black, e.shaded)
 
 
-def _told(e: EdgeFit, ring: Ring, vouches: Vouches | None, least: float = _VOUCHED) -> float | None:
+def _told(
+    e: RingEdgeFit, ring: Ring, vouches: Vouches | None, least: float = _VOUCHED
+) -> float | None:
     """Return by how much the covariance of a ring's edges is inflated; None: they are none.
 
     They may be nearly a ring's, or one's of another ratio, where the pad's plate is seen about it
@@ -378,7 +377,7 @@ def _told(e: EdgeFit, ring: Ring, vouches: Vouches | None, least: float = _VOUCH
     return 1.0 if is_ring else _VOUCHED_INFLATION
 
 
-def _keeps_ratio(e: EdgeFit) -> bool:
+def _keeps_ratio(e: RingEdgeFit) -> bool:
     """Tell whether shifted edges are rather a ring's of this ratio than of another."""
     least, most = _RATIO_KEPT
     share = e.shift_px / _shorter_px(e)
@@ -386,7 +385,7 @@ def _keeps_ratio(e: EdgeFit) -> bool:
     return share > least and (share < most or is_white or e.shift_px < _KEPT_BLURS * e.blur_px)
 
 
-def _has_another_ratio(e: EdgeFit, ring: Ring) -> bool:
+def _has_another_ratio(e: RingEdgeFit, ring: Ring) -> bool:
     """Tell whether edges are rather those of another ring: less shifted, with less left over."""
     freed = e.freed()
     is_off = abs(freed.ratio / ring.inner_ratio - 1.0) > _ANOTHER_RATIO
@@ -394,7 +393,7 @@ def _has_another_ratio(e: EdgeFit, ring: Ring) -> bool:
     return is_off and is_plainer and freed.noise_px * _ANOTHER_NOISE < e.noise_px
 
 
-def _is_expected_ring(e: EdgeFit) -> bool:
+def _is_expected_ring(e: RingEdgeFit) -> bool:
     """Tell the same of edges where a ring is expected, which shadows lie across."""
     outer, inner = e.depth
     return (
@@ -407,7 +406,7 @@ def _is_expected_ring(e: EdgeFit) -> bool:
     )
 
 
-def _has_edges(e: EdgeFit, share: float = 1.0) -> bool:
+def _has_edges(e: RingEdgeFit, share: float = 1.0) -> bool:
     """Tell whether there are edges all around, black on one side, white on the other.
 
     Of black and white to a share of what is asked: dirt may cover some of it.
@@ -423,24 +422,24 @@ def _has_edges(e: EdgeFit, share: float = 1.0) -> bool:
     )
 
 
-def _share(e: EdgeFit) -> float:
+def _share(e: RingEdgeFit) -> float:
     """Return how much of the limit the shares of a ring reach together."""
     return e.visible * _edges_in_place(e) / (_MIN_PRODUCT + _PRODUCT_PX / _shorter_px(e))
 
 
-def _edges_in_place(e: EdgeFit) -> float:
+def _edges_in_place(e: RingEdgeFit) -> float:
     return math.prod((*e.support, e.dark, e.bright))
 
 
-def _shorter_px(e: EdgeFit) -> float:
+def _shorter_px(e: RingEdgeFit) -> float:
     return e.radius_px * e.cos_tilt
 
 
-def _is_clipped(e: EdgeFit) -> bool:
+def _is_clipped(e: RingEdgeFit) -> bool:
     return min(e.levels[0], e.levels[2]) > _CLIPPED
 
 
-def _min_shift_px(e: EdgeFit) -> float:
+def _min_shift_px(e: RingEdgeFit) -> float:
     """Return how far the toe of a tone curve may have moved the edges into the white: below 0."""
     if e.radius_px * e.cos_tilt < _SMALL_PX:
         return _MIN_SMALL_SHIFT * e.radius_px
@@ -448,14 +447,14 @@ def _min_shift_px(e: EdgeFit) -> float:
     return min(_MIN_SHIFT_PX, -_PRINT_SHARE * e.radius_px) - blurs * e.blur_px
 
 
-def _max_shift_px(e: EdgeFit) -> float:
+def _max_shift_px(e: RingEdgeFit) -> float:
     """Return how far a tone curve, and an inexact print, may have moved the edges."""
     fixed, blurs = _MAX_CLIPPED_SHIFT_PX if _is_clipped(e) else _MAX_SHIFT_PX
     share = _MAX_BLOOM if _is_clipped(e) else _PRINT_SHARE
     return fixed + blurs * e.blur_px + share * e.radius_px
 
 
-def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
+def _agree(e: RingEdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether a fit to grey levels is where the edges are."""
     is_blurred = _blur_share(e, ring, fit.blur_px) > _BLURRED_SHARE
     if is_toned(fit, ring) or (_is_shifted(e) and not is_blurred):
@@ -467,7 +466,7 @@ def _agree(e: EdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     return float(off @ solved(C, off)) < _AGREE_CHI2
 
 
-def _blur_share(e: EdgeFit, ring: Ring, blur_px: float | None) -> float:
+def _blur_share(e: RingEdgeFit, ring: Ring, blur_px: float | None) -> float:
     """Return the blur over the stroke's width where edges do not tell it, else 0.
 
     `blur_px` is that of a fit to grey levels; None: there is none.
@@ -480,7 +479,7 @@ def _blur_share(e: EdgeFit, ring: Ring, blur_px: float | None) -> float:
     return 0.0 if is_told else min(blur_px / stroke_px, _MOST_SHARE)
 
 
-def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel, blur_px: float | None) -> F64:
+def _covariance(e: RingEdgeFit, ring: Ring, camera: CameraModel, blur_px: float | None) -> F64:
     """Return the covariance of the position (3, 3), m^2, biases included.
 
     `blur_px` is that of a fit to grey levels; None: there is none.
@@ -490,7 +489,7 @@ def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel, blur_px: float | No
     distance = float(np.linalg.norm(e.position))
     sight = e.position / distance
     C = e.covariance + frontal_inflation(e.covariance, a @ sight)
-    focal = math.sqrt(camera.fx * camera.fy)
+    focal = camera.focal
     shift = math.hypot(_SHIFT_BIAS * e.shift_px, _NOISE_BIAS * e.noise_px) / e.visible**2
     shift = math.hypot(shift, _UNEVEN_BIAS_PX * min(e.uneven, 1.0))
     sharp, broad = _SPREAD_PX
@@ -506,7 +505,7 @@ def _covariance(e: EdgeFit, ring: Ring, camera: CameraModel, blur_px: float | No
 
 
 def _ring_fit(
-    e: EdgeFit,
+    e: RingEdgeFit,
     ring: Ring,
     camera: CameraModel,
     noise_px: float,

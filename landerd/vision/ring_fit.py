@@ -15,9 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.camera_model import F64
 from landerd.geometry import add, scale, unit
 from landerd.messages import GREY
 from landerd.pad import Ring
+from landerd.vision.arrays import F32, Mask
+from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.ring_covariance import (
     motion_covariance,
     pose_uncertainty,
@@ -34,11 +37,9 @@ from landerd.vision.ring_model import (
     TILT,
     RingModel,
 )
-from landerd.vision.ring_pixels import F32, Pixels, plane_axes
-from landerd.vision.ring_pose import F64, Pose
+from landerd.vision.ring_pixels import Pixels, plane_axes
+from landerd.vision.ring_pose import CirclePose
 from landerd.vision.ring_response import RESPONSE_SIGMAS, bounded_response
-
-Mask = NDArray[np.bool_]
 
 # Where nothing else is said, the numbers were set by trial on the images of `bench.vision_ring`.
 _MAX_BLUR_PX = 12.0
@@ -48,7 +49,6 @@ _SUPERSAMPLED_BELOW = 30.0  # then small rings are worth subpixels
 _CONVERGED = 1.0  # then another step is not worth it
 _RIVAL_NOISE = 1.5  # times the least noise of all starts: above, this one will not become the best
 _MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
-_SIGMA_PER_MAD = 1.4826  # of a normal distribution: sigma over median absolute deviation
 _MIN_NOISE = 0.5  # grey levels: rounding alone leaves 0.29
 _ROBUST_SIGMAS = 3.0  # residuals beyond it count less (Geman and McClure's weights)
 # Of a fit with these weights to normal noise, its variance over what information and residuals say,
@@ -153,7 +153,7 @@ class _NormalEquations:
 
 def fit_ring(
     pixels: Pixels,
-    starts: Sequence[Pose],
+    starts: Sequence[CirclePose],
     ring: Ring,
     blur_px: float,
     steps: int,
@@ -217,7 +217,7 @@ def _levels(grey: F32) -> tuple[float, float]:
 
 def _first_estimate(
     rows: int,
-    starts: Sequence[Pose],
+    starts: Sequence[CirclePose],
     levels: tuple[float, float],
     blur_px: float,
 ) -> _Estimate:
@@ -258,7 +258,7 @@ def _normal_equations(
     t32, axes = plane_axes(estimate.t, estimate.normal)
     J = model.derivative(t32, axes, estimate.parameters, supersampled)
     residual = J[:, -1]
-    noise = np.maximum(_SIGMA_PER_MAD * _middle(residual, model.is_told), _MIN_NOISE)
+    noise = np.maximum(SIGMA_PER_MAD * _middle(residual, model.is_told), _MIN_NOISE)
     u = residual * (1.0 / (_ROBUST_SIGMAS * noise))[:, None]
     u *= u
     robust = weight / (1.0 + u) ** 2

@@ -1,13 +1,12 @@
 """Which fits are of a ring in an image: to its grey levels, behind a response, or to its edges."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import EDGES
 from landerd.pad import Ring
+from landerd.vision.arrays import U8
 from landerd.vision.edge_profile import medians
-from landerd.vision.expected import any_across
 from landerd.vision.patch import levels_at
 from landerd.vision.pose import circle, px_per_m, rotation_from
 from landerd.vision.ring_edges import rise_within
@@ -21,8 +20,6 @@ from landerd.vision.ring_stages import (
     may_be_behind,
     response_fits,
 )
-
-U8 = NDArray[np.uint8]
 
 # Circles within the stroke at which a target of several rings shows, from this share of its width
 # to that; narrower strokes, px, are all edge; how far one rises over the others, of the contrast:
@@ -49,7 +46,7 @@ def _has_rings_within(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) 
     width = ring.radius_m * (1.0 - ring.inner_ratio)
     if width * px_per_m(camera, fit.position, fit.normal) < _LEAST_STROKE_PX:
         return False
-    axes = rotation_from(fit.normal, any_across(fit.normal))[:, :2]
+    axes = rotation_from(fit.normal)[:, :2]
     radii = ring.radius_m * ring.inner_ratio + width * _CIRCLES
     points = (radii[:, None, None] * circle(1.0, _CIRCLE_POINTS)).reshape(-1, 2)
     levels = levels_at(image, camera, fit.position + points @ axes.T).reshape(-1, _CIRCLE_POINTS)

@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from landerd.camera_model import F64
 from landerd.pad import Ring
+from landerd.vision.arrays import Mask
+from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, plane_axes
-from landerd.vision.ring_pose import F64
-
-Mask = NDArray[np.bool_]
 
 _CLEAR_PX = 0.7  # beyond the blur: pixels that are all white or all black
 _MIN_WHITE = 16  # pixels
@@ -104,7 +103,7 @@ def _softened(features: F64, grey: F64, shadow: _Shadow) -> _Shadow | None:
         fall = shadow.high - shadow.low
         share = (light - shadow.low / shadow.high) * shadow.high / fall  # of the way to high
         J = np.column_stack([1.0 - share, share, shadow.high * slope[:, None] * features])
-        noise = max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+        noise = max(1.0, SIGMA_PER_MAD * float(np.median(np.abs(residual))))
         weight = 1.0 / (1.0 + (residual / (3.0 * noise)) ** 2) ** 2
         H = (J * weight[:, None]).T @ J
         # An edge sharper than the pixels' distances leaves the slope open.

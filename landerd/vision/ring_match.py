@@ -17,16 +17,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from landerd.camera_model import F64, CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3
 from landerd.pad import Ring
+from landerd.vision.arrays import F32, U8
 from landerd.vision.pose import circle, rotation_2d
-from landerd.vision.ring_pixels import F32
-from landerd.vision.window import Window
-
-U8 = NDArray[np.uint8]
 
 # Larger diameters, px, that are looked for: a size matches rings to a ninth smaller and larger.
 SMALLEST_PX, STEP, SIZES = 18.0, 1.22, 9
@@ -83,7 +79,7 @@ def matches(
             break
         if all(not _is_same(one, other) for other in kept):
             kept.append(one)
-    focal = math.sqrt(camera.fx * camera.fy)
+    focal = camera.focal
     centres, corner = [], np.array((part.x0, part.y0))
     for _, size, at in kept:
         ray = np.append(camera.rays((at + corner)[None])[0], 1.0)

@@ -13,9 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from landerd.camera_model import F64
 from landerd.pad import Ring
-from landerd.vision.ring_pixels import F32, Pixels, PlaneView, blurred_step, shifted
-from landerd.vision.ring_pose import F64
+from landerd.vision.arrays import F32
+from landerd.vision.ring_pixels import Pixels, PlaneView, blurred_step, shifted
 from landerd.vision.ring_response import HALO_PX, RESPONSES, responded
 
 # Rows of the derivative. The light gradient follows, then the residual.

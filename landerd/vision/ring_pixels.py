@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.pad import Ring
+from landerd.vision.arrays import F32, U8
 from landerd.vision.patch import lens_grid
 from landerd.vision.pose import circle
-from landerd.vision.ring_pose import F64, Pose, plane_frame
-
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]  # of everything per pixel: half the time, and 1e-5 px is enough
+from landerd.vision.ring_pose import CirclePose, plane_frame
 
 # Across: below, a ring's edges bend within the blur, and that biased oblique far rings.
 _SMALL_PX = 36.0
@@ -36,7 +34,9 @@ class Pixels:
     focal: float  # pixels per ray unit, geometric mean
 
 
-def edge_pixels(camera: CameraModel, pose: Pose, radii: Sequence[float], count: int = 64) -> F64:
+def edge_pixels(
+    camera: CameraModel, pose: CirclePose, radii: Sequence[float], count: int = 64
+) -> F64:
     """Return pixels (radii, count, 2) of circles in the pad's plane."""
     position, normal = pose
     around = circle(1.0, count) @ np.array(plane_frame(normal)[:2])
@@ -48,7 +48,7 @@ def edge_pixels(camera: CameraModel, pose: Pose, radii: Sequence[float], count: 
 def pixels_near(
     image: U8,
     camera: CameraModel,
-    pose: Pose,
+    pose: CirclePose,
     ring: Ring,
     band_px: float,
     max_count: int,
@@ -77,7 +77,7 @@ def pixels_near(
     if seen is None:
         return None
     v, levels = seen
-    focal = math.sqrt(camera.fx * camera.fy)
+    focal = camera.focal
     near, weight = _weighted(v, focal, pose, ring, band_px)
     near = near[:: len(near) // max_count + 1]
     if len(near) < _MIN_COUNT:
@@ -87,7 +87,7 @@ def pixels_near(
 
 
 def _weighted(
-    v: F32, focal: float, pose: Pose, ring: Ring, band_px: float
+    v: F32, focal: float, pose: CirclePose, ring: Ring, band_px: float
 ) -> tuple[NDArray[np.intp], F32]:
     """Return which rays (3, n) meet the plane near a ring's edges, and the weights (n,) of all."""
     g = PlaneView(v, focal, *plane_axes(pose[0][None], pose[1][None]))

@@ -11,13 +11,12 @@ from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from landerd.camera_model import F64
 from landerd.geometry import Vec3
 from landerd.vision.linear import eigen
 
-F64 = NDArray[np.float64]
-Pose = tuple[F64, F64]  # centre (m) and unit normal away from the camera, camera frame
+CirclePose = tuple[F64, F64]  # centre (m) and unit normal away from the camera, camera frame
 
 
 def tangents(normal: F64) -> tuple[F64, F64]:
@@ -46,12 +45,12 @@ def cone_of_pose(position: F64, normal: F64, radius: float) -> F64:
     return cone
 
 
-def poses_of_cone(cone: F64, radius: float) -> tuple[Pose, Pose] | None:
+def poses_of_cone(cone: F64, radius: float) -> tuple[CirclePose, CirclePose] | None:
     """Return both poses of a circle on a cone of sight, or None if it is not an elliptic cone."""
     return _poses(*np.linalg.eigh(cone), radius)
 
 
-def _poses(values: F64, vectors: F64, radius: float) -> tuple[Pose, Pose] | None:
+def _poses(values: F64, vectors: F64, radius: float) -> tuple[CirclePose, CirclePose] | None:
     """Return the same by the cone's eigenvalues (3,), rising, and its eigenvectors as columns."""
     if values[1] < 0.0:  # signature (+, -, -): the same cone with the other sign
         values, vectors = -values[::-1], vectors[:, ::-1]
@@ -71,7 +70,7 @@ def _poses(values: F64, vectors: F64, radius: float) -> tuple[Pose, Pose] | None
     return poses[0], poses[1]
 
 
-def mirrored(position: F64, normal: F64, radius: float) -> Pose | None:
+def mirrored(position: F64, normal: F64, radius: float) -> CirclePose | None:
     """Return the other pose that shows the same ellipse."""
     # Their signs tell which pose comes first, which matters where none is known.
     values, vectors = eigen(cone_of_pose(position, normal, radius))
@@ -81,7 +80,7 @@ def mirrored(position: F64, normal: F64, radius: float) -> Pose | None:
     return min(poses, key=lambda pose: float(pose[1] @ normal))
 
 
-def poses_through(rays: F64, radius: float) -> tuple[Pose, Pose] | None:
+def poses_through(rays: F64, radius: float) -> tuple[CirclePose, CirclePose] | None:
     """Return the poses of a circle whose outline has these rays (n, 2), n >= 6; None: none."""
     cone = cone_through(rays)
     return None if cone is None else poses_of_cone(cone, radius)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from landerd.vision.ring_pixels import F32
-from landerd.vision.ring_pose import F64
+from landerd.camera_model import F64
+from landerd.vision.arrays import F32
 from landerd.vision.tone import MAX_TONE, TONE_SIGMA, TONES, toned
 
 RESPONSES = TONES + 1  # numbers of a response: of the curve, and the share of the mask

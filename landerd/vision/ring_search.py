@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
+from landerd.vision.arrays import U8
 from landerd.vision.plate_ring import PlateRing
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pyramid import Level
@@ -27,7 +27,7 @@ from landerd.vision.ring_explained import (
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_match import matches
-from landerd.vision.ring_pose import F64, mirrored, poses_through
+from landerd.vision.ring_pose import mirrored, poses_through
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_segment import (
     Candidate,
@@ -59,7 +59,6 @@ from landerd.vision.ring_work import (
     RingWork,
 )
 
-U8 = NDArray[np.uint8]
 Refusal = Callable[[MarkerSighting], bool]  # tells that a ring is another's
 _Find = Callable[[Sequence[Look], float], list[list[Candidate]]]
 

@@ -12,14 +12,12 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from landerd.camera_model import F64
+from landerd.vision.arrays import U8, Mask
 from landerd.vision.ring_components import Components, Mosaic
 
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 Segmentation = Callable[[U8], U8]  # image (height, width) in, 255 where it is dark out
-Mask = NDArray[np.bool_]
 
 # A pixel is dark by what is beside it. Closing fills strokes that are darker than both sides and
 # leaves a shadow's edge where it is: below a share of the way from the least level nearby to what

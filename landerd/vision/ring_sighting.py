@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
@@ -12,7 +12,6 @@ from landerd.vision.pad_pose import MAX_RING_CHI2_ABOVE_BEST
 from landerd.vision.pose import gravity_cost, mat3, vec3
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import MARGIN, edge_pixels
-from landerd.vision.ring_pose import F64
 from landerd.vision.tone import edge_shift
 
 # Errors that no residual shows, chosen so that the stated 95 % regions of `bench.vision_ring` hold
@@ -57,7 +56,7 @@ def ring_sighting(
 def _solution(
     fit: RingFit, fits: list[RingFit], radius: float, camera: CameraModel
 ) -> PoseSolution:
-    C = _covariance(fit, radius, math.sqrt(camera.fx * camera.fy))
+    C = _covariance(fit, radius, camera.focal)
     # As far as the other pose may be the true one, the error may be the way to it.
     for other in fits:
         chance = 1.0 / (1.0 + math.exp(min(0.5 * abs(other.cost - fit.cost), 50.0)))

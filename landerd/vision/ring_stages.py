@@ -9,23 +9,21 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.pad import Ring
+from landerd.vision.arrays import U8
 from landerd.vision.patch import whole_in_picture
 from landerd.vision.pyramid import Level
 from landerd.vision.ring_edges import moved_px, points_on
 from landerd.vision.ring_fit import RingFit, fit_ring
 from landerd.vision.ring_light import evenly_lit
 from landerd.vision.ring_pixels import pixels_near
-from landerd.vision.ring_pose import F64, Pose, mirrored, poses_through
+from landerd.vision.ring_pose import CirclePose, mirrored, poses_through
 from landerd.vision.ring_residuals import coherent_residual
 from landerd.vision.ring_response import LINEAR_RESPONSE, is_cameras
 from landerd.vision.ring_segment import Candidate
-
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ _REFIT_PX, _MOST_REFITS = 1.0, 3
 class Start:
     """Where the fit of a ring to the whole image starts."""
 
-    pose: Pose
+    pose: CirclePose
     blur_px: float  # of that image
 
 
@@ -120,7 +118,7 @@ def start_at_outline(level: Level, candidate: Candidate, ring: Ring) -> Start | 
     return None if poses is None else Start(poses[0], _BLUR_PX)
 
 
-def start_at_pose(pose: Pose) -> Start:
+def start_at_pose(pose: CirclePose) -> Start:
     """Return what begins at a pose told by something else."""
     return Start(pose, _BLUR_PX)
 
@@ -185,7 +183,9 @@ def full_fits(
     return fits
 
 
-def is_off_cut(camera: CameraModel, ring: Ring, start: Pose, fit: RingFit, most_px: float) -> bool:
+def is_off_cut(
+    camera: CameraModel, ring: Ring, start: CirclePose, fit: RingFit, most_px: float
+) -> bool:
     """Tell whether a ring that the image's edge cuts was fitted to pixels of another place.
 
     Those of the pose `start`, more than `most_px` from where it is now: of a whole ring most of
@@ -203,7 +203,7 @@ def response_fits(image: U8, camera: CameraModel, ring: Ring, plain: RingFit) ->
     return _fits(image, camera, ring, starts, band, _RESPONSE, plain.blur_px, LINEAR_RESPONSE)
 
 
-def expected_poses(ring: Ring, expected: Pose, down: Vec3 | None) -> list[Pose]:
+def expected_poses(ring: Ring, expected: CirclePose, down: Vec3 | None) -> list[CirclePose]:
     """Return an expected pose and, if a pad could lie so, the other one of the same ellipse.
 
     Where gravity is known (unit vector, camera frame) pads do not lean much.
@@ -218,7 +218,7 @@ def tracked_fits(
     image: U8,
     camera: CameraModel,
     ring: Ring,
-    starts: list[Pose],
+    starts: list[CirclePose],
     response: F64 | None,
 ) -> list[RingFit]:
     """Return the fits near `expected_poses`, the better first; empty if they fail.
@@ -281,7 +281,7 @@ def _moving_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> li
     return fit_ring(pixels, starts, ring, best.blur_px, _MOVING.steps, [best.motion_px] * 2)
 
 
-def _with_mirror(pose: Pose, ring: Ring) -> list[Pose]:
+def _with_mirror(pose: CirclePose, ring: Ring) -> list[CirclePose]:
     """Return a pose and the other one that shows the same ellipse; empty if there is none."""
     other = mirrored(*pose, ring.radius_m)
     return [] if other is None else [pose, other]
@@ -291,7 +291,7 @@ def _fits(
     image: U8,
     camera: CameraModel,
     ring: Ring,
-    starts: Sequence[Pose],
+    starts: Sequence[CirclePose],
     band_px: float,
     effort: _Effort,
     blur_px: float,
@@ -378,7 +378,7 @@ def _is_noisy(fit: RingFit) -> bool:
 
 def is_blurred_away(fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
     """Tell whether the blur is so wide that anything would look like a ring."""
-    focal = math.sqrt(camera.fx * camera.fy)
+    focal = camera.focal
     radius = ring.radius_m / float(fit.position[2])
     return fit.blur_px / focal > max(_MAX_BLUR_RAD, _MAX_BLUR_SHARE * radius)
 

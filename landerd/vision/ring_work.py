@@ -9,11 +9,9 @@ from enum import Enum
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from landerd.camera_model import F64
-
-U8 = NDArray[np.uint8]
+from landerd.vision.arrays import U8
 
 # In rough fits: what the stages of a ring's fit take, as measured, and what a frame may take.
 ROUGH_COST, FULL_COST, RESPONSE_COST, EDGE_COST, HARD_COST = 1, 2, 2, 3, 6

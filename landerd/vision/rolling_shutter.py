@@ -15,7 +15,6 @@ import numpy as np
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import MarkerSighting, PoseSolution
 from landerd.pad import Ring
-from landerd.vision.expected import any_across
 from landerd.vision.linear import inverse, solved
 from landerd.vision.pose import Pose, circle, mat3, rotation_from
 from landerd.vision.square_pose import ray_derivative
@@ -89,9 +88,7 @@ class RollingShutter:
 
     def _of_solution(self, s: PoseSolution, ring: Ring, moved: F64) -> tuple[PoseSolution, F64]:
         normal = np.array(s.normal)
-        pose = Pose(
-            rotation_from(normal, any_across(normal)), np.array(s.position), np.zeros((6, 6)), 0.0
-        )
+        pose = Pose(rotation_from(normal), np.array(s.position), np.zeros((6, 6)), 0.0)
         inner = circle(ring.inner_ratio * ring.radius_m)
         outline = np.vstack([circle(ring.radius_m), inner])
         change = self._change(pose, outline, moved, pose.t, is_round=True)

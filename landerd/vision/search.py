@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
-from landerd.camera_model import F64, CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3, dot
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
+from landerd.vision.arrays import Image
 from landerd.vision.detectors import Detectors
 from landerd.vision.expected import Expected
 from landerd.vision.linear import inverse
@@ -18,9 +19,8 @@ from landerd.vision.print_edges import EdgeFit
 from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_work import RingWork
 from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, SquareSearch
-from landerd.vision.square import FoundSquare, Image
+from landerd.vision.square import FoundSquare
 from landerd.vision.square_pose import shortest_side, square_points
-from landerd.vision.window import Window
 
 _RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer
 # Squares whose size in the image is known are searched at about this one, chosen for speed (it was

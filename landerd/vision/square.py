@@ -8,14 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from landerd.camera_model import F64
+from landerd.camera_model import F64, Window
 from landerd.pad import PadLayout, Square
+from landerd.vision.arrays import Image
 from landerd.vision.pose import Pose
 from landerd.vision.print_edges import EdgeFit
 from landerd.vision.print_fit import Fit
-from landerd.vision.window import Window
-
-Image = NDArray[np.uint8]
 
 MIN_SIDE_PX = 5.0
 # Along a side of what a decoder reads: of 120 tags of 7 to 20 px none was seen below. To follow

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from landerd.camera_model import F64, CameraModel
 from landerd.messages import PoseSolution
 from landerd.pad import Ring, Square
-from landerd.vision.expected import any_across
+from landerd.vision.arrays import Image
 from landerd.vision.linear import inverse
-from landerd.vision.patch import Image, is_any_in_picture, levels_at
+from landerd.vision.patch import is_any_in_picture, levels_at
 from landerd.vision.pose import Pose, rotation_2d, rotation_from, wrapped
 from landerd.vision.square_edges import square_edges
 
@@ -94,7 +94,7 @@ class SquareBeside:
             t, normal = np.array(s.position), np.array(s.normal)
             if float(normal @ t) * focal * self._cell < _MIN_CELL_PX * float(t @ t):
                 continue
-            R = rotation_from(normal, any_across(normal))
+            R = rotation_from(normal)
             if not is_any_in_picture(camera, t + self._ends @ R[:, :2].T):
                 continue
             found = self._heading_in(image, camera, t, R)

@@ -9,7 +9,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import EDGES, GREY
 from landerd.pad import Square
-from landerd.vision.patch import Image
+from landerd.vision.arrays import Image
 from landerd.vision.pose import EQUAL_NORMALS_COS, MIN_DEPTH_M, SAME_SOLUTION_COS, Pose
 from landerd.vision.print_edges import EdgeFit, ranked_by_edges
 from landerd.vision.print_fit import MIN_EXPLAINED, Fit, MarkerPrint

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from landerd.camera_model import F64, CameraModel, used_part
+from landerd.camera_model import F64, CameraModel, Window, used_part
 from landerd.config.models import VisionSection
 from landerd.geometry import Vec3, dot
 from landerd.messages import (
@@ -20,6 +20,7 @@ from landerd.messages import (
     Sightings,
 )
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode
+from landerd.vision.arrays import Image
 from landerd.vision.choice import Candidate, choose
 from landerd.vision.detectors import Detectors, PixelDetectors, keep_freed_memory
 from landerd.vision.disagreement import Disagreement, disagreement
@@ -38,7 +39,7 @@ from landerd.vision.pose import (
 from landerd.vision.rolling_shutter import RollingShutter
 from landerd.vision.search import FoundRing, Search
 from landerd.vision.search_policy import ring_only_frames
-from landerd.vision.square import FoundSquare, Image
+from landerd.vision.square import FoundSquare
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode
 
@@ -90,7 +91,7 @@ class Vision:
         self._layout = layout
         self._whole = camera
         # Modelled sight has no pixels to leave out.
-        part = (0, 0, camera.width, camera.height) if detectors else used_part(camera)
+        part = Window(0, 0, camera.width, camera.height) if detectors else used_part(camera)
         self._part, self._camera = part, camera.seeing(part)
         self._options = options
         self._meters = meters

@@ -19,6 +19,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.geometry import Vec3
 from landerd.messages import EDGES, GREY
 from landerd.pad import PadLayout, WhyCode, rotated
+from landerd.vision.arrays import Image
 from landerd.vision.expected import Expected
 from landerd.vision.pose import (
     EQUAL_NORMALS_COS,
@@ -42,8 +43,6 @@ from landerd.vision.ring_segment import (
 )
 from landerd.vision.whycode_edges import whycode_edges
 from landerd.vision.whycode_print import WhyCodePrint, bits_of
-
-Image = NDArray[np.uint8]
 
 _PLAIN_RATIO = 0.4685  # of a plain ring whose black has the same second moments over its area
 _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)

@@ -3,19 +3,17 @@
 import math
 from collections.abc import Iterator
 
-import numpy as np
-from numpy.typing import NDArray
-
-from landerd.camera_model import CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3
 from landerd.messages import MarkerSighting
 from landerd.pad import Ring
+from landerd.vision.arrays import U8
 from landerd.vision.pyramid import SMALL_PX, Level, levels
 from landerd.vision.ring_explained import Vouches, edge_fits
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_fits import explained_fits, remember
 from landerd.vision.ring_match import SIZES, SMALLEST_PX, STEP
-from landerd.vision.ring_pose import F64, Pose
+from landerd.vision.ring_pose import CirclePose
 from landerd.vision.ring_response import CameraResponse
 from landerd.vision.ring_search import Beside, RingSearch
 from landerd.vision.ring_segment import (
@@ -34,9 +32,6 @@ from landerd.vision.ring_stages import (
     tracked_fits,
 )
 from landerd.vision.ring_work import Part, RingWork
-from landerd.vision.window import Window
-
-U8 = NDArray[np.uint8]
 
 # How a search looks for what is dark, in the coarsest level and in the others: of 100 pictures in
 # each of the conditions of `bench.vision_conditions` and 336 of the field world this way shows all
@@ -206,7 +201,7 @@ def _by_grey(
     image: U8,
     ring: Ring,
     camera: CameraModel,
-    starts: list[Pose],
+    starts: list[CirclePose],
     response: CameraResponse,
     vouches: Vouches | None,
 ) -> list[RingFit]:
@@ -219,5 +214,5 @@ def _by_grey(
     return explained_fits(image, camera, ring, fits, vouches)
 
 
-def _pose(fit: RingFit) -> Pose:
+def _pose(fit: RingFit) -> CirclePose:
     return fit.position, fit.normal

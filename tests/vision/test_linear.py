@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from landerd.camera_model import F64
 from landerd.vision.edge_profile import medians
-from landerd.vision.linear import F64, eigen, inverse, solved
+from landerd.vision.linear import eigen, inverse, solved
 
 
 def _regular(n: int, size: float) -> F64:

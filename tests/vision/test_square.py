@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from landerd.camera_model import Window
 from landerd.config.models import VisionSection
 from landerd.messages import Frame, Prior
 from landerd.pad import PadLayout, Plate, Square
@@ -14,7 +15,6 @@ from landerd.vision.pose import Pose, vec3
 from landerd.vision.square import SquareFinder, is_textured, printed_cells
 from landerd.vision.square_fit import SquarePrint
 from landerd.vision.square_pose import poses_from_corners, square_points
-from landerd.vision.window import Window
 from tests.vision.scenes import IDEAL_CAMERA, THESIS_CAMERA, Bar, Optics, View, look, render
 
 PLATE = Plate(north_m=0.3, south_m=0.3, east_m=0.3, west_m=0.3)

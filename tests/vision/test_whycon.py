@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+from landerd.camera_model import Window
 from landerd.messages import MarkerSighting
 from landerd.pad import PadLayout, Plate, Ring
 from landerd.vision.ring_pose import cone_of_pose, cone_through, mirrored, poses_of_cone
 from landerd.vision.whycon import find_rings
-from landerd.vision.window import Window
 from tests.vision import scenes
 
 RING = scenes.THESIS_PAD.rings[0]

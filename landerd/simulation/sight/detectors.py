@@ -13,7 +13,7 @@ import numpy as np
 from hw.sim.options import SimOptions
 from hw.sim.picture.levels import Levels, Sensitivity
 from hw.sim.picture.numbered import NumberedPictures, View
-from landerd.camera_model import F64, CameraModel
+from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3, cross
 from landerd.messages import CLIPPED_LEVEL, EDGES, GREY, Light, MarkerSighting, PoseSolution
 from landerd.pad import Marker, PadLayout, Ring, Square, WhyCode, size_m
@@ -21,6 +21,7 @@ from landerd.simulation.sight import statistics
 from landerd.simulation.sight.edge_fit import Across, SeenEdges, across, fitted
 from landerd.simulation.sight.edges import Edges, edges_of
 from landerd.simulation.sight.world_view import Seen, WorldView
+from landerd.vision.arrays import Image
 from landerd.vision.expected import Expected
 from landerd.vision.plate_heading import PlateNorth
 from landerd.vision.plate_outline import has_beside
@@ -40,12 +41,11 @@ from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_stages import MAX_TILT_COS, TRACKED_BAND_PX
 from landerd.vision.ring_work import RingWork
-from landerd.vision.square import MIN_SIDE_PX, FoundSquare, Image
+from landerd.vision.square import MIN_SIDE_PX, FoundSquare
 from landerd.vision.square_fit import AMBIGUITY_CHI2
 from landerd.vision.square_pose import corner_information, planar_poses, square_points
 from landerd.vision.tone import LINEAR
 from landerd.vision.whycode import FoundCode, mirrored_pose
-from landerd.vision.window import Window
 
 _PLATE = 1  # of a ring's draws: those for its plate
 _FAR_PAD = 0.001  # share of a picture
