@@ -14,11 +14,11 @@ from landerd.estimation.health import Health
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.geometry import Vec3
 from landerd.guidance.aim import Aim
+from landerd.guidance.exposure import ExposureControl
 from landerd.guidance.gate import Gate
 from landerd.guidance.landing import Landing
 from landerd.guidance.landing_target import landing_target
 from landerd.guidance.last_orders import LastOrders
-from landerd.guidance.metering import Metering
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import State
 from landerd.guidance.view import View
@@ -55,7 +55,7 @@ class Lander:
         self._aim = Aim(config.aim, config.gimbal)
         self._view = View(layout)
         is_metered = config.camera.exposure == "pad"
-        self._metering = Metering(config.camera.metering) if is_metered else None
+        self._exposure = ExposureControl(config.camera.metering) if is_metered else None
         self._tick_t: float | None = None
 
     # ---- what others look at -------------------------------------------------------------------
@@ -174,8 +174,8 @@ class Lander:
             exposed_t = sightings.t - self._config.camera.clock_offset_s
             self._aim.on_sightings(sightings, self._estimator.poses.gimbal.at(exposed_t))
         commands: list[Command] = []
-        if self._metering is not None and self._tick_t is not None:
-            order = self._metering.on_sightings(self._tick_t, sightings)
+        if self._exposure is not None and self._tick_t is not None:
+            order = self._exposure.on_sightings(self._tick_t, sightings)
             commands += [order] if order is not None else []
         if observations and self._config.guidance.output == "landing_target":
             target = landing_target(self._estimator, observations)

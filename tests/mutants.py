@@ -902,7 +902,7 @@ MUTANTS = [
     Mutant(
         "4: a landing that begins on the pad takes off",
         FLYING,
-        "if self._context.stands(step.now) and not self._context.hold_asked:",
+        "if context.stands(step.now) and not context.hold_asked:",
         "if False:",
         "guidance/test_landing.py"
         "::test_a_landing_that_begins_on_the_pad_ends_there_and_not_beside_it",

@@ -18,7 +18,7 @@ from landerd.analysis.regression import in_words, regression
 from landerd.config.files import ConfigError, from_record
 from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.observation import Clocks, ObservationModel
-from landerd.geometry import Vec3, add, norm, sub, wrap
+from landerd.geometry import Vec3, norm, sub, wrap
 from landerd.messages import Attitude, GimbalState, LocalPosition, Sightings
 
 NEAREST = 20  # sightings of a marker whose median is taken for the truth
@@ -68,17 +68,16 @@ def _sightings(flight: Flight) -> list[Seen]:
     model = ObservationModel(config.estimation, poses)
     sensors = next((s.sensors for s in reversed(log.states) if s.sensors is not None), None)
     late_s = config.camera.clock_offset_s if sensors is None else sensors.clock_s
-    moved: Vec3 = (0.0, 0.0, 0.0)  # the local frame, since the beginning
     found = []
     for step in log.steps:
         message = step.message
         if isinstance(message, (LocalPosition, Attitude, GimbalState)):
-            moved = add(moved, poses.add(message) or (0.0, 0.0, 0.0))
+            poses.add(message)
         elif isinstance(message, Sightings):
             for marker in message.markers:
                 o = model.observe(message.t, marker.solutions[0], Clocks(pictures_s=late_s))
                 if o is not None:
-                    found.append(Seen(marker.kind, o.range_m, sub(o.position, moved), o.heading))
+                    found.append(Seen(marker.kind, o.range_m, o.position, o.heading))
     return found
 
 

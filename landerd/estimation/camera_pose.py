@@ -13,6 +13,7 @@ from landerd.config.models import Config
 from landerd.estimation.history import History, Values
 from landerd.estimation.spikes import Spikes
 from landerd.geometry import (
+    ZERO,
     Mat3,
     Vec3,
     add,
@@ -74,7 +75,7 @@ class PoseHistory:
 
     Positions are the autopilot's without their noise and wander: they go by its velocity, and
     follow what it says of its position in POSITION_TIME_CONSTANT_S. Where that is off, pad and
-    vehicle are alike.
+    vehicle are alike. Where it moves its local frame, the frame of before is gone on with.
 
     Attributes:
         turned: by which the autopilot's heading is larger than the one that is gone on with, rad.
@@ -102,14 +103,15 @@ class PoseHistory:
         )
         self._reference = Reference.BODY
         self.turned = 0.0
-        self._measured: Vec3 = (0.0, 0.0, 0.0)  # the newest position as it was told, m
+        self._frame = ZERO  # by which the autopilot's local frame has moved from this one, m
+        self._measured = ZERO  # the newest position as it was told, in this frame, m
         self._wrong_climb_t = -math.inf  # when they did not agree last, s
         self._climb_error = 0.0  # of the climb rate against the height, lately, m/s
         self._velocities, self._headings = Spikes(), Spikes(HEADING_BELIEVED_S)
 
     def add(
         self, message: LocalPosition | Attitude | GimbalState, *, keeps_heading: bool = False
-    ) -> Vec3 | None:
+    ) -> None:
         """Take a measurement in; one that is not newer than its predecessor is dropped.
 
         So is a velocity that jumps as nothing can, unless the next one says the same; of an
@@ -118,14 +120,10 @@ class PoseHistory:
         Args:
             message: the measurement.
             keeps_heading: where the autopilot sets its heading anew, the old one is gone on with.
-
-        Returns:
-            by how much the local frame jumped, m; None if it did not. What was known is moved
-            with it.
         """
         if isinstance(message, LocalPosition):
-            return self._add_position(message)
-        if isinstance(message, Attitude):
+            self._add_position(message)
+        elif isinstance(message, Attitude):
             if not keeps_heading:
                 self.turned = 0.0
             yaw = wrap(message.yaw - self.turned)
@@ -138,7 +136,6 @@ class PoseHistory:
             yaw = yaw if message.yaw_measured else self._lagged(t, yaw, 0)
             pitch = pitch if message.pitch_measured else self._lagged(t, pitch, 1)
             self.gimbal.add(t, (yaw, pitch, message.roll))
-        return None
 
     def _turned(self, t: float, said: Values, *, keeps_heading: bool) -> Values:
         """Return an attitude of time t (s) as it is said; where its heading jumps, by its rates."""
@@ -175,31 +172,29 @@ class PoseHistory:
         share = 1.0 - math.exp(-dt / self._gimbal_lag_s)
         return wrap(angle + share * wrap(ordered - angle))
 
-    def _add_position(self, new: LocalPosition) -> Vec3 | None:
-        """Take a position in by a complementary filter; return how far the frame jumped, if so."""
+    def _add_position(self, new: LocalPosition) -> None:
+        """Take a position in by a complementary filter."""
         last = self.position.newest
         if last is not None and (new.t <= last[0] or self._speeds_up_too_fast(new)):
-            return None
-        moved = self._moved(new)
-        position, jump = new.position, None
-        if last is not None and moved is None:  # too long to go by the velocity
+            return
+        measured = position = sub(new.position, self._frame)
+        if last is not None:
             x, y, z = last[1][:3]
-            position = add(new.position, sub((x, y, z), self._measured))
-        elif last is not None and moved is not None:
-            by = sub(new.position, add(self._measured, moved))
-            if norm(by) > FRAME_JUMP_M:
-                jump = by
-                self.position.shift((*jump, 0.0, 0.0, 0.0))
-                last = self.position.newest or last
+            moved = self._moved(new)
+            if moved is None:  # too long to go by the velocity
+                position = add(measured, sub((x, y, z), self._measured))
             else:
-                self._compare_climb(new.t, by[2], new.t - last[0])
-            x, y, z = last[1][:3]
-            carried_on = add((x, y, z), moved)
-            k = min(1.0, (new.t - last[0]) / POSITION_TIME_CONSTANT_S)
-            position = add(carried_on, scale(sub(new.position, carried_on), k))
-        self._measured = new.position
+                by = sub(measured, add(self._measured, moved))
+                if norm(by) > FRAME_JUMP_M:
+                    self._frame = add(self._frame, by)
+                    measured = sub(measured, by)
+                else:
+                    self._compare_climb(new.t, by[2], new.t - last[0])
+                carried_on = add((x, y, z), moved)
+                k = min(1.0, (new.t - last[0]) / POSITION_TIME_CONSTANT_S)
+                position = add(carried_on, scale(sub(measured, carried_on), k))
+        self._measured = measured
         self.position.add(new.t, (*position, *new.velocity))
-        return jump
 
     def _compare_climb(self, t: float, beyond: float, dt: float) -> None:
         """Take by how much the height has changed beyond its rate, m, in dt until t, s."""
@@ -220,7 +215,7 @@ class PoseHistory:
         """Drop all that came from the autopilot: it restarted, its frame may be another."""
         self.position.clear()
         self.attitude.clear()
-        self.turned = self._climb_error = 0.0
+        self._frame, self.turned, self._climb_error = ZERO, 0.0, 0.0
         self._wrong_climb_t = -math.inf
 
     def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
@@ -274,7 +269,7 @@ class PoseHistory:
     def velocity(self, t: float) -> Vec3:
         """Return the vehicle's velocity at time t, local NED, m/s; zero where it is not known."""
         p = self.position.at(t)
-        return (p[3], p[4], p[5]) if p is not None else (0.0, 0.0, 0.0)
+        return (p[3], p[4], p[5]) if p is not None else ZERO
 
     def down(self, t: float, *, gimbal_back_s: float = 0.0) -> Vec3 | None:
         """Return gravity's direction in the camera frame at time t, None as `camera_rotation`."""

@@ -11,7 +11,7 @@ it no less.
 
 import math
 
-from landerd.geometry import Mat3, Vec3, add, clamp, dot, rot_z, rotate, scale
+from landerd.geometry import ZERO, Mat3, Vec3, add, clamp, dot, rot_z, rotate, scale
 
 # Of pads that turn, so many drive where they look as long as nothing is seen of it.
 DRIVE_WHERE_THEY_LOOK = 0.95
@@ -22,7 +22,6 @@ SIGMA, RANDOM_WALK = 1.0, 0.1
 # How sharply the two are told apart at best: few pads do something between them.
 LEAST_SIGMA = 0.2
 
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 # Position (m), velocity (m/s) and both blocks of biases, or changes of them.
 State = tuple[Vec3, Vec3, Vec3, Vec3]
 

@@ -8,8 +8,9 @@ would be by what was known when doubt began, for what has been made of the sight
 
 import math
 
-from landerd.estimation.motion_filter import ZERO, Course, Innovation, Jacobian
+from landerd.estimation.motion_filter import Course, Innovation, Jacobian
 from landerd.geometry import (
+    ZERO,
     Mat3,
     Vec3,
     add,

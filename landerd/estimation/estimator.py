@@ -69,7 +69,7 @@ class Estimator:
     # ---- inputs --------------------------------------------------------------------------------
 
     def on_telemetry(self, message: LocalPosition | Attitude | GimbalState) -> None:
-        """Take a measurement; where the local frame jumped, the pad goes with it.
+        """Take a measurement.
 
         While a pad is known the heading goes on by which it was seen so far: one that the autopilot
         sets anew may be wrong, and where it is right the old one did as well.
@@ -77,9 +77,7 @@ class Estimator:
         if isinstance(message, GimbalState):
             self._is_gimbal_autopilots = message.from_autopilot
         is_known = message.t - self.sighting_t <= MAX_GAP_S
-        jump = self.poses.add(message, keeps_heading=is_known)
-        if jump is not None:
-            self._filter.shift(jump)
+        self.poses.add(message, keeps_heading=is_known)
 
     def on_clock(self, clock: ClockSync) -> None:
         """Take how well the autopilot's clock is known: its data may be so much older."""

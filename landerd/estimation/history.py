@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 from landerd.geometry import wrap
 
+KEEP_S = 1.0  # how far back measurements are kept
 CUT_BLOCK = 32  # entries, under a second of the fastest stream; chosen by hand
 # Beyond the newest measurement angles go on by their rates for so long, s: two periods of a stream
 # of 20 Hz. An airframe that swings has turned back by a quarter of a second.
@@ -29,7 +30,6 @@ class History:
         self,
         *,
         angles: Sequence[bool],
-        keep_s: float = 1.0,
         max_gap_s: float = 0.2,
         rates: Callable[[Values], Values] | None = None,
         ahead_s: float = ANGLES_AHEAD_S,
@@ -39,7 +39,6 @@ class History:
 
         Args:
             angles: for each value whether it is an angle that wraps, rad.
-            keep_s: how far back measurements are kept.
             max_gap_s: two measurements farther apart than this are not interpolated between.
             rates: returns how fast the first few of the values change, per s; None: not known.
             ahead_s: beyond the newest measurement they go on by their rates for so long.
@@ -50,7 +49,6 @@ class History:
         self._held_s = max_gap_s if held_s is None else held_s
         self._angles = tuple(angles)
         self._has_angles = any(angles)
-        self._keep_s = keep_s
         self.max_gap_s = max_gap_s
         self._times: list[float] = []
         self._values: list[Values] = []
@@ -83,16 +81,12 @@ class History:
             return False
         self._times.append(t)
         self._values.append(values)
-        first = bisect_left(self._times, t - self._keep_s)
+        first = bisect_left(self._times, t - KEEP_S)
         # Cut in blocks: removing one entry a message from the front would move the whole list.
         if first > CUT_BLOCK:
             del self._times[:first]
             del self._values[:first]
         return True
-
-    def shift(self, by: tuple[float, ...]) -> None:
-        """Add to all measurements: the frame that they are measured in has jumped."""
-        self._values = [tuple(a + b for a, b in zip(v, by, strict=True)) for v in self._values]
 
     def clear(self) -> None:
         """Forget everything, as after a restart of the source."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from landerd.estimation.coupling import Coupling
 from landerd.geometry import (
+    ZERO,
     Mat3,
     Vec3,
     add,
@@ -31,7 +32,6 @@ from landerd.geometry import (
     transpose,
 )
 
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 ZEROS: Mat3 = (ZERO, ZERO, ZERO)
 Biases = tuple[Vec3, Vec3]
 Jacobian = tuple[Mat3, Mat3]  # of a position by the two blocks of biases
@@ -156,10 +156,6 @@ class MotionFilter:
         """Whether no variance is below 0: rounding, or noise said too small, may end that."""
         blocks = (self.Ppp, self.Pvv, self.Pbb, self.Pgg)
         return all(P[i][i] >= 0.0 for P in blocks for i in range(3))  # NaN is not
-
-    def shift(self, by: Vec3) -> None:
-        """The local frame jumped: what was at x is now at x + by."""
-        self.position = add(self.position, by)
 
     @property
     def course(self) -> Course:

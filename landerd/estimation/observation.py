@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 from landerd.config.models import EstimationSection
 from landerd.estimation.camera_pose import CameraPose, PoseHistory
-from landerd.estimation.motion_filter import ZERO, Jacobian
+from landerd.estimation.motion_filter import Jacobian
 from landerd.geometry import (
+    ZERO,
     Mat3,
     Vec3,
     add,
@@ -273,5 +274,5 @@ def _sweep(after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:
         point: camera frame, m.
     """
     if after is None or before is None:
-        return (0.0, 0.0, 0.0)
+        return ZERO
     return scale(sub(rotate(after, point), rotate(before, point)), 1.0 / DIFFERENCE_S)

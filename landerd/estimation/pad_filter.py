@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 from landerd.config.models import EstimationSection
 from landerd.estimation.doubt import Doubt
 from landerd.estimation.heading_filter import HeadingFilter
-from landerd.estimation.motion_filter import ZERO, Innovation, Jacobian, MotionFilter
+from landerd.estimation.motion_filter import Innovation, Jacobian, MotionFilter
 from landerd.estimation.observation import BiasModel, Clocks, PadObservation
 from landerd.geometry import (
+    ZERO,
     Mat3,
     Vec3,
     add,
@@ -172,12 +173,12 @@ class PadFilter:
         self._rejections = 0  # in a row, lying together
         self._refused_t = self._stepped_t = -math.inf
         self.doubt = Doubt()
-        self._refused_step: Vec3 = (0.0, 0.0, 0.0)  # innovation of the last one refused, m
+        self._refused_step = ZERO  # innovation of the last one refused, m
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._tilt_variance = SIGMA_INITIAL_TILT**2
         # White noise's variance over what it is said to be: across the line of sight, and along it.
         self._noise_scale = (1.0, 1.0)
-        self._last_innovation: Vec3 = (0.0, 0.0, 0.0)  # the position's, m
+        self._last_innovation = ZERO  # the position's, m
         self._of_expected = (1.0, 1.0)  # innovations' variance over the expected, level and down
         # On average: how far down the pad is, local, m; what its ranges err by alike, 1 sigma.
         self._down = self._range_share = 0.0
@@ -218,7 +219,7 @@ class PadFilter:
         return add(rotate(B[0], (x, y, 0.0)), rotate(B[1], (0.0, range_, heading)))
 
     def reset(self) -> None:
-        """Forget the pad, and all that is known of the gimbal."""
+        """Forget the pad, and what is known of the sensors' errors."""
         self._accepted = 0
         self._heading.reset()
         self._motion.forget_bias()
@@ -226,11 +227,6 @@ class PadFilter:
     def on_clock(self, uncertainty_s: float) -> None:
         """Take how well the autopilot's clock is known: the pictures' is known no better, s."""
         self._motion.assume_clock(math.hypot(self._sigma_clock, uncertainty_s))
-
-    def shift(self, by: Vec3) -> None:
-        """The autopilot's local frame jumped: what was at x is now at x + by, m."""
-        self._motion.shift(by)
-        self._down += by[2]
 
     def update(self, observations: list[PadObservation]) -> bool:
         """Take the likeliest observation of one frame in; tell whether it was accepted.
@@ -333,7 +329,7 @@ class PadFilter:
         self._accepted_t = seen.t
         self._rejections = 0
         self._motion.q = (self._q, self._q, self._q)
-        self._last_innovation = (0.0, 0.0, 0.0)
+        self._last_innovation = ZERO
         self._of_expected = (1.0, 1.0)
         self._noise_scale = (1.0, 1.0)
         self._heave = (seen.t, 0.0)

@@ -83,9 +83,13 @@ class Foothold:
         self._rate, self._followed_s = (0.0, 0.0), 0.0
         self._sigma_mps = relative.sigma_velocity
 
-    def see(self, to_pad: Vec3) -> None:
-        """Take where the landing point is seen from the feet (local, m): they stand there."""
+    def see(self, to_pad: Vec3, heading: float | None) -> None:
+        """Take where the landing point is seen from the feet (local, m): they stand there.
+
+        The pad's heading (local, rad) may have turned since the touch; None: it is not known.
+        """
         self._offset = (-to_pad[0], -to_pad[1])
+        self._heading = self._heading if heading is None else heading
         self._rate, self._followed_s = (0.0, 0.0), 0.0
 
     def slide(self, now: float, feet: Vec3, pad_velocity: Vec3, *, stands: bool = False) -> None:

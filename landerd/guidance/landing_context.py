@@ -8,7 +8,7 @@ from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import Vec3, angle_between, horizontal, rot_z, rotate, sub
+from landerd.geometry import ZERO, angle_between, horizontal, rot_z, rotate, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.foothold import Foothold
 from landerd.guidance.footing import Footing
@@ -121,12 +121,12 @@ class LandingContext:
         self.low = self.hold_asked = False
         self.tracked_t = -math.inf
         self.landed = Landed.UNDEFINED
-        self.pad_velocity: Vec3 = (0.0, 0.0, 0.0)
+        self.pad_velocity = ZERO
         self.heading = 0.0
         self._course_rate = 0.0  # of the pad's velocity, rad/s
         self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
         self._pad_seen = 0.0, 0.0  # when it was in sight last, s, and its local z then, m
-        self._known_velocity: Vec3 = (0.0, 0.0, 0.0)  # the pad's, by what was seen before contact
+        self._known_velocity = ZERO  # the pad's, by what was seen before contact
         self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
         self._footing = Footing()
         self.may_touch = self._just_over_pad = self._sinks_onto_pad = False
@@ -298,7 +298,8 @@ class LandingContext:
         glimpse, vehicle = self.estimator.glimpse, self.estimator.fresh_vehicle(step.now)
         is_new = glimpse is not None and self._footing.look(glimpse, self._known_velocity)
         if glimpse is not None and is_new:
-            self.foothold.see(glimpse.to_pad)
+            pad = self.estimator.pad(step.now)
+            self.foothold.see(glimpse.to_pad, None if pad is None else pad.heading)
         if not self._footing.holds:
             self.pad_velocity = self._known_velocity
         elif vehicle is not None:  # else as it went last: what was known has proved wrong

@@ -7,10 +7,10 @@ ours. The shaper is the square-root controller that ArduPilot itself uses.
 import math
 
 from landerd.config.models import Config, LimitsSection
-from landerd.geometry import Vec3, clamp
+from landerd.geometry import ZERO, Vec3, clamp
 from landerd.messages import Setpoint
 
-STOPPED = Setpoint((0.0, 0.0, 0.0), 0.0)
+STOPPED = Setpoint(ZERO, 0.0)
 # rad/s^2. Chosen by hand, below the 140 degrees/s^2 with which ArduCopter 4.5.7 answered a step of
 # the yaw rate in SITL.
 MAX_YAW_ACCELERATION = math.radians(120.0)
@@ -37,7 +37,7 @@ class Limiter:
 
     def __init__(self, limits: LimitsSection) -> None:
         self.configure(limits)
-        self.reset((0.0, 0.0, 0.0))
+        self.reset(ZERO)
 
     def configure(self, limits: LimitsSection) -> None:
         """Take new limits; the velocity goes over to them within its acceleration."""
@@ -58,7 +58,7 @@ class Limiter:
 
     def stop(self) -> Setpoint:
         """Return an order to stop at once; exempt from the acceleration limits."""
-        self.reset((0.0, 0.0, 0.0))
+        self.reset(ZERO)
         return STOPPED
 
     def climb_away(self, north: float, east: float, dt: float) -> Setpoint:

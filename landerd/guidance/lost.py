@@ -4,7 +4,7 @@ The camera looks where the pad should be and then sweeps (guidance.aim), whateve
 """
 
 from landerd.config.models import LostSection
-from landerd.geometry import Vec3
+from landerd.geometry import ZERO, Vec3
 from landerd.guidance import pilot_texts
 
 
@@ -48,7 +48,7 @@ class LostPlan:
             self._start_down = down_m
         climbed = 0.0 if self._start_down is None or down_m is None else self._start_down - down_m
         if waited < self._hold_s:
-            return (0.0, 0.0, 0.0), pilot_texts.HOLDING
+            return ZERO, pilot_texts.HOLDING
         if climbed >= o.climb_m:
-            return (0.0, 0.0, 0.0), pilot_texts.SEARCHING
+            return ZERO, pilot_texts.SEARCHING
         return (0.0, 0.0, -o.climb_mps), pilot_texts.CLIMBING

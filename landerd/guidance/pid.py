@@ -3,19 +3,19 @@
 from landerd.config.models import PidGains
 from landerd.geometry import clamp
 
+# Over which new gains are faded in, s, so that a change of phase does not step the output.
+BLEND_S = 1.0
+
 
 class Pid:
     """output = kp e + integral + kd de/dt, positive gains (thesis 2.4.3).
-
-    New gains are faded in over `blend_s`, so that a change of phase does not step the output.
 
     Attributes:
         integral_limit: largest share of the integral in the output.
     """
 
-    def __init__(self, gains: PidGains, *, integral_limit: float, blend_s: float = 1.0) -> None:
+    def __init__(self, gains: PidGains, *, integral_limit: float) -> None:
         self.integral_limit = integral_limit
-        self._blend_s = blend_s
         self._from = self._to = (gains.kp, gains.ki, gains.kd)
         self._faded = 1.0
         self._integral = 0.0
@@ -42,7 +42,7 @@ class Pid:
             dt: time since the last step, s.
             saturated: the last output was cut: the integral may then only shrink.
         """
-        self._faded = min(1.0, self._faded + dt / self._blend_s)
+        self._faded = min(1.0, self._faded + dt / BLEND_S)
         kp, ki, kd = self._gains()
         change = ki * error * dt
         if not saturated or change * self._integral < 0.0:

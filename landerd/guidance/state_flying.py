@@ -1,8 +1,8 @@
-"""The states in the air: TRACKING with the pad in sight, SEARCHING without, WAVING_OFF between."""
+"""The states in the air: TRACKING with the pad in sight, SEARCHING without."""
 
 import math
 
-from landerd.geometry import Vec3, clamp, norm, sub
+from landerd.geometry import ZERO, clamp, norm, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext, Sight
 from landerd.guidance.lost import LostPlan
@@ -13,12 +13,6 @@ from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import Event
 from landerd.messages import Phase, Severity
 
-HOVER: Vec3 = (0.0, 0.0, 0.0)
-# A wave-off climbs for so long, or so far; design rule 1b: at most 1 s or 0.5 m.
-WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
-# While it may fly on, a vehicle that has not climbed so far yet goes on with it for so long, s: one
-# whose thrust came back late was stopped with its feet 6 cm over a pad that drove on.
-SLOW_WAVE_OFF_S = 2.0
 # Held over the pad: climbing speed per m below the height asked for, as TrackingMethod sinks above
 # it; and no higher over it the pilot is told that it is there, m.
 HOLD_KP = 1.5
@@ -92,26 +86,30 @@ class Tracking:
         if sight is None:
             is_low = context.just_over_fast_pad or context.sinks_onto_fast_pad
             return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
-        self._context.tracked_t = step.now
-        rests = sight.climbs_otherwise and self._context.rests(step.now)
-        if rests and self._context.orders.climbs and not self._context.hold_asked:
+        context.tracked_t = step.now
+        rests = sight.climbs_otherwise and context.rests(step.now)
+        if rests and context.orders.climbs and not context.hold_asked:
             # Its climb rate is wrong: that it was told to climb does not say that it will.
-            north, east, _ = self._context.pad_velocity
-            self._context.orders.end_climb(north, east)
+            north, east, _ = context.pad_velocity
+            context.orders.end_climb(north, east)
             return None
-        if self._context.stands(step.now) and not self._context.hold_asked:
-            self._context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
+        if context.stands(step.now) and not context.hold_asked:
+            context.orders.enter(Phase.LANDED, pilot_texts.STANDS)
             return Event.COMMITS
-        self._context.tell_of_health()
+        context.tell_of_health()
         self._tell_if_unfollowed(step.now, sight.relative)
         event = self._event(step, sight)
-        if event is not None:
-            return event
-        relative, phases, context = sight.relative, self._phases, self._context
+        if event is None:
+            self._fly(step, sight)
+        return event
+
+    def _fly(self, step: ControlStep, sight: Sight) -> None:
+        """Order the method's velocity, and to climb where it is to be higher up."""
+        context, phases, relative = self._context, self._phases, sight.relative
         o = context.options
         hold_m = o.hold.height_m if context.hold_asked else 0.0
         floor_m = max(phases.floor_m, hold_m)
-        velocity, yaw_rate = self._method.step(
+        (north, east, down), yaw_rate = self._method.step(
             phases.phase, relative, floor_m, step.dt, widening=phases.widening
         )
         climbs, heave = phases.goes_around, relative.heave
@@ -119,15 +117,27 @@ class Tracking:
             # Low over it is no place to wait. It stays over the pad: one that stood still meanwhile
             # came down half beside it.
             hold_m = max(self._held_m, o.descent.retry_height_m)
-            heave = _given_way(relative, hold_m)
-            velocity = (velocity[0], velocity[1], heave)
+            down = heave = _given_way(relative, hold_m)
             climbs = relative.height < o.descent.retry_height_m
         if climbs:
             # From a deck that comes up it climbs as fast.
-            velocity = (velocity[0], velocity[1], min(0.0, heave) - o.lost.climb_mps)
+            down = min(0.0, heave) - o.lost.climb_mps
         elif relative.height < hold_m:
-            climb = min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
-            velocity = (velocity[0], velocity[1], heave - climb)
+            down = heave - min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
+        may_descend = self._may_descend(step.now, sight, floor_m)
+        # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
+        seen_m = relative.height + context.estimator.doubt.off_m
+        if climbs and seen_m < o.descent.commit_height_m:
+            # With the pad: a deck that comes up may have its feet, and they would be dragged.
+            north, east, _ = relative.pad_velocity
+            context.orders.climb_away(north, east)
+        else:
+            down = min(down, self._fastest_sinking(relative))
+            context.orders.fly((north, east, down), yaw_rate, may_descend=may_descend)
+
+    def _fastest_sinking(self, relative: RelativeState) -> float:
+        """Return the fastest downward velocity to order, m/s."""
+        context = self._context
         # Were this the last order, the autopilot's own timeout must stop the vehicle in time, also
         # where it is lower than it seems.
         safe = safe_sink_rate(
@@ -136,29 +146,23 @@ class Tracking:
             context.guided_timeout_s,
             context.braking_mps2,
         )
-        north, east, down = velocity
         # For want of knowing a deck that heaves it waits, and does not climb. A pad that was never
         # seen to heave all but stands: what is not known of its velocity is mostly sight's.
         unsure = min(UNSURE_HEAVE_SIGMAS * relative.sigma_heave, UNSURE_HEAVE_MPS)
         comes_up = min(0.0, relative.pad_velocity[2] - unsure)
         least = comes_up if context.heaves else comes_up + safe
-        velocity = (north, east, min(down, max(relative.sure_heave + safe, least)))
+        return max(relative.sure_heave + safe, least)
+
+    def _may_descend(self, now: float, sight: Sight, floor_m: float) -> bool:
+        """Tell whether it may sink, to a height over the pad, m; called at every control step."""
+        context, phases, relative = self._context, self._phases, sight.relative
         if not phases.may_descend(relative, context.estimator.doubt.off_m):
-            self._outside_t = step.now
-        is_inside = step.now - self._outside_t >= SETTLED_S
-        is_sure = relative.heading_error is not None or step.now - self._seen_from >= RING_ALONE_S
+            self._outside_t = now
+        is_inside = now - self._outside_t >= SETTLED_S
+        is_sure = relative.heading_error is not None or now - self._seen_from >= RING_ALONE_S
         is_blind = phases.is_blind(relative, sight.age)
         may_descend = is_inside and is_sure and not is_blind and relative.height > floor_m
-        may_descend = may_descend and not sight.climbs_otherwise
-        # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
-        seen_m = relative.height + context.estimator.doubt.off_m
-        if climbs and seen_m < o.descent.commit_height_m:
-            # With the pad: a deck that comes up may have its feet, and they would be dragged.
-            north, east, _ = relative.pad_velocity
-            context.orders.climb_away(north, east)
-        else:
-            context.orders.fly(velocity, yaw_rate, may_descend=may_descend)
-        return None
+        return may_descend and not sight.climbs_otherwise
 
     def _tell_if_unfollowed(self, now: float, relative: RelativeState) -> None:
         """Tell the pilot of an autopilot that does not fly what it is ordered."""
@@ -242,61 +246,6 @@ def _given_way(relative: RelativeState, hold_m: float) -> float:
     return share * min(0.0, relative.pad_velocity[2])
 
 
-class WavingOff:
-    """Climbs away from the pad at the pad's velocity as it is seen, and does not turn.
-
-    Just over a pad that moves, or with feet on it, a stop relative to the ground would tip the
-    vehicle over. Leaves WAVE_OFF_M higher, or after WAVE_OFF_S; later where it is slow.
-    """
-
-    def __init__(self, context: LandingContext) -> None:
-        self._context = context
-        self._why = ""
-        self._began = -math.inf
-        self._from_down: float | None = None  # local z of the feet then, m
-
-    def enter(self, step: ControlStep) -> None:
-        """Begin to climb."""
-        self._began = step.now
-        vehicle = self._context.estimator.fresh_vehicle(step.now)
-        self._from_down = vehicle.feet[2] if vehicle else None
-        context = self._context
-        why = step.why if step.why != pilot_texts.GRANTED else context.why_blind(step.now)
-        self._why = pilot_texts.BLIND.format(why=why, what=pilot_texts.CLIMBING_AWAY)
-
-    def order(self, step: ControlStep) -> Event | None:
-        """Order the climb until the time is over."""
-        climbed_m = self._climbed_m(step.now)
-        is_slow = step.granted and climbed_m is not None
-        most_s = SLOW_WAVE_OFF_S if is_slow else WAVE_OFF_S
-        if step.now - self._began >= most_s or (climbed_m or 0.0) >= WAVE_OFF_M:
-            return Event.CLEAR_OF_PAD
-        self.climb()
-        return None
-
-    def climb(self) -> None:
-        """Order the climb."""
-        context = self._context
-        sight = context.sight
-        if sight is not None:
-            context.note(sight.relative)
-        context.orders.enter(Phase.NOT_LANDING, self._why)
-        north, east, _ = context.pad_velocity
-        if context.may_touch:
-            context.orders.climb_away(north, east)
-        else:  # there is room to begin gently
-            climb = (north, east, -context.options.limits.climb_mps)
-            context.orders.fly(climb, 0.0, may_descend=False)
-
-    def _climbed_m(self, now: float) -> float | None:
-        """Return how far it has climbed from the pad, if that heaves on as it did."""
-        context = self._context
-        vehicle = context.estimator.fresh_vehicle(now)
-        if vehicle is None or self._from_down is None:
-            return None
-        return self._from_down - vehicle.feet[2] + (now - self._began) * context.pad_velocity[2]
-
-
 class Searching:
     """Hovers, then climbs as guidance.lost says, and never turns or sinks (rule 1d).
 
@@ -331,7 +280,7 @@ class Searching:
         # Climbing needs a position to know when to stop, or a time.
         climbs_blind = context.low and self._plan.waited_s(step.now) < BLIND_CLIMB_S
         may_climb = vehicle is not None or climbs_blind
-        velocity, what = planned if may_climb else (HOVER, pilot_texts.HOLDING)
+        velocity, what = planned if may_climb else (ZERO, pilot_texts.HOLDING)
         why = pilot_texts.BLIND.format(why=context.why_blind(step.now), what=what)
         # That its own data are stale for a moment is no news: the landing goes on.
         if vehicle is not None or not context.goes_on(step.now):

@@ -7,6 +7,7 @@ from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import horizontal, sub
 from landerd.guidance import pilot_texts
+from landerd.guidance.climb_away import ClimbAway
 from landerd.guidance.landing_context import (
     BUILD_ERROR_M,
     RESTS_MPS,
@@ -17,7 +18,6 @@ from landerd.guidance.landing_context import (
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
-from landerd.guidance.state_flying import WavingOff
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
@@ -296,7 +296,7 @@ class Leaving:
         self._context = context
         self._touchdown = touchdown
         self._flies_on = flies_on
-        self._waving_off = WavingOff(context)
+        self._climb = ClimbAway(context)
         self._began = -math.inf
         self._thrust_back_s = 0.0
         self._rests_since = math.inf  # goes with the pad
@@ -307,7 +307,7 @@ class Leaving:
         down = self._context.orders.velocity[2]
         back_s = self._touchdown.thrust_back_s(step.now, down)
         self._thrust_back_s = back_s if self._flies_on else min(back_s, THRUST_BACK_S)
-        self._waving_off.enter(step)
+        self._climb.begin(step)
 
     def order(self, step: ControlStep) -> Event | None:
         """Order the climb until it is over, or the vehicle stands."""
@@ -322,14 +322,14 @@ class Leaving:
         waited_s = step.now - self._began
         if stands and waited_s < self._thrust_back_s:
             return self._stay(step.now)
-        event = self._waving_off.order(step)
+        event = self._climb.step(step)
         # What may not fly on is stopped as it lifts: levelled then, a pad of 5 m/s threw it off.
         if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):
             return event
         # Its thrust has not come: it is not clear of the pad. It waits for it.
         if waited_s >= LIFTED_S:
             return self._stay(step.now)
-        self._waving_off.climb()
+        self._climb.order()
         return None
 
     def _stay(self, now: float) -> Event | None:

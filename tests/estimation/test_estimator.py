@@ -66,14 +66,15 @@ def test_a_gimbal_that_is_stale_is_told_last() -> None:
     assert estimator.stale(9.0) == "attitude"
 
 
-def test_a_jump_of_the_local_frame_takes_the_pad_along() -> None:
+def test_a_jump_of_the_local_frame_moves_neither_pad_nor_vehicle() -> None:
     estimator = seeing(until=1.0)
-    before = estimator.pad(1.0)
+    pad, vehicle = estimator.pad(1.0), estimator.vehicle(1.0)
     estimator.on_telemetry(LocalPosition(1.02, (3.0, 0.0, -5.0), (0.0, 0.0, 0.0)))
-    after = estimator.pad(1.0)
-    assert before is not None
+    after = estimator.vehicle(1.0)
+    assert estimator.pad(1.0) == pad
+    assert vehicle is not None
     assert after is not None
-    assert after.position[0] - before.position[0] == pytest.approx(3.0)
+    assert after.feet == pytest.approx(vehicle.feet)
 
 
 @pytest.mark.parametrize("is_seen", [True, False])

@@ -123,7 +123,7 @@ def test_age_counts_from_the_newest_measurements_own_time() -> None:
 
 
 def test_the_last_second_stays_known_and_what_is_older_is_let_go() -> None:
-    history = History(angles=[False], keep_s=1.0)
+    history = History(angles=[False])
     for i in range(5001):
         history.add(0.01 * i, (0.001 * i,))
     assert history.at(49.505) == pytest.approx((4.9505,))

@@ -55,6 +55,16 @@ def test_it_stands_where_it_touched() -> None:
     assert foothold.on_plate
 
 
+@pytest.mark.parametrize(("heading", "is_on"), [(0.0, False), (0.5 * math.pi, True), (None, False)])
+def test_a_pad_that_has_turned_since_the_touch_has_its_plate_elsewhere(
+    heading: float | None, is_on: bool
+) -> None:
+    """0.7 m to the east: beside the plate but where its longer side is there by now."""
+    foothold = touched(0.02)
+    foothold.see((0.0, -0.7, 0.0), heading)
+    assert foothold.on_plate is is_on
+
+
 @pytest.mark.parametrize("away", [(-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
 def test_feet_that_slide_are_followed_over_the_edge(away: Vec3) -> None:
     foothold = touched(0.02)

@@ -359,6 +359,23 @@ def test_what_ends_under_the_pad_has_not_landed_on_it() -> None:
     assert flight.lander.outcome == "landed_off_pad"
 
 
+@pytest.mark.parametrize("jump", [(0.0, 0.0, 0.5), (2.0, -1.0, 0.0)])
+def test_where_the_local_frame_jumps_as_it_stands_it_has_landed_on_the_pad_all_the_same(
+    jump: Vec3,
+) -> None:
+    """The EKF set its height anew at the touch: it was told to have fallen off the plate."""
+    flight = Flight()
+    flight.detects_landing = False
+    to(flight.engaged(), State.ON_PAD)
+    flight.visible = False
+    flight.run(0.1)
+    flight.position, flight.pad = add(flight.position, jump), add(flight.pad, jump)
+    flight.run(1.5)
+    flight.detects_landing = True
+    to(flight, State.SILENT)
+    assert flight.lander.outcome == "landed"
+
+
 def test_waved_off_from_a_pad_that_drives_off_it_climbs_away_with_it() -> None:
     """It climbed where it was, its feet on a pad that was carried away: that tipped it over."""
     flight = Flight().engaged()

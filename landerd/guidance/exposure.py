@@ -33,7 +33,7 @@ SETTLED_FRAMES, SETTLED_S = 3, 0.1
 PAD_KEEP_S = 2.0  # after the pad's last picture its light still holds, under the same exposure
 
 
-class Metering:
+class ExposureControl:
     """Turns the brightness of pictures into orders for the camera."""
 
     def __init__(self, options: MeteringSection) -> None:

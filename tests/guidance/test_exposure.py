@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from landerd.config.models import MeteringSection
-from landerd.guidance.metering import Metering
+from landerd.guidance.exposure import ExposureControl
 from landerd.messages import CLIPPED_LEVEL, ExposureOrder, Light, Sightings
 
 PERIOD_S, LATENCY_S, FRAMES_LATE = 1 / 30, 0.1, 2
@@ -23,7 +23,7 @@ class Camera:
     ) -> None:
         self.tone = tone
         self.period_s = period_s
-        self.metering = Metering(OPTIONS)
+        self.control = ExposureControl(OPTIONS)
         self.orders: list[tuple[float, ExposureOrder]] = []
         self.levels: list[float] = []
         self.whites: list[float] = []
@@ -55,7 +55,7 @@ class Camera:
             if level >= CLIPPED_LEVEL and not on_pad:
                 clipped = 0.95
             seen = Sightings(t, self.frame, (), (), Light(level, on_pad, clipped))
-            order = self.metering.on_sightings(t + LATENCY_S, seen)
+            order = self.control.on_sightings(t + LATENCY_S, seen)
             if order is not None:
                 self.orders.append((t + LATENCY_S, order))
             self.frame += 1
@@ -203,4 +203,4 @@ def test_an_order_is_not_repeated_before_its_pictures_come() -> None:
 
 
 def test_pictures_whose_light_is_not_told_order_nothing() -> None:
-    assert Metering(OPTIONS).on_sightings(1.0, Sightings(0.9, 1, (), ())) is None
+    assert ExposureControl(OPTIONS).on_sightings(1.0, Sightings(0.9, 1, (), ())) is None
