@@ -11,7 +11,7 @@ the pulses get out (servo_mavlink, servo_sysfs, servo_pca9685).
 import asyncio
 import math
 from itertools import pairwise
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, Self
 
 from pydantic import Field, model_validator
 
@@ -69,6 +69,14 @@ class ServoOptions(Section):
     slew_deg_s: Annotated[float, Field(gt=0, le=1000)] = 120.0  # largest speed under load
     lag_s: Annotated[float, Field(ge=0, le=0.5)] = 0.08  # behind a slowly moving order
     imu: ImuOptions | None = None  # a sensor on the camera
+
+    @model_validator(mode="after")
+    def _one_servo_a_channel(self) -> Self:
+        if self.yaw is not None and self.yaw.channel == self.pitch.channel:
+            raise ValueError(
+                f"expected yaw and pitch on two channels, both are {self.pitch.channel}"
+            )
+        return self
 
     @property
     def axes(self) -> list[ServoAxisOptions]:

@@ -6,9 +6,9 @@ whose SERVOn_FUNCTION is 0 (or pass-through), and moves the servo at once.
 
 import asyncio
 import math
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
@@ -24,6 +24,12 @@ class ServoMavlinkOptions(ServoOptions):
 
     pitch: ServoAxisOptions = ServoAxisOptions(channel=9, table=TILT)
     command_hz: Annotated[float, Field(ge=5, le=50)] = 20.0  # at most; each is acknowledged
+
+    @model_validator(mode="after")
+    def _outputs(self) -> Self:
+        if any(axis.channel == 0 for axis in self.axes):
+            raise ValueError("channel: found 0, the autopilot's outputs count from 1")
+        return self
 
 
 class ServoMavlinkGimbal(ServoGimbal):

@@ -138,7 +138,7 @@ def check(pairs: Sequence[Pair], objective: Objective) -> dict[str, Any]:
         pairs: a: flown with the old values, b: with the winner's, on seeds that no search has seen.
         objective: that was minimised.
     """
-    flown = [p for p in pairs if is_feasible(p.a)]
+    flown = [p for p in pairs if is_feasible(p.a)] or list(pairs)
     known = [
         (a, b)
         for p in flown

@@ -24,8 +24,10 @@ class SyncedFile:
         self.error: str | None = None  # why bytes are waiting, None while they need not
         with contextlib.suppress(OSError):  # so that the name, too, outlives a power cut
             folder = os.open(path.parent, os.O_RDONLY)
-            os.fsync(folder)
-            os.close(folder)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
 
     @property
     def waiting(self) -> int:

@@ -74,6 +74,11 @@ def test_a_faster_winner_that_fails_or_breaks_a_rule_does_not_hold() -> None:
     assert "rules were broken" in check(pairs(before, rule), TIME)["why_not"]
 
 
+def test_fresh_days_that_nobody_can_land_on_speak_for_no_winner() -> None:
+    day = Run("field", 2, landing("field", 2, landed=False, time_s=None, infeasible="gale"))
+    assert not check(pairs([day], [day]), TIME)["holds"]
+
+
 def test_what_was_found_can_be_included_in_a_configuration(tmp_path: Path) -> None:
     text = overlay({"guidance.tracking.kp": 1.5, "guidance.tracking.ki": 0.25}, ["it holds"])
     assert text.startswith("# it holds\n")

@@ -1,11 +1,12 @@
 """What faults may lay hands on, and what a fault is."""
 
 import asyncio
+from collections import ChainMap
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from random import Random
-from typing import Protocol
+from typing import Any, Protocol
 
 from hw.links.memory import MemoryLink
 from hw.sim.gimbals.mount import SimMount
@@ -84,6 +85,47 @@ def stand_in(bench: Bench) -> SimAutopilot:
     """Return the autopilot that is in this process."""
     assert bench.vehicle.stand_in is not None, "checked with the command line"
     return bench.vehicle.stand_in
+
+
+@contextmanager
+def changed(target: object, **values: Any) -> Iterator[None]:
+    """Give an object's attributes these values; of faults that overlap any may end first."""
+    layers = _CHANGED.setdefault(id(target), _Layers(target))
+    layers.begin(values)
+    try:
+        yield
+    finally:
+        if layers.end(values):
+            del _CHANGED[id(target)]
+
+
+class _Layers:
+    """The values of an object's attributes, one fault's upon the other's."""
+
+    def __init__(self, target: object) -> None:
+        self._target = target
+        self._sound: dict[str, Any] = {}
+        self._layers: list[dict[str, Any]] = []
+
+    def begin(self, layer: dict[str, Any]) -> None:
+        """Lay these values on top."""
+        for name in layer:
+            self._sound.setdefault(name, getattr(self._target, name))
+        self._layers.insert(0, layer)
+        self._apply()
+
+    def end(self, layer: dict[str, Any]) -> bool:
+        """Take these values away; return whether none are left."""
+        self._layers = [each for each in self._layers if each is not layer]
+        self._apply()
+        return not self._layers
+
+    def _apply(self) -> None:
+        for name, value in ChainMap(*self._layers, self._sound).items():
+            setattr(self._target, name, value)
+
+
+_CHANGED: dict[int, _Layers] = {}  # by the object's id: some cannot be keys
 
 
 @contextmanager

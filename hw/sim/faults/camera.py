@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hw.sim.faults.bench import Bench, Effect
-from hw.sim.picture.camera import U8, CameraFaults
+from hw.sim.faults.bench import Bench, Effect, changed
+from hw.sim.picture.camera import U8
 
 Settings = dict[str, Any]  # fields of CameraFaults
 
@@ -17,13 +17,8 @@ def _with(settings: Callable[[float], Settings]) -> Effect:
 
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        faults, sound = bench.camera.faults, CameraFaults()
-        values = settings(severity)
-        for name, value in values.items():
-            setattr(faults, name, value)
-        yield
-        for name in values:
-            setattr(faults, name, getattr(sound, name))
+        with changed(bench.camera.faults, **settings(severity)):
+            yield
 
     return effect
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from hw.sim.faults.bench import Bench, Effect
+from hw.sim.faults.bench import Bench, Effect, changed
 
 
 def _raising(part: str, error: Exception) -> Effect:
@@ -30,16 +30,14 @@ def _stalls(bench: Bench, severity: float) -> Iterator[None]:
 
 @contextmanager
 def _slow_search(bench: Bench, severity: float) -> Iterator[None]:
-    bench.computer.search_s = bench.between(0.1, 3.0, severity)
-    yield
-    bench.computer.search_s = 0.0
+    with changed(bench.computer, search_s=bench.between(0.1, 3.0, severity)):
+        yield
 
 
 @contextmanager
 def _slow_disk(bench: Bench, severity: float) -> Iterator[None]:
-    bench.computer.slow_disk_s = bench.between(0.01, 0.1, severity)
-    yield
-    bench.computer.slow_disk_s = 0.0
+    with changed(bench.computer, slow_disk_s=bench.between(0.01, 0.1, severity)):
+        yield
 
 
 @contextmanager

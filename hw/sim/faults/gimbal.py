@@ -3,9 +3,9 @@
 import asyncio
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
-from hw.sim.faults.bench import Bench, Effect, goes_on
+from hw.sim.faults.bench import Bench, Effect, changed, goes_on
 from hw.sim.gimbals.sim import GimbalFault, SimGimbal
 
 _SLIPS_EVERY_S = 0.02
@@ -14,10 +14,8 @@ _SLIPS_EVERY_S = 0.02
 def _device(fault: GimbalFault) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        gimbal = _simulated(bench)
-        gimbal.fault = fault
-        yield
-        gimbal.fault = None
+        with changed(_simulated(bench), fault=fault):
+            yield
 
     return effect
 
@@ -29,18 +27,22 @@ def _simulated(bench: Bench) -> SimGimbal:
 
 @contextmanager
 def _late(bench: Bench, severity: float) -> Iterator[None]:
-    gimbal = _simulated(bench)
-    gimbal.late_s = bench.between(0.02, 0.3, severity)
-    yield
-    gimbal.late_s = 0.0
+    with changed(_simulated(bench), late_s=bench.between(0.02, 0.3, severity)):
+        yield
+
+
+def _slip(bench: Bench, yaw: float, pitch: float) -> None:
+    """Let measured angles be off by so much more, rad."""
+    slipped = bench.mount.slipped
+    bench.mount.slipped = (slipped[0] + yaw, slipped[1] + pitch)
 
 
 @contextmanager
 def _offset(bench: Bench, severity: float) -> Iterator[None]:
     angle = math.radians(bench.between(1.0, 20.0, severity)) * bench.rng.choice((-1.0, 1.0))
-    bench.mount.slipped = (angle, angle)
+    _slip(bench, angle, angle)
     yield
-    bench.mount.slipped = (0.0, 0.0)
+    _slip(bench, -angle, -angle)
 
 
 @contextmanager
@@ -50,8 +52,7 @@ def _slipping(bench: Bench, severity: float) -> Iterator[None]:
     async def slip() -> None:
         while True:
             await asyncio.sleep(_SLIPS_EVERY_S)
-            yaw, pitch = bench.mount.slipped
-            bench.mount.slipped = (yaw, pitch + rate * _SLIPS_EVERY_S)
+            _slip(bench, 0.0, rate * _SLIPS_EVERY_S)
 
     with goes_on(slip()):  # it stays where it has slipped to
         yield
@@ -59,19 +60,16 @@ def _slipping(bench: Bench, severity: float) -> Iterator[None]:
 
 @contextmanager
 def _stuck(bench: Bench, severity: float) -> Iterator[None]:
-    axes = (bench.mount.plant.yaw, bench.mount.plant.pitch)
-    for axis in axes:
-        axis.stuck = True
-    yield
-    for axis in axes:
-        axis.stuck = False
+    with ExitStack() as stack:
+        for axis in (bench.mount.plant.yaw, bench.mount.plant.pitch):
+            stack.enter_context(changed(axis, stuck=True))
+        yield
 
 
 @contextmanager
 def _reversed(bench: Bench, severity: float) -> Iterator[None]:
-    bench.mount.reversed = True
-    yield
-    bench.mount.reversed = False
+    with changed(bench.mount, reversed=True):
+        yield
 
 
 FAULTS: Mapping[str, Effect] = {

@@ -1,13 +1,11 @@
 """The link between landerd and the autopilot: cut, dead, lossy, corrupted, doubled, late."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import ExitStack, contextmanager
 from typing import Any, Literal
-from weakref import WeakKeyDictionary
 
-from hw.links.memory import LinkFaults, MemoryLink
-from hw.sim.faults.bench import Bench, Effect
+from hw.links.memory import MemoryLink
+from hw.sim.faults.bench import Bench, Effect, changed
 
 Way = Literal["up", "down", "both"]
 
@@ -22,38 +20,12 @@ def _with(way: Way, settings: Callable[[float], dict[str, Any]]) -> Effect:
             "down": [bench.vehicle.far],
             "both": [bench.vehicle.near, bench.vehicle.far],
         }[way]
-        layer = settings(severity)
-        for end in ends:
-            _LAYERS.setdefault(end, _Layers(end.faults)).begin(end, layer)
-        yield
-        for end in ends:
-            _LAYERS[end].end(end, layer)
+        with ExitStack() as stack:
+            for end in ends:
+                stack.enter_context(changed(end.faults, **settings(severity)))
+            yield
 
     return effect
-
-
-class _Layers:
-    """The faults of one end, one upon the other: what began first need not end last."""
-
-    def __init__(self, sound: LinkFaults) -> None:
-        self._sound = sound
-        self._layers: list[dict[str, Any]] = []
-
-    def begin(self, end: MemoryLink, layer: dict[str, Any]) -> None:
-        self._layers.append(layer)
-        self._apply(end)
-
-    def end(self, end: MemoryLink, layer: dict[str, Any]) -> None:
-        self._layers = [each for each in self._layers if each is not layer]
-        self._apply(end)
-
-    def _apply(self, end: MemoryLink) -> None:
-        end.faults = replace(
-            self._sound, **{k: v for each in self._layers for k, v in each.items()}
-        )
-
-
-_LAYERS: WeakKeyDictionary[MemoryLink, _Layers] = WeakKeyDictionary()
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from hw.autopilots.arducopter import Mode
-from hw.sim.faults.bench import Bench, Effect, goes_on, stand_in
+from hw.sim.faults.bench import Bench, Effect, changed, goes_on, stand_in
 
 _ASKS_EVERY_S = 0.2
 
@@ -35,9 +35,8 @@ def _flapping(bench: Bench, severity: float) -> Iterator[None]:
 
 @contextmanager
 def _stuck(bench: Bench, severity: float) -> Iterator[None]:
-    bench.vehicle.switch.stuck = True
-    yield
-    bench.vehicle.switch.stuck = False
+    with changed(bench.vehicle.switch, stuck=True):
+        yield
 
 
 @contextmanager
@@ -60,9 +59,8 @@ def _mode(mode: Mode) -> Effect:
 
 @contextmanager
 def _disarm_refused(bench: Bench, severity: float) -> Iterator[None]:
-    stand_in(bench).copter.refuses_disarm = True
-    yield
-    stand_in(bench).copter.refuses_disarm = False
+    with changed(stand_in(bench).copter, refuses_disarm=True):
+        yield
 
 
 @contextmanager

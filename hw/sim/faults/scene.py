@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from hw.sim.faults.bench import Bench, Effect
+from hw.sim.faults.bench import Bench, Effect, changed
 from hw.sim.picture.camera import Renders
 from hw.sim.picture.other_pads import SecondPad
 
@@ -43,9 +43,8 @@ def _decoys(bench: Bench, severity: float) -> Iterator[None]:
 
 @contextmanager
 def _gone(bench: Bench, severity: float) -> Iterator[None]:
-    bench.camera.faults.pad_covered = True
-    yield
-    bench.camera.faults.pad_covered = False
+    with changed(bench.camera.faults, pad_covered=True):
+        yield
 
 
 @contextmanager

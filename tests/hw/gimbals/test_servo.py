@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from hw.gimbals.i2c import I2c
 from hw.gimbals.servo import ServoAxis, ServoAxisOptions, ServoGimbal, ServoOptions
+from hw.gimbals.servo_mavlink import ServoMavlinkOptions
 from hw.gimbals.servo_pca9685 import ServoPca9685Gimbal, ServoPca9685Options
 from hw.gimbals.servo_sysfs import ServoSysfsGimbal, ServoSysfsOptions
 from landerd.messages import GimbalCommand, GimbalState
@@ -225,6 +226,16 @@ def test_pca9685_without_its_bus_is_lost() -> None:
 
     with pytest.raises(DeviceLost, match="No such file"):
         asyncio.run(ServoPca9685Gimbal(ServoPca9685Options(), I2c(open_bus, in_thread=True)).open())
+
+
+def test_two_servos_on_one_channel_are_refused() -> None:
+    with pytest.raises(ValidationError, match="two channels, both are 0"):
+        ServoOptions.model_validate({"yaw": TILT, "pitch": TILT})
+
+
+def test_the_autopilots_outputs_count_from_one() -> None:
+    with pytest.raises(ValidationError, match="channel: found 0"):
+        ServoMavlinkOptions.model_validate({"pitch": TILT})
 
 
 @pytest.mark.parametrize(
