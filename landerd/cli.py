@@ -161,6 +161,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if e.errno == errno.EACCES and e.filename is not None:  # its folder may not be entered
             print(f"{e.filename}: cannot be read: {e.strerror}", file=sys.stderr)
             return 2
+        if not _has_working_folder():
+            print("the working folder is gone: cd to one that is there", file=sys.stderr)
+            return 2
         failure = _stdout_failure()
         if failure is None:
             raise
@@ -168,6 +171,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"standard output cannot be written: {failure}", file=sys.stderr)
         return 2
     return code
+
+
+def _has_working_folder() -> bool:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _open_closed_streams() -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationError, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
-from landerd.section import Finite, Positive, Section, read_mapping
+from landerd.section import Finite, Positive, Section, read_mapping, value_in_words
 
 # Dictionaries of squares by OpenCV's names without DICT_, and how many ids each has.
 DICTIONARIES = {
@@ -25,7 +25,23 @@ DICTIONARIES = {
 
 
 _LONGEST_FAULT = 160  # letters: what is wrong may be a value of any length
-_FAULTS = {"missing": "is missing", "extra_forbidden": "unknown key"}  # of pydantic, in our words
+# What pydantic expected, by the type of its error and what it says of it, in our words.
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "string_type": "text",
+    "tuple_type": "a list",
+    "model_type": "a block of keys",
+    "model_attributes_type": "a block of keys",
+    "finite_number": "a finite number",
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "less than {lt}",
+    "less_than_equal": "at most {le}",
+    "too_long": "{max_length} values",
+    "union_tag_invalid": "{expected_tags}",
+    "literal_error": "{expected}",
+}
 
 
 class PadError(Exception):
@@ -248,12 +264,24 @@ def load_pad(path: Path) -> PadLayout:
 
 def _in_words(error: ErrorDetails) -> str:
     """Return one of pydantic's errors in our words, with the key that it is about."""
-    if error["type"] == "value_error":  # one of ours
-        text = str(error["ctx"]["error"])
-    elif error["type"] == "too_short":
-        text = f"expected at least {error['ctx']['min_length']}"
+    kind, about, loc = error["type"], error.get("ctx", {}), [str(part) for part in error["loc"]]
+    if kind == "value_error":  # one of ours
+        text = str(about["error"])
+    elif kind == "extra_forbidden":
+        text = "unknown key"
+    elif kind in ("missing", "union_tag_not_found"):
+        text = "is missing"
+    elif kind == "too_short":
+        text = f"expected at least {about['min_length']}"
+    elif kind in _EXPECTED:
+        value = about.get("tag", error["input"])
+        text = f"found {value_in_words(value)}, expected {_EXPECTED[kind].format(**about)}"
     else:
-        text = _FAULTS.get(error["type"], error["msg"])
+        text = error["msg"]
+    if kind in ("union_tag_not_found", "union_tag_invalid"):
+        loc.append("kind")
+    elif loc[:1] == ["markers"]:  # behind its number stands its kind
+        del loc[2:3]
     if len(text) > _LONGEST_FAULT:
         text = f"{text[:_LONGEST_FAULT]}..."
-    return ": ".join(part for part in (".".join(map(str, error["loc"])), text) if part)
+    return ": ".join(part for part in (".".join(loc), text) if part)

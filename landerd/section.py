@@ -24,6 +24,19 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+def value_in_words(value: object) -> str:
+    """Say in words what a value of a file is."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return "a block of keys"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    return repr(value)
+
+
 # A number, decimal, as a plain scalar of YAML 1.2: in pads, calibrations and configurations alike.
 NUMBER = r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"
 _OF_YAML_1_1 = {f"tag:yaml.org,2002:{name}" for name in ("bool", "int", "float", "timestamp")}

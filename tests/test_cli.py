@@ -253,3 +253,14 @@ def test_a_folder_that_may_not_be_entered_is_one_line(
     monkeypatch.setattr(Path, "exists", locked)
     assert main(["check", "-c", str(tmp_path / "mine.yaml")]) == 2
     assert "mine.saved.yaml: cannot be read: Permission denied" in capsys.readouterr().err
+
+
+def test_a_working_folder_that_is_gone_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert main(["check", "-c", "mine.yaml"]) == 2
+    assert capsys.readouterr().err == "the working folder is gone: cd to one that is there\n"

@@ -56,13 +56,20 @@ def test_a_pad_has_a_heading_unless_it_is_plain_rings_about_one_place(
 @pytest.mark.parametrize(
     ("found", "instead", "key", "expected"),
     [
-        ("diameter_m: 1.0", "diameter_m: 0", "outer_diameter_m", "greater than 0"),
+        ("diameter_m: 1.0", "diameter_m: 0", "outer_diameter_m", "more than 0"),
         ("diameter_m: 1.0", "diameter_m: .inf", "outer_diameter_m", "finite"),
-        ("diameter_m: 1.0", "diameter_m: wide", "outer_diameter_m", "valid number"),
+        (
+            *("diameter_m: 1.0", "diameter_m: wide"),
+            *("markers.0.outer_diameter_m", "found 'wide', expected a number"),
+        ),
+        ("kind: whycon, ", "", "markers.0.kind", "is missing"),
         ("outer_diameter_m: 1.0", "inner_ratio: 0.5", "outer_diameter_m", "is missing"),
-        ("id: 0", "id: -1", "id", "greater than or equal to 0"),
+        ("id: 0", "id: -1", "id", "found -1, expected at least 0"),
         ("size_m: 0.3", "size_m: 0.3, colour: red", "colour", "unknown key"),
-        ("kind: whycon", "kind: circle", "markers.0", "'whycon'"),
+        (
+            *("kind: whycon", "kind: circle"),
+            *("markers.0.kind", "found 'circle', expected 'whycon', 'whycode'"),
+        ),
         ("west_m: 1", "wst_m: 1", "plate.wst_m", "unknown key"),
         (PLATE, "", "plate", "is missing"),
         ("markers:\n" + RING + TAG, "markers: []\n", "markers", "at least 1"),
@@ -92,7 +99,7 @@ def test_a_wrong_pad_is_told_with_file_key_and_what_was_expected(
         ("bits: 6, id: 2", "id 1 turned"),
         ("bits: 8, id: 254", "id 127 turned"),
         ("bits: 6, id: 64", "more than 6 bits"),
-        ("bits: 2, id: 1", "greater than or equal to 3"),
+        ("bits: 2, id: 1", "at least 3"),
         ("id: 1", "bits"),
     ],
 )

@@ -11,6 +11,7 @@ from random import Random
 from typing import Any
 
 from landerd.config.yaml_tree import DISTRIBUTIONS, Fault, Node
+from landerd.section import value_in_words
 
 SECTION = "sim"  # only the simulated world may be drawn
 TRUNCATED_AT = 3.0  # sigma, of `normal`: a bound of the key can then be kept
@@ -90,7 +91,7 @@ def draw(tree: Node, seed: int, faults: list[Fault]) -> tuple[Node, dict[str, An
         kind, plain = KINDS[name], given.plain()
         values = plain if isinstance(plain, list) else [plain]
         if not kind.is_good(values):
-            text = f"found {given.found()}, expected {kind.takes}"
+            text = f"found {value_in_words(given.value)}, expected {kind.takes}"
             faults.append(Fault(given.place, f"{key}.{name}", text))
             return Node(node.place, node.folder, None)
         value = kind.draw(values, Random(f"{seed}:{key}"))

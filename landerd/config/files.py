@@ -28,9 +28,12 @@ from landerd.config.yaml_tree import (
     shown,
 )
 from landerd.ports import GimbalOptions
-from landerd.section import Section
+from landerd.section import Section, value_in_words
 
 M = TypeVar("M", bound=BaseModel)
+
+
+_NEAREST_TOLD = 20  # unknown keys whose nearest is looked for: it takes a while
 
 
 class ConfigError(Exception):
@@ -242,11 +245,13 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
             loc = (*loc, error["loc"][-1])
             text = f"missing, expected {schema.expected(loc)}"
         elif error["type"] == "extra_forbidden":
-            text = f"unknown key; nearest known key: {schema.nearest(dotted(loc))}"
+            text = "unknown key"
+            if len(found) < _NEAREST_TOLD:
+                text += f"; nearest known key: {schema.nearest(dotted(loc))}"
         elif error["type"] == "value_error":
             text = str(error["ctx"]["error"])
         else:
-            text = f"found {node.found()}, expected {schema.expected(loc)}"
+            text = f"found {value_in_words(node.value)}, expected {schema.expected(loc)}"
         found[Fault(node.place, dotted(loc), text)] = None
     faults += found
     return None
@@ -280,7 +285,9 @@ def _unknown_drivers(tree: Node, drivers: Mapping[str, Collection[str]]) -> Iter
         node, loc = tree.locate((section, "driver"))
         if loc == (section, "driver") and isinstance(node.value, str) and node.value not in known:
             expected = "one of " + ", ".join(sorted(known))
-            yield Fault(node.place, dotted(loc), f"found {node.found()}, expected {expected}")
+            yield Fault(
+                node.place, dotted(loc), f"found {value_in_words(node.value)}, expected {expected}"
+            )
 
 
 def _at(model: Any, section: str) -> Any:

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from landerd.files import read_text
-from landerd.section import NUMBER
+from landerd.section import NUMBER, value_in_words
 
 Loc = tuple[str | int, ...]
 
@@ -64,18 +64,6 @@ class Node:
         if isinstance(self.value, list):
             return [node.plain() for node in self.value]
         return self.value
-
-    def found(self) -> str:
-        """Say in words what the value is."""
-        if self.value is None:
-            return "nothing"
-        if isinstance(self.value, bool):
-            return "true" if self.value else "false"
-        if isinstance(self.value, dict):
-            return "a block of keys"
-        if isinstance(self.value, list):
-            return f"a list of {len(self.value)}"
-        return repr(self.value)
 
     def under(self, above: "Node") -> "Node":
         """Return the other tree laid over this one, key by key."""
@@ -143,7 +131,9 @@ def _read(
     if tree.value is None:  # nothing but comments
         return empty
     if not isinstance(tree.value, dict):
-        faults.append(Fault(tree.place, "", f"found {tree.found()}, expected a block of keys"))
+        faults.append(
+            Fault(tree.place, "", f"found {value_in_words(tree.value)}, expected a block of keys")
+        )
         return empty
     below = empty
     include = tree.value.pop("include", None)
@@ -208,7 +198,7 @@ def _file_names(include: Node, faults: list[Fault]) -> list[Node]:
     nodes: list[Node] = include.value if isinstance(include.value, list) else [include]
     wrong = [node for node in nodes if node is include or not isinstance(node.value, str)]
     for node in wrong:
-        text = f"found {node.found()}, expected a list of file names"
+        text = f"found {value_in_words(node.value)}, expected a list of file names"
         faults.append(Fault(node.place, "include", text))
     return [node for node in nodes if node not in wrong]
 
