@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 from landerd.analysis.intervals import mcnemar, mean_interval, paired_difference, wilson
 from landerd.campaigns.fault_table import failures
 from landerd.campaigns.pool import Run, Task
-from landerd.campaigns.table import has_failed as has_failed_to_land
-from landerd.campaigns.table import right_aligned
+from landerd.campaigns.table import has_failed_to_land, right_aligned
 
 ALL = "all rows"
 SIGNIFICANT = 0.05

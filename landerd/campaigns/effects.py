@@ -8,7 +8,7 @@ from landerd.analysis.page import Table
 from landerd.campaigns.failures import GRAVE, failure, is_feasible
 from landerd.campaigns.plan import Campaign, Sweep
 from landerd.campaigns.pool import Run
-from landerd.campaigns.table import has_failed, make_row, notes
+from landerd.campaigns.table import has_failed_to_land, make_row, notes
 
 FIRST, FURTHER, BEYOND = "first to fail", "fails", "beyond the vehicle"
 Nominal = Callable[[str], Any]  # what a key is where nothing is swept; None: not known
@@ -103,7 +103,7 @@ def _lines(
 
 
 def _fails(run: Run) -> bool:
-    return has_failed(run) if is_feasible(run) else failure(run) in GRAVE
+    return has_failed_to_land(run) if is_feasible(run) else failure(run) in GRAVE
 
 
 def _ends(label: str, runs: Sequence[Run]) -> Iterator[str]:

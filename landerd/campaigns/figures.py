@@ -12,7 +12,7 @@ import numpy as np
 from landerd.analysis.page import Figures, drawing
 from landerd.campaigns.plan import OF_POSES, Campaign, Figure, Row
 from landerd.campaigns.pool import Run
-from landerd.campaigns.table import has_failed
+from landerd.campaigns.table import has_failed_to_land
 
 WIDTH_IN, HEIGHT_IN = 5.2, 3.6  # so that text can be read on a phone's width
 OURS, THEIRS, LINE = "#1f77b4", "#d62728", {"lw": 0.8, "alpha": 0.7}
@@ -54,7 +54,7 @@ def _shown(
     def order(row: tuple[Row, Sequence[Run]]) -> tuple[float, float]:
         flown = row[1]
         times = [r.result["time_s"] for r in flown if r.result and r.result.get("time_s")]
-        return sum(map(has_failed, flown)) / len(flown), sum(times) / max(1, len(times))
+        return sum(map(has_failed_to_land, flown)) / len(flown), sum(times) / max(1, len(times))
 
     varied = {row.name for grid in campaign.grids for row in grid.rows()} or set(runs)
     ordered = sorted((each for each in rows if each[0].name in varied), key=order)

@@ -55,13 +55,13 @@ def make_row(row: Row, runs: Sequence[Run]) -> dict[str, Any]:
         "breaches": breaches,
         "exceptions": len(runs) - len(results),
         "errors": {str(run.seed): run.error for run in runs if run.error is not None},
-        "failed_seeds": sorted(run.seed for run in runs if has_failed(run)),
+        "failed_seeds": sorted(run.seed for run in runs if has_failed_to_land(run)),
     }
     figures["missed"] = _missed(figures, row.needed)
     return figures
 
 
-def has_failed(run: Run) -> bool:
+def has_failed_to_land(run: Run) -> bool:
     """Tell whether a run did not land, broke a rule or raised an error."""
     result = run.result
     return result is None or not result.get("landed", True) or bool(result.get("rules_broken"))

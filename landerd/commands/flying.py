@@ -19,7 +19,7 @@ from landerd.campaigns.fault_table import failures
 from landerd.campaigns.journal import Journal
 from landerd.campaigns.plan import Campaign, Row
 from landerd.campaigns.pool import Executor, Run, RunOne, Task, error_line, run_all
-from landerd.campaigns.table import has_failed
+from landerd.campaigns.table import has_failed_to_land
 from landerd.commands.fault_runs import settings_of
 from landerd.commands.shared import refusing, tell, whole_number
 from landerd.config.files import Loaded, config_files, default_config
@@ -203,4 +203,4 @@ def _why(run: Run) -> str | None:
     broken = "; ".join(result.get("rules_broken", ()))
     if broken:
         return f"rules broken: {broken}"
-    return f"did not land: {result['outcome']}" if has_failed(run) else None
+    return f"did not land: {result['outcome']}" if has_failed_to_land(run) else None

@@ -9,6 +9,7 @@ import numpy as np
 
 from hw.sim.judge.monitor import Worst
 from hw.sim.judge.score import Score
+from landerd.analysis.intervals import percentile
 from landerd.analysis.picture import Trace
 from landerd.estimation.health import NIS_EXPECTED
 from landerd.lander import Lander
@@ -65,9 +66,9 @@ def result_of(flown: Flown, scenario: str, seed: int) -> dict[str, Any]:
         "pad_velocity_error_mps": recording.pad_velocity_error_mps,
         "nis_ratio": _nis_ratio(flown),
         "refused_percent": _refused_percent(flown),
-        "hold_error_m_p95": _percentile(recording.hold_errors_m, 0.95),
-        "off_centre_px_p95": _percentile(recording.off_centre_px, 0.95),
-        "gimbal_error_px_p95": _percentile(recording.gimbal_errors_px, 0.95),
+        "hold_error_m_p95": percentile(recording.hold_errors_m, 95.0),
+        "off_centre_px_p95": percentile(recording.off_centre_px, 95.0),
+        "gimbal_error_px_p95": percentile(recording.gimbal_errors_px, 95.0),
         "aborts": lander.aborts,
         "phases": _phases(flown),
         "rules_broken": _breaks(flown, flown.rules_broken),
@@ -120,10 +121,6 @@ def _nis_ratio(flown: Flown) -> float | None:
 def _refused_percent(flown: Flown) -> float | None:
     nis = flown.recording.nis
     return 100.0 * sum(n > flown.innovation_gate for n in nis) / len(nis) if nis else None
-
-
-def _percentile(values: list[float], share: float) -> float | None:
-    return sorted(values)[math.ceil(share * len(values)) - 1] if values else None
 
 
 def _phases(flown: Flown) -> list[dict[str, Any]]:

@@ -93,7 +93,7 @@ def test_a_refused_sighting_counts_as_the_gate_at_most() -> None:
 def test_how_far_off_it_was_held_is_told_where_it_was() -> None:
     flight = flown()
     assert result_of(flight, "moving", 1)["hold_error_m_p95"] is None
-    flight.recording.hold_errors_m += [0.01] * 95 + [0.5] * 5
+    flight.recording.hold_errors_m += [0.01] * 96 + [0.5] * 4
     assert result_of(flight, "hold", 1)["hold_error_m_p95"] == 0.01
 
 
