@@ -13,8 +13,8 @@ roll while it looks straight down, and cannot be told from outside: keep the rol
 Pitch and roll are against the horizon, yaw against the airframe.
 """
 
+import logging
 import math
-from collections import Counter
 from typing import Annotated
 
 from pydantic import Field
@@ -24,6 +24,8 @@ from hw.autopilots.mavlink import COMPONENT, MavlinkAutopilot
 from hw.autopilots.mavlink_codec import Message
 from hw.gimbals.behind_autopilot import BehindAutopilotGimbal, BehindAutopilotOptions
 from landerd.geometry import angles_zxy, rotation, wrap
+
+log = logging.getLogger(__name__)
 
 _LOCKS = mavlink.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | mavlink.GIMBAL_MANAGER_FLAGS_PITCH_LOCK
 _VEHICLE_YAW = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
@@ -39,16 +41,12 @@ class MavlinkOptions(BehindAutopilotOptions):
 
 
 class MavlinkGimbal(BehindAutopilotGimbal):
-    """GIMBAL_MANAGER_SET_PITCHYAW, and the device's attitude.
-
-    Attributes:
-        counters: reports that could not be used, by kind.
-    """
+    """GIMBAL_MANAGER_SET_PITCHYAW, and the device's attitude; one of no use is told once."""
 
     _options: MavlinkOptions
 
     def __init__(self, options: MavlinkOptions, autopilot: MavlinkAutopilot) -> None:
-        self.counters: Counter[str] = Counter()
+        self._told: set[str] = set()
         self._boot_ms: int | None = None  # of the last report
         report = mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
         super().__init__(options, autopilot, report)
@@ -87,12 +85,17 @@ class MavlinkGimbal(BehindAutopilotGimbal):
         self._boot_ms = m.time_boot_ms
         R = rotation(m.q)
         if R is None:
-            self.counters["bad quaternion"] += 1
+            self._tell_useless("is no rotation")
             return None
         yaw, pitch, roll = angles_zxy(R)
         if m.flags & _EARTH_YAW or (m.flags & _YAW_LOCK and not m.flags & _VEHICLE_YAW):
             if not (math.isfinite(m.delta_yaw) and m.delta_yaw != 0.0):
-                self.counters["yaw from north"] += 1
+                self._tell_useless("has its yaw from north, without delta_yaw")
                 return None
             yaw = wrap(yaw - m.delta_yaw)
         return yaw, pitch, roll
+
+    def _tell_useless(self, why: str) -> None:
+        if why not in self._told:
+            self._told.add(why)
+            log.warning("what the gimbal reports %s: it cannot be used", why)
