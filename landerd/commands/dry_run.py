@@ -65,7 +65,6 @@ class _Flight:
     expose: Expose
     start: float
     end: float
-    fps: float  # of the pictures
     offset_s: float | None = None  # of the video's beginning after the telemetry's; None: no video
     offset_correlation: float | None = None  # None: the offset was given
     drawn_pad: Vec3 | None = None  # local NED, m; None: there is a video
@@ -175,14 +174,13 @@ def _flight(
     if args.video is None:
         pad = _pad(args, telemetry, loaded.config)
         drawn = drawn_pictures(loaded, layout, camera, vehicle, pad, start=start, fps=args.fps)
-        return _Flight(camera, vehicle, drawn.expose, start, end, args.fps, drawn_pad=pad)
+        return _Flight(camera, vehicle, drawn.expose, start, end, drawn_pad=pad)
     camera = _fitting(camera, args.video, loaded.config)
     offset, correlation = _offset(args, camera, vehicle, telemetry)
     begins = telemetry.start + offset
     filmed = VideoPictures(args.video, begins)
     start = max(start, begins)
-    fps = rate_hz(args.video) or args.fps
-    return _Flight(camera, vehicle, filmed.expose, start, end, fps, offset, correlation)
+    return _Flight(camera, vehicle, filmed.expose, start, end, offset, correlation)
 
 
 def _part(args: argparse.Namespace, telemetry: Telemetry) -> tuple[float, float]:
@@ -260,7 +258,7 @@ def _fly(
     """
     not_written: list[str] = []
     recorder = _recorder(args.log, config, layout, flight.camera)
-    video = OrdersVideo(args.draw, flight.camera, layout, flight.fps) if args.draw else None
+    video = OrdersVideo(args.draw, flight.camera, layout, _fps(args)) if args.draw else None
     observers: list[Observer] = [each for each in (recorder, video) if each is not None]
     dry = DryRun(config, layout, flight.camera, observers)
     flight.vehicle.ordered = lambda: dry.gimbal
@@ -273,6 +271,12 @@ def _fly(
         if video is not None and not video.close():
             not_written.append(f"{args.draw}: cannot be written, or not wholly")
     return dry.result, not_written
+
+
+def _fps(args: argparse.Namespace) -> float:
+    """Return how many pictures a second there are."""
+    fps: float | None = args.fps if args.video is None else rate_hz(args.video)
+    return fps or float(args.fps)
 
 
 def _recorder(

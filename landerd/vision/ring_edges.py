@@ -267,11 +267,10 @@ def _descended(
     """Return pose, shift and noise after some robust steps to the edges."""
     for _ in range(_DESCENTS):
         equations, noise = _normal_equations(edges, ring, camera, pose, shift, least_noise)
-        step = _solved(equations, _SHIFT + 1)
-        moved = None if step is None else _moved(pose, step, equations.axes)
-        if step is None or moved is None:
+        stepped = _stepped(pose, equations, _SHIFT + 1)
+        if stepped is None:
             return None
-        pose = moved
+        pose, step = stepped
         shift += float(step[_SHIFT])
     return pose, shift, noise, equations
 
@@ -282,21 +281,27 @@ def _freed(
     """Return the ratio of the same edges, from a fit that was held to the ring's."""
     for _ in range(_FREED_DESCENTS):
         equations, noise = _normal_equations(edges, ring, camera, pose, shift, _LEAST_NOISE_PX)
-        step = _solved(equations, _RATIO + 1)
-        moved = None if step is None else _moved(pose, step, equations.axes)
-        if step is None or moved is None:
+        stepped = _stepped(pose, equations, _RATIO + 1)
+        if stepped is None:
             break
-        pose = moved
+        pose, step = stepped
         shift += float(step[_SHIFT])
         ratio = min(max(ring.inner_ratio + float(step[_RATIO]), _LEAST_RATIO), _MOST_RATIO)
         ring = ring.model_copy(update={"inner_ratio": ratio})
     return Freed(ring.inner_ratio, shift, noise)
 
 
-def _solved(equations: _Equations, rows: int) -> F64 | None:
-    """Return the step of the first unknowns, the others held; None: it is none."""
-    solved, step = cv2.solve(equations.H[:rows, :rows], equations.b[:rows, None])
-    return np.asarray(step[:, 0]) if solved and np.isfinite(step).all() else None
+def _stepped(pose: CirclePose, equations: _Equations, rows: int) -> tuple[CirclePose, F64] | None:
+    """Return the pose after a step of the first unknowns, the others held, and the step.
+
+    None: there is no step, or it is wild.
+    """
+    solved, column = cv2.solve(equations.H[:rows, :rows], equations.b[:rows, None])
+    if not (solved and np.isfinite(column).all()):
+        return None
+    step: F64 = np.asarray(column[:, 0], dtype=np.float64)
+    moved = _moved(pose, step, equations.axes)
+    return None if moved is None else (moved, step)
 
 
 def _moved(pose: CirclePose, step: F64, axes: F32) -> CirclePose | None:
