@@ -83,14 +83,14 @@ MUTANTS = [
     Mutant(
         "1b: silent at once when the gate closes",
         SILENT,
-        "step.now < self._until:",
+        "step.now < context.stops_until:",
         "False:",
         "test_1b_a_closed_gate_gives_zeros_for_a_second_and_then_silence",
     ),
     Mutant(
         "1b: never silent after the gate closed",
         SILENT,
-        "step.now < self._until:",
+        "step.now < context.stops_until:",
         "True:",
         "test_1b_a_closed_gate_gives_zeros_for_a_second_and_then_silence",
     ),
@@ -680,7 +680,7 @@ MUTANTS = [
     Mutant(
         "1b: stopped with thrust where it touches before that is sure",
         LANDING,
-        "return Event.RELEASED_TOUCHING if touches else Event.RELEASED",
+        "return Event.RELEASED_TOUCHING if self._takes_touch() else Event.RELEASED",
         "return Event.RELEASED",
         "guidance/test_landing.py"
         "::test_released_as_it_touches_before_that_is_sure_it_is_levelled_once_it_lies_there",
@@ -1111,6 +1111,21 @@ MUTANTS = [
         "if is_ahead or (is_back and not is_answer):",
         "if False:",
         "hw/autopilots/test_mavlink.py::test_one_stamp_that_does_not_fit_is_no_restart",
+    ),
+    Mutant(
+        "1b: stopped with thrust in wind as a foot is down",
+        "landerd/guidance/landing.py",
+        "return stops and self._committed.takes_touch_stopped(self._now)",
+        "return False",
+        "guidance/test_landing.py"
+        "::test_stopped_just_over_the_pad_it_is_levelled_where_wind_has_a_foot_down",
+    ),
+    Mutant(
+        "4: given thrust as it turns over on the ground",
+        "landerd/guidance/landing.py",
+        "return Event.TURNS_OVER",
+        "pass",
+        "guidance/test_landing.py::test_what_turns_over_on_the_ground_is_given_no_thrust",
     ),
     Mutant(
         "5: a climb rate that the height contradicts is flown down on",

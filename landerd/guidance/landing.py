@@ -27,6 +27,10 @@ from landerd.pad import PadLayout
 # A wave-off that nobody watches any more, s: at climb_mps it gains a metre at most (rule 1b).
 BLIND_WAVE_OFF_S = 1.0
 TIPPED = math.radians(30.0)  # of lean on the ground: no pad lies so steep (pad_filter.MAX_TILT)
+# Leaning so far, rad, for so long, s, with its feet no higher over where the pad was seen, m, it
+# turns over on the ground. One that lost a motor 0.11 m up was told to climb for 13 s, and thrown
+# over the plate from one side to the other.
+TURNS_OVER, TURNS_OVER_S, TURNS_OVER_BELOW_M = math.radians(60.0), 0.1, 0.5
 FALLEN_M = 0.2  # under the pad: more than a build and a height that drifts are off
 
 
@@ -64,8 +68,9 @@ class Landing:
             State.ON_PAD: OnPad(context, self._touchdown),
             State.STANDING: Standing(context, self._touchdown),
         }
-        self.state = State.SILENT
+        self.state = self._was_state = State.SILENT  # now, and before
         self._now = -math.inf  # of the last control step, s
+        self._turns_since = math.inf  # it leans as no multicopter flies, just over the pad, s
 
     def configure(self, config: Config) -> None:
         """Go on with changed parameters."""
@@ -150,14 +155,15 @@ class Landing:
         return LastOrders(away, BLIND_WAVE_OFF_S, STOPPED, release_s)
 
     def _event_of(self, authority: Authority) -> Event:
+        if authority is not Authority.SILENT and self._turns_over():
+            return Event.TURNS_OVER
         match authority:
             case Authority.GRANTED:
                 return Event.GRANTED
             case Authority.RELEASED:
                 if self._must_leave():
                     return Event.RELEASED_LOW
-                touches = self.state is State.COMMITTED and self._committed.takes_touch(self._now)
-                return Event.RELEASED_TOUCHING if touches else Event.RELEASED
+                return Event.RELEASED_TOUCHING if self._takes_touch() else Event.RELEASED
             case Authority.SILENT:
                 # ArduCopter says that what it has disarmed is on the ground; a heartbeat alone may
                 # be false.
@@ -168,6 +174,24 @@ class Landing:
                     return Event.DISARMED_TIPPED
                 on_plate = self._context.foothold.on_plate and not self._has_fallen
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD
+
+    def _takes_touch(self) -> bool:
+        """Take feet that may be down after commit for feet on the pad; tell whether they may."""
+        if self.state is State.COMMITTED:
+            return self._committed.takes_touch(self._now)
+        stops = self.state is State.RELEASING and self._was_state is State.COMMITTED
+        return stops and self._committed.takes_touch_stopped(self._now)
+
+    def _turns_over(self) -> bool:
+        """Tell whether it turns over and is given thrust; called at every control step."""
+        vehicle = self._context.estimator.fresh_vehicle(self._now)
+        turns = (
+            vehicle is not None
+            and vehicle.tilt > TURNS_OVER
+            and self._context.pad_down(self._now) - vehicle.feet[2] < TURNS_OVER_BELOW_M
+        )
+        self._turns_since = min(self._turns_since, self._now) if turns else math.inf
+        return self._now - self._turns_since >= TURNS_OVER_S and not self._touchdown.is_level
 
     @property
     def _has_tipped(self) -> bool:
@@ -199,11 +223,15 @@ class Landing:
             self._context.finish(OUTCOMES[event])
         if event is Event.CLEAR_OF_PAD:
             self._context.leave_pad()
+        elif event is Event.TURNS_OVER:
+            self._touchdown.turn_over(self._now)
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:
             self._hand_back(step.why)
             step = replace(step, granted=False)
-        self.state = state
+        if state is State.TRACKING:  # nothing of the last landing is left
+            self._touchdown.begin(step.now)
+        self._was_state, self.state = self.state, state
         self._states[state].enter(step)
         return step
 

@@ -106,6 +106,7 @@ class LandingContext:
         pad_velocity: as last seen, local NED, m/s.
         heading: of the vehicle as the autopilot told it last, rad: to stand level with.
         foothold: where the feet are on the plate.
+        stops_until: the stop orders before silence last so long, s.
         hold_asked: the pilot asks to hold over the marker and not to land yet.
     """
 
@@ -119,7 +120,7 @@ class LandingContext:
         self.outcome: str | None = None
         self.aborts = 0
         self.low = self.hold_asked = False
-        self.tracked_t = -math.inf
+        self.tracked_t = self.stops_until = -math.inf
         self.landed = Landed.UNDEFINED
         self.pad_velocity = ZERO
         self.heading = 0.0

@@ -58,6 +58,7 @@ REASONS: Mapping[Event, str] = {
     Event.NO_LANDING_POSSIBLE: "no landing possible",
     Event.HEADING_NOT_SEEN: "pad's heading not seen",
     Event.TOOK_TOO_LONG: "no landing in time",
+    Event.TURNS_OVER: "turns over",
 }
 HANDED_BACK = "{reason}: pilot, take over"
 

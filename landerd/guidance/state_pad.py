@@ -136,6 +136,21 @@ class Committed:
         self._context.foothold.touch(*self._touching)
         return True
 
+    def takes_touch_stopped(self, now: float) -> bool:
+        """Take it for a touch where it is stopped in wind with a foot down; tell whether.
+
+        Where nothing is ordered up or down sinking does not tell it: the height alone does.
+        """
+        vehicle, pad = self._context.estimator.fresh_vehicle(now), self._pad_now(now)
+        if vehicle is None or pad is None:
+            return False
+        relative = self._context.relative(vehicle, pad)
+        is_down = _lowest_foot(relative, vehicle, pad) + _unsure_m(pad) <= 0.0
+        if not (is_down and self._touchdown.leaned):
+            return False
+        self._touching = (relative, pad.heading)
+        return self.takes_touch(now)
+
     def _watch(self, relative: RelativeState, clearance: float) -> None:
         """Show the touch-down each velocity measured since the last control step.
 
@@ -255,17 +270,17 @@ class Standing:
     def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
         self._context = context
         self._touchdown = touchdown
-        self._until = -math.inf
 
     def enter(self, step: ControlStep) -> None:
-        """Begin the time of the orders."""
-        self._until = step.now + self._context.options.release_s
+        """Begin the time of the orders, or go on with that of the stop it comes from."""
+        if step.now >= self._context.stops_until:
+            self._context.stops_until = step.now + self._context.options.release_s
 
     def order(self, step: ControlStep) -> Event | None:
         """Order to stand level, or zero velocity, until the time is over."""
-        if step.now >= self._until:
-            return Event.RELEASE_OVER
         context = self._context
+        if step.now >= context.stops_until:
+            return Event.RELEASE_OVER
         if not _stand_level(context, self._touchdown, step, released=True):
             context.orders.stop()
         context.orders.enter(Phase.NOT_LANDING, step.why)
@@ -456,6 +471,8 @@ def _level_due(
         math.hypot(north, east),
         context.heave(step.now),
         context.landed,
-        tips=context.is_carried and touchdown.leans_more(vehicle.tilt),
+        tips=touchdown.leaned
+        if released
+        else context.is_carried and touchdown.leans_more(vehicle.tilt),
         released=released,
     )

@@ -37,12 +37,11 @@ class Releasing:
 
     def __init__(self, context: LandingContext) -> None:
         self._context = context
-        self._until = -math.inf
         self._began = -math.inf  # s
 
     def enter(self, step: ControlStep) -> None:
         """Begin the time of the stop orders."""
-        self._until = step.now + self._context.options.release_s
+        self._context.stops_until = step.now + self._context.options.release_s
         self._began = step.now
 
     def order(self, step: ControlStep) -> Event | None:
@@ -58,9 +57,9 @@ class Releasing:
                 return Event.PAD_IN_SIGHT
             if step.now - self._began > context.options.lost.give_up_s:
                 return Event.PAD_NOT_FOUND
-            self._until = step.now + context.options.release_s
+            context.stops_until = step.now + context.options.release_s
             why = context.why_not_begun(step.now)
-        if step.now < self._until:
+        if step.now < context.stops_until:
             context.orders.stop()
             context.orders.enter(Phase.NOT_LANDING, why)
             return None

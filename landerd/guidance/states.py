@@ -34,7 +34,7 @@ class Event(Enum):
     GRANTED = "armed, GUIDED, switch high: landerd may fly"
     RELEASED = "switch low, RC or heartbeat stale, autopilot restarted, latched, about to end"
     RELEASED_LOW = "the same, just over a pad that moves, or touching it but not standing yet"
-    RELEASED_TOUCHING = "the same, as feet seem to touch a slower one"
+    RELEASED_TOUCHING = "the same, as feet seem to touch a slower one, or do while it is stopped"
     SILENCED = "not armed or not GUIDED"
     DISARMED = "silenced because disarmed, all feet on the pad as last seen"
     DISARMED_OFF_PAD = "the same, a foot beside the pad as last seen"
@@ -56,6 +56,7 @@ class Event(Enum):
     NO_LANDING_POSSIBLE = "too many descents were refused at commit or broken off"
     HEADING_NOT_SEEN = "waited over the pad for its heading for guidance.lost.give_up_s"
     TOOK_TOO_LONG = "did not come to commit within guidance.lost.total_s"
+    TURNS_OVER = "leans as no multicopter flies, just over the pad"
 
 
 HAND_BACKS = (
@@ -63,6 +64,7 @@ HAND_BACKS = (
     Event.NO_LANDING_POSSIBLE,
     Event.HEADING_NOT_SEEN,
     Event.TOOK_TOO_LONG,
+    Event.TURNS_OVER,
 )
 
 LANDED = (Event.DISARMED, Event.DISARMED_OFF_PAD, Event.DISARMED_TIPPED)
@@ -73,6 +75,7 @@ _FLYING = {
     Event.RELEASED: State.RELEASING,
     Event.RELEASED_LOW: State.LEAVING,
     Event.SILENCED: State.SILENT,
+    Event.TURNS_OVER: State.STANDING,  # thrust would throw it about
 }
 
 # An event that is not in its state's row changes nothing.
@@ -89,6 +92,9 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         Event.PAD_IN_SIGHT: State.TRACKING,
         # Nor for longer than a search lasts.
         Event.PAD_NOT_FOUND: State.RELEASING,
+        # Released just over the pad it came down on while it was stopped.
+        Event.RELEASED_TOUCHING: State.STANDING,
+        Event.TURNS_OVER: State.STANDING,
     },
     State.TRACKING: {
         **_FLYING,
@@ -132,6 +138,7 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         # Before its thrust came back to climb with.
         Event.STANDS: State.STANDING,
         Event.SILENCED: State.SILENT,
+        Event.TURNS_OVER: State.STANDING,
     },
     State.ON_PAD: {
         **_FLYING,

@@ -70,7 +70,9 @@ PRESSED_DOWN_SHARE = 0.3
 # hovered sinks at 0.6 of the order 0.4 s after it.
 LATE_S = 0.2
 # Or so soon, where it leans by so much more than in the air, rad, on a pad that is seen to take it
-# along: an autopilot that holds its velocity against a pad that brakes tips over on it.
+# along: an autopilot that holds its velocity against a pad that brakes tips over on it. Or where it
+# is to stop and leaned: turned level by the pad, and with the thrust that it had against the wind,
+# one was dragged off its pad, and tipped over.
 LEVEL_TIPPING_S, TIPS = 0.3, math.radians(5.0)
 # What counts as standing still, and for how long, s; chosen by trial with these.
 STILL_S = 0.3
@@ -117,7 +119,7 @@ class Touchdown:
         self._lag_s = autopilot.vertical_shaper_lag_s + LATE_S
 
     def begin(self, now: float) -> None:
-        """Start at commit, at time now."""
+        """Start with a landing and at commit, at time now."""
         self._began = now
         self._watch_from = now + ANSWER_S
         self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
@@ -130,6 +132,7 @@ class Touchdown:
         self._level = self.stands = False
         self._level_down: float | None = None  # local z of the feet when it was levelled, m
         self._tilt = 0.0  # largest since commit, rad
+        self._turned_over = False
         self._disarm_t = -math.inf
 
     def descent(self, tilt: float) -> float:
@@ -237,12 +240,18 @@ class Touchdown:
         """
         if self._level_down is None:
             self._level_down = feet_down
-        return self._level_down - feet_down > LIFTED_M and climb_mps > LIFTS_MPS
+        lifted = self._level_down - feet_down > LIFTED_M and climb_mps > LIFTS_MPS
+        return lifted and not self._turned_over
 
     def settle(self, t: float) -> None:
         """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
         self.touch(t)
         self._level = self.stands = True
+
+    def turn_over(self, t: float) -> None:
+        """Take it that the vehicle turns over on the ground at t (s): no thrust does any good."""
+        self.settle(t)
+        self._turned_over = True
 
     @property
     def is_level(self) -> bool:
@@ -284,6 +293,11 @@ class Touchdown:
         """Tell whether it leans (rad) by more than it needs to in the air here."""
         return tilt > self._tilt + TIPS
 
+    @property
+    def leaned(self) -> bool:
+        """Whether it leaned before the touch: what carries it then drags it across the pad."""
+        return self._tilt > STEERS
+
     def level_due(
         self,
         now: float,
@@ -315,9 +329,11 @@ class Touchdown:
             pad_speed: horizontal, against which slip is measured, m/s.
             heave: of the pad downward as far as is known, and its standard deviation, m/s.
             landed: what the autopilot's land detector says.
-            tips: the pad takes it along, and thrust tips it over.
+            tips: thrust tips it over, or drags it off.
             released: landerd may not fly on, and what stands is pressed down no longer.
         """
+        if self._turned_over:
+            return True
         (sink_rate, ordered), (heaves, sigma) = sinking, heave
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
         by_deck = clamp(heaves + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
@@ -341,7 +357,7 @@ class Touchdown:
         waited = now - since
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
-        slides = slip < SLIDES_MPS + error and (self._tilt > STEERS or released)
+        slides = slip < SLIDES_MPS + error and (self.leaned or released)
         slides = slides and waited > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
         confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over

@@ -530,6 +530,25 @@ def test_released_in_the_air_after_commit_it_is_stopped() -> None:
     to(flight, State.RELEASING, at_most_s=0.2)
 
 
+@pytest.mark.parametrize("lean_deg", [18.0, 3.0])
+def test_stopped_just_over_the_pad_it_is_levelled_where_wind_has_a_foot_down(
+    lean_deg: float,
+) -> None:
+    """Stopped with the thrust it had against the wind one was dragged off its pad, and tipped."""
+    flight = Flight().engaged()
+    flight.detects_landing, flight.lean = False, math.radians(lean_deg)
+    to(flight, State.COMMITTED)
+    while flight.height > 0.055:  # a foot is down that leans by 18 degrees
+        flight.tick()
+    flight.pulse_us, flight.contact_t = LOW, flight.t
+    released_t, position = flight.t, flight.position
+    while flight.lander.state is not State.SILENT:
+        flight.position, flight.velocity = position, (0.0, 0.0, 0.0)
+        flight.tick()
+    assert flight.t < released_t + flight.config.guidance.release_s + 0.2
+    assert bool(flight.pressed) == (lean_deg == 18.0)
+
+
 def test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad() -> None:
     """It climbed away after 12 s on the pad, and tipped over in the stop that followed."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0))
@@ -727,6 +746,42 @@ def test_carried_on_while_its_data_are_stale_it_has_not_slid() -> None:
     flight.silent, flight.detects_landing = set(), True
     to(flight, State.SILENT)
     assert flight.lander.outcome == "landed"
+
+
+@pytest.mark.parametrize("switch_us", [HIGH, LOW])
+def test_what_turns_over_on_the_ground_is_given_no_thrust(switch_us: int) -> None:
+    """As of a quadrotor that lost a motor 0.11 m up: for 13 s it was told to climb, and thrown."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged().until(Phase.DESCENT)
+    while flight.height > 0.18:
+        flight.tick()
+    flight.pitch, flight.pulse_us = math.radians(80.0), switch_us
+    flight.contact_t, flight.detects_landing = flight.t, False  # on an edge
+    flight.run(0.2)
+    before = len(flight.pressed)
+    assert flight.run(1.0) == []
+    assert len(flight.pressed) > before
+    assert "landerd: turns over: pilot, take over" in flight.texts
+    assert flight.lander.outcome == ("handed_back" if switch_us == HIGH else "released")
+    flight.run(1.0)
+    before = len(flight.commands)
+    flight.pitch = 0.0  # fallen back onto its feet
+    flight.run(1.0)
+    assert not any(isinstance(c, Setpoint | PressDown) for c in flight.commands[before:])
+
+
+def test_what_leans_so_far_for_a_moment_or_high_up_flies_on() -> None:
+    flight = Flight().engaged().until(Phase.DESCENT)
+    flight.lean = math.radians(80.0)
+    flight.run(0.3)
+    flight.lean = 0.0
+    while flight.height > 0.25:
+        flight.tick()
+    flight.lean = math.radians(80.0)
+    flight.run(0.05)
+    flight.lean = 0.0
+    flight.run(0.1)
+    assert not flight.pressed
+    assert not any("turns over" in text for text in flight.texts)
 
 
 def test_what_lies_tipped_over_on_the_pad_has_not_landed() -> None:
