@@ -1121,6 +1121,14 @@ MUTANTS = [
         "::test_stopped_just_over_the_pad_it_is_levelled_where_wind_has_a_foot_down",
     ),
     Mutant(
+        "1b: told to climb for too long to be found on the pad",
+        "landerd/guidance/state_pad.py",
+        "elif rests_s >= RESTS_DOWN_S:",
+        "elif False:",
+        "guidance/test_landing.py"
+        "::test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it_lifts",
+    ),
+    Mutant(
         "4: given thrust as it turns over on the ground",
         "landerd/guidance/landing.py",
         "return Event.TURNS_OVER",

@@ -28,6 +28,11 @@ MIN_DESCENT_MPS = 0.05
 # Told to climb, it may lift after so long, s: levelled at 0.6 and 0.7 s it hopped, and fell.
 # It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
 THRUST_BACK_S, LIFTED_S = 0.45, 2.5
+# Told to climb, with its feet down as far as is known, what rests so long is on the pad, s. Known
+# later than THRUST_BACK_S it went on climbing, and was stopped before it had lifted: of 18 field
+# days with a pad of 1 or 5 m/s and RC lost 0.3 s after commit 5, of which one tipped over. With
+# this 1.
+RESTS_DOWN_S = 0.15
 # What was taken for contact was a gust where the feet are seen to have risen by so much since, m,
 # and to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own
 # it was carried off. The touch turns the lens less than that.
@@ -330,8 +335,11 @@ class Leaving:
         rests = vehicle is not None and self._may_rest(step.now, vehicle)
         self._rests_since = min(self._rests_since, step.now) if rests else math.inf
         if vehicle is not None:
-            if step.now - self._rests_since >= RESTS_S:
-                self._note_contact(step.now, vehicle)
+            rests_s = step.now - self._rests_since
+            if rests_s >= RESTS_S:
+                self._note_contact(step.now, vehicle, MAX_CONTACT_HEIGHT_M)
+            elif rests_s >= RESTS_DOWN_S:
+                self._note_contact(step.now, vehicle, 0.0)
             _level_due(self._context, self._touchdown, step, vehicle)
         stands = rests and self._touchdown.stands
         waited_s = step.now - self._began
@@ -367,13 +375,13 @@ class Leaving:
         slides = horizontal(over) > self._context.options.descent.commit_slip_mps
         return abs(over[2]) < RESTS_MPS and not slides
 
-    def _note_contact(self, now: float, vehicle: VehicleState) -> None:
+    def _note_contact(self, now: float, vehicle: VehicleState, highest_m: float) -> None:
         context = self._context
         pad = context.estimator.pad(now)
         if pad is None or (self._flies_on and not context.rests(now)):
             return
         relative = context.relative(vehicle, pad)
-        if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
+        if _clearance(context, relative, vehicle, pad) > highest_m:
             return
         if not self._touchdown.has_touched:
             context.foothold.touch(relative, pad.heading)

@@ -483,6 +483,26 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
+def test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it_lifts() -> None:
+    """Found a moment later it went on climbing, and was stopped with its feet on the pad."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    flight.detects_landing = False
+    to(flight, State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.pulse_us = LOW
+    on_pad, released_t = flight.position[2], flight.t
+    while flight.lander.state is not State.STANDING:
+        assert flight.t < released_t + 0.5
+        # It bounces, and its thrust is not there yet.
+        bounces = flight.t < released_t + 0.2
+        flight.position = (*flight.position[:2], on_pad)
+        flight.velocity = (1.0, 0.0, -0.2 if bounces else 0.0)
+        flight.tick()
+    flight.run(0.5)
+    assert flight.pressed
+
+
 def test_what_its_thrust_has_not_lifted_stays_there_when_the_autopilot_begins_anew() -> None:
     """Nothing was known of the pad any more: it was levelled when it lifted at last, and fell."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()

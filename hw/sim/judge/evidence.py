@@ -353,7 +353,7 @@ class Evidence:
         return (
             released is not None
             and released.bound
-            and t - released.t < b.wave_off_s
+            and t - released.t < b.wave_off_s - b.early_s
             and truth.height - released.height < 0.5 * b.wave_off_m
         )
 
