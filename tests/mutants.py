@@ -32,6 +32,7 @@ GATE = "landerd/guidance/gate.py"
 SILENT, FLYING = "landerd/guidance/state_silent.py", "landerd/guidance/state_flying.py"
 PAD, CONTEXT = "landerd/guidance/state_pad.py", "landerd/guidance/landing_context.py"
 ORDERS, ESTIMATOR = "landerd/guidance/orders.py", "landerd/estimation/estimator.py"
+ATTEMPTS, BELOW = "landerd/guidance/attempts.py", "landerd/guidance/pad_below.py"
 LIMITS, PHASES = "landerd/guidance/limits.py", "landerd/guidance/phases.py"
 TOUCHDOWN, LANDING = "landerd/guidance/touchdown.py", "landerd/guidance/landing.py"
 TRACKING = "landerd/guidance/tracking_method.py"
@@ -54,7 +55,7 @@ MUTANTS = [
     Mutant(
         "1b: speeds up after a fast pad that was left long ago",
         LANDING,
-        "            self._context.leave_pad()\n",
+        "            self._context.below.leave()\n",
         "            pass\n",
         "guidance/test_landing.py::"
         "test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once",
@@ -62,15 +63,15 @@ MUTANTS = [
     Mutant(
         "1c: takes off from the pad to hold over it",
         CONTEXT,
-        "waits = self.hold_asked if rests else self._may_rest",
-        "waits = not rests and self._may_rest",
+        "waits = self.hold_asked if rests else self.rest.is_possible",
+        "waits = not rests and self.rest.is_possible",
         "guidance/test_hold.py::test_what_stands_on_the_pad_does_not_take_off_to_hold",
     ),
     Mutant(
         "1b: is stopped for want of time just over a fast pad",
         FLYING,
-        "context.takes_too_long(step.now) and not context.just_over_fast_pad",
-        "context.takes_too_long(step.now)",
+        "context.attempts.takes_too_long(step.now) and not context.below.is_fast_and_close",
+        "context.attempts.takes_too_long(step.now)",
         "guidance/test_landing.py::test_no_landing_is_given_back_just_over_a_fast_pad",
     ),
     Mutant(
@@ -103,8 +104,8 @@ MUTANTS = [
     ),
     Mutant(
         "1b: stops on a pad that moves",
-        CONTEXT,
-        "return self._just_over_pad and self.over_fast_pad",
+        BELOW,
+        "return self._is_just_over and self.is_fast",
         "return False",
         "test_1b_a_gate_closed_just_over_a_moving_pad_does_not_stop_on_it",
     ),
@@ -161,8 +162,8 @@ MUTANTS = [
     Mutant(
         "1c: hovers before it has seen the pad",
         CONTEXT,
-        "return self.sight is not None and not waits",
-        "return not waits",
+        "if self.sight is None or self.sight.climbs_otherwise:",
+        "if self.sight is not None and self.sight.climbs_otherwise:",
         "test_1c_landerd_is_silent_until_it_has_seen_the_pad",
     ),
     Mutant(
@@ -224,7 +225,7 @@ MUTANTS = [
     Mutant(
         "1d: a moment of stale attitude ends a descent",
         CONTEXT,
-        "return is_seen and now - self.tracked_t < MOMENT_S and self.outcome is None",
+        "return is_seen and lately and self.attempts.outcome is None",
         "return False",
         "test_lander.py::test_moments_of_stale_attitude_break_off_no_descent_and_longer_ones_do",
     ),
@@ -457,7 +458,7 @@ MUTANTS = [
     Mutant(
         "4: level without thrust while it rises",
         PAD,
-        "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.heaves:",
+        "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:",
         "if False:",
         "guidance/test_landing.py::test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling",
     ),
@@ -622,14 +623,14 @@ MUTANTS = [
     ),
     Mutant(
         "1b: stopped just over a moving pad that it still sinks to",
-        CONTEXT,
+        BELOW,
         "SINKS_ON_S = 0.1",
         "SINKS_ON_S = 0.0",
         "simulation/test_faults.py::test_a_link_that_dies_as_it_sinks_onto_a_moving_pad",
     ),
     Mutant(
         "1b: hovers where it sinks onto a moving pad before it is stopped",
-        CONTEXT,
+        BELOW,
         "STOPS_OVER_PAD_M = 0.10",
         "STOPS_OVER_PAD_M = -9.0",
         "guidance/test_landing.py::"
@@ -659,7 +660,7 @@ MUTANTS = [
     Mutant(
         "6: the time of a landing runs while others fly",
         "landerd/guidance/state_silent.py",
-        "self._context.end_landing()",
+        "self._context.attempts.end()",
         "pass",
         "guidance/test_landing.py::test_what_others_fly_meanwhile_takes_no_time_of_the_landing",
     ),
@@ -760,8 +761,8 @@ MUTANTS = [
     ),
     Mutant(
         "6: a landing may take for ever",
-        CONTEXT,
-        "return now - self._began > self.options.lost.total_s",
+        ATTEMPTS,
+        "return now - self._began > self._options.total_s",
         "return False",
         "test_lander.py::test_a_landing_that_takes_too_long_is_handed_back",
     ),
@@ -774,8 +775,8 @@ MUTANTS = [
     ),
     Mutant(
         "6: descents may be broken off for ever",
-        CONTEXT,
-        "return self._descents_broken_off > self.options.lost.retries",
+        ATTEMPTS,
+        "return self._descents_broken_off > self._options.retries",
         "return False",
         "test_lander.py::test_a_landing_that_is_never_good_enough_is_given_back_to_the_pilot_from_higher_up",
     ),
@@ -831,7 +832,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: drives on as the pad did that has stopped, when data are stale",
-        CONTEXT,
+        BELOW,
         "if not self._footing.holds:",
         "if not self._footing.holds or vehicle is None:",
         "guidance/test_landing.py"
@@ -933,8 +934,8 @@ MUTANTS = [
     Mutant(
         "1b: leaves a moving pad that it was pressed onto for long, for want of data",
         LANDING,
-        "return self._context.over_fast_pad and not stands",
-        "return self._context.over_fast_pad and not self._touchdown.stands",
+        "return self._context.below.is_fast and not stands",
+        "return self._context.below.is_fast and not self._touchdown.stands",
         "guidance/test_landing.py::"
         "test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad",
     ),
@@ -949,14 +950,14 @@ MUTANTS = [
     Mutant(
         "4: a landing begins on a pad that it may stand on",
         CONTEXT,
-        "waits = self.hold_asked if rests else self._may_rest",
+        "waits = self.hold_asked if rests else self.rest.is_possible",
         "waits = self.hold_asked and rests",
         "guidance/test_landing.py::"
         "test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known",
     ),
     Mutant(
         "4: climbs from a pad on which it only seems not to stand",
-        CONTEXT,
+        "landerd/guidance/rest.py",
         "low_s >= RESTS_S or higher_s >= RESTS_HIGHER_S",
         "low_s >= RESTS_S",
         "guidance/test_landing.py::"
@@ -973,7 +974,7 @@ MUTANTS = [
     Mutant(
         "6: landed is told of what was blown off the pad after it was levelled",
         PAD,
-        "stands = touchdown.stands and not context.is_left_behind(step.now)",
+        "stands = touchdown.stands and not context.below.leaves_behind(step.now)",
         "stands = touchdown.stands",
         "guidance/test_landing.py::"
         "test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad",
@@ -1130,7 +1131,7 @@ MUTANTS = [
     ),
     Mutant(
         "5: told to climb as it stands on the pad with a wrong climb rate",
-        "landerd/guidance/landing_context.py",
+        "landerd/guidance/rest.py",
         "up = abs(changes if sight.climbs_otherwise else relative.error_rate[2])",
         "up = abs(relative.error_rate[2])",
         "guidance/test_health.py::test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there",

@@ -90,7 +90,7 @@ class Landing:
     def stands(self) -> bool:
         """Whether the vehicle stands still on the pad, as far as is known."""
         on_pad = self.state is State.ON_PAD and self._touchdown.stands
-        return on_pad and not self._context.is_left_behind(self._now)
+        return on_pad and not self._context.below.leaves_behind(self._now)
 
     @property
     def reason(self) -> str:
@@ -100,12 +100,12 @@ class Landing:
     @property
     def outcome(self) -> str | None:
         """Outcome of the last landing, None while none has ended."""
-        return self._context.outcome
+        return self._context.attempts.outcome
 
     @property
     def aborts(self) -> int:
         """Times a descent was broken off, or the pad went out of sight while flying."""
-        return self._context.aborts
+        return self._context.attempts.aborts
 
     def relative_state(self, now: float) -> RelativeState | None:
         """Return the pad relative to the vehicle at time now (s), None while either is unknown."""
@@ -123,7 +123,7 @@ class Landing:
         authority, why = self._gate.authority(now)
         hold_asked = self._context.hold_asked = self._gate.asks_to_hold
         if self._gate.with_pilot or hold_asked:
-            self._context.forgive()
+            self._context.attempts.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
         self._context.watch(step)
         event: Event | None = self._event_of(authority)
@@ -178,15 +178,15 @@ class Landing:
     def _has_fallen(self) -> bool:
         """Whether it stands lower than the pad can be: it has slid off a plate that stands high."""
         vehicle = self._context.estimator.vehicle(self._now)
-        below = 0.0 if vehicle is None else vehicle.feet[2] - self._context.pad_down(self._now)
+        below = 0.0 if vehicle is None else vehicle.feet[2] - self._context.below.down(self._now)
         return below > FALLEN_M
 
     def _must_leave(self) -> bool:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
         if self.state is State.ON_PAD:
             stands = self._touchdown.stands or self._touchdown.has_settled(self._now)
-            return self._context.over_fast_pad and not stands
-        return self._context.just_over_fast_pad
+            return self._context.below.is_fast and not stands
+        return self._context.below.is_fast_and_close
 
     def _follow(self, event: Event, step: ControlStep) -> ControlStep:
         """Go where an event leads; return the control step as the new state begins it."""
@@ -194,11 +194,11 @@ class Landing:
         if state is None:
             return step
         if event in LANDED:  # also where that was confirmed late
-            self._context.outcome = OUTCOMES[event]
+            self._context.attempts.outcome = OUTCOMES[event]
         elif event in OUTCOMES:
-            self._context.finish(OUTCOMES[event])
+            self._context.attempts.finish(OUTCOMES[event])
         if event is Event.CLEAR_OF_PAD:
-            self._context.leave_pad()
+            self._context.below.leave()
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:
             self._hand_back(step.why)
@@ -211,4 +211,4 @@ class Landing:
         """Tell the pilot to take over; landerd flies again only after the switch was low."""
         self._orders.say(Severity.CRITICAL, pilot_texts.HANDED_BACK.format(reason=reason))
         self._gate.latch()
-        self._context.forgive()
+        self._context.attempts.forgive()

@@ -8,15 +8,10 @@ from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import horizontal, sub
 from landerd.guidance import pilot_texts
 from landerd.guidance.climb_away import ClimbAway
-from landerd.guidance.landing_context import (
-    BUILD_ERROR_M,
-    RESTS_MPS,
-    RESTS_S,
-    ControlStep,
-    LandingContext,
-)
+from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.rest import BUILD_ERROR_M, RESTS_MPS, RESTS_S
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
@@ -61,7 +56,7 @@ class Committed:
         self._context.landed = Landed.UNDEFINED  # what was said of the air or another landing
         self._pad = self._touching = None
         self._misses_since = math.inf
-        self._context.end_landing()
+        self._context.attempts.end()
 
     def order(self, step: ControlStep) -> Event | None:
         """Order a descent relative to the pad's own vertical motion, and go along with it."""
@@ -73,7 +68,7 @@ class Committed:
         if vehicle is None or pad is None:
             return self._blind(step.now)
         relative = context.relative(vehicle, pad)
-        context.note(relative)
+        context.below.note(relative)
         heave = relative.pad_velocity[2]
         age = context.estimator.sight_age(step.now)
         clearance = _clearance(context, relative, vehicle, pad)
@@ -203,26 +198,26 @@ class OnPad:
 
         Released and granted again as it stood there, the landing goes on: how is yet to be told.
         """
-        self._context.outcome = None
-        self._context.touch(step.now)
+        self._context.attempts.outcome = None
+        self._context.below.touch(step.now)
         self._clear_since = math.inf
 
     def order(self, step: ControlStep) -> Event | None:
         """Order disarming when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
-        context.ride(step)
+        context.below.ride(now, step.dt)
         self._clear_since = min(self._clear_since, now) if self._is_clear(now) else math.inf
         if now - self._clear_since >= MISSES_S:
             return Event.NO_CONTACT
         if self._touchdown.disarm_due(now, context.landed):
             orders.disarm()
         if self._touchdown.unconfirmed(now, context.landed):
-            context.finish("touchdown_unconfirmed")
+            context.attempts.finish("touchdown_unconfirmed")
             _tell_unconfirmed(context)
         if not _stand_level(context, self._touchdown, step):
-            north, east, _ = context.pad_velocity
+            north, east, _ = context.below.velocity
             # It presses down on a deck that sinks, and as hard on one that comes up.
-            down = self._touchdown.descent(0.0) + max(0.0, context.heave(now)[0])
+            down = self._touchdown.descent(0.0) + max(0.0, context.below.heave(now)[0])
             orders.fly((north, east, down), 0.0, may_descend=True)
         return None
 
@@ -237,7 +232,7 @@ class OnPad:
         if self._touchdown.stands or vehicle is None or pad is None:
             return False
         relative = context.relative(vehicle, pad)
-        if context.rise_m >= RISES_M:
+        if context.below.rise_m >= RISES_M:
             lowest_m = context.foothold.clearance(relative, vehicle.tilt)
             if lowest_m > MAX_CONTACT_HEIGHT_M:
                 return True
@@ -338,7 +333,7 @@ class Leaving:
             return Event.STANDS
         orders = self._context.orders
         if orders.velocity[2] < 0.0:
-            north, east, _ = self._context.pad_velocity
+            north, east, _ = self._context.below.velocity
             orders.end_climb(north, east)
             return None
         self._touchdown.press(now)
@@ -347,7 +342,7 @@ class Leaving:
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
         """Tell whether it goes with the pad as last known: neither up nor down nor across."""
         pad = self._context.estimator.pad(now)
-        below = pad.velocity if pad is not None else self._context.pad_velocity
+        below = pad.velocity if pad is not None else self._context.below.velocity
         over = sub(vehicle.velocity, below)
         slides = horizontal(over) > self._context.options.descent.commit_slip_mps
         return abs(over[2]) < RESTS_MPS and not slides
@@ -355,7 +350,7 @@ class Leaving:
     def _note_contact(self, now: float, vehicle: VehicleState) -> None:
         context = self._context
         pad = context.estimator.pad(now)
-        if pad is None or (self._flies_on and not context.rests(now)):
+        if pad is None or (self._flies_on and not context.rest.is_seen(now)):
             return
         relative = context.relative(vehicle, pad)
         if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
@@ -422,13 +417,13 @@ def _stand_level(
     else:
         level = _level_due(context, touchdown, step, vehicle, released=released)
         climb_mps = -vehicle.foot_velocity[2]
-        if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.heaves:
+        if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:
             touchdown.press(step.now)
             level = False
-        stands = touchdown.stands and not context.is_left_behind(step.now)
-        context.foothold.slide(step.now, vehicle.feet, context.pad_velocity, stands=stands)
+        stands = touchdown.stands and not context.below.leaves_behind(step.now)
+        context.foothold.slide(step.now, vehicle.feet, context.below.velocity, stands=stands)
     if level:
-        context.orders.stand_level(context.heading, context.pad_velocity)
+        context.orders.stand_level(context.heading, context.below.velocity)
     return level
 
 
@@ -441,21 +436,21 @@ def _level_due(
     released: bool = False,
 ) -> bool:
     """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
-    north, east, _ = context.pad_velocity
+    north, east, _ = context.below.velocity
     v_north, v_east, _ = vehicle.velocity
     slip = math.hypot(v_north - north, v_east - east)
-    if context.sight is not None and not context.is_carried:
+    if context.sight is not None and not context.below.carries:
         # What the pad did at the touch it may do no longer: it brakes under feet that are up.
         slip = max(slip, _sure_slip_mps(context.sight.relative))
     return touchdown.level_due(
         step.now,
-        (vehicle.feet[2], context.pad_down(step.now)),
+        (vehicle.feet[2], context.below.down(step.now)),
         (vehicle.foot_velocity[2], context.orders.velocity[2]),
         slip,
         vehicle.roll_pitch_rate,
         math.hypot(north, east),
-        context.heave(step.now),
+        context.below.heave(step.now),
         context.landed,
-        tips=context.is_carried and touchdown.leans_more(vehicle.tilt),
+        tips=context.below.carries and touchdown.leans_more(vehicle.tilt),
         released=released,
     )
