@@ -14,7 +14,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.rest import BUILD_ERROR_M, RESTS_MPS, RESTS_S
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, ContactMotion, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -442,15 +442,19 @@ def _level_due(
     if context.sight is not None and not context.below.carries:
         # What the pad did at the touch it may do no longer: it brakes under feet that are up.
         slip = max(slip, _sure_slip_mps(context.sight.relative))
+    heave, sigma_heave = context.below.heave(step.now)
+    motion = ContactMotion(
+        feet_down=vehicle.feet[2],
+        pad_down=context.below.down(step.now),
+        sink_rate=vehicle.foot_velocity[2],
+        slip=slip,
+        roll_pitch_rate=vehicle.roll_pitch_rate,
+        pad_speed=math.hypot(north, east),
+        heave=heave,
+        sigma_heave=sigma_heave,
+    )
+    tips = context.below.carries and touchdown.leans_more(vehicle.tilt)
+    ordered = context.orders.velocity[2]
     return touchdown.level_due(
-        step.now,
-        (vehicle.feet[2], context.below.down(step.now)),
-        (vehicle.foot_velocity[2], context.orders.velocity[2]),
-        slip,
-        vehicle.roll_pitch_rate,
-        math.hypot(north, east),
-        context.below.heave(step.now),
-        context.landed,
-        tips=context.below.carries and touchdown.leans_more(vehicle.tilt),
-        released=released,
+        step.now, motion, ordered, context.landed, tips=tips, released=released
     )
