@@ -183,7 +183,7 @@ MUTANTS = [
     Mutant(
         "2: sinks on while the newest sighting shows the pad elsewhere",
         FLYING,
-        "phases.may_descend(relative, context.estimator.doubt.off_m)",
+        "phases.may_descend(relative, context.estimator.inconsistency.off_m)",
         "phases.may_descend(relative)",
         "simulation/test_faults.py::test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere",
     ),
@@ -450,7 +450,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: a pad that left the picture after commit",
-        "landerd/estimation/doubt.py",
+        "landerd/estimation/inconsistency.py",
         "self.lasts_s = max(self.lasts_s, t - self._likely_t)",
         "pass",
         "simulation/test_faults.py::test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto",
@@ -833,8 +833,8 @@ MUTANTS = [
     Mutant(
         "4: drives on as the pad did that has stopped, when data are stale",
         BELOW,
-        "if not self._footing.holds:",
-        "if not self._footing.holds or vehicle is None:",
+        "if not self._slip.is_carried:",
+        "if not self._slip.is_carried or vehicle is None:",
         "guidance/test_landing.py"
         "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
     ),
@@ -1063,7 +1063,7 @@ MUTANTS = [
     ),
     Mutant(
         "5: believes a velocity that jumps as none can",
-        "landerd/estimation/spikes.py",
+        "landerd/estimation/outlier_rejector.py",
         "first = is_other and jump != AS_EXPECTED",
         "first = False",
         "estimation/test_camera_pose.py::test_what_jumps_once_as_nothing_can_is_not_taken",

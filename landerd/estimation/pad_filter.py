@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass, replace
 
 from landerd.config.models import EstimationSection
-from landerd.estimation.doubt import Doubt
 from landerd.estimation.heading_filter import HeadingFilter
+from landerd.estimation.inconsistency import Inconsistency
 from landerd.estimation.motion_filter import Innovation, Jacobian, MotionFilter
 from landerd.estimation.observation import BiasModel, Clocks, PadObservation
 from landerd.geometry import (
@@ -148,7 +148,7 @@ class PadFilter:
         rejected: sightings refused so far.
         nis: normalised innovation squared of the last update, refused or not: chi-square of 3
             degrees of freedom, 3 on average; NaN where there was nothing to compare with.
-        doubt: whether the newest sightings were farther off than noise explains.
+        inconsistency: whether the newest sightings were farther off than noise explains.
     """
 
     def __init__(self, options: EstimationSection) -> None:
@@ -172,7 +172,7 @@ class PadFilter:
         self._first_t = -math.inf  # of the sightings that are to confirm it
         self._rejections = 0  # in a row, lying together
         self._refused_t = self._stepped_t = -math.inf
-        self.doubt = Doubt()
+        self.inconsistency = Inconsistency()
         self._refused_step = ZERO  # innovation of the last one refused, m
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._tilt_variance = SIGMA_INITIAL_TILT**2
@@ -262,10 +262,10 @@ class PadFilter:
         tolerant = innovation if is_likely else innovation.with_noise(best.hiccup)
         is_near = tolerant.nis <= self._nis_limit
         if is_likely:
-            self.doubt.end(t)
+            self.inconsistency.end(t)
         else:
             B = self._bias_jacobian(best)
-            self.doubt.look(self._motion.course, B, innovation, near=is_near)
+            self.inconsistency.look(self._motion.course, B, innovation, near=is_near)
             if self._follow(best, innovation):
                 tolerant, is_near = self._innovation(best), True
         if not is_near:
@@ -280,17 +280,17 @@ class PadFilter:
 
     def _follow(self, seen: PadObservation, innovation: Innovation) -> bool:
         """Tell whether the pad moves otherwise than it did, and know its motion the less."""
-        change = self.doubt.trend(seen.t, SIGMA_SWING * seen.range_m, self._nis_limit)
+        change = self.inconsistency.trend(seen.t, SIGMA_SWING * seen.range_m, self._nis_limit)
         if change is None:
             return False
         self._motion.loosen(innovation.vector, change)
-        per_s = 1.0 / self.doubt.lasts_s
+        per_s = 1.0 / self.inconsistency.lasts_s
         north, east, down = (abs(v) * per_s for v in change)
         q_level, _, q_down = self._motion.q
         q_level = max(q_level, min(math.hypot(north, east), MAX_ACCELERATION_MPS2) ** 2)
         q_down = max(q_down, min(down, MAX_ACCELERATION_MPS2) ** 2)
         self._motion.q = (q_level, q_level, q_down)
-        self.doubt.end(seen.t)
+        self.inconsistency.end(seen.t)
         return True
 
     def estimate(self, now: float) -> PadEstimate | None:
@@ -324,7 +324,7 @@ class PadFilter:
 
     def _start(self, seen: PadObservation) -> None:
         """Begin anew from one observation; the biases are kept."""
-        self.doubt.end(seen.t)
+        self.inconsistency.end(seen.t)
         self._accepted = 1
         self._accepted_t = seen.t
         self._rejections = 0

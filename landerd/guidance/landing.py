@@ -6,7 +6,7 @@ from dataclasses import replace
 from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.guidance import pilot_texts
-from landerd.guidance.foothold import most_lean
+from landerd.guidance.footprint import most_lean
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_context import ControlStep, LandingContext, LandingState
 from landerd.guidance.last_orders import LastOrders
@@ -166,7 +166,7 @@ class Landing:
                     return Event.SILENCED
                 if self._has_tipped:
                     return Event.DISARMED_TIPPED
-                on_plate = self._context.foothold.on_plate and not self._has_fallen
+                on_plate = self._context.footprint.on_plate and not self._has_fallen
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD
 
     @property

@@ -11,7 +11,7 @@ from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import angle_between
 from landerd.guidance import pilot_texts
 from landerd.guidance.attempts import Attempts
-from landerd.guidance.foothold import Foothold
+from landerd.guidance.footprint import Footprint
 from landerd.guidance.limits import MAX_STEP_S, flyable_limits
 from landerd.guidance.orders import Orders
 from landerd.guidance.pad_below import PadBelow
@@ -65,7 +65,7 @@ class LandingContext:
         sight: of the pad in this control step, None while it may not be flown on; `watch` looks.
         attempts: at landing, so far.
         below: the pad under the vehicle.
-        foothold: where the feet are on the plate.
+        footprint: where the feet are on the plate.
         rest: whether it rests there.
         landed: what the autopilot's land detector has said since commit.
         heading: of the vehicle as the autopilot told it last, rad: to stand level with.
@@ -80,9 +80,9 @@ class LandingContext:
         self.orders = orders
         self.sight: Sight | None = None
         self.attempts = Attempts(self.options.lost)
-        self.foothold = Foothold(layout.plate, config.vehicle.footprint_m)
-        self.below = PadBelow(self.options, self.braking_mps2, estimator, self.foothold)
-        self.rest = Rest(self.options, self.foothold)
+        self.footprint = Footprint(layout.plate, config.vehicle.footprint_m)
+        self.below = PadBelow(self.options, self.braking_mps2, estimator, self.footprint)
+        self.rest = Rest(self.options, self.footprint)
         self.landed = Landed.UNDEFINED
         self.heading = 0.0
         self.hold_asked = False

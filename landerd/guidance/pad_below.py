@@ -3,10 +3,10 @@
 from landerd.config.models import GuidanceSection
 from landerd.estimation.estimator import Estimator
 from landerd.geometry import ZERO, horizontal, rot_z, rotate, sub
-from landerd.guidance.foothold import Foothold
-from landerd.guidance.footing import Footing
+from landerd.guidance.footprint import Footprint
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import LEAD_S
+from landerd.guidance.slip_detector import SlipDetector
 
 # So low over a pad so fast a stop relative to the ground would tip the vehicle over (rule 1b).
 JUST_OVER_PAD_M = 0.20
@@ -32,12 +32,12 @@ class PadBelow:
         options: GuidanceSection,
         braking_mps2: float,
         estimator: Estimator,
-        foothold: Foothold,
+        footprint: Footprint,
     ) -> None:
         self.configure(options, braking_mps2)
         self._estimator = estimator
-        self._foothold = foothold
-        self._footing = Footing()
+        self._footprint = footprint
+        self._slip = SlipDetector()
         self.low = self.may_touch = False
         self._is_just_over = self._sinks_onto = False
         self.velocity = ZERO
@@ -117,17 +117,17 @@ class PadBelow:
     def touch(self, now: float) -> None:
         """Begin to go with the pad: its velocity is what was known of it at the touch."""
         self._known_velocity = self.velocity
-        self._footing.begin(now)
+        self._slip.begin(now)
 
     def ride(self, now: float, dt: float) -> None:
         """Go with the pad: as it drove and turned when it was seen last, or as what it carries."""
         self._known_velocity = rotate(rot_z(self._course_rate * dt), self._known_velocity)
-        glimpse, vehicle = self._estimator.glimpse, self._estimator.fresh_vehicle(now)
-        is_new = glimpse is not None and self._footing.look(glimpse, self._known_velocity)
-        if glimpse is not None and is_new:
+        fix, vehicle = self._estimator.last_fix, self._estimator.fresh_vehicle(now)
+        is_new = fix is not None and self._slip.look(fix, self._known_velocity)
+        if fix is not None and is_new:
             pad = self._estimator.pad(now)
-            self._foothold.see(glimpse.to_pad, None if pad is None else pad.heading)
-        if not self._footing.holds:
+            self._footprint.see(fix.to_pad, None if pad is None else pad.heading)
+        if not self._slip.is_carried:
             self.velocity = self._known_velocity
         elif vehicle is not None:  # else as it went last: what was known has proved wrong
             north, east, _ = vehicle.velocity
@@ -136,12 +136,12 @@ class PadBelow:
     @property
     def rise_m(self) -> float:
         """How far the feet are seen to have risen from the pad since contact was noticed, m."""
-        return self._footing.rise_m
+        return self._slip.rise_m
 
     @property
     def carries(self) -> bool:
         """Whether the pad is seen to take the vehicle along, otherwise than it was known to go."""
-        return self._footing.holds
+        return self._slip.is_carried
 
     def leaves_behind(self, now: float) -> bool:
         """Tell whether the vehicle is much slower or faster than the pad was when last seen."""

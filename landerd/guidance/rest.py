@@ -4,7 +4,7 @@ import math
 
 from landerd.config.models import GuidanceSection
 from landerd.geometry import horizontal
-from landerd.guidance.foothold import Foothold
+from landerd.guidance.footprint import Footprint
 from landerd.guidance.relative_state import Sight
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M
 from landerd.messages import Landed
@@ -30,9 +30,9 @@ class Rest:
         is_possible: it may rest there, for all that is known of its velocities.
     """
 
-    def __init__(self, options: GuidanceSection, foothold: Foothold) -> None:
+    def __init__(self, options: GuidanceSection, footprint: Footprint) -> None:
         self.configure(options)
-        self._foothold = foothold
+        self._footprint = footprint
         self.out_of_sight()
 
     def configure(self, options: GuidanceSection) -> None:
@@ -56,7 +56,7 @@ class Rest:
             landed: what the autopilot's land detector says.
         """
         relative, o = sight.relative, self._options
-        is_there = relative.height <= MAX_CONTACT_HEIGHT_M and not self._foothold.will_miss(
+        is_there = relative.height <= MAX_CONTACT_HEIGHT_M and not self._footprint.will_miss(
             relative, sight.heading, o.touchdown_descent_mps, o.descent.commit_miss_m
         )
         # Just begun, it may not know yet how the lens errs; the autopilot knows what stands.

@@ -126,7 +126,7 @@ class Tracking:
             down = heave - min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
         may_descend = self._may_descend(step.now, sight, floor_m)
         # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
-        seen_m = relative.height + context.estimator.doubt.off_m
+        seen_m = relative.height + context.estimator.inconsistency.off_m
         if climbs and seen_m < o.descent.commit_height_m:
             # With the pad: a deck that comes up may have its feet, and they would be dragged.
             north, east, _ = relative.pad_velocity
@@ -156,7 +156,7 @@ class Tracking:
     def _may_descend(self, now: float, sight: Sight, floor_m: float) -> bool:
         """Tell whether it may sink, to a height over the pad, m; called at every control step."""
         context, phases, relative = self._context, self._phases, sight.relative
-        if not phases.may_descend(relative, context.estimator.doubt.off_m):
+        if not phases.may_descend(relative, context.estimator.inconsistency.off_m):
             self._outside_t = now
         is_inside = now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or now - self._seen_from >= RING_ALONE_S

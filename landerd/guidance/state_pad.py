@@ -110,7 +110,7 @@ class Committed:
     ) -> None:
         """Note where it touches, and tell the pilot if that is where nothing should be."""
         context = self._context
-        context.foothold.touch(relative, heading)
+        context.footprint.touch(relative, heading)
         if lowest_m > MAX_CONTACT_HEIGHT_M:
             text = pilot_texts.TOUCHED_HIGH.format(height=lowest_m)
             context.orders.say(Severity.WARNING, text)
@@ -128,7 +128,7 @@ class Committed:
         if self._touching is None:
             return False
         self._touchdown.touch(now)
-        self._context.foothold.touch(*self._touching)
+        self._context.footprint.touch(*self._touching)
         return True
 
     def _watch(self, relative: RelativeState, clearance: float) -> None:
@@ -153,15 +153,15 @@ class Committed:
         """
         options, estimator = self._context.options, self._context.estimator
         too_far_m = options.descent.commit_slip_mps * MISSES_S
-        doubt = estimator.doubt
-        is_elsewhere = doubt.lasts_s >= MISSES_S and doubt.off_m > too_far_m
+        inconsistency = estimator.inconsistency
+        is_elsewhere = inconsistency.lasts_s >= MISSES_S and inconsistency.off_m > too_far_m
         if is_elsewhere and not self._touchdown.may_touch:
             return True
         sink_rate = options.touchdown_descent_mps
         tolerance = options.descent.commit_miss_m
         misses = estimator.sight_age(now) < options.lost.after_s and (
             horizontal(relative.error_rate) > options.descent.commit_slip_mps
-            or self._context.foothold.will_miss(relative, heading, sink_rate, tolerance)
+            or self._context.footprint.will_miss(relative, heading, sink_rate, tolerance)
         )
         self._misses_since = min(self._misses_since, now) if misses else math.inf
         return now - self._misses_since >= MISSES_S
@@ -233,7 +233,7 @@ class OnPad:
             return False
         relative = context.relative(vehicle, pad)
         if context.below.rise_m >= RISES_M:
-            lowest_m = context.foothold.clearance(relative, vehicle.tilt)
+            lowest_m = context.footprint.clearance(relative, vehicle.tilt)
             if lowest_m > MAX_CONTACT_HEIGHT_M:
                 return True
         slides = _sure_slip_mps(relative) > context.options.descent.commit_slip_mps
@@ -356,7 +356,7 @@ class Leaving:
         if _clearance(context, relative, vehicle, pad) > MAX_CONTACT_HEIGHT_M:
             return
         if not self._touchdown.has_touched:
-            context.foothold.touch(relative, pad.heading)
+            context.footprint.touch(relative, pad.heading)
         self._touchdown.settle(self._rests_since)
 
 
@@ -367,7 +367,7 @@ def _clearance(
 
     By it a touch is allowed for; not waved off, say, for a pad that seems to slide.
     """
-    return context.foothold.clearance(relative, vehicle.tilt) - _unsure_m(pad)
+    return context.footprint.clearance(relative, vehicle.tilt) - _unsure_m(pad)
 
 
 def _lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
@@ -421,7 +421,7 @@ def _stand_level(
             touchdown.press(step.now)
             level = False
         stands = touchdown.stands and not context.below.leaves_behind(step.now)
-        context.foothold.slide(step.now, vehicle.feet, context.below.velocity, stands=stands)
+        context.footprint.slide(step.now, vehicle.feet, context.below.velocity, stands=stands)
     if level:
         context.orders.stand_level(context.heading, context.below.velocity)
     return level
