@@ -529,7 +529,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: the noise of one picture's axes teaches an error of the lens",
-        "landerd/estimation/pad_filter.py",
+        "landerd/estimation/bias_linearisation.py",
         "return new._replace(about_x=x, about_y=y)",
         "return new",
         "estimation/test_pad_filter.py::test_a_gimbals_noise_about_the_line_of_sight_tells_nothing_of_the_lens",
