@@ -30,7 +30,8 @@ class Mutant(NamedTuple):
 
 GATE = "landerd/guidance/gate.py"
 SILENT, FLYING = "landerd/guidance/state_silent.py", "landerd/guidance/state_flying.py"
-PAD, CONTEXT = "landerd/guidance/state_pad.py", "landerd/guidance/landing_context.py"
+COMMITTED, ON_PAD = "landerd/guidance/state_committed.py", "landerd/guidance/state_on_pad.py"
+LEAVING, CONTEXT = "landerd/guidance/state_leaving.py", "landerd/guidance/landing_context.py"
 ORDERS, ESTIMATOR = "landerd/guidance/orders.py", "landerd/estimation/estimator.py"
 ATTEMPTS, BELOW = "landerd/guidance/attempts.py", "landerd/guidance/pad_below.py"
 LIMITS, PHASES = "landerd/guidance/limits.py", "landerd/guidance/phases.py"
@@ -111,7 +112,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: released on the pad it does not stand level",
-        PAD,
+        ON_PAD,
         "if level:",
         "if level and not released:",
         "test_1b_a_gate_closed_on_the_pad_leaves_the_vehicle_standing",
@@ -125,7 +126,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: sinks on to a pad that has stopped",
-        PAD,
+        COMMITTED,
         "if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):",
         "if False:",
         "test_2_a_pad_that_stops_after_commit_is_waved_off",
@@ -295,7 +296,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: no descent ordered after contact",
-        PAD,
+        ON_PAD,
         "orders.fly((north, east, down), 0.0, may_descend=True)",
         "orders.fly((north, east, 0.0), 0.0, may_descend=True)",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
@@ -414,7 +415,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: touches down although asked to hold since commit",
-        PAD,
+        COMMITTED,
         "if context.hold_asked and not self._touchdown.may_touch:",
         "if False:",
         "guidance/test_hold.py::test_committed_it_climbs_away_and_holds_and_that_is_no_failed_descent",
@@ -443,7 +444,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: a contact that was none is believed for good",
-        PAD,
+        ON_PAD,
         "if now - self._clear_since >= MISSES_S:",
         "if False:",
         "guidance/test_landing.py::test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it",
@@ -457,7 +458,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: level without thrust while it rises",
-        PAD,
+        ON_PAD,
         "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:",
         "if False:",
         "guidance/test_landing.py::test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling",
@@ -586,7 +587,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: contact is believed where the pad is seen lower",
-        PAD,
+        COMMITTED,
         "highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M",
         "highest_m = MAX_CONTACT_HEIGHT_M",
         "guidance/test_landing.py::test_what_hovers_over_the_pad_that_it_sees_has_not_touched",
@@ -601,7 +602,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: levelled just as it may lift after a wave-off",
-        PAD,
+        LEAVING,
         "self._touchdown.press(now)",
         "pass",
         "guidance/test_landing.py"
@@ -609,14 +610,14 @@ MUTANTS = [
     ),
     Mutant(
         "4: levelled as its feet come free after a wave-off",
-        PAD,
+        LEAVING,
         "THRUST_BACK_S, LIFTED_S = 0.45, 2.5",
         "THRUST_BACK_S, LIFTED_S = 0.45, 0.0",
         "guidance/test_landing.py::test_waved_off_it_is_not_levelled_as_its_feet_come_free",
     ),
     Mutant(
         "1b: levelled as its thrust comes back over a moving pad",
-        PAD,
+        LEAVING,
         "if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):",
         "if not (stands and event is Event.CLEAR_OF_PAD):",
         "simulation/test_faults.py::test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad",
@@ -645,7 +646,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: flies on beside a pad that slid away under it",
-        PAD,
+        ON_PAD,
         "return slides and clears and context.sight is not None",
         "return False",
         "guidance/test_landing.py::test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off",
@@ -731,7 +732,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: climbs from the pad on which it stands",
-        PAD,
+        LEAVING,
         "stands = rests and self._touchdown.stands",
         "stands = False",
         "guidance/test_landing.py::"
@@ -818,7 +819,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: takes for a slide that the pad levels it about an edge",
-        PAD,
+        COMMITTED,
         "return replace(relative, error_rate=rate) if slides_less else relative",
         "return relative",
         "guidance/test_landing.py::test_touching_with_an_edge_it_leans_over_it_is_not_sliding_off",
@@ -840,7 +841,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: told to climb while it stands on one foot",
-        PAD,
+        COMMITTED,
         "in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)",
         "in_air = clearance > 0.0",
         "test_lander.py::test_on_one_foot_it_is_not_told_to_climb_for_the_pad_that_slides_below",
@@ -878,7 +879,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: sinks as fast above the commit height after commit",
-        PAD,
+        COMMITTED,
         "sink_rate = min(sink_rate, TOUCHES_AT_MPS)",
         "pass",
         "guidance/test_landing.py"
@@ -894,7 +895,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: levelled where it slides across the pad when released",
-        PAD,
+        LEAVING,
         "RESTS_MPS and not slides",
         "RESTS_MPS",
         "guidance/test_landing.py"
@@ -910,7 +911,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: climbs for stale data with a foot down",
-        PAD,
+        COMMITTED,
         "if self._touching is None:",
         "if True:",
         "guidance/test_landing.py"
@@ -926,7 +927,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: gives thrust again to what stands level when data are stale",
-        PAD,
+        ON_PAD,
         "level = touchdown.without_data(step.now, context.landed, released=released)",
         "level = False",
         "guidance/test_landing.py::test_levelled_on_the_pad_it_stays_so_when_data_are_stale",
@@ -973,7 +974,7 @@ MUTANTS = [
     ),
     Mutant(
         "6: landed is told of what was blown off the pad after it was levelled",
-        PAD,
+        ON_PAD,
         "stands = touchdown.stands and not context.below.leaves_behind(step.now)",
         "stands = touchdown.stands",
         "guidance/test_landing.py::"

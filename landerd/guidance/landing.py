@@ -16,8 +16,10 @@ from landerd.guidance.method import make_method
 from landerd.guidance.orders import Orders
 from landerd.guidance.phases import Phases
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.state_committed import Committed
 from landerd.guidance.state_flying import Searching, Tracking
-from landerd.guidance.state_pad import Committed, Leaving, OnPad, Standing
+from landerd.guidance.state_leaving import Leaving
+from landerd.guidance.state_on_pad import OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
 from landerd.guidance.states import HAND_BACKS, LANDED, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
