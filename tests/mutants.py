@@ -1109,7 +1109,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: one boot time that does not fit is a restart",
-        "hw/autopilots/mavlink.py",
+        "hw/autopilots/restart_detector.py",
         "if is_ahead or (is_back and not is_answer):",
         "if False:",
         "hw/autopilots/test_mavlink.py::test_one_stamp_that_does_not_fit_is_no_restart",
