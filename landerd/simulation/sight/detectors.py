@@ -104,7 +104,7 @@ class ModelledDetectors:
         self._seed = seed
         self._sensitivity = Sensitivity(options.render, options.camera, options.pad)
         self._edges = [edges_of(m) for m in layout.markers]
-        self._focal = 0.5 * (believed.fx + believed.fy)
+        self._focal = believed.focal
         self._image: Image | None = None
         self._view: View | None = None
         self._sights: dict[int, _Sight | None] = {}
