@@ -123,7 +123,7 @@ def is_tag(squares: Squares, tag: Square, view: scenes.View, camera: CameraModel
 def is_ring(found: list[tuple[float, float]], view: scenes.View, camera: CameraModel) -> bool:
     """Tell whether the pad's ring is among middles, px: a tenth of the range across the view."""
     truth = np.array(view.position)
-    scale = 0.5 * (camera.fx + camera.fy) / float(truth[2])  # pixels a metre
+    scale = camera.focal / float(truth[2])  # pixels a metre
     reach = FOUND_SHARE * float(np.linalg.norm(truth)) * scale
     at = camera.pixels(truth[None])[0]
     return any(float(np.hypot(x - at[0], y - at[1])) <= reach for x, y in found)

@@ -30,8 +30,10 @@ class Mutant(NamedTuple):
 
 GATE = "landerd/guidance/gate.py"
 SILENT, FLYING = "landerd/guidance/state_silent.py", "landerd/guidance/state_flying.py"
-PAD, CONTEXT = "landerd/guidance/state_pad.py", "landerd/guidance/landing_context.py"
+COMMITTED, ON_PAD = "landerd/guidance/state_committed.py", "landerd/guidance/state_on_pad.py"
+LEAVING, CONTEXT = "landerd/guidance/state_leaving.py", "landerd/guidance/landing_context.py"
 ORDERS, ESTIMATOR = "landerd/guidance/orders.py", "landerd/estimation/estimator.py"
+ATTEMPTS, BELOW = "landerd/guidance/attempts.py", "landerd/guidance/pad_below.py"
 LIMITS, PHASES = "landerd/guidance/limits.py", "landerd/guidance/phases.py"
 TOUCHDOWN, LANDING = "landerd/guidance/touchdown.py", "landerd/guidance/landing.py"
 TRACKING = "landerd/guidance/tracking_method.py"
@@ -54,7 +56,7 @@ MUTANTS = [
     Mutant(
         "1b: speeds up after a fast pad that was left long ago",
         LANDING,
-        "            self._context.leave_pad()\n",
+        "            self._context.below.leave()\n",
         "            pass\n",
         "guidance/test_landing.py::"
         "test_metres_above_a_fast_pad_left_behind_the_switch_stops_it_at_once",
@@ -62,15 +64,15 @@ MUTANTS = [
     Mutant(
         "1c: takes off from the pad to hold over it",
         CONTEXT,
-        "waits = self.hold_asked if rests else self._may_rest",
-        "waits = not rests and self._may_rest",
+        "waits = self.hold_asked if rests else self.rest.is_possible",
+        "waits = not rests and self.rest.is_possible",
         "guidance/test_hold.py::test_what_stands_on_the_pad_does_not_take_off_to_hold",
     ),
     Mutant(
         "1b: is stopped for want of time just over a fast pad",
         FLYING,
-        "context.takes_too_long(step.now) and not context.just_over_fast_pad",
-        "context.takes_too_long(step.now)",
+        "context.attempts.takes_too_long(step.now) and not context.below.is_fast_and_close",
+        "context.attempts.takes_too_long(step.now)",
         "guidance/test_landing.py::test_no_landing_is_given_back_just_over_a_fast_pad",
     ),
     Mutant(
@@ -103,14 +105,14 @@ MUTANTS = [
     ),
     Mutant(
         "1b: stops on a pad that moves",
-        CONTEXT,
-        "return self._just_over_pad and self.over_fast_pad",
+        BELOW,
+        "return self._is_just_over and self.is_fast",
         "return False",
         "test_1b_a_gate_closed_just_over_a_moving_pad_does_not_stop_on_it",
     ),
     Mutant(
         "1b: released on the pad it does not stand level",
-        PAD,
+        ON_PAD,
         "if level:",
         "if level and not released:",
         "test_1b_a_gate_closed_on_the_pad_leaves_the_vehicle_standing",
@@ -124,7 +126,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: sinks on to a pad that has stopped",
-        PAD,
+        COMMITTED,
         "if in_air and self._misses(step.now, _of_foot(relative, vehicle), pad.heading):",
         "if False:",
         "test_2_a_pad_that_stops_after_commit_is_waved_off",
@@ -161,8 +163,8 @@ MUTANTS = [
     Mutant(
         "1c: hovers before it has seen the pad",
         CONTEXT,
-        "return self.sight is not None and not waits",
-        "return not waits",
+        "if self.sight is None or self.sight.climbs_otherwise:",
+        "if self.sight is not None and self.sight.climbs_otherwise:",
         "test_1c_landerd_is_silent_until_it_has_seen_the_pad",
     ),
     Mutant(
@@ -182,7 +184,7 @@ MUTANTS = [
     Mutant(
         "2: sinks on while the newest sighting shows the pad elsewhere",
         FLYING,
-        "phases.may_descend(relative, context.estimator.doubt.off_m)",
+        "phases.may_descend(relative, context.estimator.inconsistency.off_m)",
         "phases.may_descend(relative)",
         "simulation/test_faults.py::test_it_does_not_sink_on_while_the_pad_is_seen_elsewhere",
     ),
@@ -224,7 +226,7 @@ MUTANTS = [
     Mutant(
         "1d: a moment of stale attitude ends a descent",
         CONTEXT,
-        "return is_seen and now - self.tracked_t < MOMENT_S and self.outcome is None",
+        "return is_seen and lately and self.attempts.outcome is None",
         "return False",
         "test_lander.py::test_moments_of_stale_attitude_break_off_no_descent_and_longer_ones_do",
     ),
@@ -294,7 +296,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: no descent ordered after contact",
-        PAD,
+        ON_PAD,
         "orders.fly((north, east, down), 0.0, may_descend=True)",
         "orders.fly((north, east, 0.0), 0.0, may_descend=True)",
         "test_an_undisturbed_landing_breaks_no_rule_and_is_told",
@@ -413,7 +415,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: touches down although asked to hold since commit",
-        PAD,
+        COMMITTED,
         "if context.hold_asked and not self._touchdown.may_touch:",
         "if False:",
         "guidance/test_hold.py::test_committed_it_climbs_away_and_holds_and_that_is_no_failed_descent",
@@ -442,22 +444,22 @@ MUTANTS = [
     ),
     Mutant(
         "4: a contact that was none is believed for good",
-        PAD,
+        ON_PAD,
         "if now - self._clear_since >= MISSES_S:",
         "if False:",
         "guidance/test_landing.py::test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it",
     ),
     Mutant(
         "2: a pad that left the picture after commit",
-        "landerd/estimation/doubt.py",
+        "landerd/estimation/inconsistency.py",
         "self.lasts_s = max(self.lasts_s, t - self._likely_t)",
         "pass",
         "simulation/test_faults.py::test_a_pad_that_jerks_out_of_the_picture_after_commit_is_not_sunk_onto",
     ),
     Mutant(
         "4: level without thrust while it rises",
-        PAD,
-        "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.heaves:",
+        ON_PAD,
+        "if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:",
         "if False:",
         "guidance/test_landing.py::test_levelled_as_its_thrust_lifted_it_flies_on_instead_of_falling",
     ),
@@ -528,7 +530,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: the noise of one picture's axes teaches an error of the lens",
-        "landerd/estimation/pad_filter.py",
+        "landerd/estimation/bias_linearisation.py",
         "return new._replace(about_x=x, about_y=y)",
         "return new",
         "estimation/test_pad_filter.py::test_a_gimbals_noise_about_the_line_of_sight_tells_nothing_of_the_lens",
@@ -585,7 +587,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: contact is believed where the pad is seen lower",
-        PAD,
+        COMMITTED,
         "highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M",
         "highest_m = MAX_CONTACT_HEIGHT_M",
         "guidance/test_landing.py::test_what_hovers_over_the_pad_that_it_sees_has_not_touched",
@@ -600,7 +602,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: levelled just as it may lift after a wave-off",
-        PAD,
+        LEAVING,
         "self._touchdown.press(now)",
         "pass",
         "guidance/test_landing.py"
@@ -608,28 +610,28 @@ MUTANTS = [
     ),
     Mutant(
         "4: levelled as its feet come free after a wave-off",
-        PAD,
+        LEAVING,
         "THRUST_BACK_S, LIFTED_S = 0.45, 2.5",
         "THRUST_BACK_S, LIFTED_S = 0.45, 0.0",
         "guidance/test_landing.py::test_waved_off_it_is_not_levelled_as_its_feet_come_free",
     ),
     Mutant(
         "1b: levelled as its thrust comes back over a moving pad",
-        PAD,
+        LEAVING,
         "if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):",
         "if not (stands and event is Event.CLEAR_OF_PAD):",
         "simulation/test_faults.py::test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad",
     ),
     Mutant(
         "1b: stopped just over a moving pad that it still sinks to",
-        CONTEXT,
+        BELOW,
         "SINKS_ON_S = 0.1",
         "SINKS_ON_S = 0.0",
         "simulation/test_faults.py::test_a_link_that_dies_as_it_sinks_onto_a_moving_pad",
     ),
     Mutant(
         "1b: hovers where it sinks onto a moving pad before it is stopped",
-        CONTEXT,
+        BELOW,
         "STOPS_OVER_PAD_M = 0.10",
         "STOPS_OVER_PAD_M = -9.0",
         "guidance/test_landing.py::"
@@ -644,7 +646,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: flies on beside a pad that slid away under it",
-        PAD,
+        ON_PAD,
         "return slides and clears and context.sight is not None",
         "return False",
         "guidance/test_landing.py::test_on_a_pad_seen_to_slide_away_under_its_feet_it_is_waved_off",
@@ -659,7 +661,7 @@ MUTANTS = [
     Mutant(
         "6: the time of a landing runs while others fly",
         "landerd/guidance/state_silent.py",
-        "self._context.end_landing()",
+        "self._context.attempts.end()",
         "pass",
         "guidance/test_landing.py::test_what_others_fly_meanwhile_takes_no_time_of_the_landing",
     ),
@@ -730,7 +732,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: climbs from the pad on which it stands",
-        PAD,
+        LEAVING,
         "stands = rests and self._touchdown.stands",
         "stands = False",
         "guidance/test_landing.py::"
@@ -760,8 +762,8 @@ MUTANTS = [
     ),
     Mutant(
         "6: a landing may take for ever",
-        CONTEXT,
-        "return now - self._began > self.options.lost.total_s",
+        ATTEMPTS,
+        "return now - self._began > self._options.total_s",
         "return False",
         "test_lander.py::test_a_landing_that_takes_too_long_is_handed_back",
     ),
@@ -774,8 +776,8 @@ MUTANTS = [
     ),
     Mutant(
         "6: descents may be broken off for ever",
-        CONTEXT,
-        "return self._descents_broken_off > self.options.lost.retries",
+        ATTEMPTS,
+        "return self._descents_broken_off > self._options.retries",
         "return False",
         "test_lander.py::test_a_landing_that_is_never_good_enough_is_given_back_to_the_pilot_from_higher_up",
     ),
@@ -817,7 +819,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: takes for a slide that the pad levels it about an edge",
-        PAD,
+        COMMITTED,
         "return replace(relative, error_rate=rate) if slides_less else relative",
         "return relative",
         "guidance/test_landing.py::test_touching_with_an_edge_it_leans_over_it_is_not_sliding_off",
@@ -831,15 +833,15 @@ MUTANTS = [
     ),
     Mutant(
         "4: drives on as the pad did that has stopped, when data are stale",
-        CONTEXT,
-        "if not self._footing.holds:",
-        "if not self._footing.holds or vehicle is None:",
+        BELOW,
+        "if not self._slip.is_carried:",
+        "if not self._slip.is_carried or vehicle is None:",
         "guidance/test_landing.py"
         "::test_on_a_pad_that_has_braked_stale_data_are_no_reason_to_drive_on",
     ),
     Mutant(
         "4: told to climb while it stands on one foot",
-        PAD,
+        COMMITTED,
         "in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)",
         "in_air = clearance > 0.0",
         "test_lander.py::test_on_one_foot_it_is_not_told_to_climb_for_the_pad_that_slides_below",
@@ -877,7 +879,7 @@ MUTANTS = [
     ),
     Mutant(
         "2: sinks as fast above the commit height after commit",
-        PAD,
+        COMMITTED,
         "sink_rate = min(sink_rate, TOUCHES_AT_MPS)",
         "pass",
         "guidance/test_landing.py"
@@ -893,7 +895,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: levelled where it slides across the pad when released",
-        PAD,
+        LEAVING,
         "RESTS_MPS and not slides",
         "RESTS_MPS",
         "guidance/test_landing.py"
@@ -909,7 +911,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: climbs for stale data with a foot down",
-        PAD,
+        COMMITTED,
         "if self._touching is None:",
         "if True:",
         "guidance/test_landing.py"
@@ -925,7 +927,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: gives thrust again to what stands level when data are stale",
-        PAD,
+        ON_PAD,
         "level = touchdown.without_data(step.now, context.landed, released=released)",
         "level = False",
         "guidance/test_landing.py::test_levelled_on_the_pad_it_stays_so_when_data_are_stale",
@@ -933,8 +935,8 @@ MUTANTS = [
     Mutant(
         "1b: leaves a moving pad that it was pressed onto for long, for want of data",
         LANDING,
-        "return self._context.over_fast_pad and not stands",
-        "return self._context.over_fast_pad and not self._touchdown.stands",
+        "return self._context.below.is_fast and not stands",
+        "return self._context.below.is_fast and not self._touchdown.stands",
         "guidance/test_landing.py::"
         "test_pressed_down_for_long_without_data_it_stands_level_when_released_on_a_moving_pad",
     ),
@@ -949,14 +951,14 @@ MUTANTS = [
     Mutant(
         "4: a landing begins on a pad that it may stand on",
         CONTEXT,
-        "waits = self.hold_asked if rests else self._may_rest",
+        "waits = self.hold_asked if rests else self.rest.is_possible",
         "waits = self.hold_asked and rests",
         "guidance/test_landing.py::"
         "test_over_a_pad_that_it_may_stand_on_no_landing_begins_before_that_is_known",
     ),
     Mutant(
         "4: climbs from a pad on which it only seems not to stand",
-        CONTEXT,
+        "landerd/guidance/rest.py",
         "low_s >= RESTS_S or higher_s >= RESTS_HIGHER_S",
         "low_s >= RESTS_S",
         "guidance/test_landing.py::"
@@ -972,8 +974,8 @@ MUTANTS = [
     ),
     Mutant(
         "6: landed is told of what was blown off the pad after it was levelled",
-        PAD,
-        "stands = touchdown.stands and not context.is_left_behind(step.now)",
+        ON_PAD,
+        "stands = touchdown.stands and not context.below.leaves_behind(step.now)",
         "stands = touchdown.stands",
         "guidance/test_landing.py::"
         "test_levelled_as_it_slid_and_blown_off_then_it_has_not_landed_on_the_pad",
@@ -1062,7 +1064,7 @@ MUTANTS = [
     ),
     Mutant(
         "5: believes a velocity that jumps as none can",
-        "landerd/estimation/spikes.py",
+        "landerd/estimation/outlier_rejector.py",
         "first = is_other and jump != AS_EXPECTED",
         "first = False",
         "estimation/test_camera_pose.py::test_what_jumps_once_as_nothing_can_is_not_taken",
@@ -1107,7 +1109,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: one boot time that does not fit is a restart",
-        "hw/autopilots/mavlink.py",
+        "hw/autopilots/restart_detector.py",
         "if is_ahead or (is_back and not is_answer):",
         "if False:",
         "hw/autopilots/test_mavlink.py::test_one_stamp_that_does_not_fit_is_no_restart",
@@ -1122,7 +1124,7 @@ MUTANTS = [
     ),
     Mutant(
         "1b: told to climb for too long to be found on the pad",
-        "landerd/guidance/state_pad.py",
+        "landerd/guidance/state_leaving.py",
         "elif rests_s >= RESTS_DOWN_S:",
         "elif False:",
         "guidance/test_landing.py"
@@ -1153,7 +1155,7 @@ MUTANTS = [
     ),
     Mutant(
         "5: told to climb as it stands on the pad with a wrong climb rate",
-        "landerd/guidance/landing_context.py",
+        "landerd/guidance/rest.py",
         "up = abs(changes if sight.climbs_otherwise else relative.error_rate[2])",
         "up = abs(relative.error_rate[2])",
         "guidance/test_health.py::test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there",

@@ -9,13 +9,14 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from hw.autopilots import file_transfer, orders, telemetry
-from hw.autopilots.boot_clock import WRAP_S, BootClock
+from hw.autopilots import core_parameters, file_transfer, orders, telemetry
+from hw.autopilots.boot_clock import BootClock
 from hw.autopilots.heading import Heading
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.autopilots.orders import SetpointFrame
 from hw.autopilots.parameter_protocol import ParameterProtocol
 from hw.autopilots.refusals import Refusals
+from hw.autopilots.restart_detector import Boot, RestartDetector
 from hw.autopilots.streams import Streams
 from landerd.messages import (
     Attitude,
@@ -23,7 +24,6 @@ from landerd.messages import (
     AutopilotRestarted,
     ClockSync,
     LandingTarget,
-    ParameterChange,
     PressDown,
     Setpoint,
     Severity,
@@ -37,33 +37,9 @@ COMPONENT: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 
 _TIMESYNC_PERIOD_S = 0.2
-# Boot time going back by more than this is a restart, and one so far off fits no other: a stamp may
-# be wrong once. Two in a row are believed, and a TIMESYNC that answers us.
-_RESTART_S = 1.0
 _HEARTBEAT_S = 3.0  # what an older heartbeat said of arming is not known to be so
 _STATUSTEXT_LENGTH = 50
-# What the core needs to know of the autopilot's parameters: its key, the unit in SI, and the values
-# that the configuration may have. ArduCopter 4.7 has new names for some.
-_ACCELERATION = ("autopilot.acceleration_mps2", 0.5, 10.0)
-_VERTICAL_ACCELERATION = ("autopilot.vertical_acceleration_mps2", 0.3, 5.0)
-_JERK = ("autopilot.jerk_mps3", 1.0, 50.0)
-_VERTICAL_JERK = ("autopilot.vertical_jerk_mps3", 1.0, 50.0)
-_ATTITUDE = ("autopilot.attitude_time_constant_s", 0.01, 2.0)
-_CORE_PARAMETERS: dict[str, tuple[float, tuple[str, float, float]]] = {
-    "GUID_TIMEOUT": (1.0, ("autopilot.guided_timeout_s", 0.1, 3600.0)),
-    "WPNAV_ACCEL": (0.01, _ACCELERATION),
-    "WP_ACC": (1.0, _ACCELERATION),
-    "WPNAV_ACCEL_Z": (0.01, _VERTICAL_ACCELERATION),
-    "WP_ACC_Z": (1.0, _VERTICAL_ACCELERATION),
-    "PSC_JERK_XY": (1.0, _JERK),
-    "PSC_JERK_NE": (1.0, _JERK),
-    "PSC_NE_JERK": (1.0, _JERK),
-    "PSC_JERK_Z": (1.0, _VERTICAL_JERK),
-    "PSC_JERK_D": (1.0, _VERTICAL_JERK),
-    "PSC_D_JERK": (1.0, _VERTICAL_JERK),
-    "ATC_INPUT_TC": (1.0, _ATTITUDE),
-}
-_ASK_S = 5.0  # they are asked for again until they are told
+_ASK_S = 5.0  # what the core needs to know is asked for again until it is told
 _TEXTS_AT_ONCE, _TEXTS_PER_S = 6.0, 2.0  # a slow telemetry port has better to carry
 
 _GROUND_STATION_MESSAGES = frozenset(
@@ -146,9 +122,7 @@ class MavlinkAutopilot:
         self._heading = Heading()
         self._disarmed_until = -math.inf
         self._clock = BootClock()
-        self._last_boot_s = -math.inf
-        self._last_boot_t = -math.inf  # when that was heard
-        self._suspected: float | None = None  # boot time less loop time, that did not fit; s
+        self._restarts = RestartDetector()
         self._last_t: dict[int, float] = {}  # by message id
         self._timesync_sent: deque[int] = deque(maxlen=10)  # ns, the newest requests
         self._timesync_due = self._ask_due = 0.0
@@ -272,7 +246,7 @@ class MavlinkAutopilot:
             self.send(mavlink.MAVLink_timesync_message(_nanoseconds(now), m.ts1))
         elif m.ts1 in self._timesync_sent:  # not the answer to somebody else
             boot_s = 1e-9 * m.tc1
-            if not self._watch_restart(boot_s, now, is_answer=True):
+            if not self._note_boot(boot_s, now, is_answer=True):
                 return
             self._clock.exchanged(1e-9 * m.ts1, boot_s, now)
             uncertainty_s = self._clock.uncertainty_s
@@ -281,10 +255,10 @@ class MavlinkAutopilot:
 
     def _on_parameter(self, name: str, value: float, now: float) -> None:
         """Keep one of the autopilot's parameters; pass on those that the core goes by."""
-        if name in _CORE_PARAMETERS and 0.0 < value != self.vehicle_parameters.get(name):
-            unit, (key, least, most) = _CORE_PARAMETERS[name]
-            si = min(max(unit * float(value), least), most)  # what the configuration may say
-            self._pending.append(ParameterChange(now, key, si))
+        if value != self.vehicle_parameters.get(name):
+            change = core_parameters.change_of(name, value, now)
+            if change is not None:
+                self._pending.append(change)
         self.vehicle_parameters[name] = value
 
     def _on_command_ack(self, m: Message) -> None:
@@ -336,7 +310,7 @@ class MavlinkAutopilot:
         Nor is it where its stamp is not believed.
         """
         boot_s = self._clock.unwrapped(m.time_boot_ms, now)
-        if not self._watch_restart(boot_s, now):
+        if not self._note_boot(boot_s, now):
             return None
         t = self._clock.place(boot_s, now)
         if t <= self._last_t.get(m.get_msgId(), -math.inf):
@@ -345,40 +319,20 @@ class MavlinkAutopilot:
         self._last_t[m.get_msgId()] = t
         return t
 
-    def _watch_restart(self, boot_s: float, now: float, *, is_answer: bool = False) -> bool:
-        """Note a boot time (s) and whether it is a restart's; tell whether it is believed.
-
-        Args:
-            boot_s: that is heard.
-            now: s.
-            is_answer: to our own TIMESYNC.
-        """
-        expected = self._last_boot_s + now - self._last_boot_t
-        if is_answer and math.isfinite(expected):
-            # Stamps of 32 bits that had begun anew before any was heard: only an answer says so.
-            wraps = round((boot_s - expected) / WRAP_S)
-            if wraps > 0 and abs(boot_s - expected - wraps * WRAP_S) < _RESTART_S:
-                self._clock = BootClock()
-                self._last_boot_s += wraps * WRAP_S
-                expected += wraps * WRAP_S
-        is_back = boot_s < self._last_boot_s - _RESTART_S
-        is_ahead = math.isfinite(expected) and boot_s > expected + _RESTART_S
-        if is_ahead or (is_back and not is_answer):
-            suspected, self._suspected = self._suspected, boot_s - now
-            if suspected is None or abs(self._suspected - suspected) > _RESTART_S:
-                self._drop("a boot time that does not fit", now)
-                return False
-        self._suspected = None
-        if is_back:
+    def _note_boot(self, boot_s: float, now: float, *, is_answer: bool = False) -> bool:
+        """Note a boot time (s), and begin anew with a new boot; tell whether it is believed."""
+        boot = self._restarts.hear(boot_s, now, is_answer=is_answer)
+        if boot is Boot.UNKNOWN:
+            self._drop("a boot time that does not fit", now)
+            return False
+        if boot is not Boot.SAME:
+            self._clock = BootClock()
+        if boot is Boot.NEW:
             log.warning("the autopilot has restarted")
             self._pending.append(AutopilotRestarted(now))
-            self._clock = BootClock()
             self._streams.restart()
             self._refusals.restart()
             self.vehicle_parameters.clear()
-            self._last_boot_s = boot_s
-        if boot_s >= self._last_boot_s:
-            self._last_boot_s, self._last_boot_t = boot_s, now
         self._clock.heard(boot_s, now)
         return True
 
@@ -392,13 +346,7 @@ class MavlinkAutopilot:
         self._streams.request_missing(now)
         if now >= self._ask_due:
             self._ask_due = now + _ASK_S
-            self._ask_core_parameters()
-
-    def _ask_core_parameters(self) -> None:
-        """Ask for what the core goes by and has not been told under any name."""
-        told = {_CORE_PARAMETERS[n][1] for n in self.vehicle_parameters if n in _CORE_PARAMETERS}
-        for name, (_, key) in _CORE_PARAMETERS.items():
-            if key not in told:
+            for name in core_parameters.untold(self.vehicle_parameters):
                 self.ask_parameter(name)
 
     def _ask_stream(self, message_id: int, rate_hz: float) -> None:

@@ -13,7 +13,6 @@ import re
 import threading
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -39,7 +38,7 @@ from hw.cameras.v4l2_node import Filled, Layout, Mode, Stamp, VideoNode
 from landerd.messages import ExposureOrder, Frame
 from landerd.ports import DeviceLost
 from landerd.section import Section
-from landerd.worker import in_thread
+from landerd.worker import JobHangs, Worker, in_thread
 
 log = logging.getLogger(__name__)
 
@@ -122,7 +121,7 @@ class V4l2Camera:
         self._empty_wake_ups = 0
         self._buffers = 0
         self._was_full = False
-        self._decoder: ThreadPoolExecutor | None = None
+        self._decoder = Worker("camera")
         self._order: ExposureOrder | None = None  # the newest
         self._is_new_order = False
         self._ordering: asyncio.Task[None] | None = None
@@ -161,9 +160,7 @@ class V4l2Camera:
             loop = asyncio.get_running_loop()
             loop.remove_reader(node.fileno())
             self._releasing = loop.create_task(_release(node, ordering))
-        if self._decoder is not None:
-            self._decoder.shutdown(wait=False)
-            self._decoder = None
+        self._decoder.close()
         if self._releasing is not None and not self._releasing.done():
             await asyncio.shield(self._releasing)
 
@@ -407,10 +404,12 @@ class V4l2Camera:
             # Half a picture decodes too, with a grey rest: the end marker tells.
             if not data.rstrip(b"\0").endswith(b"\xff\xd9"):
                 return None
-            if self._decoder is None:
-                self._decoder = ThreadPoolExecutor(1)
-            loop = asyncio.get_running_loop()
-            return await loop.run_in_executor(self._decoder, _decode_jpeg, data, (height, width))
+            try:
+                return await self._decoder.run(
+                    partial(_decode_jpeg, data, (height, width)), _STALL_S
+                )
+            except JobHangs:
+                raise DeviceLost(self._says("sends what takes too long to decode")) from None
         if len(data) < stride * height:
             return None
         lines = np.frombuffer(data, np.uint8, stride * height).reshape(height, stride)

@@ -18,7 +18,7 @@ class FaultKind(NamedTuple):
     """One thing that can go wrong."""
 
     device: str
-    does: str  # ...: what severity 0 to 1 makes of it
+    does: str  # what severity 0 to 1 makes of it, for docs/faults.md
     ends: bool = True  # false: it is done in a moment, `for_s` is of no matter
     # Beginnings of rules and findings that nobody can keep while it lasts, and shortly after.
     excuses: tuple[str, ...] = ()

@@ -73,15 +73,29 @@ def run(args: argparse.Namespace) -> int:
     logging.basicConfig(level=logging.ERROR)  # faults are counted in the result
     shows_progress = sys.stdout.isatty() and not args.json
     page, foxglove = _viewers(args, loaded)
+    viewers = [viewer for viewer in (page, foxglove) if viewer is not None]
 
     def watch(daemon: "Daemon") -> None:
-        for viewer in (page, foxglove):
-            if viewer is not None:
-                viewer.watch(daemon)
+        for viewer in viewers:
+            viewer.watch(daemon)
 
-    result = _fly(args, loaded, _show_progress if shows_progress else None, watch)
-    if shows_progress:
-        _show_progress("")
+    try:
+        result = _fly(args, loaded, _show_progress if shows_progress else None, watch)
+        if shows_progress:
+            _show_progress("")
+        _print(args, result)
+        if page is not None:
+            _show_on(page, stays=shows_progress)
+    finally:
+        for viewer in viewers:
+            viewer.close()
+    if result["not_written"]:
+        return 2
+    return 0 if result["landed"] and not result["rules_broken"] else 1
+
+
+def _print(args: argparse.Namespace, result: dict[str, Any]) -> None:
+    """Print how the flight went, and which files are written of it and which are not."""
     if args.json:
         # Of a flight that cannot be flown again it is to be known when it was, and by what.
         flown = {} if args.autopilot is None else {"flown": sitting()._asdict()}
@@ -93,15 +107,8 @@ def run(args: argparse.Namespace) -> int:
         for name, path in (("picture", args.picture), ("flight log", args.log)):
             if path is not None and not any(str(path) in line for line in result["not_written"]):
                 print(f"  {name}: {path}{without}")
-    code = 0 if result["landed"] and not result["rules_broken"] else 1
     if result["not_written"]:
         tell("\n".join(result["not_written"]))
-        code = 2
-    if foxglove is not None:
-        foxglove.close()
-    if page is not None:
-        _show_on(page, stays=shows_progress)
-    return code
 
 
 def _load(args: argparse.Namespace) -> Loaded:
@@ -160,7 +167,6 @@ def _show_on(page: "StatusPage", *, stays: bool) -> None:
         tell(f"the flight's end is shown on {page.url} until Ctrl-C")
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
-    page.close()
 
 
 def _fly(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from landerd import gimbal_frames
 from landerd.config.models import Config
 from landerd.estimation.history import History, Values
-from landerd.estimation.spikes import Spikes
+from landerd.estimation.outlier_rejector import OutlierRejector
 from landerd.geometry import (
     ZERO,
     Mat3,
@@ -107,7 +107,7 @@ class PoseHistory:
         self._measured = ZERO  # the newest position as it was told, in this frame, m
         self._wrong_climb_t = -math.inf  # when they did not agree last, s
         self._climb_error = 0.0  # of the climb rate against the height, lately, m/s
-        self._velocities, self._headings = Spikes(), Spikes(HEADING_BELIEVED_S)
+        self._velocities, self._headings = OutlierRejector(), OutlierRejector(HEADING_BELIEVED_S)
 
     def add(
         self, message: LocalPosition | Attitude | GimbalState, *, keeps_heading: bool = False
@@ -146,7 +146,7 @@ class PoseHistory:
         expected = wrap(last[2] + 0.5 * dt * (_euler_rates(last)[2] + _euler_rates(said)[2]))
         most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
         jump = (0.0, 0.0, wrap(said[2] - expected))
-        if not self._headings.is_one(t, jump, most):
+        if not self._headings.rejects(t, jump, most):
             if not keeps_heading or abs(jump[2]) <= most:
                 return said
             self.turned = wrap(self.turned + jump[2])
@@ -158,7 +158,7 @@ class PoseHistory:
             return False
         dt, (_, _, _, u, v, w) = before
         most = KNOCK_MPS + FASTEST_MPS2 * dt
-        return self._velocities.is_one(new.t, sub(new.velocity, (u, v, w)), most)
+        return self._velocities.rejects(new.t, sub(new.velocity, (u, v, w)), most)
 
     def _lagged(self, t: float, ordered: float, axis: int) -> float:
         """Return where an axis that only tells its order (rad) is at t (s): a first-order lag.

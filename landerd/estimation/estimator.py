@@ -6,12 +6,12 @@ from typing import Literal
 
 from landerd.config.models import Config
 from landerd.estimation.camera_pose import DOWN, CameraPose, PoseHistory
-from landerd.estimation.doubt import Doubt
 from landerd.estimation.health import HealthMonitor
+from landerd.estimation.inconsistency import Inconsistency
 from landerd.estimation.observation import (
     BiasModel,
-    Glimpse,
     ObservationModel,
+    PadFix,
     PadObservation,
     camera_axes,
 )
@@ -45,7 +45,7 @@ class Estimator:
         other: exposure of the last frame with another pad, s, and its tag's id; None: none.
         frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
         searched_t: the last control step before that frame had been searched, s; -inf: none.
-        glimpse: of the newest frame that shows a pad, accepted or not; None: none.
+        last_fix: of the newest frame that shows a pad, accepted or not; None: none.
         health: of what was seen so far.
     """
 
@@ -60,7 +60,7 @@ class Estimator:
         self.sighting_t = self.refused_t = -math.inf
         self.other: tuple[float, int] | None = None
         self.frame_t = self.searched_t = self._tick_t = -math.inf
-        self.glimpse: Glimpse | None = None
+        self.last_fix: PadFix | None = None
         self.health = HealthMonitor(config.estimation.gate_sigma**2)
         # How wrong the times of the autopilot's data and of the pictures may be, s.
         self._clock_s = self._picture_clock_s = 0.0
@@ -108,9 +108,9 @@ class Estimator:
             and (o := self._observations.observe(t, solution, clocks)) is not None
         ]
         if observations:
-            self.glimpse = self._observations.glimpse(observations[0], clocks)
+            self.last_fix = self._observations.fix(observations[0], clocks)
         else:
-            self.doubt.unseen(t)
+            self.inconsistency.unseen(t)
         refused_before = self._filter.rejected
         is_accepted = self._filter.update(observations)
         if not math.isnan(self._filter.nis):
@@ -134,14 +134,14 @@ class Estimator:
         self.poses.forget_autopilot()
         self._filter.reset()
         self.sighting_t = -math.inf
-        self.glimpse = None
+        self.last_fix = None
 
     # ---- estimates -----------------------------------------------------------------------------
 
     @property
-    def doubt(self) -> Doubt:
+    def inconsistency(self) -> Inconsistency:
         """Whether the newest sightings, accepted or not, were where the pad was expected."""
-        return self._filter.doubt
+        return self._filter.inconsistency
 
     @property
     def is_shown(self) -> bool:

@@ -128,7 +128,7 @@ class PadObservation:
 
 
 @dataclass(frozen=True, slots=True)
-class Glimpse:
+class PadFix:
     """Where one frame shows the pad from the feet, whatever the filter makes of it."""
 
     t: float  # exposure, s
@@ -194,7 +194,7 @@ class ObservationModel:
             cost=solution.cost,
         )
 
-    def glimpse(self, seen: PadObservation, clocks: Clocks = AS_STAMPED) -> Glimpse | None:
+    def fix(self, seen: PadObservation, clocks: Clocks = AS_STAMPED) -> PadFix | None:
         """Return an observation against the feet, None where position or attitude do not reach.
 
         Args:
@@ -205,7 +205,7 @@ class ObservationModel:
         if feet is None:
             return None
         centre, to_camera = feet
-        return Glimpse(seen.t, centre, add(to_camera, scale(seen.sight, seen.range_m)))
+        return PadFix(seen.t, centre, add(to_camera, scale(seen.sight, seen.range_m)))
 
     def _sweeps(self, t: float, gimbal_back_s: float, point: Vec3) -> tuple[Vec3, Vec3]:
         """Return how fast a point of the camera frame is swept through local NED, m/s.

@@ -51,10 +51,10 @@ class ClimbAway:
         context = self._context
         sight = context.sight
         if sight is not None:
-            context.note(sight.relative)
+            context.below.note(sight.relative)
         context.orders.enter(Phase.NOT_LANDING, self._why)
-        north, east, _ = context.pad_velocity
-        if context.may_touch:
+        north, east, _ = context.below.velocity
+        if context.below.may_touch:
             context.orders.climb_away(north, east)
         else:  # there is room to begin gently
             climb = (north, east, -context.options.limits.climb_mps)
@@ -66,4 +66,4 @@ class ClimbAway:
         vehicle = context.estimator.fresh_vehicle(now)
         if vehicle is None or self._from_down is None:
             return None
-        return self._from_down - vehicle.feet[2] + (now - self._began) * context.pad_velocity[2]
+        return self._from_down - vehicle.feet[2] + (now - self._began) * context.below.velocity[2]

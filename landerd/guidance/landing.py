@@ -6,7 +6,7 @@ from dataclasses import replace
 from landerd.config.models import Config
 from landerd.estimation.estimator import Estimator
 from landerd.guidance import pilot_texts
-from landerd.guidance.foothold import most_lean
+from landerd.guidance.footprint import most_lean
 from landerd.guidance.gate import Authority, Gate
 from landerd.guidance.landing_context import ControlStep, LandingContext, LandingState
 from landerd.guidance.last_orders import LastOrders
@@ -16,8 +16,10 @@ from landerd.guidance.method import make_method
 from landerd.guidance.orders import Orders
 from landerd.guidance.phases import Phases
 from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.state_committed import Committed
 from landerd.guidance.state_flying import Searching, Tracking
-from landerd.guidance.state_pad import Committed, Leaving, OnPad, Standing
+from landerd.guidance.state_leaving import Leaving
+from landerd.guidance.state_on_pad import OnPad, Standing
 from landerd.guidance.state_silent import Releasing, Silent
 from landerd.guidance.states import HAND_BACKS, LANDED, OUTCOMES, TRANSITIONS, Event, State
 from landerd.guidance.touchdown import Touchdown
@@ -95,7 +97,7 @@ class Landing:
     def stands(self) -> bool:
         """Whether the vehicle stands still on the pad, as far as is known."""
         on_pad = self.state is State.ON_PAD and self._touchdown.stands
-        return on_pad and not self._context.is_left_behind(self._now)
+        return on_pad and not self._context.below.leaves_behind(self._now)
 
     @property
     def reason(self) -> str:
@@ -105,12 +107,12 @@ class Landing:
     @property
     def outcome(self) -> str | None:
         """Outcome of the last landing, None while none has ended."""
-        return self._context.outcome
+        return self._context.attempts.outcome
 
     @property
     def aborts(self) -> int:
         """Times a descent was broken off, or the pad went out of sight while flying."""
-        return self._context.aborts
+        return self._context.attempts.aborts
 
     def relative_state(self, now: float) -> RelativeState | None:
         """Return the pad relative to the vehicle at time now (s), None while either is unknown."""
@@ -128,7 +130,7 @@ class Landing:
         authority, why = self._gate.authority(now)
         hold_asked = self._context.hold_asked = self._gate.asks_to_hold
         if self._gate.with_pilot or hold_asked:
-            self._context.forgive()
+            self._context.attempts.forgive()
         step = ControlStep(now, dt, authority is Authority.GRANTED, why)
         self._context.watch(step)
         event: Event | None = self._event_of(authority)
@@ -172,7 +174,7 @@ class Landing:
                     return Event.SILENCED
                 if self._has_tipped:
                     return Event.DISARMED_TIPPED
-                on_plate = self._context.foothold.on_plate and not self._has_fallen
+                on_plate = self._context.footprint.on_plate and not self._has_fallen
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD
 
     def _takes_touch(self) -> bool:
@@ -188,7 +190,7 @@ class Landing:
         turns = (
             vehicle is not None
             and vehicle.tilt > TURNS_OVER
-            and self._context.pad_down(self._now) - vehicle.feet[2] < TURNS_OVER_BELOW_M
+            and self._context.below.down(self._now) - vehicle.feet[2] < TURNS_OVER_BELOW_M
         )
         self._turns_since = min(self._turns_since, self._now) if turns else math.inf
         return self._now - self._turns_since >= TURNS_OVER_S and not self._touchdown.is_level
@@ -202,15 +204,15 @@ class Landing:
     def _has_fallen(self) -> bool:
         """Whether it stands lower than the pad can be: it has slid off a plate that stands high."""
         vehicle = self._context.estimator.vehicle(self._now)
-        below = 0.0 if vehicle is None else vehicle.feet[2] - self._context.pad_down(self._now)
+        below = 0.0 if vehicle is None else vehicle.feet[2] - self._context.below.down(self._now)
         return below > FALLEN_M
 
     def _must_leave(self) -> bool:
         """Tell whether a stop relative to the ground would tip the vehicle over on the pad."""
         if self.state is State.ON_PAD:
             stands = self._touchdown.stands or self._touchdown.has_settled(self._now)
-            return self._context.over_fast_pad and not stands
-        return self._context.just_over_fast_pad
+            return self._context.below.is_fast and not stands
+        return self._context.below.is_fast_and_close
 
     def _follow(self, event: Event, step: ControlStep) -> ControlStep:
         """Go where an event leads; return the control step as the new state begins it."""
@@ -218,11 +220,11 @@ class Landing:
         if state is None:
             return step
         if event in LANDED:  # also where that was confirmed late
-            self._context.outcome = OUTCOMES[event]
+            self._context.attempts.outcome = OUTCOMES[event]
         elif event in OUTCOMES:
-            self._context.finish(OUTCOMES[event])
+            self._context.attempts.finish(OUTCOMES[event])
         if event is Event.CLEAR_OF_PAD:
-            self._context.leave_pad()
+            self._context.below.leave()
         elif event is Event.TURNS_OVER:
             self._touchdown.turn_over(self._now)
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
@@ -239,4 +241,4 @@ class Landing:
         """Tell the pilot to take over; landerd flies again only after the switch was low."""
         self._orders.say(Severity.CRITICAL, pilot_texts.HANDED_BACK.format(reason=reason))
         self._gate.latch()
-        self._context.forgive()
+        self._context.attempts.forgive()

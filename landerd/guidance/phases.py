@@ -5,7 +5,7 @@ import math
 from landerd.config.models import DescentSection
 from landerd.geometry import clamp
 from landerd.guidance import pilot_texts
-from landerd.guidance.foothold import MAX_LEAN
+from landerd.guidance.footprint import MAX_LEAN
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import CONTACT_S, MAX_BLIND_S
 from landerd.messages import Phase

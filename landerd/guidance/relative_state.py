@@ -109,3 +109,17 @@ class RelativeState:
         if self.course_rate == 0.0:
             return self.pad_velocity
         return rotate(rot_z(self.course_rate * dt), self.pad_velocity)
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """The pad in sight in one control step, of a vehicle whose own data are fresh."""
+
+    relative: RelativeState
+    age: float  # since the exposure of the last accepted sighting, s
+    heading: float | None  # of the pad, local, rad; None: not known
+    lean: float  # of the airframe from how it would stand on the pad, rad
+    pad_down: float  # local z of the landing point, m
+    # The autopilot's height contradicts its climb rate: what it is ordered up or down it flies
+    # otherwise, and a pad that stands seems to rise or to sink.
+    climbs_otherwise: bool

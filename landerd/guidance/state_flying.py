@@ -4,11 +4,11 @@ import math
 
 from landerd.geometry import ZERO, clamp, norm, sub
 from landerd.guidance import pilot_texts
-from landerd.guidance.landing_context import ControlStep, LandingContext, Sight
+from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.method import Method
 from landerd.guidance.phases import Phases
-from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.relative_state import RelativeState, Sight
 from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import Event
 from landerd.messages import Phase, Severity
@@ -74,8 +74,8 @@ class Tracking:
             context.orders.go_on_from((north, east, down))
         self._heading_t = self._seen_from = self._followed_t = step.now
         self._holds = False
-        context.begin_landing(step.now)
-        context.outcome = None
+        context.attempts.begin(step.now)
+        context.attempts.outcome = None
         self._phases.restart()
         self._method.restart()
         context.orders.enter(Phase.APPROACH, step.why)
@@ -84,13 +84,13 @@ class Tracking:
         """Order the method's velocity, down only where the phases allow it."""
         context, sight = self._context, self._context.sight
         if sight is None:
-            is_low = context.just_over_fast_pad or context.sinks_onto_fast_pad
+            is_low = context.below.is_fast_and_close or context.below.sinks_onto_fast
             return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
-        context.tracked_t = step.now
-        rests = sight.climbs_otherwise and context.rests(step.now)
+        context.attempts.tracked_t = step.now
+        rests = sight.climbs_otherwise and context.rest.is_seen(step.now)
         if rests and context.orders.climbs and not context.hold_asked:
             # Its climb rate is wrong: that it was told to climb does not say that it will.
-            north, east, _ = context.pad_velocity
+            north, east, _ = context.below.velocity
             context.orders.end_climb(north, east)
             return None
         if context.stands(step.now) and not context.hold_asked:
@@ -126,7 +126,7 @@ class Tracking:
             down = heave - min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
         may_descend = self._may_descend(step.now, sight, floor_m)
         # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
-        seen_m = relative.height + context.estimator.doubt.off_m
+        seen_m = relative.height + context.estimator.inconsistency.off_m
         if climbs and seen_m < o.descent.commit_height_m:
             # With the pad: a deck that comes up may have its feet, and they would be dragged.
             north, east, _ = relative.pad_velocity
@@ -150,13 +150,13 @@ class Tracking:
         # seen to heave all but stands: what is not known of its velocity is mostly sight's.
         unsure = min(UNSURE_HEAVE_SIGMAS * relative.sigma_heave, UNSURE_HEAVE_MPS)
         comes_up = min(0.0, relative.pad_velocity[2] - unsure)
-        least = comes_up if context.heaves else comes_up + safe
+        least = comes_up if context.below.heaves else comes_up + safe
         return max(relative.sure_heave + safe, least)
 
     def _may_descend(self, now: float, sight: Sight, floor_m: float) -> bool:
         """Tell whether it may sink, to a height over the pad, m; called at every control step."""
         context, phases, relative = self._context, self._phases, sight.relative
-        if not phases.may_descend(relative, context.estimator.doubt.off_m):
+        if not phases.may_descend(relative, context.estimator.inconsistency.off_m):
             self._outside_t = now
         is_inside = now - self._outside_t >= SETTLED_S
         is_sure = relative.heading_error is not None or now - self._seen_from >= RING_ALONE_S
@@ -180,25 +180,25 @@ class Tracking:
         """Step the phases; return the event that ends tracking, None to go on."""
         context, phases = self._context, self._phases
         relative = sight.relative
-        context.note(relative)
+        context.below.note(relative)
         # Nor is it stopped just over a pad that moves: it lands or goes around first.
-        if context.takes_too_long(step.now) and not context.just_over_fast_pad:
+        if context.attempts.takes_too_long(step.now) and not context.below.is_fast_and_close:
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
         phases.watch(sight.lean, relative, step.dt)
         may_land = not context.hold_asked and not sight.climbs_otherwise
         phase, why = phases.step(relative, sight.age, may_land=may_land)
         if self._wait_out(sight):
-            return Event.NO_LANDING_POSSIBLE if context.tried_enough else None
+            return Event.NO_LANDING_POSSIBLE if context.attempts.tried_enough else None
         context.orders.enter(phase, why)
         self._tell_of_hold(phase, relative)
         if phases.goes_around and not went_around:
             context.break_off()
             context.orders.say(Severity.WARNING, why)
-        elif went_around and not phases.goes_around and context.tried_enough:
+        elif went_around and not phases.goes_around and context.attempts.tried_enough:
             return Event.NO_LANDING_POSSIBLE
         if not context.hold_asked:
-            context.begin_landing(step.now)
+            context.attempts.begin(step.now)
         waits = phase is Phase.YAW_CORRECTION and not context.hold_asked
         if not waits or (relative.heading_error is not None and not phases.leans):
             self._heading_t = step.now
@@ -260,25 +260,25 @@ class Searching:
 
     def enter(self, step: ControlStep) -> None:
         """Begin the plan where the vehicle is."""
-        self._plan.begin(step.now, low=self._context.low)
+        self._plan.begin(step.now, low=self._context.below.low)
 
     def order(self, step: ControlStep) -> Event | None:
         """Order what the plan says, without turning; count the abort, once, if it is one."""
         context = self._context
-        if context.tracked_t > -math.inf and not context.goes_on(step.now):
+        if context.attempts.tracked_t > -math.inf and not context.goes_on(step.now):
             context.break_off()
-        if context.tried_enough:
+        if context.attempts.tried_enough:
             return Event.NO_LANDING_POSSIBLE
         if context.sight is not None:
             return Event.PAD_IN_SIGHT
         vehicle = context.estimator.fresh_vehicle(step.now)
         planned = self._plan.step(step.now, vehicle.feet[2] if vehicle else None)
-        if context.takes_too_long(step.now):
+        if context.attempts.takes_too_long(step.now):
             return Event.TOOK_TOO_LONG
         if planned is None:
             return Event.PAD_NOT_FOUND
         # Climbing needs a position to know when to stop, or a time.
-        climbs_blind = context.low and self._plan.waited_s(step.now) < BLIND_CLIMB_S
+        climbs_blind = context.below.low and self._plan.waited_s(step.now) < BLIND_CLIMB_S
         may_climb = vehicle is not None or climbs_blind
         velocity, what = planned if may_climb else (ZERO, pilot_texts.HOLDING)
         why = pilot_texts.BLIND.format(why=context.why_blind(step.now), what=what)

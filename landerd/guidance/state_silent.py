@@ -15,7 +15,7 @@ class Silent:
 
     def enter(self, step: ControlStep) -> None:
         """Begin to wait: while others fly no landing is under way."""
-        self._context.end_landing()
+        self._context.attempts.end()
 
     def order(self, step: ControlStep) -> Event | None:
         """Order nothing, and say why."""

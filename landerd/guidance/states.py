@@ -2,9 +2,10 @@
 
 Each control step the gate says who flies, and the state says what is ordered or which event has
 happened; the table below says where that leads, and the new state has its turn in the same step.
-What a state orders is in its class (`state_silent`, `state_flying`, `state_pad`), what the pilot is
-told in `pilot_texts`. The thesis's phases (`phases`, messages.Phase) are what the pilot and the log
-see: APPROACH to DESCENT while TRACKING, LANDED while COMMITTED and ON_PAD, else NOT_LANDING.
+What a state orders is in its class (`state_silent`, `state_flying`, `state_committed`,
+`state_on_pad`, `state_leaving`), what the pilot is told in `pilot_texts`. The thesis's phases
+(`phases`, messages.Phase) are what the pilot and the log see: APPROACH to DESCENT while TRACKING,
+LANDED while COMMITTED and ON_PAD, else NOT_LANDING.
 """
 
 from collections.abc import Mapping

@@ -5,6 +5,7 @@ What was tried in wind is the campaign `guidance` with its rows wind-8 and wind-
 """
 
 import math
+from dataclasses import dataclass
 
 from landerd.config.models import Config
 from landerd.geometry import clamp
@@ -95,6 +96,25 @@ LIFTS_S = 0.15
 LIFTED_M, LIFTS_MPS = 0.08, 0.15
 
 DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
+
+
+@dataclass(frozen=True, slots=True)
+class ContactMotion:
+    """How vehicle and pad move in a control step from contact on."""
+
+    feet_down: float  # local z, m
+    pad_down: float  # as far down as it may be by now, local z, m
+    sink_rate: float  # measured, m/s, downward; infinity: not known
+    slip: float  # measured speed across the pad, m/s; infinity: not known
+    roll_pitch_rate: float  # measured, rad/s; infinity: not known
+    pad_speed: float  # horizontal, against which slip is measured, m/s
+    heave: float  # of the pad, downward, as far as is known, m/s
+    sigma_heave: float  # m/s
+
+    @property
+    def slip_error(self) -> float:
+        """What of the slip may be an error of the pad's speed, m/s."""
+        return PAD_SPEED_ERROR_SHARE * self.pad_speed
 
 
 class Touchdown:
@@ -301,12 +321,8 @@ class Touchdown:
     def level_due(
         self,
         now: float,
-        down: tuple[float, float],
-        sinking: tuple[float, float],
-        slip: float,
-        roll_pitch_rate: float,
-        pad_speed: float,
-        heave: tuple[float, float],
+        motion: ContactMotion,
+        ordered: float,
         landed: Landed,
         *,
         tips: bool = False,
@@ -322,21 +338,17 @@ class Touchdown:
 
         Args:
             now: s; called at every control step from contact on.
-            down: local z of the feet, and of the pad as far as that may have sunk, m.
-            sinking: downward, measured and of the last set-point, m/s; infinity when not known.
-            slip: measured speed across the pad, m/s; infinity when not known.
-            roll_pitch_rate: measured, rad/s; infinity when not known.
-            pad_speed: horizontal, against which slip is measured, m/s.
-            heave: of the pad downward as far as is known, and its standard deviation, m/s.
+            motion: of vehicle and pad.
+            ordered: what it is to sink at by the last set-point, m/s.
             landed: what the autopilot's land detector says.
             tips: thrust tips it over, or drags it off.
             released: landerd may not fly on, and what stands is pressed down no longer.
         """
         if self._turned_over:
             return True
-        (sink_rate, ordered), (heaves, sigma) = sinking, heave
+        sink_rate = motion.sink_rate
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
-        by_deck = clamp(heaves + 2.0 * sigma, 0.0, FASTEST_HEAVE_MPS)
+        by_deck = clamp(motion.heave + 2.0 * motion.sigma_heave, 0.0, FASTEST_HEAVE_MPS)
         self._note_slow(now, is_slow=sink_rate - by_deck < CONTACT_SINK_SHARE * self._descent_mps)
         held_up_by = self._fly_on(now, sink_rate, ordered) - sink_rate
         # Told to climb, what has touched is held down, if by anything.
@@ -344,20 +356,12 @@ class Touchdown:
         is_pressed = released or told_up or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps
         if not is_pressed:
             self._flew_t = now  # for all that is known
-        error = PAD_SPEED_ERROR_SHARE * pad_speed
-        if not (roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
-            self._flat_since = math.inf
-        elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:
-            self._flat_since, self._flat_at = now, down
-        if slip < MAX_SLIP_MPS + error:
-            self._still_since = max(self._flat_since, min(self._still_since, now))
-        else:
-            self._still_since = math.inf
+        self._note_still(now, motion, is_pressed=is_pressed)
         since = max(self._contact_t, self._flew_t) if self._contact_t is not None else math.inf
         waited = now - since
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
-        slides = slip < SLIDES_MPS + error and (self.leaned or released)
+        slides = motion.slip < SLIDES_MPS + motion.slip_error and (self.leaned or released)
         slides = slides and waited > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
         confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
@@ -371,6 +375,18 @@ class Touchdown:
             self._level_down = None
         self.stands = stands or self._level or confirmed
         return self._level
+
+    def _note_still(self, now: float, motion: ContactMotion, *, is_pressed: bool) -> None:
+        """Note since when it lies flat, and does not slide either."""
+        down = motion.feet_down, motion.pad_down
+        if not (motion.roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
+            self._flat_since = math.inf
+        elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:
+            self._flat_since, self._flat_at = now, down
+        if motion.slip < MAX_SLIP_MPS + motion.slip_error:
+            self._still_since = max(self._flat_since, min(self._still_since, now))
+        else:
+            self._still_since = math.inf
 
     def _has_settled_by(self, down: tuple[float, float]) -> float:
         """Return how far it has sunk since it lies flat, and not with the pad, m."""

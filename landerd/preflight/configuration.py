@@ -8,7 +8,7 @@ from pathlib import Path
 from landerd.camera_model import CameraModel, load_camera
 from landerd.config.files import config_dir
 from landerd.config.models import Config
-from landerd.guidance.foothold import most_lean
+from landerd.guidance.footprint import most_lean
 from landerd.guidance.phases import descent_radius, most_widening
 from landerd.guidance.relative_state import CAMERA_PLACE_SIGMA_M
 from landerd.pad import WHYCODE_CORE, Marker, PadLayout, Plate, Ring, Square, size_m

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from landerd.reference import ardupilot_files, configuration_page, parameter_page
+from landerd.reference import ardupilot_files, configuration_page, fault_page, parameter_page
 
 
 def pages() -> Mapping[str, str]:
@@ -10,5 +10,6 @@ def pages() -> Mapping[str, str]:
     return {
         "docs/parameters.md": parameter_page.markdown(),
         "docs/configuration-keys.md": configuration_page.markdown(),
+        "docs/faults.md": fault_page.markdown(),
         **ardupilot_files.files(),
     }

@@ -8,7 +8,6 @@ virtual clock inline, and the result is taken in after a modelled latency.
 import asyncio
 import logging
 import math
-from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -33,7 +32,6 @@ from landerd.messages import (
     Heartbeat,
     Input,
     LandingTarget,
-    Phase,
     PhaseChange,
     PressDown,
     Prior,
@@ -46,9 +44,11 @@ from landerd.messages import (
 )
 from landerd.pad import PadLayout
 from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
+from landerd.runtime.fault_log import FaultLog
 from landerd.runtime.frozen import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
 from landerd.runtime.observer import Observer
+from landerd.runtime.plots import health_figures, landing_figures
 from landerd.vision import Detectors, Vision
 from landerd.worker import JobHangs, Worker
 
@@ -57,7 +57,6 @@ log = logging.getLogger("landerd")
 HEARTBEAT_S = 1.0
 PLOT_S = 0.2
 HEALTH_PLOT_S = 1.0  # what changes slowly: a telemetry radio carries 5 kB/s
-PHASES = list(Phase)  # a phase is plotted as its place here
 FUTURE_S = 0.05  # a time stamp farther ahead than this is false
 OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
 IDLE_S = 0.1  # how often it is looked whether pictures are needed again
@@ -68,7 +67,6 @@ ARRIVALS_HZ = 300.0  # no device sends more messages
 CATCH_UP_S = 3.0  # what came before that is of no use any more
 # A camera that hangs does not let go; with LAST_ORDERS_S less than systemd waits (TimeoutStopSec).
 CLOSE_S = 1.0
-AWAY_S = 60.0  # how often it is said again that a device is away
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,13 @@ class CoreFailed(Exception):
 
 
 class Daemon:
-    """Runs until cancelled."""
+    """Runs until cancelled.
+
+    Attributes:
+        lander: the core; a new one for each flight.
+        monitor: what holds the event loop up.
+        faults: bad input, lost devices and what failed, counted by kind.
+    """
 
     def __init__(
         self,
@@ -120,8 +124,8 @@ class Daemon:
         self._vision = self._new_vision()
         self._vision_latency_s = vision_latency_s
         self._observers = observers
-        self._logged: dict[str, float] = {}
-        self._away: dict[str, str] = {}  # devices that were said to be lost, and why
+        self._fault_log = FaultLog()
+        self.faults = self._fault_log.counts
         self._frame_t = -math.inf
         self._armed = True  # as far as is known: an unknown vehicle may be flying
         self._frozen = FrozenInput()
@@ -134,7 +138,6 @@ class Daemon:
         self._last_orders: LastOrders | None = None
         self.monitor = LoopMonitor()
         self.lander = Lander(config, layout)
-        self.faults: Counter[str] = Counter()  # bad input by kind
 
     def observe(self, observer: Observer) -> None:
         """Show one more observer everything; call it before `run`."""
@@ -193,10 +196,10 @@ class Daemon:
                 wait = BACK_OFF_S[0]
                 await serve()
             except DeviceLost as e:
-                self._lose(name, str(e))
+                self._fault_log.lose(name, str(e))
             except Exception as e:  # of a driver, that nobody foresaw: not the flight's end
                 log.debug("%s", name, exc_info=e)
-                self._lose(name, f"{type(e).__name__}: {e}")
+                self._fault_log.lose(name, f"{type(e).__name__}: {e}")
             finally:
                 await self._close(name, device)
             await asyncio.sleep(wait)
@@ -207,9 +210,9 @@ class Daemon:
             async with asyncio.timeout(CLOSE_S):
                 await device.close()
         except TimeoutError:
-            self._fault(f"{name} not closed", f"it hangs for {CLOSE_S:g} s")
+            self._fault_log.add(f"{name} not closed", f"it hangs for {CLOSE_S:g} s")
         except Exception as e:
-            self._fault(f"{name} not closed", f"{type(e).__name__}: {e}")
+            self._fault_log.add(f"{name} not closed", f"{type(e).__name__}: {e}")
 
     async def _autopilot(self) -> NoReturn:
         while True:
@@ -226,11 +229,11 @@ class Daemon:
                 await asyncio.sleep(IDLE_S)
                 continue
             frame = await self._devices.camera.newest()
-            self._find("camera")
+            self._fault_log.find("camera")
             if not self._usable(frame, loop.time()):
                 continue
             if self._worker is not None and self._worker.is_stuck:
-                self._fault("image not searched", "too many searches hang")
+                self._fault_log.add("image not searched", "too many searches hang")
                 continue
             arrived_t = loop.time()
             searched = await self._search(frame)
@@ -254,9 +257,9 @@ class Daemon:
             else:
                 sightings = await self._worker.run(search, SEARCH_S)
         except JobHangs:
-            self._fault("search of an image hangs", f"given up after {SEARCH_S:g} s")
+            self._fault_log.add("search of an image hangs", f"given up after {SEARCH_S:g} s")
         except Exception as e:  # whatever a picture brings about, it must not end the flight
-            self._fault("image not searched", f"{type(e).__name__}: {e}")
+            self._fault_log.add("image not searched", f"{type(e).__name__}: {e}")
         else:
             return prior, sightings
         return None
@@ -282,10 +285,12 @@ class Daemon:
                 raise CoreFailed(f"{type(self._failure).__name__}: {self._failure}")
             if now - plotted >= PLOT_S:
                 plotted = now
-                self._send(lambda: self._devices.autopilot.plot(self._figures(loop.time())))
+                self._send(
+                    lambda: self._devices.autopilot.plot(landing_figures(self.lander, loop.time()))
+                )
             if now - health_plotted >= HEALTH_PLOT_S:
                 health_plotted = now
-                self._send(lambda: self._devices.autopilot.plot(self._health_figures()))
+                self._send(lambda: self._devices.autopilot.plot(health_figures(self.lander)))
 
     async def _end_flight(self, period: float) -> None:
         """Stream the orders prepared before the core failed, while the vehicle takes any."""
@@ -300,28 +305,6 @@ class Daemon:
             self._carry_out(order)
             self._observe(lambda observer: observer.on_last_orders(loop.time()))
             await asyncio.sleep(period)
-
-    def _figures(self, now: float) -> dict[str, float]:
-        """What the pilot may watch in the ground station's plots."""
-        figures = {"phase": float(PHASES.index(self.lander.phase))}
-        pad = self.lander.relative_state(now)
-        if pad is not None:
-            figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
-        return {name: value for name, value in figures.items() if math.isfinite(value)}
-
-    def _health_figures(self) -> dict[str, float]:
-        """The same of how well sight and telemetry fit; nothing while nothing is seen."""
-        health, sensors = self.lander.health, self.lander.sensor_errors
-        if health is None:
-            return {}
-        return {
-            "pad_nis": health.nis,
-            "pad_ref_pc": 100.0 * health.refused,
-            "pic_age_ms": 1e3 * health.picture_age_s,
-            "cam_clk_ms": 1e3 * sensors.clock_s,
-            "cam_up_deg": math.degrees(sensors.up),
-            "cam_rt_deg": math.degrees(sensors.right),
-        }
 
     def _take(self, message: Input) -> None:
         """Give the core a message and carry out what it orders; a failed core takes none."""
@@ -349,7 +332,7 @@ class Daemon:
                 with self.monitor.at(name):
                     tell(observer)
             except Exception as e:
-                self._fault(f"{name} failed", f"{type(e).__name__}: {e}")
+                self._fault_log.add(f"{name} failed", f"{type(e).__name__}: {e}")
 
     def _carry_out(self, command: Command) -> None:
         self._send(lambda: self._give(command))
@@ -359,7 +342,7 @@ class Daemon:
         try:
             send()
         except Exception as e:
-            self._fault("order not sent", f"{type(e).__name__}: {e}")
+            self._fault_log.add("order not sent", f"{type(e).__name__}: {e}")
 
     def _give(self, command: Command) -> None:
         autopilot = self._devices.autopilot
@@ -387,14 +370,14 @@ class Daemon:
 
     def _take_from(self, source: str, message: Input) -> None:
         """Take a device's message unless a number or its time is impossible."""
-        self._find(source)
+        self._fault_log.find(source)
         now = asyncio.get_running_loop().time()
         if not _finite(message):
-            self._fault(f"{source} sent a number that is none", type(message).__name__)
+            self._fault_log.add(f"{source} sent a number that is none", type(message).__name__)
         elif message.t > now + FUTURE_S:
-            self._fault(f"{source} sent a time in the future", type(message).__name__)
+            self._fault_log.add(f"{source} sent a time in the future", type(message).__name__)
         elif self._repeats(message):
-            self._fault(f"{source} repeats itself", type(message).__name__)
+            self._fault_log.add(f"{source} repeats itself", type(message).__name__)
         else:
             if isinstance(message, Heartbeat):
                 self._watch_arming(message)
@@ -428,42 +411,22 @@ class Daemon:
     def _usable(self, frame: Frame, now: float) -> bool:
         image = frame.image
         if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-            self._fault("image of a wrong type", str(getattr(image, "dtype", type(image))))
+            self._fault_log.add("image of a wrong type", str(getattr(image, "dtype", type(image))))
         elif image.shape != self._shape:
             expected = f"{self._shape[1]}x{self._shape[0]}"
-            self._fault("image of a wrong size", f"{image.shape}, calibrated for {expected}")
+            self._fault_log.add(
+                "image of a wrong size", f"{image.shape}, calibrated for {expected}"
+            )
         elif not math.isfinite(frame.t) or frame.t > now + FUTURE_S:
-            self._fault("frame from the future", f"{frame.t - now:.3f} s ahead")
+            self._fault_log.add("frame from the future", f"{frame.t - now:.3f} s ahead")
         elif frame.t < now - OLDEST_FRAME_S or frame.t <= self._frame_t:
-            self._fault("frame too old or out of order", f"{now - frame.t:.3f} s old")
+            self._fault_log.add("frame too old or out of order", f"{now - frame.t:.3f} s old")
         elif self._frozen.picture_repeats(image):
-            self._fault("camera repeats itself", "the same picture with another time")
+            self._fault_log.add("camera repeats itself", "the same picture with another time")
         else:
             self._frame_t = frame.t
             return True
         return False
-
-    def _lose(self, device: str, reason: str) -> None:
-        """Count the loss of a device; log it when it is news, and then now and again."""
-        self.faults[f"{device} lost"] += 1
-        now = asyncio.get_running_loop().time()
-        every_s = AWAY_S if self._away.get(device) == reason else 1.0
-        if now - self._logged.get(device, -math.inf) >= every_s:
-            self._logged[device], self._away[device] = now, reason
-            log.warning("%s lost: %s", device, reason)
-
-    def _find(self, device: str) -> None:
-        """Log that a lost device has been heard again."""
-        if self._away.pop(device, None) is not None:
-            log.info("%s is back", device)
-
-    def _fault(self, kind: str, detail: str) -> None:
-        """Count bad input and log each kind at most once a second."""
-        self.faults[kind] += 1
-        now = asyncio.get_running_loop().time()
-        if now - self._logged.get(kind, -math.inf) >= 1.0:
-            self._logged[kind] = now
-            log.warning("%s: %s (%d so far)", kind, detail, self.faults[kind])
 
 
 async def _catch_up(gap_s: float) -> None:

@@ -1,11 +1,11 @@
 """Lets the faults of `sim.faults` happen in a flight, and notes when and where they did."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from hw.sim.fault_options import FAULTS, PHASES, FaultOptions, OnsetOptions
+from hw.sim.fault_options import FAULTS, PHASES, FaultKind, FaultOptions, OnsetOptions
 from hw.sim.faults.bench import Bench
 from hw.sim.faults.table import EFFECTS
 from landerd.messages import Phase
@@ -13,6 +13,11 @@ from landerd.messages import Phase
 LOOKS_S = 0.01
 EXCUSED_S = 3.0  # what a fault has broken may show so long after it,
 LASTING_S = 6.0  # and after the moment of one that is done at once: a stall, a restart
+
+
+def fault_kinds() -> Mapping[str, FaultKind]:
+    """Return what can go wrong, by name; for those who do not see `hw`."""
+    return FAULTS
 
 
 @dataclass

@@ -180,7 +180,7 @@ class BreakableDaemon(Daemon):
         searched = await super()._search(frame)
         await asyncio.sleep(min(self.computer.search_s, SEARCH_S))
         if self.computer.search_s > SEARCH_S:
-            self._fault("search of an image hangs", f"given up after {SEARCH_S:g} s")
+            self._fault_log.add("search of an image hangs", f"given up after {SEARCH_S:g} s")
             return None
         return searched
 

@@ -89,7 +89,7 @@ def _bent_consensus(
 ) -> tuple[list[Candidate], list[PoseSolution]] | None:
     """Return what agrees with a seed in a picture that is bent, as little as may be."""
     for px in _BENDS_PX:
-        bend = px / (0.5 * (camera.fx + camera.fy))
+        bend = px / camera.focal
         start, *others = (_bent(c, bend) for c in (seed, *candidates))
         group, poses = _consensus(start, others, errors, prior, _MAX_CHI2_BENT)
         if len(group) > 1:

@@ -81,7 +81,7 @@ def marker_patch(
         rays=rays,
         x=_normalised(rays[0]),
         y=_normalised(rays[1]),
-        pixel=reduce / (0.5 * (camera.fx + camera.fy)),
+        pixel=reduce / camera.focal,
         blur=_LENS_BLUR / reduce**2 + _BOX_BLUR,
         bias=math.hypot(_EDGE_BIAS_PX, _REDUCED_BIAS_PX * reduce),
     )

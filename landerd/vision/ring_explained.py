@@ -20,12 +20,12 @@ from landerd.vision.arrays import U8
 from landerd.vision.edge_profile import edge_cost
 from landerd.vision.linear import solved
 from landerd.vision.pose import px_per_m
+from landerd.vision.ring_checks import is_blurred_away, is_dim_within
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_edges import RingEdgeFit, edge_fit, points_on
 from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import CirclePose, mirrored
-from landerd.vision.ring_stages import is_blurred_away, is_dim_within
 
 # What edges must show to be a ring's: shares of the rays with an outer and with an inner edge, of
 # the stroke that is dark, of hole and surroundings that are bright, of what is seen at all. Each is

@@ -15,6 +15,13 @@ from landerd.vision.arrays import U8
 from landerd.vision.plate_ring import PlateRing
 from landerd.vision.plate_search import PlateSearch
 from landerd.vision.pyramid import Level
+from landerd.vision.ring_checks import (
+    is_dark_in_white,
+    is_poor,
+    may_be_behind,
+    may_have_edges,
+    tells_ratio,
+)
 from landerd.vision.ring_cut import cut_rings
 from landerd.vision.ring_explained import (
     Explained,
@@ -25,7 +32,13 @@ from landerd.vision.ring_explained import (
     vouched_grey,
 )
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_fits import explained_fits, fits_behind_response, is_ours, remember
+from landerd.vision.ring_fit_stages import (
+    full_fits,
+    hard_fits,
+    start_at_outline,
+    start_at_pose,
+    start_by_rough_fit,
+)
 from landerd.vision.ring_match import matches
 from landerd.vision.ring_pose import mirrored, poses_through
 from landerd.vision.ring_response import CameraResponse
@@ -36,19 +49,8 @@ from landerd.vision.ring_segment import (
     hole_candidates,
     ring_candidates,
 )
+from landerd.vision.ring_selection import explained_fits, fits_behind_response, is_ours, remember
 from landerd.vision.ring_sighting import ring_sighting
-from landerd.vision.ring_stages import (
-    full_fits,
-    hard_fits,
-    is_dark_in_white,
-    is_poor,
-    may_be_behind,
-    may_have_edges,
-    start_at_outline,
-    start_at_pose,
-    start_by_rough_fit,
-    tells_ratio,
-)
 from landerd.vision.ring_work import (
     EDGE_COST,
     FULL_COST,

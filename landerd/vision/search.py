@@ -61,7 +61,6 @@ class Search:
         """Prepare the search; rings smaller than min_ring_px across are not reported."""
         self._layout = layout
         self._camera = camera
-        self._focal = 0.5 * (camera.fx + camera.fy)
         self._min_ring_px = min_ring_px
         self._detectors = detectors
         self._state = policy.SearchState()
@@ -187,7 +186,7 @@ class Search:
         window = self._window(points, expected)
         if window is None:
             return []
-        size = self._focal * ring.outer_diameter_m / float(points[:, 2].mean())
+        size = self._camera.focal * ring.outer_diameter_m / float(points[:, 2].mean())
         return self._detectors.find_rings(
             image,
             ring,
@@ -357,7 +356,7 @@ class Search:
         """Return the enlargement under which a square of this size is wide enough to be read."""
         distance = float(np.linalg.norm(position))
         slant = max(_MIN_SLANT, abs(float(position @ normal)) / distance)
-        return min(_MAX_SCALE, _SEARCH_SIDE_PX * distance / (self._focal * size * slant))
+        return min(_MAX_SCALE, _SEARCH_SIDE_PX * distance / (self._camera.focal * size * slant))
 
     def _window(
         self, points: F64, expected: Expected, share: float = _WINDOW_MARGIN
@@ -375,7 +374,7 @@ class Search:
         margin = (
             share * (high - low)
             + expected.margin_px
-            + _WINDOW_SIGMAS * expected.sigma_m * self._focal / nearest
+            + _WINDOW_SIGMAS * expected.sigma_m * self._camera.focal / nearest
         )
         x0, y0 = np.maximum(np.floor(low - margin), 0.0)
         x1, y1 = np.minimum(np.ceil(high + margin) + 1, (camera.width, camera.height))

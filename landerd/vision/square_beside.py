@@ -88,7 +88,7 @@ class SquareBeside:
             camera: the lens.
             ring: its solutions.
         """
-        focal = 0.5 * (camera.fx + camera.fy)
+        focal = camera.focal
         best: tuple[float, Pose] | None = None
         for s in ring:
             t, normal = np.array(s.position), np.array(s.normal)

@@ -174,7 +174,7 @@ class SquarePrint(MarkerPrint):
         """Return whence other solutions are fitted, of the corners as a first pose has them."""
         if known_normal is not None and pose.normal @ np.array(known_normal) > SAME_SOLUTION_COS:
             return []
-        focal = 0.5 * (camera.fx + camera.fy)
+        focal = camera.focal
         # Where another pose is known to be near, blurred or bloomed corners are no reason to doubt:
         # no pad lies as this one would.
         is_steep = down is not None and float(pose.normal @ np.array(down)) < _TILTED_COS

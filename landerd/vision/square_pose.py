@@ -37,7 +37,7 @@ def poses_from_corners(
     """
     rays = camera.rays(corners)
     points = square_points(size)
-    sigma = sigma_px / (0.5 * (camera.fx + camera.fy))
+    sigma = sigma_px / camera.focal
     poses = []
     for start, _ in planar_poses(rays, size):
         pose = _refined(rays, points, start, sigma)

@@ -95,7 +95,6 @@ class Vision:
         self._part, self._camera = part, camera.seeing(part)
         self._options = options
         self._meters = meters
-        self._focal = 0.5 * (camera.fx + camera.fy)
         self._detectors = detectors or PixelDetectors(layout, self._camera)
         self._search = Search(layout, self._camera, options.min_ring_px, self._detectors)
         self._errors = MarkerErrors(layout, options.focal_sigma)
@@ -119,7 +118,7 @@ class Vision:
         x0, y0, x1, y1 = self._part
         image = _checked(frame.image, self._whole)[y0:y1, x0:x1]
         prior = prior or Prior()
-        expected = expected_pad(frame.t, prior, self._last, self._focal)
+        expected = expected_pad(frame.t, prior, self._last, self._camera.focal)
         if prior.pad is None and prior.maybe is None:
             self._was_read = False
         vouched = self._is_vouched(frame.t, prior)

@@ -114,7 +114,6 @@ class WhyCodeFinder:
     def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
         """Prepare the prints of a pad's codes."""
         self._camera = camera
-        self._focal = 0.5 * (camera.fx + camera.fy)
         codes = sorted(layout.whycodes, key=lambda c: -c.outer_diameter_m)
         self._prints = {code: WhyCodePrint(code) for code in codes}
         self._edges = {code: whycode_edges(code) for code in codes}
@@ -338,7 +337,7 @@ class WhyCodeFinder:
 
     def _size_px(self, code: WhyCode, pose: Pose) -> float:
         """Return a code's diameter in the image."""
-        return self._focal * code.outer_diameter_m / max(float(pose.t[2]), MIN_DEPTH_M)
+        return self._camera.focal * code.outer_diameter_m / max(float(pose.t[2]), MIN_DEPTH_M)
 
 
 def read(image: Image, camera: CameraModel, pose: Pose, radius: float, bits: int) -> Reading | None:

@@ -11,7 +11,7 @@ from landerd.vision.arrays import U8
 from landerd.vision.pyramid import SMALL_PX, Level, levels
 from landerd.vision.ring_explained import Vouches, edge_fits
 from landerd.vision.ring_fit import RingFit
-from landerd.vision.ring_fits import explained_fits, remember
+from landerd.vision.ring_fit_stages import TRACKED_BAND_PX, expected_poses, is_off_cut, tracked_fits
 from landerd.vision.ring_match import SIZES, SMALLEST_PX, STEP
 from landerd.vision.ring_pose import CirclePose
 from landerd.vision.ring_response import CameraResponse
@@ -24,13 +24,8 @@ from landerd.vision.ring_segment import (
     dark_by_mean,
     dark_in_small,
 )
+from landerd.vision.ring_selection import explained_fits, remember
 from landerd.vision.ring_sighting import ring_sighting
-from landerd.vision.ring_stages import (
-    TRACKED_BAND_PX,
-    expected_poses,
-    is_off_cut,
-    tracked_fits,
-)
 from landerd.vision.ring_work import Part, RingWork
 
 # How a search looks for what is dark, in the coarsest level and in the others: of 100 pictures in

@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 
 from landerd.config.models import EstimationSection
+from landerd.estimation.noise_adaptation import MIN_ACCELERATION_MPS2
 from landerd.estimation.observation import BiasModel, PadObservation
-from landerd.estimation.pad_filter import MIN_ACCELERATION_MPS2, PadEstimate, PadFilter
+from landerd.estimation.pad_filter import PadEstimate, PadFilter
 from landerd.geometry import (
     IDENTITY,
     ZERO,

@@ -4,7 +4,7 @@ import pytest
 
 from landerd.config.models import AutopilotSection, Config
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import Touchdown
+from landerd.guidance.touchdown import ContactMotion, Touchdown
 from landerd.messages import Landed
 
 DT = 0.025
@@ -214,12 +214,16 @@ class Standing:
             due.append(
                 self.touchdown.level_due(
                     self.t,
-                    (self.down, self.pad_down),
-                    (sink_rate, GENTLE + max(0.0, heave[0])),
-                    slip,
-                    roll_pitch_rate,
-                    pad_speed,
-                    heave,
+                    ContactMotion(
+                        self.down,
+                        self.pad_down,
+                        sink_rate,
+                        slip,
+                        roll_pitch_rate,
+                        pad_speed,
+                        *heave,
+                    ),
+                    GENTLE + max(0.0, heave[0]),
                     landed,
                     tips=tips,
                     released=released,
@@ -346,11 +350,9 @@ def test_it_stands_still_from_the_touch_on_not_from_what_was_taken_for_contact()
 def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time() -> None:
     touchdown = make_touchdown()
     touchdown.begin(0.0)
+    stands_still = ContactMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     due = [
-        touchdown.level_due(
-            5.0 + i * DT, (0.0, 0.0), (0.0, GENTLE), 0.0, 0.0, 0.0, (0.0, 0.0), Landed.IN_AIR
-        )
-        for i in range(200)
+        touchdown.level_due(5.0 + i * DT, stands_still, GENTLE, Landed.IN_AIR) for i in range(200)
     ]
     assert not any(due)
     assert not any(Standing().level(4.0, landed=Landed.ON_GROUND))

@@ -14,7 +14,7 @@ THESIS_WIND_MPS = 4.4  # 1.4 m/s, a sine of 1 m/s and noise of 1 m/s, at two sig
 # Where a vehicle in steady air hangs farther than this off the plate's normal, no gear holds it:
 # half lifted by the thrust it steers with it slides (26 degrees on), and tips over once that is
 # gone (30 degrees on; docs/safety.md, what cannot be kept). Flown on 77 days without landerd's own
-# refusal (foothold.MAX_LEAN): of 24 to 27 degrees 42 of 52 stood, of 27 to 31 10 of 25.
+# refusal (footprint.MAX_LEAN): of 24 to 27 degrees 42 of 52 stood, of 27 to 31 10 of 25.
 TIPS_AT = math.radians(27.0)
 # A deck's vertical acceleration against the vehicle's: half is for braking the descent
 # (docs/how-it-lands.md, heaving decks).

@@ -36,10 +36,10 @@ from landerd.vision.pose import (
 from landerd.vision.print_fit import Fit
 from landerd.vision.ring_covariance import frontal_inflation
 from landerd.vision.ring_fit import RingFit
+from landerd.vision.ring_fit_stages import MAX_TILT_COS, TRACKED_BAND_PX
 from landerd.vision.ring_pose import tangents
 from landerd.vision.ring_search import Refusal
 from landerd.vision.ring_sighting import ring_sighting
-from landerd.vision.ring_stages import MAX_TILT_COS, TRACKED_BAND_PX
 from landerd.vision.ring_work import RingWork
 from landerd.vision.square import MIN_SIDE_PX, FoundSquare
 from landerd.vision.square_fit import AMBIGUITY_CHI2
@@ -104,7 +104,7 @@ class ModelledDetectors:
         self._seed = seed
         self._sensitivity = Sensitivity(options.render, options.camera, options.pad)
         self._edges = [edges_of(m) for m in layout.markers]
-        self._focal = 0.5 * (believed.fx + believed.fy)
+        self._focal = believed.focal
         self._image: Image | None = None
         self._view: View | None = None
         self._sights: dict[int, _Sight | None] = {}

@@ -48,7 +48,7 @@ KINDS = {
     "aruco": Kind(8.5, 0.6, 0.998, 0.6, 1.3, 60.0, 2.0),
 }
 DETECTED_SHOWN = 0.995  # share of a square's edges in the picture, to be found where nobody expects
-_LEAST_CONTRAST, _LEAST_NOISES = 12.0, 9.0  # `ring_stages`: grey levels, and over the noise
+_LEAST_CONTRAST, _LEAST_NOISES = 12.0, 9.0  # `ring_checks`: grey levels, and over the noise
 _ROUNDING = 0.29  # grey levels
 # Errors that no residual shows, as `ring_sighting`, `patch` and `print_fit` state them.
 _RING_BIAS_PX, _RING_LATERAL_PX = 0.004, 0.003

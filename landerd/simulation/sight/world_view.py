@@ -151,7 +151,7 @@ class WorldView:
             return np.zeros(2)
         marker = np.array(view.pad.position)[None]
         first, last = (in_camera(c, marker)[0] for c in (view.start, view.end))
-        focal = 0.5 * (self._lens.fx + self._lens.fy)
+        focal = self._lens.focal
         if min(first[2], last[2]) < MIN_DEPTH_M:
             return np.zeros(2)
         path: F64 = focal * (last[:2] / last[2] - first[:2] / first[2])

@@ -9,17 +9,12 @@ from landerd.vision.arrays import U8
 from landerd.vision.edge_profile import medians
 from landerd.vision.patch import levels_at
 from landerd.vision.pose import circle, px_per_m, rotation_from
+from landerd.vision.ring_checks import is_dark_in_white, is_poor, is_ring, may_be_behind
 from landerd.vision.ring_edges import rise_within
 from landerd.vision.ring_explained import Vouches, edges_contradict, explained, is_toned
 from landerd.vision.ring_fit import RingFit
+from landerd.vision.ring_fit_stages import response_fits
 from landerd.vision.ring_response import CameraResponse
-from landerd.vision.ring_stages import (
-    is_dark_in_white,
-    is_poor,
-    is_ring,
-    may_be_behind,
-    response_fits,
-)
 
 # Circles within the stroke at which a target of several rings shows, from this share of its width
 # to that; narrower strokes, px, are all edge; how far one rises over the others, of the contrast:

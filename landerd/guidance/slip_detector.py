@@ -7,7 +7,7 @@ Sight tells one from the other, without any filter: in one the pad stays where i
 
 import math
 
-from landerd.estimation.observation import Glimpse
+from landerd.estimation.observation import PadFix
 from landerd.geometry import Vec3, horizontal, sub
 
 # The pad is to have moved so far under the feet, by what is known of its velocity, before sight is
@@ -20,11 +20,11 @@ STAYS_SHARE = 0.5  # of that, by which it may be seen to have moved and stays al
 MOVES_M = 0.06
 
 
-class Footing:
-    """Looks at every glimpse of the pad from contact on.
+class SlipDetector:
+    """Looks at every fix of the pad from contact on.
 
     Attributes:
-        holds: the vehicle goes with the pad, and not as the pad is known to go.
+        is_carried: the vehicle goes with the pad, and not as the pad is known to go.
     """
 
     def __init__(self) -> None:
@@ -32,11 +32,11 @@ class Footing:
 
     def begin(self, t: float) -> None:
         """The feet have touched at time t, s."""
-        self.holds = False
+        self.is_carried = False
         self._touched_t = t
-        self._first: Glimpse | None = None  # since then
-        self._last: Glimpse | None = None
-        self._from: Glimpse | None = None  # the one that the newest is compared with
+        self._first: PadFix | None = None  # since then
+        self._last: PadFix | None = None
+        self._from: PadFix | None = None  # the one that the newest is compared with
         self._known = (0.0, 0.0)  # by which the pad should have moved under the feet since that, m
 
     @property
@@ -46,29 +46,29 @@ class Footing:
             return 0.0
         return self._last.to_pad[2] - self._first.to_pad[2]
 
-    def look(self, glimpse: Glimpse, pad_velocity: Vec3) -> bool:
-        """Take a glimpse of the pad; tell whether it is a new one.
+    def look(self, fix: PadFix, pad_velocity: Vec3) -> bool:
+        """Take a fix of the pad; tell whether it is a new one.
 
         Args:
-            glimpse: the newest.
+            fix: the newest.
             pad_velocity: as known, local, m/s.
         """
         last = self._last
-        if glimpse.t < self._touched_t or (last is not None and glimpse.t <= last.t):
+        if fix.t < self._touched_t or (last is not None and fix.t <= last.t):
             return False
-        self._last = glimpse
+        self._last = fix
         if self._from is None or last is None:
-            self._first = self._from = glimpse
+            self._first = self._from = fix
             return True
-        dt, feet = glimpse.t - last.t, sub(glimpse.feet, last.feet)
+        dt, feet = fix.t - last.t, sub(fix.feet, last.feet)
         north, east = self._known
         self._known = (
             north + dt * pad_velocity[0] - feet[0],
             east + dt * pad_velocity[1] - feet[1],
         )
         known_m = math.hypot(*self._known)
-        stays = horizontal(sub(glimpse.to_pad, self._from.to_pad)) < STAYS_SHARE * known_m
-        self.holds = stays and known_m > TELLS_M
+        stays = horizontal(sub(fix.to_pad, self._from.to_pad)) < STAYS_SHARE * known_m
+        self.is_carried = stays and known_m > TELLS_M
         if known_m > MOVES_M and not stays:
-            self._from, self._known = glimpse, (0.0, 0.0)
+            self._from, self._known = fix, (0.0, 0.0)
         return True

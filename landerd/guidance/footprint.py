@@ -33,7 +33,7 @@ def most_lean(footprint_m: tuple[float, float], gear_height_m: float) -> float:
     return min(MAX_LEAN, tips - SWINGS)
 
 
-class Foothold:
+class Footprint:
     """The feet's circle and the plate; where it stood is followed from contact on."""
 
     def __init__(self, plate: Plate, footprint_m: tuple[float, float]) -> None:

@@ -3,7 +3,7 @@
 A step of the telemetry's time or position shows a pad that is elsewhere at once and stays there. A
 pad that brakes, or whose deck begins to heave, moves on from where it should be (a change of the
 process noise, found in the innovations: Bar-Shalom, Li and Kirubarajan 2001, 11.2): from where it
-would be by what was known when doubt began, for what has been made of the sightings since hides it.
+would be by what was known when that began, for what has been made of the sightings since hides it.
 """
 
 import math
@@ -32,8 +32,8 @@ GONE_M = 0.1
 GONE_SIGHTINGS = 2
 
 
-class Doubt:
-    """Looks at unlikely innovations; doubt begins with one and ends with a likely one.
+class Inconsistency:
+    """Looks at unlikely innovations; it begins with one and ends with a likely one.
 
     Attributes:
         lasts_s: for how long every sighting was farther off than noise explains, or the pad was
@@ -45,13 +45,13 @@ class Doubt:
         self.end(math.inf)
 
     def end(self, t: float) -> None:
-        """Begin without doubt at time t, s; infinity: no sighting was likely yet."""
+        """Begin with none at time t, s; infinity: no sighting was likely yet."""
         self.lasts_s = self.off_m = 0.0
         self._likely_t = t
         self._count = 0
         self._is_near = False
         self._first = self._last = self._newest = ZERO  # from where it should be, m
-        # The pad's course when doubt began, and the innovation's covariance then, m^2.
+        # The pad's course when it began, and the innovation's covariance then, m^2.
         self._began: tuple[Course, Mat3] | None = None
 
     def look(

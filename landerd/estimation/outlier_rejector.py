@@ -8,7 +8,7 @@ from landerd.geometry import Vec3, norm, sub
 AS_EXPECTED: Vec3 = (0.0, 0.0, 0.0)
 
 
-class Spikes:
+class OutlierRejector:
     """Looks at the reports of one kind, in order."""
 
     def __init__(self, believed_s: float = 0.0) -> None:
@@ -22,7 +22,7 @@ class Spikes:
         self._jump = AS_EXPECTED  # of the last reports, which agree
         self._since = float("-inf")
 
-    def is_one(self, t: float, jump: Vec3, most: float) -> bool:
+    def rejects(self, t: float, jump: Vec3, most: float) -> bool:
         """Tell whether a report is not to be taken.
 
         Args:

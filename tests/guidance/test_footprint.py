@@ -5,7 +5,7 @@ import math
 import pytest
 
 from landerd.geometry import Vec3
-from landerd.guidance.foothold import Foothold, most_lean
+from landerd.guidance.footprint import Footprint, most_lean
 from landerd.guidance.relative_state import RelativeState
 from landerd.pad import Plate
 
@@ -14,13 +14,13 @@ PLATE = Plate(south_m=0.62, north_m=1.02, west_m=0.62, east_m=0.62)
 FOOTPRINT = (0.44, 0.26)  # the circle through the feet has a radius of 0.26 m
 
 
-def touched(sigma_mps: float) -> Foothold:
-    """Return a foothold that touched on the landing point of a pad heading north."""
-    foothold = Foothold(PLATE, FOOTPRINT)
+def touched(sigma_mps: float) -> Footprint:
+    """Return a footprint that touched on the landing point of a pad heading north."""
+    footprint = Footprint(PLATE, FOOTPRINT)
     still = (0.0, 0.0, 0.0)
     relative = RelativeState(still, still, still, 0.01, 0.0, 0.0, sigma_velocity=sigma_mps)
-    foothold.touch(relative, 0.0)
-    return foothold
+    footprint.touch(relative, 0.0)
+    return footprint
 
 
 @pytest.mark.parametrize(
@@ -41,18 +41,18 @@ def test_it_may_lean_as_far_as_rubber_and_the_gears_narrow_side_hold(
     )
 
 
-def follow(foothold: Foothold, velocity: Vec3, pad_velocity: Vec3, duration_s: float) -> None:
+def follow(footprint: Footprint, velocity: Vec3, pad_velocity: Vec3, duration_s: float) -> None:
     """Let the feet move at a velocity for a while, from wherever they are."""
     for i in range(round(duration_s / DT) + 1):
         t = i * DT
         feet = (t * velocity[0], t * velocity[1], t * velocity[2])
-        foothold.slide(t, feet, pad_velocity)
+        footprint.slide(t, feet, pad_velocity)
 
 
 def test_it_stands_where_it_touched() -> None:
-    foothold = touched(0.02)
-    follow(foothold, (5.0, 0.0, 0.0), (5.0, 0.0, 0.0), 2.5)
-    assert foothold.on_plate
+    footprint = touched(0.02)
+    follow(footprint, (5.0, 0.0, 0.0), (5.0, 0.0, 0.0), 2.5)
+    assert footprint.on_plate
 
 
 @pytest.mark.parametrize(("heading", "is_on"), [(0.0, False), (0.5 * math.pi, True), (None, False)])
@@ -60,31 +60,31 @@ def test_a_pad_that_has_turned_since_the_touch_has_its_plate_elsewhere(
     heading: float | None, is_on: bool
 ) -> None:
     """0.7 m to the east: beside the plate but where its longer side is there by now."""
-    foothold = touched(0.02)
-    foothold.see((0.0, -0.7, 0.0), heading)
-    assert foothold.on_plate is is_on
+    footprint = touched(0.02)
+    footprint.see((0.0, -0.7, 0.0), heading)
+    assert footprint.on_plate is is_on
 
 
 @pytest.mark.parametrize("away", [(-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
 def test_feet_that_slide_are_followed_over_the_edge(away: Vec3) -> None:
-    foothold = touched(0.02)
-    follow(foothold, (0.2 * away[0], 0.2 * away[1], 0.0), (0.0, 0.0, 0.0), 2.5)
-    assert not foothold.on_plate
+    footprint = touched(0.02)
+    follow(footprint, (0.2 * away[0], 0.2 * away[1], 0.0), (0.0, 0.0, 0.0), 2.5)
+    assert not footprint.on_plate
 
 
 def test_a_slide_that_ends_is_one_however_little_the_pad_is_known() -> None:
-    foothold = touched(0.3)
-    follow(foothold, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 1.0)
+    footprint = touched(0.3)
+    follow(footprint, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 1.0)
     for i in range(80):
-        foothold.slide(1.0 + i * DT, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0))
-    assert not foothold.on_plate
+        footprint.slide(1.0 + i * DT, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0))
+    assert not footprint.on_plate
 
 
 def test_a_pad_seen_to_move_by_its_uncertainty_is_not_slid_off() -> None:
     """For 2.5 s, until the vehicle stands level; with the gear's feet held by the plate."""
-    foothold = touched(0.15)
-    follow(foothold, (0.0, 0.0, 0.0), (0.0, 0.25, 0.0), 2.5)
-    assert foothold.on_plate
+    footprint = touched(0.15)
+    follow(footprint, (0.0, 0.0, 0.0), (0.0, 0.25, 0.0), 2.5)
+    assert footprint.on_plate
     unsure = touched(0.05)
     follow(unsure, (0.0, 0.0, 0.0), (0.0, 0.4, 0.0), 2.5)
     assert not unsure.on_plate

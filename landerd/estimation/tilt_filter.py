@@ -1,0 +1,57 @@
+"""How the pad lies: a Kalman filter of one variance for its normal's lean, north and east.
+
+Its constants were chosen as those of `pad_filter`.
+"""
+
+import math
+
+from landerd.estimation.observation import PadObservation
+from landerd.geometry import Vec3, unit
+
+SIGMA_INITIAL_TILT = math.radians(6.0)  # rad, from level
+TILT_RANDOM_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
+
+
+class TiltFilter:
+    """Call `predict`, then `cost` of what may be seen and `update` with what is."""
+
+    def __init__(self, sigma_bearing: float) -> None:
+        """Make one of a level pad; the lens's direction has such a sigma, rad."""
+        self._sigma_bearing = sigma_bearing
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget how it lies."""
+        self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
+        self._variance = SIGMA_INITIAL_TILT**2
+
+    @property
+    def normal(self) -> Vec3:
+        """Unit vector into the pad, local NED."""
+        return unit((*self._tilt, 1.0))
+
+    def predict(self, dt: float) -> None:
+        """Go on by a time, s."""
+        self._variance += TILT_RANDOM_WALK**2 * dt
+
+    def cost(self, seen: PadObservation) -> float:
+        """Return chi-square of a pose: what the picture says, and how the pad lay before."""
+        north, east = seen.normal[0] - self._tilt[0], seen.normal[1] - self._tilt[1]
+        variance = self._variance + seen.sigma_tilt**2 + self._sigma_bearing**2
+        return seen.cost + (north * north + east * east) / variance
+
+    def update(self, seen: PadObservation) -> None:
+        """Take a normal in, white in both directions."""
+        s = self._variance + seen.sigma_tilt**2 + self._sigma_bearing**2
+        k = self._variance / s
+        north, east = self._tilt
+        self._tilt = (
+            north + k * (seen.normal[0] - north),
+            east + k * (seen.normal[1] - east),
+        )
+        self._variance *= 1.0 - k
+
+
+def cost_by_level(seen: PadObservation) -> float:
+    """Return chi-square of a pose: what the picture says, and that pads lie nearly level."""
+    return seen.cost + (seen.tilt / math.hypot(SIGMA_INITIAL_TILT, seen.sigma_tilt)) ** 2

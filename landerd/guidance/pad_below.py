@@ -1,0 +1,151 @@
+"""The pad under the vehicle: how low it is over what, also once that is out of sight or touched."""
+
+from landerd.config.models import GuidanceSection
+from landerd.estimation.estimator import Estimator
+from landerd.geometry import ZERO, horizontal, rot_z, rotate, sub
+from landerd.guidance.footprint import Footprint
+from landerd.guidance.relative_state import RelativeState
+from landerd.guidance.sink_rate import LEAD_S
+from landerd.guidance.slip_detector import SlipDetector
+
+# So low over a pad so fast a stop relative to the ground would tip the vehicle over (rule 1b).
+JUST_OVER_PAD_M = 0.20
+SINKS_ON_S = 0.1  # for so long at least, whatever it is told then
+STOPS_OVER_PAD_M = 0.10  # a foot that leans may hang so low under where sinking ends
+FAST_PAD_MPS = 0.5
+# What stands on a pad and is so much slower than that was, m/s, has slid off, or its pad has
+# braked: it is looked at and followed once more.
+LEFT_BEHIND_MPS = 1.5
+
+
+class PadBelow:
+    """Keeps what was seen of the pad last; goes with it while the feet are on it.
+
+    Attributes:
+        low: below the alignment height when the pad was last in sight.
+        may_touch: so low then that a foot that leans may be all but down.
+        velocity: of the pad, as last seen or as it is ridden on, local NED, m/s.
+    """
+
+    def __init__(
+        self,
+        options: GuidanceSection,
+        braking_mps2: float,
+        estimator: Estimator,
+        footprint: Footprint,
+    ) -> None:
+        self.configure(options, braking_mps2)
+        self._estimator = estimator
+        self._footprint = footprint
+        self._slip = SlipDetector()
+        self.low = self.may_touch = False
+        self._is_just_over = self._sinks_onto = False
+        self.velocity = ZERO
+        self._known_velocity = ZERO  # by what was seen before contact
+        self._course_rate = 0.0  # of the velocity, rad/s
+        self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
+        self._seen = 0.0, 0.0  # when it was in sight last, s, and its local z then, m
+
+    def configure(self, options: GuidanceSection, braking_mps2: float) -> None:
+        """Take changed parameters; the autopilot brakes a descent no harder than so many m/s^2."""
+        self._options = options
+        self._braking_mps2 = braking_mps2
+
+    # ---- in the air ----------------------------------------------------------------------------
+
+    def in_sight(self, now: float, down_m: float) -> None:
+        """Keep where it is in a control step that sees it: its local z, m."""
+        self._seen = now, down_m
+
+    def note(self, relative: RelativeState) -> None:
+        """Keep how low it is over what: what to do when sight or authority ends hangs on it."""
+        self.low = relative.height < self._options.descent.alignment_height_m
+        sinking = max(0.0, -relative.error_rate[2])
+        self.may_touch = relative.height < JUST_OVER_PAD_M
+        self._is_just_over = relative.height - SINKS_ON_S * sinking < JUST_OVER_PAD_M
+        stops_m = LEAD_S * sinking + sinking * sinking / (2.0 * self._braking_mps2)
+        self._sinks_onto = relative.height - stops_m < STOPS_OVER_PAD_M
+        self.velocity = relative.pad_velocity
+        self._course_rate = relative.course_rate
+        surely = abs(relative.pad_velocity[2]) - 2.0 * relative.sigma_heave
+        self._fastest_heave = max(self._fastest_heave, surely) if self.low else 0.0
+
+    def leave(self) -> None:
+        """It has climbed away from the pad: what was just under it is so no more."""
+        self._is_just_over = self._sinks_onto = False
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether the pad, as last seen, is too fast to stop on."""
+        return horizontal(self.velocity) > FAST_PAD_MPS
+
+    @property
+    def is_fast_and_close(self) -> bool:
+        """Whether it is so low over such a pad that it would touch it."""
+        return self._is_just_over and self.is_fast
+
+    @property
+    def sinks_onto_fast(self) -> bool:
+        """Whether it would touch such a pad while it is stopped."""
+        return self._sinks_onto and self.is_fast
+
+    @property
+    def heaves(self) -> bool:
+        """Whether the pad was surely seen to heave, low over it."""
+        return self._fastest_heave > 0.0
+
+    def heave(self, now: float) -> tuple[float, float]:
+        """Return the pad's vertical velocity as far as it is known, and its sigma, m/s.
+
+        A deck that is not seen any more may heave as fast as it did, up or down.
+        """
+        pad = self._estimator.pad(now)
+        if pad is None or self._estimator.sight_age(now) > self._options.lost.after_s:
+            return 0.0, self._fastest_heave
+        return pad.velocity[2], pad.sigma_velocity[2]
+
+    def down(self, now: float) -> float:
+        """Return local z of the pad, m: where it is not seen, as far down as it may be by now.
+
+        An autopilot's height that drifts carries down pad and vehicle alike.
+        """
+        t, down = self._seen
+        return down + max(2.0 * self._fastest_heave, self.velocity[2]) * (now - t)
+
+    # ---- with feet on it -----------------------------------------------------------------------
+
+    def touch(self, now: float) -> None:
+        """Begin to go with the pad: its velocity is what was known of it at the touch."""
+        self._known_velocity = self.velocity
+        self._slip.begin(now)
+
+    def ride(self, now: float, dt: float) -> None:
+        """Go with the pad: as it drove and turned when it was seen last, or as what it carries."""
+        self._known_velocity = rotate(rot_z(self._course_rate * dt), self._known_velocity)
+        fix, vehicle = self._estimator.last_fix, self._estimator.fresh_vehicle(now)
+        is_new = fix is not None and self._slip.look(fix, self._known_velocity)
+        if fix is not None and is_new:
+            pad = self._estimator.pad(now)
+            self._footprint.see(fix.to_pad, None if pad is None else pad.heading)
+        if not self._slip.is_carried:
+            self.velocity = self._known_velocity
+        elif vehicle is not None:  # else as it went last: what was known has proved wrong
+            north, east, _ = vehicle.velocity
+            self.velocity = (north, east, self._known_velocity[2])
+
+    @property
+    def rise_m(self) -> float:
+        """How far the feet are seen to have risen from the pad since contact was noticed, m."""
+        return self._slip.rise_m
+
+    @property
+    def carries(self) -> bool:
+        """Whether the pad is seen to take the vehicle along, otherwise than it was known to go."""
+        return self._slip.is_carried
+
+    def leaves_behind(self, now: float) -> bool:
+        """Tell whether the vehicle is much slower or faster than the pad was when last seen."""
+        vehicle = self._estimator.fresh_vehicle(now)
+        if vehicle is None:
+            return False
+        return horizontal(sub(vehicle.velocity, self.velocity)) > LEFT_BEHIND_MPS

@@ -1,0 +1,117 @@
+"""The states WAVING_OFF and LEAVING: away from the pad, or to stand on it after all (rule 1b)."""
+
+import math
+
+from landerd.estimation.vehicle_state import VehicleState
+from landerd.geometry import horizontal, sub
+from landerd.guidance.climb_away import ClimbAway
+from landerd.guidance.contact import least_clearance, level_due
+from landerd.guidance.landing_context import ControlStep, LandingContext
+from landerd.guidance.rest import RESTS_MPS, RESTS_S
+from landerd.guidance.states import Event
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+
+# Told to climb, it may lift after so long, s: levelled at 0.6 and 0.7 s it hopped, and fell.
+# It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
+THRUST_BACK_S, LIFTED_S = 0.45, 2.5
+# Told to climb, with its feet down as far as is known, what rests so long is on the pad, s. Known
+# later than THRUST_BACK_S it went on climbing, and was stopped before it had lifted: of 18 field
+# days with a pad of 1 or 5 m/s and RC lost 0.3 s after commit 5, of which one tipped over. With
+# this 1.
+RESTS_DOWN_S = 0.15
+
+
+class Leaving:
+    """Climbs away from the pad, because landerd may not fly on or the descent is broken off.
+
+    Pressed down on it, thrust takes a second to come back. What stands still before that stays
+    there: it would be stopped just as it lifts, and tip over. What is told to climb and rests is on
+    the pad, also where contact had not been noticed yet. Where landerd may fly on, it is pressed
+    down once more, not levelled: levelled just as they lifted, vehicles were thrown 0.4 and 0.7 m
+    high, and down beside the pad.
+    """
+
+    def __init__(
+        self, context: LandingContext, touchdown: Touchdown, *, flies_on: bool = False
+    ) -> None:
+        """Make the state.
+
+        Args:
+            context: of the landing.
+            touchdown: of the descent.
+            flies_on: landerd may. Then it stands only where it is seen to: it may just be turning,
+                from sinking to climbing, over a pad that slides away.
+        """
+        self._context = context
+        self._touchdown = touchdown
+        self._flies_on = flies_on
+        self._climb = ClimbAway(context)
+        self._began = -math.inf
+        self._thrust_back_s = 0.0
+        self._rests_since = math.inf  # goes with the pad
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin to climb."""
+        self._began, self._rests_since = step.now, math.inf
+        down = self._context.orders.velocity[2]
+        back_s = self._touchdown.thrust_back_s(step.now, down)
+        self._thrust_back_s = back_s if self._flies_on else min(back_s, THRUST_BACK_S)
+        self._climb.begin(step)
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order the climb until it is over, or the vehicle stands."""
+        vehicle = self._context.estimator.fresh_vehicle(step.now)
+        rests = vehicle is not None and self._may_rest(step.now, vehicle)
+        self._rests_since = min(self._rests_since, step.now) if rests else math.inf
+        if vehicle is not None:
+            rests_s = step.now - self._rests_since
+            if rests_s >= RESTS_S:
+                self._note_contact(step.now, vehicle, MAX_CONTACT_HEIGHT_M)
+            elif rests_s >= RESTS_DOWN_S:
+                self._note_contact(step.now, vehicle, 0.0)
+            level_due(self._context, self._touchdown, step, vehicle)
+        stands = rests and self._touchdown.stands
+        waited_s = step.now - self._began
+        if stands and waited_s < self._thrust_back_s:
+            return self._stay(step.now)
+        event = self._climb.step(step)
+        # What may not fly on is stopped as it lifts: levelled then, a pad of 5 m/s threw it off.
+        if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):
+            return event
+        # Its thrust has not come: it is not clear of the pad. It waits for it.
+        if waited_s >= LIFTED_S:
+            return self._stay(step.now)
+        self._climb.order()
+        return None
+
+    def _stay(self, now: float) -> Event | None:
+        """Leave it on the pad; where it is pressed down the climb ends at once."""
+        if not self._flies_on:
+            return Event.STANDS
+        orders = self._context.orders
+        if orders.velocity[2] < 0.0:
+            north, east, _ = self._context.below.velocity
+            orders.end_climb(north, east)
+            return None
+        self._touchdown.press(now)
+        return Event.STANDS
+
+    def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
+        """Tell whether it goes with the pad as last known: neither up nor down nor across."""
+        pad = self._context.estimator.pad(now)
+        below = pad.velocity if pad is not None else self._context.below.velocity
+        over = sub(vehicle.velocity, below)
+        slides = horizontal(over) > self._context.options.descent.commit_slip_mps
+        return abs(over[2]) < RESTS_MPS and not slides
+
+    def _note_contact(self, now: float, vehicle: VehicleState, highest_m: float) -> None:
+        context = self._context
+        pad = context.estimator.pad(now)
+        if pad is None or (self._flies_on and not context.rest.is_seen(now)):
+            return
+        relative = context.relative(vehicle, pad)
+        if least_clearance(context, relative, vehicle, pad) > highest_m:
+            return
+        if not self._touchdown.has_touched:
+            context.footprint.touch(relative, pad.heading)
+        self._touchdown.settle(self._rests_since)

@@ -1,0 +1,136 @@
+"""The states ON_PAD, from contact on, and STANDING, where landerd may not fly on (rules 1b, 4)."""
+
+import math
+
+from landerd.guidance.contact import (
+    MISSES_S,
+    least_clearance,
+    level_due,
+    sure_slip_mps,
+    tell_unconfirmed,
+)
+from landerd.guidance.landing_context import ControlStep, LandingContext
+from landerd.guidance.rest import BUILD_ERROR_M
+from landerd.guidance.states import Event
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.messages import Phase
+
+# What was taken for contact was a gust where the feet are seen to have risen by so much since, m,
+# and to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own
+# it was carried off. The touch turns the lens less than that.
+RISES_M = 0.05
+
+
+class OnPad:
+    """Goes with the pad and presses down until the autopilot knows that it has landed.
+
+    Once the vehicle stands still, level without thrust instead; then disarms. Until it stands
+    still pictures are looked at: seen to rise from the pad, it was not on it. Otherwise only the
+    gate ends this state. When the land detector stays silent, the pilot is told, the outcome is
+    `touchdown_unconfirmed`, and the orders go on.
+    """
+
+    def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
+        self._context = context
+        self._touchdown = touchdown
+        self._clear_since = math.inf  # of the pad
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin to go with the pad; contact was noted when it was found.
+
+        Released and granted again as it stood there, the landing goes on: how is yet to be told.
+        """
+        self._context.attempts.outcome = None
+        self._context.below.touch(step.now)
+        self._clear_since = math.inf
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order disarming when it is due; and to press down, or to stand level."""
+        context, orders, now = self._context, self._context.orders, step.now
+        context.below.ride(now, step.dt)
+        self._clear_since = min(self._clear_since, now) if self._is_clear(now) else math.inf
+        if now - self._clear_since >= MISSES_S:
+            return Event.NO_CONTACT
+        if self._touchdown.disarm_due(now, context.landed):
+            orders.disarm()
+        if self._touchdown.unconfirmed(now, context.landed):
+            context.attempts.finish("touchdown_unconfirmed")
+            tell_unconfirmed(context)
+        if not _stand_level(context, self._touchdown, step):
+            north, east, _ = context.below.velocity
+            # It presses down on a deck that sinks, and as hard on one that comes up.
+            down = self._touchdown.descent(0.0) + max(0.0, context.below.heave(now)[0])
+            orders.fly((north, east, down), 0.0, may_descend=True)
+        return None
+
+    def _is_clear(self, now: float) -> bool:
+        """Tell whether it is seen over the pad: to have risen, or as the pad slides away.
+
+        Risen higher than contact is believed; or with no foot down, and no contact either where the
+        pad goes on without it.
+        """
+        context = self._context
+        vehicle, pad = context.estimator.fresh_vehicle(now), context.estimator.pad(now)
+        if self._touchdown.stands or vehicle is None or pad is None:
+            return False
+        relative = context.relative(vehicle, pad)
+        if context.below.rise_m >= RISES_M:
+            lowest_m = context.footprint.clearance(relative, vehicle.tilt)
+            if lowest_m > MAX_CONTACT_HEIGHT_M:
+                return True
+        slides = sure_slip_mps(relative) > context.options.descent.commit_slip_mps
+        clears = least_clearance(context, relative, vehicle, pad) > BUILD_ERROR_M
+        return slides and clears and context.sight is not None
+
+
+class Standing:
+    """Stands level without thrust when landerd may not fly on, then leaves the vehicle there.
+
+    Until it stands still it stops: level on an edge it would slide off.
+    """
+
+    def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
+        self._context = context
+        self._touchdown = touchdown
+
+    def enter(self, step: ControlStep) -> None:
+        """Begin the time of the orders, or go on with that of the stop it comes from."""
+        if step.now >= self._context.stops_until:
+            self._context.stops_until = step.now + self._context.options.release_s
+
+    def order(self, step: ControlStep) -> Event | None:
+        """Order to stand level, or zero velocity, until the time is over."""
+        context = self._context
+        if step.now >= context.stops_until:
+            return Event.RELEASE_OVER
+        if not _stand_level(context, self._touchdown, step, released=True):
+            context.orders.stop()
+        context.orders.enter(Phase.NOT_LANDING, step.why)
+        return None
+
+
+def _stand_level(
+    context: LandingContext, touchdown: Touchdown, step: ControlStep, *, released: bool = False
+) -> bool:
+    """Order to stand level without thrust if that is due; tell whether it was.
+
+    Args:
+        context: of the landing.
+        touchdown: that has noticed contact.
+        step: of the control task.
+        released: landerd may not fly on: what stands is pressed down no longer.
+    """
+    vehicle = context.estimator.fresh_vehicle(step.now)
+    if vehicle is None:
+        level = touchdown.without_data(step.now, context.landed, released=released)
+    else:
+        level = level_due(context, touchdown, step, vehicle, released=released)
+        climb_mps = -vehicle.foot_velocity[2]
+        if level and touchdown.lifts(vehicle.feet[2], climb_mps) and not context.below.heaves:
+            touchdown.press(step.now)
+            level = False
+        stands = touchdown.stands and not context.below.leaves_behind(step.now)
+        context.footprint.slide(step.now, vehicle.feet, context.below.velocity, stands=stands)
+    if level:
+        context.orders.stand_level(context.heading, context.below.velocity)
+    return level

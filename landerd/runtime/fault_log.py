@@ -1,0 +1,50 @@
+"""What goes wrong while the daemon runs: counted, and told in the log now and again."""
+
+import asyncio
+import logging
+import math
+from collections import Counter
+
+log = logging.getLogger("landerd")
+
+EVERY_S = 1.0  # each kind is logged at most so often
+AWAY_S = 60.0  # how often it is said again that a device is away
+
+
+class FaultLog:
+    """Counts faults by kind; knows which devices were said to be lost.
+
+    Attributes:
+        counts: by kind.
+    """
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self._logged: dict[str, float] = {}  # when, s
+        self._away: dict[str, str] = {}  # devices that were said to be lost, and why
+
+    def add(self, kind: str, detail: str) -> None:
+        """Count bad input, or what could not be done; log it if its kind was not just logged."""
+        self.counts[kind] += 1
+        if self._is_due(kind, EVERY_S):
+            log.warning("%s: %s (%d so far)", kind, detail, self.counts[kind])
+
+    def lose(self, device: str, reason: str) -> None:
+        """Count the loss of a device; log it when it is news, and then now and again."""
+        self.counts[f"{device} lost"] += 1
+        if self._is_due(device, AWAY_S if self._away.get(device) == reason else EVERY_S):
+            self._away[device] = reason
+            log.warning("%s lost: %s", device, reason)
+
+    def find(self, device: str) -> None:
+        """Log that a lost device has been heard again."""
+        if self._away.pop(device, None) is not None:
+            log.info("%s is back", device)
+
+    def _is_due(self, what: str, every_s: float) -> bool:
+        """Tell whether it was not logged in so long; it is now then."""
+        now = asyncio.get_running_loop().time()
+        is_due = now - self._logged.get(what, -math.inf) >= every_s
+        if is_due:
+            self._logged[what] = now
+        return is_due

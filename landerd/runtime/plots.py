@@ -1,0 +1,32 @@
+"""What the pilot may watch in the ground station's plots, by names of ten characters at most."""
+
+import math
+
+from landerd.lander import Lander
+from landerd.messages import Phase
+
+PHASES = list(Phase)  # a phase is plotted as its place here
+
+
+def landing_figures(lander: Lander, now: float) -> dict[str, float]:
+    """Return the phase at now (s) and where the pad is, as far as that is known; m."""
+    figures = {"phase": float(PHASES.index(lander.phase))}
+    pad = lander.relative_state(now)
+    if pad is not None:
+        figures |= {"pad_dist": pad.distance, "pad_hgt": pad.height, "pad_sigma": pad.sigma_m}
+    return {name: value for name, value in figures.items() if math.isfinite(value)}
+
+
+def health_figures(lander: Lander) -> dict[str, float]:
+    """Return how well sight and telemetry fit; nothing while nothing is seen."""
+    health, sensors = lander.health, lander.sensor_errors
+    if health is None:
+        return {}
+    return {
+        "pad_nis": health.nis,
+        "pad_ref_pc": 100.0 * health.refused,
+        "pic_age_ms": 1e3 * health.picture_age_s,
+        "cam_clk_ms": 1e3 * sensors.clock_s,
+        "cam_up_deg": math.degrees(sensors.up),
+        "cam_rt_deg": math.degrees(sensors.right),
+    }
