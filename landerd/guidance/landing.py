@@ -198,6 +198,8 @@ class Landing:
     @property
     def _has_tipped(self) -> bool:
         attitude = self._context.estimator.poses.attitude.newest
+        if self._touchdown.turned_over:
+            return True
         return attitude is not None and math.hypot(*attitude[1][:2]) > TIPPED
 
     @property
@@ -227,6 +229,9 @@ class Landing:
             self._context.below.leave()
         elif event is Event.TURNS_OVER:
             self._touchdown.turn_over(self._now)
+            text = pilot_texts.REASONS[event]
+            self._orders.say(Severity.CRITICAL, text)
+            self._orders.enter(Phase.NOT_LANDING, text)
         step = replace(step, why=pilot_texts.REASONS.get(event, step.why))
         if event in HAND_BACKS:
             self._hand_back(step.why)

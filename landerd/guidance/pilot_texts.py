@@ -14,6 +14,7 @@ As STATUSTEXT, with "landerd: " before it, cut at 50 characters, each line once 
 | velocities are not flown as ordered, every `state_flying.UNFOLLOWED_S` | WARNING | UNFOLLOWED |
 | landerd hands back | CRITICAL | the reason, and HANDED_BACK |
 | held up higher over the pad than the build allows | WARNING | TOUCHED_HIGH |
+| it turns over on the ground | CRITICAL | the reason |
 | on the pad, and the land detector is silent, every REMIND_UNCONFIRMED_S | CRITICAL | UNCONFIRMED |
 
 A reason is also recorded with every change of phase. What hands back is in `states.HAND_BACKS`.
@@ -58,7 +59,7 @@ REASONS: Mapping[Event, str] = {
     Event.NO_LANDING_POSSIBLE: "no landing possible",
     Event.HEADING_NOT_SEEN: "pad's heading not seen",
     Event.TOOK_TOO_LONG: "no landing in time",
-    Event.TURNS_OVER: "turns over",
+    Event.TURNS_OVER: "turns over, disarm by hand",
 }
 HANDED_BACK = "{reason}: pilot, take over"
 

@@ -36,6 +36,7 @@ class Event(Enum):
     RELEASED = "switch low, RC or heartbeat stale, autopilot restarted, latched, about to end"
     RELEASED_LOW = "the same, just over a pad that moves, or touching it but not standing yet"
     RELEASED_TOUCHING = "the same, as feet seem to touch a slower one, or do while it is stopped"
+    TURNS_OVER = "either, but it leans as no multicopter flies, just over the pad"
     SILENCED = "not armed or not GUIDED"
     DISARMED = "silenced because disarmed, all feet on the pad as last seen"
     DISARMED_OFF_PAD = "the same, a foot beside the pad as last seen"
@@ -57,7 +58,6 @@ class Event(Enum):
     NO_LANDING_POSSIBLE = "too many descents were refused at commit or broken off"
     HEADING_NOT_SEEN = "waited over the pad for its heading for guidance.lost.give_up_s"
     TOOK_TOO_LONG = "did not come to commit within guidance.lost.total_s"
-    TURNS_OVER = "leans as no multicopter flies, just over the pad"
 
 
 HAND_BACKS = (
@@ -65,7 +65,6 @@ HAND_BACKS = (
     Event.NO_LANDING_POSSIBLE,
     Event.HEADING_NOT_SEEN,
     Event.TOOK_TOO_LONG,
-    Event.TURNS_OVER,
 )
 
 LANDED = (Event.DISARMED, Event.DISARMED_OFF_PAD, Event.DISARMED_TIPPED)
@@ -76,7 +75,7 @@ _FLYING = {
     Event.RELEASED: State.RELEASING,
     Event.RELEASED_LOW: State.LEAVING,
     Event.SILENCED: State.SILENT,
-    Event.TURNS_OVER: State.STANDING,  # thrust would throw it about
+    Event.TURNS_OVER: State.ON_PAD,  # thrust would throw it about
 }
 
 # An event that is not in its state's row changes nothing.

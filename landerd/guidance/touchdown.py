@@ -122,6 +122,7 @@ class Touchdown:
 
     Attributes:
         stands: the vehicle stands still on the pad, as far as is known.
+        turned_over: it has turned over there, however it lies now.
     """
 
     def __init__(self, config: Config) -> None:
@@ -152,7 +153,7 @@ class Touchdown:
         self._level = self.stands = False
         self._level_down: float | None = None  # local z of the feet when it was levelled, m
         self._tilt = 0.0  # largest since commit, rad
-        self._turned_over = False
+        self.turned_over = False
         self._disarm_t = -math.inf
 
     def descent(self, tilt: float) -> float:
@@ -261,7 +262,7 @@ class Touchdown:
         if self._level_down is None:
             self._level_down = feet_down
         lifted = self._level_down - feet_down > LIFTED_M and climb_mps > LIFTS_MPS
-        return lifted and not self._turned_over
+        return lifted and not self.turned_over
 
     def settle(self, t: float) -> None:
         """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
@@ -271,7 +272,7 @@ class Touchdown:
     def turn_over(self, t: float) -> None:
         """Take it that the vehicle turns over on the ground at t (s): no thrust does any good."""
         self.settle(t)
-        self._turned_over = True
+        self.turned_over = True
 
     @property
     def is_level(self) -> bool:
@@ -344,7 +345,7 @@ class Touchdown:
             tips: thrust tips it over, or drags it off.
             released: landerd may not fly on, and what stands is pressed down no longer.
         """
-        if self._turned_over:
+        if self.turned_over:
             return True
         sink_rate = motion.sink_rate
         # A deck that may be sinking as fast carries it down; on one that rises it does not sink.

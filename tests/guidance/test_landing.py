@@ -780,13 +780,11 @@ def test_what_turns_over_on_the_ground_is_given_no_thrust(switch_us: int) -> Non
     before = len(flight.pressed)
     assert flight.run(1.0) == []
     assert len(flight.pressed) > before
-    assert "landerd: turns over: pilot, take over" in flight.texts
-    assert flight.lander.outcome == ("handed_back" if switch_us == HIGH else "released")
-    flight.run(1.0)
-    before = len(flight.commands)
-    flight.pitch = 0.0  # fallen back onto its feet
-    flight.run(1.0)
-    assert not any(isinstance(c, Setpoint | PressDown) for c in flight.commands[before:])
+    assert "landerd: turns over, disarm by hand" in flight.texts
+    flight.detects_landing, flight.pitch = True, 0.0  # fallen back onto its feet
+    flight.run(3.0)
+    assert flight.armed == (switch_us == LOW)
+    assert flight.lander.outcome == ("tipped_over" if switch_us == HIGH else "released")
 
 
 def test_what_leans_so_far_for_a_moment_or_high_up_flies_on() -> None:
