@@ -7,8 +7,8 @@ import gc
 import logging
 import os
 import signal
+import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hw.autopilots.tlog import TlogEncoder
@@ -30,6 +30,8 @@ from landerd.web import FoxgloveServer, StatusPage
 
 log = logging.getLogger("landerd")
 
+CLOSE_S = 2.0  # at the process's end, for a disk that takes its time; it may hang for ever
+
 
 class SensorNotes(Observer):
     """Keeps what each landing has found of camera, gimbal and sight, for `landerd check`.
@@ -40,7 +42,7 @@ class SensorNotes(Observer):
     def __init__(self, path: Path) -> None:
         self._path = path
         self._outcome: str | None = None
-        self._writing = ThreadPoolExecutor(1, "sensor notes")  # one after the other
+        self._writing: threading.Thread | None = None  # the newest
 
     def on_flight(self, lander: Lander) -> None:
         """A flight begins."""
@@ -52,13 +54,20 @@ class SensorNotes(Observer):
         if self._outcome is None or self._outcome == outcome:
             return
         found = LastFlight(self._lander.sensor_errors, self._lander.flight_health)
-        self._writing.submit(self._write, found)
+        arguments = found, self._writing
+        self._writing = threading.Thread(
+            target=self._write, args=arguments, name="sensor notes", daemon=True
+        )
+        self._writing.start()
 
     def close(self) -> None:
-        """Wait until it is written."""
-        self._writing.shutdown()
+        """Wait until it is written, but not for ever."""
+        if self._writing is not None:
+            self._writing.join(CLOSE_S)
 
-    def _write(self, found: LastFlight) -> None:
+    def _write(self, found: LastFlight, after: threading.Thread | None) -> None:
+        if after is not None:
+            after.join()
         try:
             write_sensors(self._path, found)
         except OSError as e:

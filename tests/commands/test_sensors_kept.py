@@ -102,6 +102,26 @@ def test_it_is_written_beside_the_flight_and_before_the_end(tmp_path: Path) -> N
     )
 
 
+def test_a_disk_that_hangs_when_a_landing_has_ended_does_not_keep_the_process(
+    tmp_path: Path,
+) -> None:
+    pipe = tmp_path / "sensors.new"
+    os.mkfifo(pipe)  # which nobody reads
+    flight = Flight().engaged().until(Phase.DESCENT)
+    notes = SensorNotes(tmp_path / "sensors.json")
+    notes.on_flight(flight.lander)
+    flight.pulse_us = LOW
+    flight.run(0.1)
+    notes.on_step(flight.t, Tick(flight.t), [])
+    closing = threading.Thread(target=notes.close)
+    closing.start()
+    closing.join(5.0)
+    is_closed = not closing.is_alive()
+    pipe.read_text()
+    closing.join()
+    assert is_closed
+
+
 @pytest.mark.parametrize("text", ["", "{}", "[1]", "7", '{"sensors": {}, "health": null}'])
 def test_a_damaged_file_is_no_news(tmp_path: Path, text: str) -> None:
     path = tmp_path / "sensors.json"
