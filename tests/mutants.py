@@ -616,11 +616,12 @@ MUTANTS = [
         "guidance/test_landing.py::test_waved_off_it_is_not_levelled_as_its_feet_come_free",
     ),
     Mutant(
-        "1b: levelled as its thrust comes back over a moving pad",
+        "1b: climbs on after its second where it rests on a moving pad",
         LEAVING,
         "if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):",
         "if not (stands and event is Event.CLEAR_OF_PAD):",
-        "simulation/test_faults.py::test_the_switch_goes_low_a_hands_breadth_over_a_moving_pad",
+        "guidance/test_landing.py"
+        "::test_released_it_climbs_away_for_a_second_at_most_also_where_it_rests_on_the_pad",
     ),
     Mutant(
         "1b: stopped just over a moving pad that it still sinks to",

@@ -503,6 +503,25 @@ def test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it
     assert flight.pressed
 
 
+def test_released_it_climbs_away_for_a_second_at_most_also_where_it_rests_on_the_pad() -> None:
+    """Its thrust is just coming: levelled then, vehicles were thrown off pads of 5 m/s."""
+    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
+    flight.detects_landing = False
+    to(flight, State.COMMITTED)
+    while flight.contact_t is None:
+        flight.tick()
+    flight.pulse_us = LOW
+    on_pad, released_t = flight.position[2], flight.t
+    while flight.lander.state in (State.COMMITTED, State.LEAVING):
+        assert flight.t < released_t + 1.2
+        bounces = flight.t < released_t + 0.6
+        flight.position = (*flight.position[:2], on_pad)
+        flight.velocity = (1.0, 0.0, -0.3 if bounces else 0.0)
+        flight.tick()
+    assert flight.lander.state is State.RELEASING
+    assert not flight.pressed
+
+
 def test_what_its_thrust_has_not_lifted_stays_there_when_the_autopilot_begins_anew() -> None:
     """Nothing was known of the pad any more: it was levelled when it lifted at last, and fell."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
