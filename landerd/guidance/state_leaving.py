@@ -15,9 +15,9 @@ from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 # It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
 THRUST_BACK_S, LIFTED_S = 0.45, 2.5
 # Told to climb, with its feet down as far as is known, what rests so long is on the pad, s. Known
-# later than THRUST_BACK_S it went on climbing, and was stopped before it had lifted: of 18 field
+# later than THRUST_BACK_S it went on climbing, and was stopped before it had lifted: of 19 field
 # days with a pad of 1 or 5 m/s and RC lost 0.3 s after commit 5, of which one tipped over. With
-# this 1.
+# this none; two hopped, levelled as their thrust was coming.
 RESTS_DOWN_S = 0.15
 
 
