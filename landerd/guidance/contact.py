@@ -22,7 +22,7 @@ def least_clearance(
 
     By it a touch is allowed for; not waved off, say, for a pad that seems to slide.
     """
-    return context.footprint.clearance(relative, vehicle.tilt) - unsure_m(pad)
+    return context.footprint.clearance(relative, vehicle.tilt) - _unsure_m(pad)
 
 
 def lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
@@ -30,12 +30,7 @@ def lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate
 
     By it contact is believed. Its uncertainty counts as in `least_clearance`.
     """
-    return relative.height - vehicle.lowest_foot(relative.normal) - unsure_m(pad)
-
-
-def unsure_m(pad: PadEstimate) -> float:
-    """Return by how much the pad may be higher than it is said to be, m."""
-    return 2.0 * math.sqrt(pad.covariance[2][2])
+    return relative.height - vehicle.lowest_foot(relative.normal) - _unsure_m(pad)
 
 
 def sure_slip_mps(relative: RelativeState) -> float:
@@ -81,3 +76,8 @@ def tell_unconfirmed(context: LandingContext) -> None:
     """Tell the pilot, now and again, that the land detector stays silent."""
     text, every_s = pilot_texts.UNCONFIRMED, pilot_texts.REMIND_UNCONFIRMED_S
     context.orders.say(Severity.CRITICAL, text, every_s=every_s)
+
+
+def _unsure_m(pad: PadEstimate) -> float:
+    """Return by how much the pad may be higher than it is said to be, m."""
+    return 2.0 * math.sqrt(pad.covariance[2][2])

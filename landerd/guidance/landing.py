@@ -186,21 +186,24 @@ class Landing:
 
     def _turns_over(self) -> bool:
         """Tell whether it turns over and is given thrust; called at every control step."""
-        vehicle = self._context.estimator.fresh_vehicle(self._now)
+        leans = self._tilt > TURNS_OVER
+        vehicle = self._context.estimator.fresh_vehicle(self._now) if leans else None
         turns = (
             vehicle is not None
-            and vehicle.tilt > TURNS_OVER
             and self._context.below.down(self._now) - vehicle.feet[2] < TURNS_OVER_BELOW_M
         )
         self._turns_since = min(self._turns_since, self._now) if turns else math.inf
         return self._now - self._turns_since >= TURNS_OVER_S and not self._touchdown.is_level
 
     @property
-    def _has_tipped(self) -> bool:
+    def _tilt(self) -> float:
+        """Of the airframe, as it was told last, rad; 0: not yet."""
         attitude = self._context.estimator.poses.attitude.newest
-        if self._touchdown.turned_over:
-            return True
-        return attitude is not None and math.hypot(*attitude[1][:2]) > TIPPED
+        return 0.0 if attitude is None else math.hypot(*attitude[1][:2])
+
+    @property
+    def _has_tipped(self) -> bool:
+        return self._touchdown.turned_over or self._tilt > TIPPED
 
     @property
     def _has_fallen(self) -> bool:

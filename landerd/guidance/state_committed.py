@@ -7,13 +7,7 @@ from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import horizontal, sub
 from landerd.guidance import pilot_texts
-from landerd.guidance.contact import (
-    MISSES_S,
-    least_clearance,
-    lowest_foot,
-    tell_unconfirmed,
-    unsure_m,
-)
+from landerd.guidance.contact import MISSES_S, least_clearance, lowest_foot, tell_unconfirmed
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
@@ -137,7 +131,7 @@ class Committed:
         if vehicle is None or pad is None:
             return False
         relative = self._context.relative(vehicle, pad)
-        is_down = lowest_foot(relative, vehicle, pad) + unsure_m(pad) <= 0.0
+        is_down = relative.height <= vehicle.lowest_foot(relative.normal)
         if not (is_down and self._touchdown.leaned):
             return False
         self._touching = (relative, pad.heading)

@@ -483,41 +483,44 @@ def test_released_as_it_touches_a_moving_pad_it_stands_there_until_its_thrust_is
     assert len(flight.pressed) > levelled
 
 
-def test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it_lifts() -> None:
-    """Found a moment later it went on climbing, and was stopped with its feet on the pad."""
+def released_touching() -> Flight:
+    """Return a flight whose feet have just touched a pad of 1 m/s, the switch low."""
     flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
     flight.detects_landing = False
     to(flight, State.COMMITTED)
     while flight.contact_t is None:
         flight.tick()
     flight.pulse_us = LOW
-    on_pad, released_t = flight.position[2], flight.t
+    return flight
+
+
+def tick_on_pad(flight: Flight, *, bounces: bool) -> None:
+    """Let a control period go by in which the vehicle goes with the pad, whatever is ordered."""
+    flight.velocity = (*flight.pad_velocity[:2], -0.3 if bounces else 0.0)
+    height = flight.position[2]
+    flight.tick()
+    flight.position = (*flight.position[:2], height)
+
+
+def test_released_just_as_it_touches_a_moving_pad_it_is_found_to_stand_before_it_lifts() -> None:
+    """Found a moment later it went on climbing, and was stopped with its feet on the pad."""
+    flight = released_touching()
+    released_t = flight.t
     while flight.lander.state is not State.STANDING:
         assert flight.t < released_t + 0.5
-        # It bounces, and its thrust is not there yet.
-        bounces = flight.t < released_t + 0.2
-        flight.position = (*flight.position[:2], on_pad)
-        flight.velocity = (1.0, 0.0, -0.2 if bounces else 0.0)
-        flight.tick()
+        # Its thrust is not there yet.
+        tick_on_pad(flight, bounces=flight.t < released_t + 0.2)
     flight.run(0.5)
     assert flight.pressed
 
 
 def test_released_it_climbs_away_for_a_second_at_most_also_where_it_rests_on_the_pad() -> None:
     """Its thrust is just coming: levelled then, vehicles were thrown off pads of 5 m/s."""
-    flight = Flight(pad_velocity=(1.0, 0.0, 0.0)).engaged()
-    flight.detects_landing = False
-    to(flight, State.COMMITTED)
-    while flight.contact_t is None:
-        flight.tick()
-    flight.pulse_us = LOW
-    on_pad, released_t = flight.position[2], flight.t
+    flight = released_touching()
+    released_t = flight.t
     while flight.lander.state in (State.COMMITTED, State.LEAVING):
         assert flight.t < released_t + 1.2
-        bounces = flight.t < released_t + 0.6
-        flight.position = (*flight.position[:2], on_pad)
-        flight.velocity = (1.0, 0.0, -0.3 if bounces else 0.0)
-        flight.tick()
+        tick_on_pad(flight, bounces=flight.t < released_t + 0.6)
     assert flight.lander.state is State.RELEASING
     assert not flight.pressed
 
