@@ -14,7 +14,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.rest import BUILD_ERROR_M
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import LATE_S, MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -35,8 +35,10 @@ class Committed:
         self._method = method
         self._touchdown = touchdown
         self._pad: PadEstimate | None = None  # as last known
-        # Where a foot may have been down in the last step: the pad relative to it, its heading.
+        # Where a foot may have been down in the last step, or is before a climb would answer: the
+        # pad relative to it, its heading.
         self._touching: tuple[RelativeState, float | None] | None = None
+        self._arriving: tuple[RelativeState, float | None] | None = None
         self._misses_since = math.inf
         self._watched_t = -math.inf  # the last velocity that was looked at
 
@@ -45,7 +47,7 @@ class Committed:
         self._touchdown.begin(step.now)
         self._watched_t = step.now
         self._context.landed = Landed.UNDEFINED  # what was said of the air or another landing
-        self._pad = self._touching = None
+        self._pad = self._touching = self._arriving = None
         self._misses_since = math.inf
         self._context.attempts.end()
 
@@ -69,9 +71,11 @@ class Committed:
         highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M
         lowest_m = lowest_foot(relative, vehicle, pad)
         event = self._touchdown.step(step.now, age, lowest_m, context.landed, highest_m)
-        self._touching = None
-        if self._touchdown.may_touch and clearance <= BUILD_ERROR_M:
-            self._touching = (relative, pad.heading)
+        at = (relative, pad.heading)
+        self._touching = at if self._touchdown.may_touch and clearance <= BUILD_ERROR_M else None
+        sinks_m = (vehicle.foot_velocity[2] - heave) * LATE_S
+        height = relative.height - vehicle.lowest_foot(relative.normal)
+        self._arriving = at if height <= sinks_m else None
         if event is None and context.stands(step.now):  # as where a landing begins on the pad
             self._touchdown.touch(step.now)
             event = Event.CONTACT
@@ -110,8 +114,10 @@ class Committed:
         """Return what it means that data are too old all at once.
 
         Feet that are touching are not lifted again for that: half on the pad is no place to climb
-        from, nor to wait for thrust.
+        from, nor to wait for thrust. Nor are those that will be down before thrust answers: told
+        to climb then, vehicles were dragged across the plate.
         """
+        self._touching = self._touching or self._arriving
         return Event.CONTACT if self.takes_touch(now) else Event.SIGHT_LOST
 
     def takes_touch(self, now: float) -> bool:

@@ -34,6 +34,7 @@ from landerd.pad import PadLayout
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
 STOP = Setpoint((0.0, 0.0, 0.0), 0.0)
+SINKS_SLOWLY = {"touchdown_descent_mps": 0.1}  # 6 cm up it is not all but down
 
 
 def to(flight: Flight, state: State, *, at_most_s: float = 60.0) -> list[State]:
@@ -874,15 +875,31 @@ def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_aga
     assert flight.lander.outcome == "landed"
 
 
-@pytest.mark.parametrize(("acceleration", "stays_s"), [(1.0, 0.4), (2.5, 2.5)])
+def test_committed_and_data_are_stale_just_before_the_touch_it_does_not_climb_again() -> None:
+    """Its feet came down as it was told to climb: it was dragged half a metre across the plate."""
+    flight = Flight().engaged()
+    to(flight, State.COMMITTED)
+    while flight.height > 0.08:
+        flight.tick()
+    before = len(flight.setpoints)
+    flight.silent = {Attitude, LocalPosition}
+    flight.run(0.45)
+    flight.silent = set()
+    assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
+    assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[before:])
+    assert flight.lander.outcome == "landed"
+
+
+@pytest.mark.parametrize(("acceleration", "stays_s"), [(0.4, 0.4), (2.5, 2.5)])
 def test_waved_off_as_it_touches_unnoticed_it_is_pressed_down_where_its_thrust_is_not_back(
     acceleration: float, stays_s: float
 ) -> None:
     """Levelled instead, just as it lifted, it was thrown 0.4 m high and down beside the pad."""
     autopilot = {"vertical_acceleration_mps2": acceleration}
-    flight = Flight(config=Config.model_validate({"autopilot": autopilot})).engaged()
+    config = Config.model_validate({"autopilot": autopilot, "guidance": SINKS_SLOWLY})
+    flight = Flight(config=config).engaged()
     to(flight, State.COMMITTED)
-    while flight.height > 0.05:
+    while flight.height > 0.06:
         flight.tick()
     flight.silent = {Attitude, LocalPosition}  # stale before the touch shows
     to(flight, State.WAVING_OFF, at_most_s=0.35)
@@ -1005,9 +1022,9 @@ def test_what_a_gust_held_up_over_the_pad_and_lifts_was_not_on_it() -> None:
 
 def test_waved_off_it_is_not_levelled_as_its_feet_come_free() -> None:
     """After a second on a deck that began to sink: it was thrown 0.7 m high, and down beside it."""
-    flight = Flight().engaged()
+    flight = Flight(config=Config.model_validate({"guidance": SINKS_SLOWLY})).engaged()
     to(flight, State.COMMITTED)
-    while flight.height > 0.05:
+    while flight.height > 0.06:
         flight.tick()
     flight.silent = {Attitude, LocalPosition}
     to(flight, State.WAVING_OFF, at_most_s=0.35)
