@@ -12,6 +12,9 @@ from landerd.ports import DeviceLost
 Tap = Callable[[float, bytes], None]
 
 BITS_A_BYTE = 10  # start bit, eight of data, stop bit
+# What waits to be sent on a wire, as in Linux's serial driver: more is lost. A flood of 150 kB was
+# kept for half a minute, and all that came after it was as late.
+BUFFER_BYTES = 4096
 
 
 @dataclass
@@ -22,7 +25,8 @@ class LinkFaults:
     corrupt: float = 0.0  # probability that a byte is changed
     delay_s: float = 0.0
     jitter_s: float = 0.0  # the longest extra delay of a write, drawn evenly
-    baud: float | None = None  # bits a second on the wire, ten a byte; None: no time at all
+    # Bits a second on the wire, ten a byte; no more than BUFFER_BYTES wait. None: no time at all.
+    baud: float | None = None
     double: float = 0.0  # probability that a write arrives twice
     rng: Random = field(default_factory=lambda: Random(0))
 
@@ -79,11 +83,21 @@ class MemoryLink:
             data = _corrupted(data, faults)
         if faults.double > 0.0 and faults.rng.random() < faults.double:
             data += data
+        if self._is_full(now, len(data)):
+            return
         arrival = now + self._delay(now, len(data))
         if arrival > now or self._under_way:
             self._send_off(arrival, data)
         else:
             self._peer._deliver(data)
+
+    def _is_full(self, now: float, size: int) -> bool:
+        """Tell whether so many bytes more find no room to wait in."""
+        baud = self.faults.baud
+        if baud is None:
+            return False
+        waiting = max(0.0, self._wire_free_t - now) * baud / BITS_A_BYTE
+        return waiting > 0.0 and waiting + size > BUFFER_BYTES
 
     def _delay(self, now: float, size: int) -> float:
         """Return how long a write of so many bytes takes to the other end, s."""

@@ -56,10 +56,13 @@ _SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
 # So is its heading, through a gimbal that says other angles than it has: of its yaw by as much, of
 # its pitch where the airframe leans.
 _SEEN_TURNED = (*_SEEN_ASIDE, "2: a downward set-point with the heading off")
-# Nothing that is ordered arrives.
-_UNHEARD = ("ground contact off the pad",)
+# Nothing that is ordered arrives: it goes on as it was told last until the autopilot's timeout
+# stops it, also with its feet on a pad that drives.
+_UNHEARD = ("ground contact off the pad", "tipped over 30 degrees")
 # Another mode begins to fly off a pad that drives with a stop, which tips over what stands there.
 _LED_AWAY = ("tipped over in the hands of others",)
+# Nobody may fly: what has come down on a pad that drives is stopped there by the autopilot.
+_LEFT_THERE = ("tipped over",)
 # What the wind does to the airframe at once, whatever is ordered.
 _BLOWN = ("accelerates more than the limits",)
 
@@ -140,8 +143,12 @@ FAULTS: Mapping[str, FaultKind] = {
     ),
     "heartbeat-lost": FaultKind("telemetry", "no HEARTBEAT"),
     "heartbeat-late": FaultKind("telemetry", "HEARTBEAT comes 0.3 to 3 s late"),
-    "heartbeat-disarmed": FaultKind("telemetry", "HEARTBEAT says disarmed, and it is not so"),
-    "heartbeat-wrong-mode": FaultKind("telemetry", "HEARTBEAT says LOITER, and it is not so"),
+    "heartbeat-disarmed": FaultKind(
+        "telemetry", "HEARTBEAT says disarmed, and it is not so", True, _LEFT_THERE
+    ),
+    "heartbeat-wrong-mode": FaultKind(
+        "telemetry", "HEARTBEAT says LOITER, and it is not so", True, _LEFT_THERE
+    ),
     "rc-missing": FaultKind("telemetry", "no RC_CHANNELS"),
     "rc-late": FaultKind("telemetry", "RC_CHANNELS comes 0.1 to 1 s late"),
     "rc-frozen": FaultKind("telemetry", "RC_CHANNELS repeats itself with new times"),

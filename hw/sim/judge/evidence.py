@@ -18,6 +18,9 @@ BOUNCE_S = 0.2  # feet up for longer than this end a contact
 _STILL_MPS, STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
 # A deck that falls away leaves what is committed higher than the commit height by so much, m.
 _FALLS_AWAY_M = 0.1
+_SINKS_ON_S = 0.1  # for so long what sinks goes on, whatever it is told
+# Set-points are led to the pad's velocity within the limits: for so long, s, after the release.
+_LED_S = 0.5
 _NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
 _KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is told from
 _RESTART_S = 1.0  # the boot clock going back by so much
@@ -67,6 +70,7 @@ class _Release:
     bound: bool  # it has to climb away: a stop would tip the vehicle over
     low: bool  # it may climb away: it is so low over a pad that moves
     slides: bool  # it may climb away: it slides across the pad
+    aside_mps: float  # how fast the order went across the pad
 
 
 class Evidence:
@@ -366,8 +370,13 @@ class Evidence:
             and order.t - released.t <= b.wave_off_s + 2.0 * b.tick_s
             and order.truth.height - released.height <= b.wave_off_m
             and order.velocity[2] <= ZERO
-            and (released.slides or order.aside_mps <= b.ride_mps)
+            and (released.slides or order.aside_mps <= self._most_aside_mps(released, order.t))
         )
+
+    def _most_aside_mps(self, released: _Release, t: float) -> float:
+        """Return how fast a wave-off may go across the pad at t, m/s."""
+        is_led = t - released.t < _LED_S
+        return max(self._b.ride_mps, released.aside_mps) if is_led else self._b.ride_mps
 
     def release_t(self, t: float) -> float:
         """Return since when only stop orders may come."""
@@ -457,7 +466,8 @@ class Evidence:
         if t < closed_t or not (self.armed and self.guided):
             self._released = None
         elif self._released is None:
-            low = truth.height < b.commit_height_m or self.touched
+            sinking = max(0.0, truth.velocity[2] - truth.pad_velocity[2])
+            low = truth.height - _SINKS_ON_S * sinking < b.commit_height_m or self.touched
             near = truth.distance < _NEAR_M
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
             flies = fast and not self.stands(t) and self.flown_t is not None
@@ -469,6 +479,7 @@ class Evidence:
                 bound=committed and near and flies,
                 low=low and near and flies,
                 slides=low and near and truth.slip > b.wave_off_pad_mps,
+                aside_mps=order.aside_mps,
             )
         if self.climbs_away(order) and not order.zero:
             self._climbed_away_t = t

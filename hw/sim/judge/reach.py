@@ -50,8 +50,8 @@ class Reach:
         world.on_step.append(self._on_step)
 
     def _on_step(self, world: World) -> None:
-        if any(world.vehicle.feet):
-            self._followed = False  # what touches has not lost the pad that way
+        if any(world.vehicle.feet) and not world.vehicle.on_pad:
+            self._followed = False  # what touches the ground has not lost the pad that way
         if world.t < self._next_t:
             return
         self._next_t = world.t + LOOKS_S

@@ -237,8 +237,9 @@ def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    # Released it may not go with the pad any more.
-    rides = o.t - e.touched_t <= BOUNCE_S and o.t < e.closed_t(o.t)
+    # Released it may not go with the pad any more; and what was levelled for that stays level.
+    released = e.released_t >= e.touching_since
+    rides = o.t - e.touched_t <= BOUNCE_S and not released
     return o.level and rides and o.t - e.touching_since < LEVEL_AFTER_S
 
 

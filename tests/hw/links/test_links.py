@@ -450,6 +450,22 @@ def test_a_slow_wire_takes_its_time_for_every_byte() -> None:
     run_virtual(scene())
 
 
+def test_a_flood_delays_a_slow_wire_by_no_more_than_its_buffer_holds() -> None:
+    async def scene() -> None:
+        near, far = memory_pair()
+        await near.open()
+        await far.open()
+        near.faults.baud = 57600.0
+        for _ in range(1000):
+            near.write(bytes(100))  # 17 s of it
+        await asyncio.sleep(0.75)
+        while not (await far.read()).endswith(b"after it"):
+            near.write(b"after it")
+        assert asyncio.get_running_loop().time() < 2.0
+
+    run_virtual(scene())
+
+
 def test_why_there_is_no_connection_is_said_in_words() -> None:
     async def why(url: str) -> str:
         with pytest.raises(DeviceLost) as e:

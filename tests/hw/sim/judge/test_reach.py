@@ -68,15 +68,16 @@ def test_a_pad_that_was_never_near_has_not_left() -> None:
     assert held.reach.left_t is None
 
 
-def test_what_touched_has_not_lost_the_pad_that_way() -> None:
+@pytest.mark.parametrize("on_pad", [True, False])
+def test_what_touched_the_ground_has_not_lost_the_pad_that_way(*, on_pad: bool) -> None:
     held = Held(height_m=0.5, pad_mps=5.0)
     held.fly(2.0, along=True)
     held.follows = False
     w = held.world
-    w.vehicle.feet = (True, True, False, False)
+    w.vehicle.feet, w.vehicle.on_pad = (True, True, False, False), on_pad
     held.reach._on_step(w)
     w.vehicle.feet = (False,) * 4
     held.fly(5.0, along=False)
     held.follows = True
     held.fly(0.3, along=True)
-    assert held.reach.left_t is None
+    assert (held.reach.left_t is not None) is on_pad

@@ -140,14 +140,23 @@ def handed_back(c: Court, flies_on_s: float) -> None:
 
 
 def gate_low_over_moving_pad(
-    c: Court, pad_mps: float, climb_s: float, aside_mps: float, height: float = LOW.height
+    c: Court,
+    pad_mps: float,
+    climb_s: float,
+    aside_mps: float,
+    height: float = LOW.height,
+    *,
+    sinking: float = 0.0,
+    led_s: float = math.inf,
 ) -> None:
-    c.truth = replace(c.truth, height=height, pad_velocity=(pad_mps, 0.0, 0.0))
+    velocity, pad_velocity = (pad_mps, 0.0, sinking), (pad_mps, 0.0, 0.0)
+    c.truth = replace(c.truth, height=height, velocity=velocity, pad_velocity=pad_velocity)
     c.fly(1.0, (pad_mps, 0.0, 0.0))
     c.pulse = 1100
     for i in range(round(climb_s / 0.025)):
         c.truth = replace(c.truth, height=height + 0.5 * 0.025 * i)
-        c.order((pad_mps + aside_mps, 0.0, -0.5))
+        aside = aside_mps if i * 0.025 < led_s else 0.0
+        c.order((pad_mps + aside, 0.0, -0.5))
     c.fly(max(0.4, 0.95 - climb_s), STOP)
     c.wait(0.5)
 
@@ -208,12 +217,14 @@ WHO_FLIES: list[tuple[Trace, str | None]] = [
     (lambda c: handed_back(c, 0.1), NOT_ZERO),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.0), None),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.5), NOT_ZERO),
+    (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.5, led_s=0.4), None),  # within the limits
     (lambda c: gate_low_over_moving_pad(c, 1.0, 1.5, 0.0), NOT_ZERO),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.0, 0.0), TIPS),
     # Over where it commits it may do either; and how low it is it knows to a few centimetres.
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.0, 0.0, 0.18), None),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.0, 0.18), None),
     (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.0, 0.22), NOT_ZERO),
+    (lambda c: gate_low_over_moving_pad(c, 1.0, 0.6, 0.0, 0.22, sinking=0.3), None),
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.0, 0.0), None),
     (lambda c: gate_low_over_moving_pad(c, 0.4, 0.6, 0.0), NOT_ZERO),
     (gate_low_far_from_the_pad, None),
@@ -753,6 +764,17 @@ def test_4_what_stood_when_its_orders_were_cut_off_stands_when_they_come_again()
     court.level(0.2)
     court.wait(0.6)
     court.level(0.2)
+    assert "4: did not go with the pad after contact" not in court.broken
+
+
+def test_4_what_was_levelled_for_a_release_may_stay_so() -> None:
+    court = Court()
+    court.truth = ON_PAD
+    court.fly(0.2, SINK)
+    court.pulse = 1100
+    court.level(0.05)
+    court.pulse = 1900
+    court.level(0.3)
     assert "4: did not go with the pad after contact" not in court.broken
 
 
