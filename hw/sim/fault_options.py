@@ -61,6 +61,8 @@ _SEEN_TURNED = (*_SEEN_ASIDE, "2: a downward set-point with the heading off")
 _UNHEARD = ("ground contact off the pad", "tipped over 30 degrees")
 # Another mode begins to fly off a pad that drives with a stop, which tips over what stands there.
 _LED_AWAY = ("tipped over in the hands of others",)
+# To go with what carries it is, by velocities that are wrong, to go aside.
+_GOES_BY_WRONG_VELOCITIES = ("4: not going with",)
 # Nobody may fly: what has come down on a pad that drives is stopped there by the autopilot.
 _LEFT_THERE = ("tipped over",)
 # What the wind does to the airframe at once, whatever is ordered.
@@ -128,7 +130,9 @@ FAULTS: Mapping[str, FaultKind] = {
     "position-lost": FaultKind("telemetry", "no LOCAL_POSITION_NED"),
     "position-late": FaultKind("telemetry", "LOCAL_POSITION_NED comes 50 to 500 ms late"),
     "position-frozen": FaultKind("telemetry", "LOCAL_POSITION_NED repeats itself with new times"),
-    "position-biased": FaultKind("telemetry", "velocities are 0.2 to 2 m/s too large"),
+    "position-biased": FaultKind(
+        "telemetry", "velocities are 0.2 to 2 m/s too large", True, _GOES_BY_WRONG_VELOCITIES
+    ),
     "position-jumping": FaultKind("telemetry", "positions jump by up to 0.5 to 20 m"),
     "position-nan": FaultKind("telemetry", "positions are no numbers"),
     "position-reset": FaultKind(
