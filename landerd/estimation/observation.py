@@ -169,7 +169,7 @@ class ObservationModel:
             sigma_heading = math.hypot(noise.sigma_yaw or 0.0, self._sigma_bearing)
         sigma_range = math.sqrt(max(0.0, noise.covariance[2][2]))
         t_true = t - clocks.pictures_s
-        turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, solution.position)
+        turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, R, solution.position)
         # Positions differenced over so short a time would be noise; the velocity is not.
         by_clock = add(self._poses.velocity(t_true), turning)
         # The filter takes errors as they show without a correction.
@@ -207,12 +207,13 @@ class ObservationModel:
         centre, to_camera = feet
         return PadFix(seen.t, centre, add(to_camera, scale(seen.sight, seen.range_m)))
 
-    def _sweeps(self, t: float, gimbal_back_s: float, point: Vec3) -> tuple[Vec3, Vec3]:
+    def _sweeps(self, t: float, gimbal_back_s: float, R: Mat3, point: Vec3) -> tuple[Vec3, Vec3]:
         """Return how fast a point of the camera frame is swept through local NED, m/s.
 
         Args:
             t: when the picture was exposed as far as the clocks are known, s.
             gimbal_back_s: how much older the gimbal's angles are to be.
+            R: R_local_camera then.
             point: camera frame, m.
 
         Returns:
@@ -221,8 +222,12 @@ class ObservationModel:
         half, back = 0.5 * DIFFERENCE_S, gimbal_back_s
         turn = self._poses.camera_rotation
         return (
-            _sweep(turn(t + half, gimbal_back_s=back), turn(t - half, gimbal_back_s=back), point),
-            _sweep(turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point),
+            _sweep(
+                R, turn(t + half, gimbal_back_s=back), turn(t - half, gimbal_back_s=back), point
+            ),
+            _sweep(
+                R, turn(t, gimbal_back_s=back - half), turn(t, gimbal_back_s=back + half), point
+            ),
         )
 
     def _pointing_noise(self, arm: Vec3) -> Mat3:
@@ -265,14 +270,21 @@ def _rest(sigma: float, part: float) -> float:
     return math.sqrt(max(sigma * sigma - part * part, 0.0))
 
 
-def _sweep(after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:
+def _sweep(at: Mat3, after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:
     """Return how fast a fixed point of the camera frame moves as the camera turns, local NED, m/s.
 
+    Where one side is not known, as in the first picture, the other one tells. Taken for no motion
+    it told the clock: seen from a gimbal that turned to the pad, to 4 ms by the second picture,
+    and 24 ms off for the whole flight.
+
     Args:
-        after: R_local_camera; None: not known, taken for no motion.
-        before: the same DIFFERENCE_S earlier.
+        at: R_local_camera.
+        after: the same half of DIFFERENCE_S later; None: not known.
+        before: and earlier.
         point: camera frame, m.
     """
-    if after is None or before is None:
+    known = sum(R is not None for R in (after, before))
+    if not known:
         return ZERO
-    return scale(sub(rotate(after, point), rotate(before, point)), 1.0 / DIFFERENCE_S)
+    moved = sub(rotate(after or at, point), rotate(before or at, point))
+    return scale(moved, 2.0 / (known * DIFFERENCE_S))

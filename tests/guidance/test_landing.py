@@ -497,7 +497,11 @@ def released_touching() -> Flight:
 
 def tick_on_pad(flight: Flight, *, bounces: bool) -> None:
     """Let a control period go by in which the vehicle goes with the pad, whatever is ordered."""
-    flight.velocity = (*flight.pad_velocity[:2], -0.3 if bounces else 0.0)
+    goes_up = (
+        round(flight.t / DT) % 2 == 0
+    )  # a bounce that lasted would be seen as a pad that heaves
+    bounce = -0.3 if goes_up else 0.3
+    flight.velocity = (*flight.pad_velocity[:2], bounce if bounces else 0.0)
     height = flight.position[2]
     flight.tick()
     flight.position = (*flight.position[:2], height)
