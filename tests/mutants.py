@@ -916,7 +916,7 @@ MUTANTS = [
         "if self._touching is None:",
         "if True:",
         "guidance/test_landing.py"
-        "::test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_again",
+        "::test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again",
     ),
     Mutant(
         "4: climbs for stale data as its feet come down",
@@ -924,7 +924,7 @@ MUTANTS = [
         "self._touching = self._touching or self._arriving",
         "pass",
         "guidance/test_landing.py"
-        "::test_committed_and_data_are_stale_just_before_the_touch_it_does_not_climb_again",
+        "::test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again",
     ),
     Mutant(
         "2: counts on more than the autopilot brakes a descent with",

@@ -25,12 +25,17 @@ def least_clearance(
     return context.footprint.clearance(relative, vehicle.tilt) - _unsure_m(pad)
 
 
-def lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
-    """Return the height of the lowest foot over the pad, m, as airframe and plate do lean.
+def foot_height(relative: RelativeState, vehicle: VehicleState) -> float:
+    """Return the height of the lowest foot over the pad, m, as airframe and plate do lean."""
+    return relative.height - vehicle.lowest_foot(relative.normal)
 
-    By it contact is believed. Its uncertainty counts as in `least_clearance`.
+
+def lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
+    """Return the least that `foot_height` may be, m: by it contact is believed.
+
+    Its uncertainty counts as in `least_clearance`.
     """
-    return relative.height - vehicle.lowest_foot(relative.normal) - _unsure_m(pad)
+    return foot_height(relative, vehicle) - _unsure_m(pad)
 
 
 def sure_slip_mps(relative: RelativeState) -> float:

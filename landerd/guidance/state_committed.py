@@ -7,7 +7,13 @@ from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import horizontal, sub
 from landerd.guidance import pilot_texts
-from landerd.guidance.contact import MISSES_S, least_clearance, lowest_foot, tell_unconfirmed
+from landerd.guidance.contact import (
+    MISSES_S,
+    foot_height,
+    least_clearance,
+    lowest_foot,
+    tell_unconfirmed,
+)
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
@@ -74,8 +80,7 @@ class Committed:
         at = (relative, pad.heading)
         self._touching = at if self._touchdown.may_touch and clearance <= BUILD_ERROR_M else None
         sinks_m = (vehicle.foot_velocity[2] - heave) * LATE_S
-        height = relative.height - vehicle.lowest_foot(relative.normal)
-        self._arriving = at if height <= sinks_m else None
+        self._arriving = at if foot_height(relative, vehicle) <= sinks_m else None
         if event is None and context.stands(step.now):  # as where a landing begins on the pad
             self._touchdown.touch(step.now)
             event = Event.CONTACT
@@ -137,7 +142,7 @@ class Committed:
         if vehicle is None or pad is None:
             return False
         relative = self._context.relative(vehicle, pad)
-        is_down = relative.height <= vehicle.lowest_foot(relative.normal)
+        is_down = foot_height(relative, vehicle) <= 0.0
         if not (is_down and self._touchdown.leaned):
             return False
         self._touching = (relative, pad.heading)

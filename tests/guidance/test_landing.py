@@ -865,29 +865,25 @@ def test_committed_and_the_position_is_stale_it_climbs_away_at_once_and_then_hol
     assert "holding" in flight.lander.reason  # and without a position no further
 
 
-def test_committed_and_the_attitude_is_stale_as_it_touches_it_does_not_climb_again() -> None:
+@pytest.mark.parametrize(
+    ("height", "silent", "lasts_s"),
+    [
+        # Stale a moment after the touch: too early to call that contact.
+        (0.02, {Attitude}, 0.35),
+        # And just before it: told to climb, it was dragged half a metre across the plate.
+        (0.08, {Attitude, LocalPosition}, 0.45),
+    ],
+)
+def test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again(
+    height: float, silent: set[type], lasts_s: float
+) -> None:
     flight = Flight().engaged()
     to(flight, State.COMMITTED)
-    while flight.height > 0.02:
+    while flight.height > height:
         flight.tick()
     before = len(flight.setpoints)
-    flight.silent = {Attitude}  # stale a moment after the touch: too early to call that contact
-    flight.run(0.35)
-    flight.silent = set()
-    assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
-    assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[before:])
-    assert flight.lander.outcome == "landed"
-
-
-def test_committed_and_data_are_stale_just_before_the_touch_it_does_not_climb_again() -> None:
-    """Its feet came down as it was told to climb: it was dragged half a metre across the plate."""
-    flight = Flight().engaged()
-    to(flight, State.COMMITTED)
-    while flight.height > 0.08:
-        flight.tick()
-    before = len(flight.setpoints)
-    flight.silent = {Attitude, LocalPosition}
-    flight.run(0.45)
+    flight.silent = silent
+    flight.run(lasts_s)
     flight.silent = set()
     assert to(flight, State.SILENT) == [State.ON_PAD, State.SILENT]
     assert all(setpoint.velocity[2] > 0.0 for _, setpoint in flight.setpoints[before:])
