@@ -37,6 +37,7 @@ from landerd.flightlog.contents import Head
 from landerd.flightlog.recorder import Recorder
 from landerd.flightlog.replay import phases
 from landerd.geometry import Vec3
+from landerd.messages import Command, Phase, PhaseChange
 from landerd.pad import PadError, PadLayout, load_pad
 from landerd.runtime.dry_run import DryRun, DryRunResult, Expose
 from landerd.runtime.observer import Observer
@@ -309,8 +310,23 @@ def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict
             {"t": t - zero, "name": change.phase.value, "reason": change.reason}
             for t, change in phases(result.steps)
         ],
+        "silent_s": _silent_s(result.steps),
         "outcome": result.outcome,
     }
+
+
+def _silent_s(steps: Sequence[tuple[float, list[Command]]]) -> dict[str, float]:
+    """Return for how long (s) it would have stayed silent for which reason, the longest first."""
+    lasted: dict[str, float] = {}
+    why, since = None, 0.0
+    for now, commands in steps:
+        for change in (c for c in commands if isinstance(c, PhaseChange)):
+            if why is not None:
+                lasted[why] = lasted.get(why, 0.0) + now - since
+            why, since = change.reason if change.phase is Phase.NOT_LANDING else None, now
+    if why is not None:
+        lasted[why] = lasted.get(why, 0.0) + steps[-1][0] - since
+    return dict(sorted(lasted.items(), key=lambda each: -each[1]))
 
 
 def _remarks(telemetry: Telemetry, flight: _Flight) -> list[str]:
@@ -387,6 +403,7 @@ def _in_words(args: argparse.Namespace, result: dict[str, Any], not_written: Seq
         lines.append(f"    {change['t']:7.2f} s  {change['name']:14}  {change['reason']}")
     if not result["phases"]:
         lines.append("    none: it would have stayed silent")
+        lines += [f"      for {s:.1f} s: {why}" for why, s in result["silent_s"].items()]
     lines.append(f"  outcome: {outcome_in_words(result['outcome'])}")
     lines.append("  (the vehicle moves as it was recorded; nothing was sent)")
     for name in ("draw", "log"):

@@ -90,8 +90,11 @@ def test_without_a_video_a_drawn_pad_is_landed_on(
 
 def test_how_it_ends_is_told_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flight = str(write_bin(tmp_path / "a.bin", skip=("MNT",)))
-    assert main(["dry-run", "--telemetry", flight, "--fps", "1", "--to", "2"]) == 0
-    assert "outcome: the recording ends before the landing does" in capsys.readouterr().out
+    assert main(["dry-run", "--telemetry", flight, "--fps", "1", "--to", "4"]) == 0
+    said = capsys.readouterr().out
+    assert "outcome: the recording ends before the landing does" in said
+    # Of a picture a second no pad is believed: why nothing was sent is said.
+    assert re.search(r"would have stayed silent\n.* for [0-9.]+ s: pad seen", said, re.DOTALL)
     words = [outcome_in_words(o) for o in (*OUTCOMES.values(), "touchdown_unconfirmed")]
     assert not any("_" in text for text in words)
 
