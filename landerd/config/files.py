@@ -84,7 +84,9 @@ def read_model(path: Path, model: type[M]) -> M:
         ConfigError: it cannot be read, or a key is unknown, missing, of another type or range.
     """
     faults: list[Fault] = []
-    read = _validated(model, read_file(path, faults, config_dir()), faults)
+    tree = read_file(path, faults, config_dir())
+    # What is missing in a file that cannot be read is no fault of its own.
+    read = None if faults and not tree.value else _validated(model, tree, faults)
     if read is None or faults:
         raise ConfigError([str(fault) for fault in sorted(faults)])
     return read

@@ -172,6 +172,7 @@ def test_a_file_of_somebody_elses_is_left_alone(
         (["guidence"], "campaign 'guidence' is not known; nearest: guidance"),
         (["hover", "--set", "sim.pad.sped_mps=1"], "nearest known key: sim.pad.speed_mps"),
         (["hover", "--set", "pad.layout=none.yaml"], "none.yaml: cannot be read"),
+        (["none.yaml"], "none.yaml: cannot be read: No such file or directory"),
     ],
 )
 def test_wrong_input_is_one_line_and_nothing_is_flown(
