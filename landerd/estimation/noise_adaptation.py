@@ -27,7 +27,10 @@ MIN_ACCELERATION_MPS2, MAX_ACCELERATION_MPS2 = 0.05, 2.0  # bounds of the adapte
 # 0.1 m/s while it was said to sink at 0.16, with a sigma of 0.06. From farther away than this, m,
 # ranges err as decks heave.
 HEAVE_SHARE, HEAVE_KEPT_S, HEAVE_SEEN_M = 0.25, 20.0, 5.0
-ADAPTATION_RATE = 0.05  # per frame: how fast the assumed noises follow the innovations
+# How fast the assumed noises follow the innovations, per s, and per frame at least and at most: in
+# a landing of 15 s a camera of 15 frames a second learned half of what one of 30 did, and its
+# innovations stayed a quarter smaller than expected.
+ADAPTATION_PER_S, ADAPTATION_PER_FRAME = 1.5, (0.05, 0.1)
 OF_EXPECTED_SHARE = 0.1  # of the newest innovation in the mean of how large they are
 NOISE_SCALE_RANGE = (0.01, 100.0)  # of the white noise's variance, times what is said of it
 OUTLIER_FACTOR = 4.0  # an innovation beyond the NIS limit by this tells nothing of the noise
@@ -52,6 +55,7 @@ class NoiseAdaptation:
         """Begin anew at time t, s."""
         # White noise's variance over what it is said to be: across the line of sight, and along it.
         self._noise_scale = (1.0, 1.0)
+        self._last_t = t
         self._last_innovation = ZERO  # the position's, m
         self._of_expected = (1.0, 1.0)  # innovations' variance over the expected, level and down
         self._heave = (t, 0.0)  # when looked at last, s; squared, m^2/s^2
@@ -82,7 +86,9 @@ class NoiseAdaptation:
         """
         if not innovation.nis <= OUTLIER_FACTOR * self._nis_limit:  # so that NaN is outside
             return
-        self._adapt_noise(seen, innovation)
+        rate = clamp(ADAPTATION_PER_S * (seen.t - self._last_t), *ADAPTATION_PER_FRAME)
+        self._last_t = seen.t
+        self._adapt_noise(seen, innovation, rate)
         x, y, z = innovation.vector
         u, v, w = self._last_innovation
         self._last_innovation = innovation.vector
@@ -99,8 +105,9 @@ class NoiseAdaptation:
         horizontal += _too_wide(level, (R[0][0] + R[1][1]) / expected)
         vertical = z * w / S[2][2] + _too_wide(down, R[2][2] / S[2][2])
         q_north, _, q_down = motion.q
-        q_north = _adapted(q_north, horizontal)
-        q_down = max(_adapted(q_down, vertical), HEAVE_SHARE * self._heave_squared(seen, motion))
+        q_north = _adapted(q_north, horizontal, rate)
+        q_down = _adapted(q_down, vertical, rate)
+        q_down = max(q_down, HEAVE_SHARE * self._heave_squared(seen, motion))
         motion.q = (q_north, q_north, q_down)
 
     def _heave_squared(self, seen: PadObservation, motion: MotionFilter) -> float:
@@ -113,21 +120,21 @@ class NoiseAdaptation:
         self._heave = (seen.t, max(kept, surely * surely))
         return self._heave[1]
 
-    def _adapt_noise(self, seen: PadObservation, innovation: Innovation) -> None:
+    def _adapt_noise(self, seen: PadObservation, innovation: Innovation, rate: float) -> None:
         d = seen.sight
         off = dot(d, innovation.vector)
         in_range = off * off / dot(d, rotate(innovation.S, d))
         nis = min(innovation.nis, self._nis_limit)
         across, along = self._noise_scale
         self._noise_scale = (
-            _scaled(across, 0.5 * max(0.0, nis - in_range)),
-            _scaled(along, min(in_range, self._nis_limit)),
+            _scaled(across, 0.5 * max(0.0, nis - in_range), rate),
+            _scaled(along, min(in_range, self._nis_limit), rate),
         )
 
 
-def _scaled(noise_scale: float, nis: float) -> float:
+def _scaled(noise_scale: float, nis: float, rate: float) -> float:
     """Return the scale of a variance after an innovation of this NIS for each degree of freedom."""
-    return clamp(noise_scale * math.exp(ADAPTATION_RATE * (nis - 1.0)), *NOISE_SCALE_RANGE)
+    return clamp(noise_scale * math.exp(rate * (nis - 1.0)), *NOISE_SCALE_RANGE)
 
 
 def _too_wide(of_expected: float, noise_share: float) -> float:
@@ -143,10 +150,10 @@ def _too_wide(of_expected: float, noise_share: float) -> float:
     return 2.0 * min(0.0, of_expected - 0.5) * max(0.0, 1.0 - noise_share)
 
 
-def _adapted(q: float, correlation: float) -> float:
+def _adapted(q: float, correlation: float, rate: float) -> float:
     """Return the process noise q (m^2/s^3) after two innovations that correlate so.
 
     The correlation is in units of their expected variance: 0 on average where q is right.
     """
-    changed = q * math.exp(ADAPTATION_RATE * clamp(correlation, -3.0, 3.0))
+    changed = q * math.exp(rate * clamp(correlation, -3.0, 3.0))
     return clamp(changed, MIN_ACCELERATION_MPS2**2, MAX_ACCELERATION_MPS2**2)

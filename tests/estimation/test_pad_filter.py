@@ -170,6 +170,16 @@ def test_noise_of_another_size_than_stated_is_noticed(factor: float) -> None:
     assert mean_nis(PadFilter(OPTIONS), sightings()) == pytest.approx(3.0, rel=0.2)
 
 
+def test_a_slow_camera_learns_the_noise_in_as_many_seconds() -> None:
+    def sightings(noise: random.Random) -> Iterable[PadObservation]:
+        for t in list(times(120))[::2]:
+            off = sub(sighting(t, PAD, noise=noise).position, PAD)
+            yield sighting(t, add(PAD, scale(off, 0.3)))
+
+    found = [mean_nis(PadFilter(OPTIONS), sightings(random.Random(seed))) for seed in range(8)]
+    assert sum(found) / len(found) == pytest.approx(3.0, rel=0.25)
+
+
 def test_a_heaving_deck_is_tracked_and_its_innovations_stay_white() -> None:
     noise = random.Random(8)
     pad_filter = PadFilter(OPTIONS)
