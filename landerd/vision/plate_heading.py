@@ -159,9 +159,11 @@ class PlateHeading:
             if seen[k] > _LEAST_SEEN_CUT:
                 return float(seen[k]), float(self.angles[near[k]])
         seen, plate_in_view = self.ways(image, camera, t, axes)
-        seen = np.where(plate_in_view > _LEAST_IN_VIEW, seen, -1.0)
-        k = int(np.argmax(seen))
-        if seen[k] < _LEAST_SEEN or self._lead(seen) < _LEAST_LEAD:
+        whole = np.where(plate_in_view > _LEAST_IN_VIEW, seen, -1.0)
+        k = int(np.argmax(whole))
+        # Cut off behind its tag a plate looks like one that is turned by a quarter and cut less.
+        seen = np.where(plate_in_view > _CUT_VIEW, seen, -1.0)
+        if whole[k] < _LEAST_SEEN or self._lead(seen, k) < _LEAST_LEAD:
             return None
         return float(seen[k]), float(self.angles[k])
 
@@ -208,9 +210,12 @@ class PlateHeading:
         """Tell whether another code is seen beside a ring at t (3,) under the pad's axes (3, 2)."""
         return any(code.is_another(image, camera, t, axes) for code in self._codes)
 
-    def _lead(self, seen: F64) -> float:
-        """Return how much more is seen at the best heading than at any that is turned further."""
-        k = int(np.argmax(seen))
+    def _lead(self, seen: F64, of: int | None = None) -> float:
+        """Return how much more is seen at a heading than at any that is turned further.
+
+        `of`: its number; None: of that at which most is seen.
+        """
+        k = int(np.argmax(seen)) if of is None else of
         return float(seen[k]) - float(np.roll(seen, -k)[self._is_other].max())
 
     def _clean_leads(self, layout: PadLayout, ring: Ring) -> tuple[float, float]:

@@ -96,6 +96,17 @@ def test_a_plate_that_looks_alike_from_all_sides_tells_none() -> None:
     assert seen_in(picture(at, bare), at, layout=layout).north is None
 
 
+@pytest.mark.parametrize("background", ["asphalt", "plain"])
+def test_a_plate_cut_off_behind_its_tag_is_not_taken_for_one_turned_a_quarter(
+    background: str,
+) -> None:
+    """Less of it is in the picture than there would be of that one, whose sides are seen worse."""
+    heading = math.radians(303.0)
+    at = look(IDEAL_CAMERA, 3.0, 0.55, pixel=(57.0, 240.0), tilt_towards=0.0, heading=heading)
+    north = seen_in(picture(at, background=background), at).north
+    assert north is None or angle_between(north, tuple(at.R_camera_pad[:, 0])) < 0.1
+
+
 def test_near_where_it_is_known_to_be_two_sides_in_the_picture_tell_it() -> None:
     """Over the pad the tag, its end of the plate and another side are out of the picture."""
     at = view(1.7, 1.57, pixel=(440.0, 300.0))
