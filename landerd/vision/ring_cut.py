@@ -1,4 +1,4 @@
-"""Rings that the image's edge cuts, as just over the pad: an arc of an edge tells where they are.
+"""Rings that the image's edge cuts, at any height: an arc of an edge tells where they are.
 
 What is left of such a ring has no ring's moments. But its outline, and its hole's, is still that of
 an ellipse wherever it does not run along the image's edge: a cone of sight, and with it two poses,
@@ -14,6 +14,7 @@ from landerd.camera_model import F64, CameraModel
 from landerd.pad import Ring
 from landerd.vision.arrays import U8
 from landerd.vision.ring_edges import points_on
+from landerd.vision.ring_explained import MIN_COS
 from landerd.vision.ring_pose import CirclePose, cone_through, poses_of_cone
 
 _LEAST_ARC = 32  # pixels of the level; of 90 arcs of rings of which 0.3 and more was seen: 33
@@ -31,8 +32,7 @@ def cut_rings(dark: U8, camera: CameraModel, ring: Ring) -> list[tuple[CirclePos
     """Return both poses of what may be a ring that the image's edge cuts, the longest arc first.
 
     Args:
-        dark: (height, width), 255 where the whole image is dark, else 0; it is so much reduced
-            that the largest rings are small.
+        dark: (height, width), 255 where the whole image is dark, else 0; it is reduced.
         camera: that would see the image at this size.
         ring: its true size and ratio.
     """
@@ -46,13 +46,10 @@ def cut_rings(dark: U8, camera: CameraModel, ring: Ring) -> list[tuple[CirclePos
 
 def _arcs(dark: U8) -> Iterator[F64]:
     """Yield the parts (n, 2) of outlines of what is dark that do not run along the image's edge."""
-    contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    contours, _ = cv2.findContours(_at_border(dark), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     most = np.array(dark.shape[::-1]) - _BORDER_PX
     for contour in contours:
         if len(contour) < _LEAST_ARC:
-            continue
-        x, y, w, h = cv2.boundingRect(contour)
-        if min(x, y) >= _BORDER_PX and x + w <= most[0] and y + h <= most[1]:
             continue
         at = contour[:, 0]
         is_border = np.asarray(((at < _BORDER_PX) | (at >= most)).any(axis=1))
@@ -64,6 +61,17 @@ def _arcs(dark: U8) -> Iterator[F64]:
             arc = around[border[k] + 1 : border[k + 1]]
             if _is_convex(arc):
                 yield arc[:, 0].astype(np.float64)
+
+
+def _at_border(dark: U8) -> U8:
+    """Return what is dark and connected to the image's edge: of texture the rest is most."""
+    count, labelled = cv2.connectedComponents(dark, connectivity=8, ltype=cv2.CV_32S)
+    labels, n = np.asarray(labelled, dtype=np.int32), _BORDER_PX
+    is_kept = np.zeros(count, np.uint8)
+    for border in (labels[:n], labels[-n:], labels[:, :n], labels[:, -n:]):
+        is_kept[border] = 255
+    is_kept[0] = 0
+    return is_kept[labels]
 
 
 def _is_convex(arc: "cv2.typing.MatLike") -> bool:
@@ -78,7 +86,7 @@ def _poses(
     rays = camera.rays(arc)
     cone = cone_through(rays)
     poses = None if cone is None else poses_of_cone(cone, 1.0)
-    if cone is None or poses is None or min(t[2] for t, _ in poses) <= 0.0:
+    if cone is None or poses is None or not all(_may_be_seen(*pose) for pose in poses):
         return None
     v = np.column_stack([rays, np.ones(len(rays))])
     across = v @ cone
@@ -93,6 +101,12 @@ def _poses(
     radius = ring.radius_m * (1.0 if is_outline else ring.inner_ratio)
     (t, n), (other_t, other_n) = poses
     return (radius * t, n), (radius * other_t, other_n)
+
+
+def _may_be_seen(position: F64, normal: F64) -> bool:
+    """Tell whether a ring lies in front of the camera, and not so flat that its edges tell none."""
+    distance, ahead = float(np.linalg.norm(position)), float(position[2])
+    return ahead > 0.0 and float(position @ normal) > MIN_COS * distance
 
 
 def _is_cut(camera: CameraModel, ring: Ring, pose: CirclePose) -> bool:

@@ -34,7 +34,7 @@ from landerd.vision.ring_pose import CirclePose, mirrored
 # 6.5, 0.43 below 12 and 0.23 above; nine of ten rings of the field world had 0.93 there, 0.57 and
 # 0.6.
 _MIN_RADIUS_PX = 4.0  # the shorter one
-_MIN_COS = 0.3  # of the tilt: flatter ones are narrow bands of few pixels
+MIN_COS = 0.3  # of the tilt: flatter ones are narrow bands of few pixels
 _MAX_RIDGE = 0.2  # of the contrast, within the stroke
 _MIN_PRODUCT, _PRODUCT_PX = 0.27, 2.7  # this, and this over the shorter radius
 # Times that, if something vouches for it. The pad's whole plate about it: in leaf shade as fine as
@@ -413,7 +413,7 @@ def _has_edges(e: RingEdgeFit, share: float = 1.0) -> bool:
     """
     return (
         _shorter_px(e) > _MIN_RADIUS_PX
-        and e.cos_tilt > _MIN_COS
+        and e.cos_tilt > MIN_COS
         and min(e.support) > _MIN_EITHER
         and min(e.dark, e.bright) > share * _MIN_SHARE
         and e.ridge < _MAX_RIDGE

@@ -204,7 +204,7 @@ class RingSearch:
         return bool(self.found)
 
     def find_cut(self, level: Level, segment: Segmentation) -> bool:
-        """Fit the edges of what is dark and the edge of a level cuts, the coarsest of the image.
+        """Fit the edges of what is dark and the edge of a level of the whole image cuts.
 
         Once in a search: it goes on in the next image with what else there is.
         """

@@ -112,11 +112,14 @@ def _ways(
     if thorough and part in (Part.WHOLE, Part.REST):
         yield search.find_clear([(level, dark_in_small) for level in parts[-2:]])
     if is_whole:
-        yield from _ways_by_plate(search, parts, work)
+        yield from _ways_in_whole(search, parts, work)
 
 
-def _ways_by_plate(search: RingSearch, parts: list[Level], work: RingWork) -> Iterator[bool]:
-    """Do the same for a ring that its plate shows."""
+def _ways_in_whole(search: RingSearch, parts: list[Level], work: RingWork) -> Iterator[bool]:
+    """Do the same for a ring that the image's edge cuts, or that its plate shows."""
+    # In texture beside what takes the least.
+    if work.part in (Part.WHOLE, Part.REST, Part.BROKEN):
+        yield any(search.find_cut(level, _WIDE) for level in _coarse(parts))
     if work.part in (Part.WHOLE, Part.PLATE):
         yield search.find_on_plate(parts[:-1] if work.is_spread else parts)
     if work.part in (Part.WHOLE, Part.MATCH):

@@ -6,6 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from landerd.config.models import VisionSection
+from landerd.messages import Frame
+from landerd.vision import Vision
 from landerd.vision.whycon import find_rings
 from tests.vision import scenes
 
@@ -44,9 +47,27 @@ def test_a_ring_that_is_cut_a_little_is_as_exact_as_a_whole_one(
     assert math.dist(found.solutions[0].position, at.position) < 7e-4 * distance
 
 
+@pytest.mark.parametrize("pixel", [(4.0, 100.0), (560.0, 478.0), (636.0, 300.0)])
+@pytest.mark.parametrize("distance", [2.5, 4.0, 7.0])
+def test_a_ring_that_the_edge_cuts_in_two_is_found_in_a_search_from_metres_off(
+    pixel: tuple[float, float], distance: float
+) -> None:
+    camera = scenes.IDEAL_CAMERA
+    at = scenes.look(camera, distance, 0.3, pixel=pixel, tilt_towards=1.0, heading=0.4)
+    optics = scenes.Optics(background="grass", blur_px=1.0)
+    image = scenes.render(at, camera, optics, np.random.default_rng(1), scenes.THESIS_PAD)
+    vision = Vision(scenes.THESIS_PAD, camera, VisionSection())
+    found = [s.pad[0] for i in range(5) if (s := vision.process(Frame(i / 30.0, i, image))).pad]
+    assert found
+    assert math.dist(found[0].position, at.position) < 0.01 * distance
+
+
 @pytest.mark.parametrize("ratio", [0.0, 0.6])
-def test_discs_and_rings_of_another_ratio_that_are_cut_are_not_taken(ratio: float) -> None:
+@pytest.mark.parametrize(("middle", "radius"), [((80, 120), 220), ((8, 120), 60)])
+def test_discs_and_rings_of_another_ratio_that_are_cut_are_not_taken(
+    middle: tuple[int, int], radius: int, ratio: float
+) -> None:
     image = np.full((480, 640), 190, np.uint8)
-    cv2.circle(image, (80, 120), 220, 40, -1, cv2.LINE_AA)
-    cv2.circle(image, (80, 120), round(220 * ratio), 190, -1 if ratio else 1, cv2.LINE_AA)
+    cv2.circle(image, middle, radius, 40, -1, cv2.LINE_AA)
+    cv2.circle(image, middle, round(radius * ratio), 190, -1 if ratio else 1, cv2.LINE_AA)
     assert not find_rings(cv2.GaussianBlur(image, (0, 0), 0.8).astype(np.uint8), RING, CAMERA)
