@@ -32,6 +32,8 @@ _MOST_CAMERAS = 1000  # a longer number is none's
 _READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
 _OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".gif", ".dng"}  # which OpenCV does not read
+# However the camera was held: a calibration is of the pixels as the sensor has them.
+_READ_AS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 class SourceError(Exception):
@@ -206,7 +208,7 @@ def _still(path: Path) -> Picture:
     except OSError as e:
         raise SourceError(f"{path}: cannot be read: {e.strerror}") from None
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+        image = cv2.imdecode(data, _READ_AS) if data.size else None
     except cv2.error:  # more pixels than it takes
         image = None
     if image is None:

@@ -53,6 +53,26 @@ def test_json_is_one_object_an_image(folder: Path, capsys: pytest.CaptureFixture
     assert (second["markers"], second["pad"]) == ([], None)
 
 
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_a_camera_that_was_held_another_way_has_the_same_calibration(
+    orientation: int, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """EXIF tells viewers to turn the picture; principal point and distortion do not turn."""
+    _, jpeg = cv2.imencode(".jpg", picture())
+    held = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0" + bytes([orientation]) + bytes(7)
+    exif = b"Exif\0\0" + held
+    app1 = b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif
+    file = folder / "held.jpg"
+    file.write_bytes(jpeg.tobytes()[:2] + app1 + jpeg.tobytes()[2:])
+    shown, stored = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE), cv2.imdecode(jpeg, 0)
+    assert shown is not None
+    assert stored is not None
+    assert not np.array_equal(shown, stored)
+    assert main(["detect", str(file), *FILES, "--json"]) == 0
+    pad = json.loads(capsys.readouterr().out)["pad"]
+    assert math.dist(pad["position_m"], VIEW.position) < 0.02
+
+
 def test_another_pad_is_named_by_its_tag(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
