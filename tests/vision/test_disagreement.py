@@ -72,7 +72,7 @@ def test_what_the_ring_said_of_the_tag_is_remembered_when_the_ring_is_out_of_sig
     vision = Vision(THESIS_PAD, CAMERA, VisionSection(readout_s=0.0))
     for number in range(0, 40, 5):
         shown(vision, pad, VIEW, number)
-    tag_only = look(CAMERA, 0.9, 0.2, pixel=(320.0, 620.0), heading=0.0)
+    tag_only = look(CAMERA, 0.9, 0.2, pixel=(320.0, 720.0), heading=0.0)
     seen = shown(vision, pad, tag_only, 41)
     assert [m.kind for m in seen.markers] == ["apriltag"]
     fresh = Vision(THESIS_PAD, CAMERA, VisionSection())
