@@ -39,6 +39,7 @@ class Patch:
     pixel: float  # width of one on the plane z = 1
     blur: float  # variance to start from, pixels^2: a sharp lens's spread and the pixel's box
     bias: float  # error of the corners that no residual shows, pixels, with a sharp lens
+    reduction: int  # pixels of the image along one
 
 
 def marker_patch(
@@ -47,6 +48,7 @@ def marker_patch(
     pose: Pose,
     reach: float,
     is_used: Callable[[F64, F64], Mask],
+    reduction: int | None = None,
 ) -> Patch | None:
     """Return the marker's pixels under a pose, reduced if they are many; None if too few.
 
@@ -56,6 +58,7 @@ def marker_patch(
         pose: of the marker.
         reach: half the side of the square that holds all of interest, m.
         is_used: tells which points (north, east; (n,) each, m) of the plane are of interest.
+        reduction: how many pixels along a side become one; None: as many as there should.
     """
     corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * reach
     outline = pose.points(corners)
@@ -64,7 +67,7 @@ def marker_patch(
     px = camera.pixels(outline)
     low = np.maximum(np.floor(px.min(axis=0)), 0).astype(int)
     high = np.minimum(np.ceil(px.max(axis=0)) + 1, (camera.width, camera.height)).astype(int)
-    reduce = _reduction(px, low, high)
+    reduce = reduction or _reduction(px, low, high)
     size = (int(high[0] - low[0]) // reduce, int(high[1] - low[1]) // reduce)
     if min(size) < _MIN_SIDE_PX:
         return None
@@ -84,6 +87,7 @@ def marker_patch(
         pixel=reduce / camera.focal,
         blur=_LENS_BLUR / reduce**2 + _BOX_BLUR,
         bias=math.hypot(_EDGE_BIAS_PX, _REDUCED_BIAS_PX * reduce),
+        reduction=reduce,
     )
 
 

@@ -40,6 +40,9 @@ _PRIOR = np.diag([0.0] * _TONE.start + [TONE_SIGMA**-2] * TONES)  # information
 # the way to the other solution corners hardly move.
 _CONVERGED_PX = 0.03
 _CONVERGED = 20.0
+# And changes the blur by less: from an exact start only that is left to find, and while it is wrong
+# a rival that took more steps explains more.
+_CONVERGED_BLUR = 0.1
 _LEARN_BLUR_PX = 0.2  # motion of the corners by a step: before, being off the print looks like blur
 _ROBUST_SIGMAS = 2.5  # residuals beyond it count less (Huber)
 _TURNED = 0.6  # of the contrast: a residual above it
@@ -65,6 +68,8 @@ class Fit:
     # Share of what tells the print from others that is white for black, or black for white,
     # whichever is less: what hides a print does one of the two, another print both.
     contradicted: float
+    pixels: float  # sum of weights
+    reduction: int  # of the pixels, as `Patch` has it
 
 
 @dataclass
@@ -146,12 +151,14 @@ class MarkerPrint:
         start: Pose,
         *,
         has_rival: bool = True,
+        reduction: int | None = None,
     ) -> Fit | None:
         """Return the pose that explains the pixels round a start near it; None if none does.
 
-        With a rival it will be compared with another fit by how well each explains the pixels.
+        With a rival it will be compared with another fit by how well each explains the pixels: of
+        the same reduction, as the means of more pixels are less noisy.
         """
-        patch = marker_patch(image, camera, start, self._reach, self._is_used)
+        patch = marker_patch(image, camera, start, self._reach, self._is_used, reduction)
         if patch is None:
             return None
         blur = max(1.0, self._blur)
@@ -203,6 +210,7 @@ class MarkerPrint:
                 step = equations.step(estimate.rows)
             except np.linalg.LinAlgError:
                 return None
+            blur = estimate.blur
             motion_px = self._move(patch, estimate, step)
             pose = estimate.pose
             if not np.isfinite(step).all() or pose.t[2] <= 0 or pose.normal @ pose.t <= 0:
@@ -213,8 +221,10 @@ class MarkerPrint:
                 estimate.is_toned = equations.tone_gain() > _TONE_CHI2
                 if estimate.is_toned:
                     continue
-            is_settled = motion_px < _CONVERGED_PX
-            if is_settled and (reduction < _CONVERGED * equations.sigma**2 or not has_rival):
+            is_done = reduction < _CONVERGED * equations.sigma**2 and (
+                abs(estimate.blur - blur) < _CONVERGED_BLUR * blur
+            )
+            if motion_px < _CONVERGED_PX and (is_done or not has_rival):
                 break
         return equations
 
@@ -261,7 +271,8 @@ class MarkerPrint:
         excess = max(0.0, estimate.blur - patch.blur)
         bias = patch.bias + _UNSHARP_BIAS * math.sqrt(excess)
         squares = float(weight @ equations.residual**2)
-        left = squares / max(1.0, float(weight.sum()) - _ROWS)
+        pixels = float(weight.sum())
+        left = squares / max(1.0, pixels - _ROWS)
         variance = max(_READ_NOISE**2, left)
         correlation = _correlation(equations)
         # Of residuals alike to either side and up and down, so many are one.
@@ -285,7 +296,18 @@ class MarkerPrint:
         tone = estimate.tone if is_seen else LINEAR
         contradicted = self._contradicted(patch, estimate, equations.residual)
         blur = estimate.blur / patch.blur
-        return Fit(fitted, explained, squares, variance, correlation, tone, blur, contradicted)
+        return Fit(
+            fitted,
+            explained,
+            squares,
+            variance,
+            correlation,
+            tone,
+            blur,
+            contradicted,
+            pixels,
+            patch.reduction,
+        )
 
     def _contradicted(self, patch: Patch, estimate: _Estimate, residual: F64) -> float:
         """Return the share of what tells the print that is turned, see `Fit`."""

@@ -98,10 +98,10 @@ class SquarePrint(MarkerPrint):
             return ranked_by_edges([first, *(f for f in found if f is not None)]), EDGES
         fits = [first]
         for start in rivals:
-            fit = self.fit(image, camera, start)
+            fit = self.fit(image, camera, start, reduction=first.reduction)
             if fit is not None and fit.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS:
                 fits.append(fit)
-        self.remember(min(fits, key=lambda f: f.squares))
+        self.remember(min(fits, key=_per_pixel))
         return _ranked(fits), GREY
 
     def _first(self, image: Image, camera: CameraModel, corners: F64) -> Fit | EdgeFit | None:
@@ -191,14 +191,21 @@ class SquarePrint(MarkerPrint):
 
 def _ranked(fits: list[Fit]) -> list[Pose]:
     """Return the poses, best first; its cost is 0, another's how much worse it explains them."""
-    fits = sorted(fits, key=lambda f: f.squares)
+    fits = sorted(fits, key=_per_pixel)
+    best = fits[0]
     # Of residuals that correlate so, n tell as much as n (1 - c) / (1 + c) independent ones.
-    c = fits[0].correlation
-    unit = AMBIGUITY_CHI2 * fits[0].variance * (1.0 + c) / (1.0 - c)
+    c = best.correlation
+    unit = AMBIGUITY_CHI2 * best.variance * (1.0 + c) / (1.0 - c)
+    costs = (best.pixels * (_per_pixel(f) - _per_pixel(best)) / unit for f in fits)
     return [
-        Pose(f.pose.R, f.pose.t, f.pose.information, (f.squares - fits[0].squares) / unit)
-        for f in fits
+        Pose(f.pose.R, f.pose.t, f.pose.information, cost)
+        for f, cost in zip(fits, costs, strict=True)
     ]
+
+
+def _per_pixel(fit: Fit) -> float:
+    """Return what a fit leaves over: under another pose a print covers more pixels, or fewer."""
+    return fit.squares / fit.pixels
 
 
 def _is_settled_by_gravity(pose: Pose, other: Pose, down: F64) -> bool:

@@ -287,7 +287,11 @@ class WhyCodeFinder:
         """Return the poses that explain the pixels, best first, beside a first one."""
         printed, fits = self._prints[code], [first]
         other = self._rival(code, first.pose, last_normal)
-        fit = None if other is None else printed.fit(image, self._camera, other)
+        fit = (
+            None
+            if other is None
+            else printed.fit(image, self._camera, other, reduction=first.reduction)
+        )
         if fit is not None and fit.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS:
             fits.append(fit)
         printed.remember(min(fits, key=lambda f: f.variance))

@@ -98,6 +98,41 @@ def test_both_solutions_of_the_planar_ambiguity() -> None:
     assert 40.0 < between < 70.0
 
 
+def test_a_fit_that_begins_on_the_pose_learns_how_sharp_the_picture_is() -> None:
+    """Else its rival, which takes more steps to the other pose, explains more of the pixels."""
+    square = tag()
+    view = look(IDEAL_CAMERA, 5.0, 0.6, pixel=(300, 228), heading=1.0)
+    optics = Optics(blur_px=0.25, noise=1.0, background="plain")
+    image = render(view, IDEAL_CAMERA, optics, np.random.default_rng(1), pad_of(square))
+    exact = Pose(view.R_camera_pad, np.array(view.position), np.eye(6), 0.0)
+    beside = exact.moved(np.array([0.01, 0.005, 0.05, 0.05, -0.1, 0.01]))
+    first, second = (
+        SquarePrint(square, printed_cells(square)).fit(image, IDEAL_CAMERA, start)
+        for start in (exact, beside)
+    )
+    assert first is not None
+    assert second is not None
+    assert first.squares < 1.1 * second.squares
+
+
+@pytest.mark.parametrize(
+    ("width_px", "pixel", "tilt", "towards"),
+    [(34.87, (424, 198), 0.22, 1.9), (37.38, (257, 278), 0.34, 0.5)],
+)
+def test_a_mirrored_pose_that_covers_so_many_pixels_that_they_are_reduced_is_no_better_for_it(
+    width_px: float, pixel: tuple[float, float], tilt: float, towards: float
+) -> None:
+    """The mean of four pixels is less noisy than one is."""
+    square = tag()
+    distance = IDEAL_CAMERA.fx * square.size_m / width_px
+    view = look(IDEAL_CAMERA, distance, tilt, pixel=pixel, tilt_towards=towards, heading=1.0)
+    optics = Optics(noise=8.0, background="plain")
+    image = render(view, IDEAL_CAMERA, optics, np.random.default_rng(1), pad_of(square))
+    corners = corners_px(view, square, IDEAL_CAMERA)
+    poses, _ = SquarePrint(square, printed_cells(square)).poses(image, IDEAL_CAMERA, corners)
+    assert float(poses[0].normal @ view.normal) > 0.99
+
+
 def test_a_ring_s_normal_undoes_the_mirrored_pose_that_corners_led_to() -> None:
     """Blurred or bloomed corners may lie nearer to the wrong one, by more than they should."""
     square = tag()

@@ -172,7 +172,7 @@ class ModelledDetectors:
         cell_px = sight.edges.edges.apart_m * self._focal / float(sight.pose.t[2])
         if not float(off[sight.weight > 0.0].max()) < cell_px:
             return None
-        return Fit(sight.pose, 1.0, sight.pose.cost, 1.0, 0.0, LINEAR, 1.0, 0.0)
+        return Fit(sight.pose, 1.0, sight.pose.cost, 1.0, 0.0, LINEAR, 1.0, 0.0, 1.0, 1)
 
     def find_squares(
         self,
