@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -310,22 +311,19 @@ def _report(telemetry: Telemetry, flight: _Flight, result: DryRunResult) -> dict
             {"t": t - zero, "name": change.phase.value, "reason": change.reason}
             for t, change in phases(result.steps)
         ],
-        "silent_s": _silent_s(result.steps),
+        "not_landing_s": _not_landing_s(result.steps),
         "outcome": result.outcome,
     }
 
 
-def _silent_s(steps: Sequence[tuple[float, list[Command]]]) -> dict[str, float]:
-    """Return for how long (s) it would have stayed silent for which reason, the longest first."""
-    lasted: dict[str, float] = {}
-    why, since = None, 0.0
-    for now, commands in steps:
-        for change in (c for c in commands if isinstance(c, PhaseChange)):
-            if why is not None:
-                lasted[why] = lasted.get(why, 0.0) + now - since
-            why, since = change.reason if change.phase is Phase.NOT_LANDING else None, now
-    if why is not None:
-        lasted[why] = lasted.get(why, 0.0) + steps[-1][0] - since
+def _not_landing_s(steps: Sequence[tuple[float, list[Command]]]) -> dict[str, float]:
+    """Return for how long (s) it was not landing for which reason, the longest first."""
+    changes = [(t, c) for t, commands in steps for c in commands if isinstance(c, PhaseChange)]
+    ends = [t for t, _ in changes[1:]] + [t for t, _ in steps[-1:]]
+    lasted: defaultdict[str, float] = defaultdict(float)
+    for (t, change), end in zip(changes, ends, strict=False):
+        if change.phase is Phase.NOT_LANDING:
+            lasted[change.reason] += end - t
     return dict(sorted(lasted.items(), key=lambda each: -each[1]))
 
 
@@ -403,7 +401,7 @@ def _in_words(args: argparse.Namespace, result: dict[str, Any], not_written: Seq
         lines.append(f"    {change['t']:7.2f} s  {change['name']:14}  {change['reason']}")
     if not result["phases"]:
         lines.append("    none: it would have stayed silent")
-        lines += [f"      for {s:.1f} s: {why}" for why, s in result["silent_s"].items()]
+        lines += [f"      for {s:.1f} s: {why}" for why, s in result["not_landing_s"].items()]
     lines.append(f"  outcome: {outcome_in_words(result['outcome'])}")
     lines.append("  (the vehicle moves as it was recorded; nothing was sent)")
     for name in ("draw", "log"):

@@ -58,7 +58,7 @@ class NoiseAdaptation:
         self._last_t = t
         self._last_innovation = ZERO  # the position's, m
         self._of_expected = (1.0, 1.0)  # innovations' variance over the expected, level and down
-        self._heave = (t, 0.0)  # when looked at last, s; squared, m^2/s^2
+        self._heave_squared = 0.0  # of the fastest surely seen lately, m^2/s^2
 
     def white(self, seen: PadObservation) -> Mat3:
         """Return what is new in every frame as it was learned, m^2.
@@ -86,8 +86,8 @@ class NoiseAdaptation:
         """
         if not innovation.nis <= OUTLIER_FACTOR * self._nis_limit:  # so that NaN is outside
             return
-        rate = clamp(ADAPTATION_PER_S * (seen.t - self._last_t), *ADAPTATION_PER_FRAME)
-        self._last_t = seen.t
+        dt, self._last_t = seen.t - self._last_t, seen.t
+        rate = clamp(ADAPTATION_PER_S * dt, *ADAPTATION_PER_FRAME)
         self._adapt_noise(seen, innovation, rate)
         x, y, z = innovation.vector
         u, v, w = self._last_innovation
@@ -107,18 +107,16 @@ class NoiseAdaptation:
         q_north, _, q_down = motion.q
         q_north = _adapted(q_north, horizontal, rate)
         q_down = _adapted(q_down, vertical, rate)
-        q_down = max(q_down, HEAVE_SHARE * self._heave_squared(seen, motion))
+        self._watch_heave(seen, motion, dt)
+        q_down = max(q_down, HEAVE_SHARE * self._heave_squared)
         motion.q = (q_north, q_north, q_down)
 
-    def _heave_squared(self, seen: PadObservation, motion: MotionFilter) -> float:
-        """Return the square of the fastest heave surely seen lately, m^2/s^2; called in order."""
+    def _watch_heave(self, seen: PadObservation, motion: MotionFilter, dt: float) -> None:
         surely = max(0.0, abs(motion.velocity[2]) - 2.0 * math.sqrt(motion.Pvv[2][2]))
         if seen.range_m > HEAVE_SEEN_M:
             surely = 0.0
-        t_before, before = self._heave
-        kept = before * math.exp((t_before - seen.t) / HEAVE_KEPT_S)
-        self._heave = (seen.t, max(kept, surely * surely))
-        return self._heave[1]
+        kept = self._heave_squared * math.exp(-dt / HEAVE_KEPT_S)
+        self._heave_squared = max(kept, surely * surely)
 
     def _adapt_noise(self, seen: PadObservation, innovation: Innovation, rate: float) -> None:
         d = seen.sight

@@ -18,7 +18,7 @@ from landerd.vision.blurred_print import BlurredPrint
 from landerd.vision.edge_profile import SIGMA_PER_MAD
 from landerd.vision.linear import inverse, solved
 from landerd.vision.patch import Patch, marker_patch, on_plane, pose_slope
-from landerd.vision.pose import Pose
+from landerd.vision.pose import EQUAL_NORMALS_COS, Pose
 from landerd.vision.square_pose import corner_information, square_points
 from landerd.vision.tone import LINEAR, TONE_SIGMA, TONES, bounded, edge_shift, toned
 
@@ -155,8 +155,8 @@ class MarkerPrint:
     ) -> Fit | None:
         """Return the pose that explains the pixels round a start near it; None if none does.
 
-        With a rival it will be compared with another fit by how well each explains the pixels: of
-        the same reduction, as the means of more pixels are less noisy.
+        With a rival it will be compared with another fit by how well each explains the pixels.
+        `reduction` is as `marker_patch` takes it.
         """
         patch = marker_patch(image, camera, start, self._reach, self._is_used, reduction)
         if patch is None:
@@ -169,6 +169,15 @@ class MarkerPrint:
             sharp = self._fitted(patch, start, 1.0, has_rival)
             fit = max((fit, sharp), key=lambda f: -math.inf if f is None else f.explained)
         return fit
+
+    def fit_rival(self, image: Image, camera: CameraModel, start: Pose, first: Fit) -> Fit | None:
+        """Return the fit near a start of another pose than a first fit's; None if none is.
+
+        The pixels are of the same reduction: the means of more of them are less noisy.
+        """
+        fit = self.fit(image, camera, start, reduction=first.reduction)
+        is_other = fit is not None and fit.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS
+        return fit if is_other else None
 
     def _fitted(self, patch: Patch, start: Pose, blur: float, has_rival: bool) -> Fit | None:
         """Return the fit from a start, with a blur in a sharp lens's; None if there is none."""
@@ -297,16 +306,16 @@ class MarkerPrint:
         contradicted = self._contradicted(patch, estimate, equations.residual)
         blur = estimate.blur / patch.blur
         return Fit(
-            fitted,
-            explained,
-            squares,
-            variance,
-            correlation,
-            tone,
-            blur,
-            contradicted,
-            pixels,
-            patch.reduction,
+            pose=fitted,
+            explained=explained,
+            squares=squares,
+            variance=variance,
+            correlation=correlation,
+            tone=tone,
+            blur=blur,
+            contradicted=contradicted,
+            pixels=pixels,
+            reduction=patch.reduction,
         )
 
     def _contradicted(self, patch: Patch, estimate: _Estimate, residual: F64) -> float:

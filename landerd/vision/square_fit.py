@@ -96,11 +96,8 @@ class SquarePrint(MarkerPrint):
         if isinstance(first, EdgeFit):
             found = (self._edges.fit(image, camera, start) for start in rivals)
             return ranked_by_edges([first, *(f for f in found if f is not None)]), EDGES
-        fits = [first]
-        for start in rivals:
-            fit = self.fit(image, camera, start, reduction=first.reduction)
-            if fit is not None and fit.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS:
-                fits.append(fit)
+        others = (self.fit_rival(image, camera, start, first) for start in rivals)
+        fits = [first, *(fit for fit in others if fit is not None)]
         self.remember(min(fits, key=_per_pixel))
         return _ranked(fits), GREY
 

@@ -22,7 +22,6 @@ from landerd.pad import PadLayout, WhyCode, rotated
 from landerd.vision.arrays import Image
 from landerd.vision.expected import Expected
 from landerd.vision.pose import (
-    EQUAL_NORMALS_COS,
     MIN_DEPTH_M,
     SAME_SOLUTION_COS,
     Pose,
@@ -287,12 +286,8 @@ class WhyCodeFinder:
         """Return the poses that explain the pixels, best first, beside a first one."""
         printed, fits = self._prints[code], [first]
         other = self._rival(code, first.pose, last_normal)
-        fit = (
-            None
-            if other is None
-            else printed.fit(image, self._camera, other, reduction=first.reduction)
-        )
-        if fit is not None and fit.pose.normal @ first.pose.normal < EQUAL_NORMALS_COS:
+        fit = None if other is None else printed.fit_rival(image, self._camera, other, first)
+        if fit is not None:
             fits.append(fit)
         printed.remember(min(fits, key=lambda f: f.variance))
         return _ranked(fits)

@@ -158,25 +158,23 @@ def mean_nis(pad_filter: PadFilter, sightings: Iterable[PadObservation]) -> floa
     return sum(found) / len(found)
 
 
+def scaled_noise(at: Iterable[float], factor: float, seed: int) -> Iterable[PadObservation]:
+    """Yield sightings whose noise is so many times what they say of it."""
+    noise = random.Random(seed)
+    for t in at:
+        off = sub(sighting(t, PAD, noise=noise).position, PAD)
+        yield sighting(t, add(PAD, scale(off, factor)))
+
+
 @pytest.mark.parametrize("factor", [0.3, 3.0])
 def test_noise_of_another_size_than_stated_is_noticed(factor: float) -> None:
-    noise = random.Random(7)
-
-    def sightings() -> Iterable[PadObservation]:
-        for t in times(900):
-            off = sub(sighting(t, PAD, noise=noise).position, PAD)
-            yield sighting(t, add(PAD, scale(off, factor)))
-
-    assert mean_nis(PadFilter(OPTIONS), sightings()) == pytest.approx(3.0, rel=0.2)
+    nis = mean_nis(PadFilter(OPTIONS), scaled_noise(times(900), factor, 7))
+    assert nis == pytest.approx(3.0, rel=0.2)
 
 
 def test_a_slow_camera_learns_the_noise_in_as_many_seconds() -> None:
-    def sightings(noise: random.Random) -> Iterable[PadObservation]:
-        for t in list(times(120))[::2]:
-            off = sub(sighting(t, PAD, noise=noise).position, PAD)
-            yield sighting(t, add(PAD, scale(off, 0.3)))
-
-    found = [mean_nis(PadFilter(OPTIONS), sightings(random.Random(seed))) for seed in range(8)]
+    at = list(times(120))[::2]
+    found = [mean_nis(PadFilter(OPTIONS), scaled_noise(at, 0.3, seed)) for seed in range(8)]
     assert sum(found) / len(found) == pytest.approx(3.0, rel=0.25)
 
 

@@ -172,7 +172,18 @@ class ModelledDetectors:
         cell_px = sight.edges.edges.apart_m * self._focal / float(sight.pose.t[2])
         if not float(off[sight.weight > 0.0].max()) < cell_px:
             return None
-        return Fit(sight.pose, 1.0, sight.pose.cost, 1.0, 0.0, LINEAR, 1.0, 0.0, 1.0, 1)
+        return Fit(
+            pose=sight.pose,
+            explained=1.0,
+            squares=sight.pose.cost,
+            variance=1.0,
+            correlation=0.0,
+            tone=LINEAR,
+            blur=1.0,
+            contradicted=0.0,
+            pixels=1.0,
+            reduction=1,
+        )
 
     def find_squares(
         self,
