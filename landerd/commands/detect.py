@@ -31,9 +31,10 @@ _LEAST_SEARCHES, _MOST_SEARCHES = 37, 54
 _MOST_CAMERAS = 1000  # a longer number is none's
 _READOUT_S = 0.02  # of the shutter of a camera that nobody knows
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp"}
-_OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".gif", ".dng"}  # which OpenCV does not read
+_OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng"}  # which OpenCV does not read
 # However the camera was held: a calibration is of the pixels as the sensor has them.
 _READ_AS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+_BITS = 8  # of a pixel here
 
 
 class SourceError(Exception):
@@ -99,6 +100,7 @@ def run(args: argparse.Namespace) -> int:
         except OSError as e:
             raise InputError(f"--draw {args.draw}: {e.strerror}") from None
     refused: list[str] = []
+    drawn: set[Path] = set()
 
     def refuse(e: Exception) -> None:
         tell(str(e))  # at once: the next source may be a camera, which does not end
@@ -106,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
 
     for source in args.sources:
         try:
-            _detect(source, camera, layout, args, refuse)
+            _detect(source, camera, layout, args, refuse, drawn)
         except (SourceError, CalibrationError) as e:
             refuse(e)
     if refused:
@@ -115,7 +117,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _detect(
-    source: str, camera: CameraModel, layout: PadLayout, args: argparse.Namespace, refuse: Refuse
+    source: str,
+    camera: CameraModel,
+    layout: PadLayout,
+    args: argparse.Namespace,
+    refuse: Refuse,
+    drawn: set[Path],
 ) -> None:
     vision: Vision | None = None
     for seq, picture in enumerate(pictures(source, refuse)):
@@ -140,9 +147,19 @@ def _detect(
         else:
             print(_in_words(picture.name, sightings, ms, wrong), flush=True)
         if args.draw is not None:
-            drawn = args.draw / f"{Path(picture.name).name.replace('#', '_')}.png"
             _, png = cv2.imencode(".png", draw(picture.image, sightings, fitting, layout))
-            write_bytes(drawn, png.tobytes())
+            write_bytes(_unused(args.draw, picture.name, drawn), png.tobytes())
+
+
+def _unused(folder: Path, name: str, used: set[Path]) -> Path:
+    """Return where a picture of that name is drawn; pictures of other folders may be named so."""
+    name = Path(name).name.replace("#", "_")
+    path, number = folder / f"{name}.png", 1
+    while path in used:
+        number += 1
+        path = folder / f"{name}-{number}.png"
+    used.add(path)
+    return path
 
 
 def search_still(vision: Vision, frame: Frame) -> Sightings:
@@ -208,12 +225,21 @@ def _still(path: Path) -> Picture:
     except OSError as e:
         raise SourceError(f"{path}: cannot be read: {e.strerror}") from None
     try:
-        image = cv2.imdecode(data, _READ_AS) if data.size else None
+        image = cv2.imdecode(data, _READ_AS | cv2.IMREAD_ANYDEPTH) if data.size else None
+        if image is not None and image.dtype == np.uint16:
+            image = _of_depth(image)
+        elif image is not None and image.dtype != np.uint8:
+            image = cv2.imdecode(data, _READ_AS)
     except cv2.error:  # more pixels than it takes
         image = None
     if image is None:
         raise SourceError(f"{path}: not an image that can be read")
     return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False, True)
+
+
+def _of_depth(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return what 10, 12, 14 or 16 bits of a sensor show, which none of these files say."""
+    return np.asarray(image >> max(0, int(image.max()).bit_length() - _BITS), dtype=np.uint8)
 
 
 def _frames(source: str) -> Iterator[Picture]:

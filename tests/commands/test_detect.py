@@ -149,6 +149,23 @@ def test_drawn_pictures_mark_the_tag_and_leave_the_rest(folder: Path, tmp_path: 
     assert not coloured[360:].any()
 
 
+def test_pictures_of_one_name_are_all_drawn(folder: Path, tmp_path: Path) -> None:
+    out, other = tmp_path / "drawn", tmp_path / "other"
+    other.mkdir()
+    cv2.imwrite(str(other / "a.png"), picture(None))
+    sources = [str(folder / "a.png"), str(other / "a.png")]
+    assert main(["detect", *sources, *FILES, "--draw", str(out)]) == 0
+    assert sorted(p.name for p in out.iterdir()) == ["a.png-2.png", "a.png.png"]
+
+
+def test_a_sensors_twelve_bits_in_a_file_of_sixteen_are_seen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cv2.imwrite(str(tmp_path / "raw.png"), picture().astype(np.uint16) << 4)
+    assert main(["detect", str(tmp_path / "raw.png"), *FILES, "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["markers"]) == 2
+
+
 @pytest.mark.parametrize("name", ["missing.png", "text.png", "missing.mp4", "text.mp4", "empty"])
 def test_a_bad_source_is_one_clear_line(
     name: str, folder: Path, capsys: pytest.CaptureFixture[str]
