@@ -8,7 +8,7 @@ from landerd.geometry import horizontal
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.relative_state import RelativeState
-from landerd.guidance.touchdown import ContactMotion, Touchdown
+from landerd.guidance.touchdown import LATE_S, ContactMotion, Touchdown
 from landerd.messages import Severity
 
 # The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
@@ -28,6 +28,11 @@ def least_clearance(
 def foot_height(relative: RelativeState, vehicle: VehicleState) -> float:
     """Return the height of the lowest foot over the pad, m, as airframe and plate do lean."""
     return relative.height - vehicle.lowest_foot(relative.normal)
+
+
+def is_arriving(relative: RelativeState, vehicle: VehicleState, sinking: float) -> bool:
+    """Tell whether a foot will be down before a climb answers, at a sink rate of so many m/s."""
+    return foot_height(relative, vehicle) <= LATE_S * sinking
 
 
 def lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:

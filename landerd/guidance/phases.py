@@ -151,7 +151,12 @@ class Phases:
         self.leans = leans and relative.height < LEANS_BELOW * self._options.alignment_height_m
 
     def step(
-        self, relative: RelativeState, sighting_age: float = 0.0, *, may_land: bool = True
+        self,
+        relative: RelativeState,
+        sighting_age: float = 0.0,
+        *,
+        may_land: bool = True,
+        arrives: bool = False,
     ) -> tuple[Phase, str]:
         """Return the phase that is in force from now on, and why.
 
@@ -159,13 +164,15 @@ class Phases:
             relative: pad relative to the vehicle.
             sighting_age: at exposure, s.
             may_land: False: the pilot asks to hold, and it gets no further than YAW_CORRECTION.
+            arrives: it will stand on the plate before a climb answers, however far off.
         """
         self._update_alignment(relative.heading_error)
         self._move_on(relative, may_land=may_land)
-        if self._commits(relative, sighting_age):
+        unfit = self._why_unfit(relative, sighting_age, arrives=arrives)
+        if self._commits(relative) and not unfit:
             self.phase = Phase.LANDED
         else:
-            self._decide_go_around(relative, sighting_age)
+            self._decide_go_around(relative, unfit)
         return self.phase, self._why(relative)
 
     def _move_on(self, relative: RelativeState, *, may_land: bool) -> None:
@@ -184,13 +191,12 @@ class Phases:
         elif self.phase is Phase.DESCENT and not descends:
             self.phase = Phase.YAW_CORRECTION
 
-    def _commits(self, relative: RelativeState, sighting_age: float) -> bool:
+    def _commits(self, relative: RelativeState) -> bool:
         return (
             self.phase is Phase.DESCENT
             and relative.height < self._options.commit_height_m
             and not self.goes_around
             and relative.error_rate[2] < MAX_CLIMB_MPS
-            and not self._why_unfit(relative, sighting_age)
         )
 
     def is_blind(self, relative: RelativeState, sighting_age: float) -> bool:
@@ -198,7 +204,7 @@ class Phases:
         blind_s = sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S
         return relative.height < self._options.commit_height_m and blind_s >= MAX_BLIND_S
 
-    def _why_unfit(self, relative: RelativeState, sighting_age: float) -> str:
+    def _why_unfit(self, relative: RelativeState, sighting_age: float, *, arrives: bool) -> str:
         """Return why it is not fit to commit, for the pilot; "" where it is.
 
         It may be blind, or what the error and the speed at touch-down will be is outside of their
@@ -215,11 +221,11 @@ class Phases:
             return pilot_texts.SINKS_CLIMBING.format(speed=-v_down)
         t = self._touchdown_s
         off = math.hypot(north + t * v_north, east + t * v_east) + 2.0 * relative.sigma_m
-        if not off < o.commit_miss_m:
+        if not (off < o.commit_miss_m or arrives):
             return pilot_texts.MAY_MISS_CLIMBING.format(distance=off)
         return ""
 
-    def _decide_go_around(self, relative: RelativeState, sighting_age: float) -> None:
+    def _decide_go_around(self, relative: RelativeState, unfit: str) -> None:
         """Just over the pad is no place to wait: what cannot land climbs and tries again."""
         o = self._options
         if self.goes_around:
@@ -232,7 +238,7 @@ class Phases:
             outside = relative.distance > GO_AROUND_RADII * self._radius(relative.height)
             too_low = relative.height < GO_AROUND_HEIGHT_SHARE * o.commit_height_m
             self.goes_around = outside or too_low
-            self._unfit = "" if outside else self._why_unfit(relative, sighting_age)
+            self._unfit = "" if outside else unfit
 
     def _update_alignment(self, heading_error: float | None) -> None:
         if not self._has_heading:

@@ -10,6 +10,7 @@ from landerd.guidance import pilot_texts
 from landerd.guidance.contact import (
     MISSES_S,
     foot_height,
+    is_arriving,
     least_clearance,
     lowest_foot,
     tell_unconfirmed,
@@ -20,7 +21,7 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.rest import BUILD_ERROR_M
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.states import Event
-from landerd.guidance.touchdown import LATE_S, MAX_CONTACT_HEIGHT_M, Touchdown
+from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
 # After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
@@ -79,8 +80,8 @@ class Committed:
         event = self._touchdown.step(step.now, age, lowest_m, context.landed, highest_m)
         at = (relative, pad.heading)
         self._touching = at if self._touchdown.may_touch and clearance <= BUILD_ERROR_M else None
-        sinks_m = (vehicle.foot_velocity[2] - heave) * LATE_S
-        self._arriving = at if foot_height(relative, vehicle) <= sinks_m else None
+        sinking = vehicle.foot_velocity[2] - heave
+        self._arriving = at if is_arriving(relative, vehicle, sinking) else None
         if event is None and context.stands(step.now):  # as where a landing begins on the pad
             self._touchdown.touch(step.now)
             event = Event.CONTACT

@@ -4,6 +4,7 @@ import math
 
 from landerd.geometry import ZERO, clamp, norm, sub
 from landerd.guidance import pilot_texts
+from landerd.guidance.contact import is_arriving
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.lost import LostPlan
 from landerd.guidance.method import Method
@@ -187,7 +188,8 @@ class Tracking:
         went_around = phases.goes_around
         phases.watch(sight.lean, relative, step.dt)
         may_land = not context.hold_asked and not sight.climbs_otherwise
-        phase, why = phases.step(relative, sight.age, may_land=may_land)
+        arrives = self._arrives(step.now, sight)
+        phase, why = phases.step(relative, sight.age, may_land=may_land, arrives=arrives)
         if self._wait_out(sight):
             return Event.NO_LANDING_POSSIBLE if context.attempts.tried_enough else None
         context.orders.enter(phase, why)
@@ -205,6 +207,18 @@ class Tracking:
         elif step.now - self._heading_t > context.options.lost.give_up_s:
             return Event.NO_LANDING_POSSIBLE if phases.leans else Event.HEADING_NOT_SEEN
         return Event.COMMITS if phase is Phase.LANDED else None
+
+    def _arrives(self, now: float, sight: Sight) -> bool:
+        """Tell whether it will stand on the plate before a climb answers.
+
+        A deck that came up had its feet, and it stood there told to climb until the deck sank away.
+        """
+        context, relative, sinking = self._context, sight.relative, -sight.relative.error_rate[2]
+        vehicle = context.estimator.fresh_vehicle(now)
+        if vehicle is None or not is_arriving(relative, vehicle, sinking):
+            return False
+        tolerance = context.options.descent.commit_miss_m
+        return not context.footprint.will_miss(relative, sight.heading, sinking, tolerance)
 
     def _wait_out(self, sight: Sight) -> bool:
         """Tell whether a wrong climb rate is waited out; count the abort, once."""

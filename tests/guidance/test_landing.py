@@ -30,7 +30,7 @@ from landerd.messages import (
     RcChannels,
     Setpoint,
 )
-from landerd.pad import PadLayout
+from landerd.pad import PadLayout, Plate
 from tests.scripted_flight import DT, HIGH, LOW, PAD, RING_PAD, Flight
 
 STOP = Setpoint((0.0, 0.0, 0.0), 0.0)
@@ -426,6 +426,22 @@ def test_too_low_and_aside_it_climbs_before_it_goes_back_over_the_pad() -> None:
     assert "climbing again" in flight.lander.reason
     assert flight.height < 0.16
     assert horizontal(flight.setpoints[-1][1].velocity) < 0.1
+
+
+@pytest.mark.parametrize(("plate_m", "state"), [(0.6, State.COMMITTED), (0.1, State.TRACKING)])
+def test_what_stands_on_the_plate_before_a_climb_answers_is_not_told_to_climb(
+    plate_m: float, state: State
+) -> None:
+    """A deck that came up had its feet, and it stood there told to climb for more than a second."""
+    never_fit = Config.model_validate({"guidance": {"descent": {"commit_miss_m": 0.001}}})
+    plate = Plate(north_m=plate_m, south_m=plate_m, east_m=plate_m, west_m=plate_m)
+    flight = Flight(config=never_fit, layout=PAD.model_copy(update={"plate": plate})).engaged()
+    while flight.height > 0.16:
+        flight.tick()
+    flight.pad_velocity = (0.0, 0.0, -0.3)
+    while flight.lander.state is State.TRACKING and "climbing again" not in flight.lander.reason:
+        flight.tick()
+    assert flight.lander.state is state
 
 
 def test_where_pictures_show_it_higher_than_telemetry_does_it_climbs_within_its_limits() -> None:
