@@ -474,8 +474,8 @@ MUTANTS = [
     Mutant(
         "2: commits to a bad touch-down",
         PHASES,
-        "and not self._why_unfit(relative, sighting_age)",
-        "",
+        "if self._commits(relative) and not unfit:",
+        "if self._commits(relative):",
         "guidance/test_phases.py::test_it_does_not_commit_to_a_bad_touch_down_but_climbs_and_tries_again",
     ),
     Mutant(
@@ -925,6 +925,22 @@ MUTANTS = [
         "pass",
         "guidance/test_landing.py"
         "::test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again",
+    ),
+    Mutant(
+        "4: told to climb where the feet come down first",
+        FLYING,
+        "arrives = self._arrives(step.now, sight)",
+        "arrives = False",
+        "guidance/test_landing.py"
+        "::test_what_stands_on_the_plate_before_a_climb_answers_is_not_told_to_climb",
+    ),
+    Mutant(
+        "4: put down beside the plate where the feet come down first",
+        FLYING,
+        "return not context.footprint.will_miss(relative, sight.heading, sinking, tolerance)",
+        "return True",
+        "guidance/test_landing.py"
+        "::test_what_stands_on_the_plate_before_a_climb_answers_is_not_told_to_climb",
     ),
     Mutant(
         "2: counts on more than the autopilot brakes a descent with",
