@@ -12,8 +12,9 @@ _TOLERANCE = 1.02  # of every limit: the set-points travel as 32-bit floats
 _ACCELERATION_MARGIN_MPS2, _JERK_MARGIN_MPS3 = 0.02, 0.2
 # What is told to stop has not stopped yet: told to fly again it may go on from what it flies, as
 # near to that as it is told its velocity, which faults have off by 2 m/s, and nearer than standing
-# but for the noise. To begin at zero would brake it for nothing.
-_AS_FLOWN_MPS, _FLOWN_NOISE_MPS = 2.5, 0.1
+# but for bias and delay of the EKF's (0.15 m/s on a day of the field). To begin at zero would brake
+# it for nothing.
+_AS_FLOWN_MPS, _FLOWN_ERROR_MPS = 2.5, 0.2
 _GAP_S = 0.5  # after so long without set-points the next one is a first one
 
 
@@ -122,7 +123,7 @@ class SetpointLimits:
 
 def _is_as_flown(velocity: Sequence[float], flown: Sequence[float]) -> bool:
     """Tell whether a velocity goes on from the one that is flown, m/s; some axes of both."""
-    most = min(_AS_FLOWN_MPS, math.hypot(*flown) + _FLOWN_NOISE_MPS)
+    most = min(_AS_FLOWN_MPS, math.hypot(*flown) + _FLOWN_ERROR_MPS)
     return math.dist(velocity, flown) < most
 
 
