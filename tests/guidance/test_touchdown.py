@@ -253,7 +253,7 @@ def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
     assert all(standing.level(1.0, slip=slip, roll_pitch_rate=roll_pitch_rate)[8:])
 
 
-@pytest.mark.parametrize(("slip", "waits_s"), [(0.2, 0.6), (0.5, 2.5)])
+@pytest.mark.parametrize(("slip", "waits_s"), [(0.2, 0.6), (0.5, 0.4), (0.9, 2.5)])
 def test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled(
     slip: float, waits_s: float
 ) -> None:
