@@ -927,6 +927,22 @@ MUTANTS = [
         "::test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again",
     ),
     Mutant(
+        "4: levels late what is dragged across the plate",
+        "landerd/guidance/touchdown.py",
+        "if self.leaned and motion.slip > DRAGGED_MPS + motion.slip_error:",
+        "if False:",
+        "guidance/test_touchdown.py"
+        "::test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled",
+    ),
+    Mutant(
+        "4: levels what slides too fast to stand",
+        "landerd/guidance/touchdown.py",
+        "slides = motion.slip < most_mps + motion.slip_error and (self.leaned or released)",
+        "slides = self.leaned or released",
+        "guidance/test_touchdown.py"
+        "::test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled",
+    ),
+    Mutant(
         "4: told to climb where the feet come down first",
         FLYING,
         "arrives = self._arrives(step.now, sight)",
