@@ -928,7 +928,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: levels late what is dragged across the plate",
-        "landerd/guidance/touchdown.py",
+        TOUCHDOWN,
         "if self.leaned and motion.slip > DRAGGED_MPS + motion.slip_error:",
         "if False:",
         "guidance/test_touchdown.py"
@@ -936,7 +936,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: levels what slides too fast to stand",
-        "landerd/guidance/touchdown.py",
+        TOUCHDOWN,
         "slides = motion.slip < most_mps + motion.slip_error and (self.leaned or released)",
         "slides = self.leaned or released",
         "guidance/test_touchdown.py"
