@@ -63,8 +63,9 @@ LEVEL_AT_LATEST_S = 2.5
 SLIDES_MPS, STEERS = 0.45, math.radians(15.0)
 # What leaned and slides faster than this, m/s, is dragged off the plate within a second: levelled
 # up to this speed, m/s, so soon after contact, lying flat for so long only, s. On 173 windy days of
-# the field 56 touched leaning more than 14 degrees, and none was dragged off; without it one was,
-# and one came to its edge, as with 0.15 s flat or 0.6 s after contact.
+# the field, modelled sight, 56 touched leaning more than 14 degrees, and none was dragged off; with
+# 0.15 s flat, or 0.6 s after contact, one was. With pictures two still were: what rocks lies flat
+# for too short a time.
 DRAGGED_MPS = 0.3
 MOST_DRAGGED_MPS, DRAGGED_AFTER_S, DRAGGED_FLAT_S = 0.8, 0.4, 0.1
 # Pressed down, what stands sinks slower by so much of the gentle descent than it would in the air.
