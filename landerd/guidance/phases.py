@@ -168,7 +168,8 @@ class Phases:
         """
         self._update_alignment(relative.heading_error)
         self._move_on(relative, may_land=may_land)
-        unfit = self._why_unfit(relative, sighting_age, arrives=arrives)
+        is_low = relative.height < self._options.commit_height_m
+        unfit = self._why_unfit(relative, sighting_age, arrives=arrives) if is_low else ""
         if self._commits(relative) and not unfit:
             self.phase = Phase.LANDED
         else:

@@ -213,11 +213,13 @@ class Tracking:
 
         A deck that came up had its feet, and it stood there told to climb until the deck sank away.
         """
-        context, relative, sinking = self._context, sight.relative, -sight.relative.error_rate[2]
-        vehicle = context.estimator.fresh_vehicle(now)
+        context, relative, o = self._context, sight.relative, self._context.options.descent
+        if relative.height >= o.commit_height_m:  # far from it, and in most steps
+            return False
+        vehicle, sinking = context.estimator.fresh_vehicle(now), -relative.error_rate[2]
         if vehicle is None or not is_arriving(relative, vehicle, sinking):
             return False
-        tolerance = context.options.descent.commit_miss_m
+        tolerance = o.commit_miss_m
         return not context.footprint.will_miss(relative, sight.heading, sinking, tolerance)
 
     def _wait_out(self, sight: Sight) -> bool:
