@@ -929,16 +929,32 @@ MUTANTS = [
     Mutant(
         "4: levels late what is dragged across the plate",
         TOUCHDOWN,
-        "if self.leaned and motion.slip > DRAGGED_MPS + motion.slip_error:",
-        "if False:",
+        "return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS",
+        "return False",
         "guidance/test_touchdown.py"
         "::test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled",
     ),
     Mutant(
+        "4: levels only what rocks no longer as it is dragged",
+        TOUCHDOWN,
+        "lies = now - self._lies_since >= DRAGGED_FLAT_S",
+        "lies = now - self._flat_since >= DRAGGED_FLAT_S",
+        "guidance/test_touchdown.py"
+        "::test_what_is_dragged_off_as_it_rocks_is_levelled_once_it_lies_on_the_plate",
+    ),
+    Mutant(
+        "4: levels on an edge what is dragged",
+        TOUCHDOWN,
+        "lies = motion.lean < LIES_FLAT and is_pressed",
+        "lies = is_pressed",
+        "guidance/test_touchdown.py"
+        "::test_what_is_dragged_off_as_it_rocks_is_levelled_once_it_lies_on_the_plate",
+    ),
+    Mutant(
         "4: levels what slides too fast to stand",
         TOUCHDOWN,
-        "slides = motion.slip < most_mps + motion.slip_error and (self.leaned or released)",
-        "slides = self.leaned or released",
+        "return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS",
+        "return self.leaned and lies and DRAGGED_MPS < across",
         "guidance/test_touchdown.py"
         "::test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled",
     ),

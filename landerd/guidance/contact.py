@@ -4,7 +4,7 @@ import math
 
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
-from landerd.geometry import horizontal
+from landerd.geometry import angle_between, horizontal
 from landerd.guidance import pilot_texts
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.relative_state import RelativeState
@@ -64,11 +64,13 @@ def level_due(
         # What the pad did at the touch it may do no longer: it brakes under feet that are up.
         slip = max(slip, sure_slip_mps(context.sight.relative))
     heave, sigma_heave = context.below.heave(step.now)
+    pad = context.estimator.pad(step.now)
     motion = ContactMotion(
         feet_down=vehicle.feet[2],
         pad_down=context.below.down(step.now),
         sink_rate=vehicle.foot_velocity[2],
         slip=slip,
+        lean=math.inf if pad is None else angle_between(vehicle.down, pad.normal),
         roll_pitch_rate=vehicle.roll_pitch_rate,
         pad_speed=math.hypot(north, east),
         heave=heave,

@@ -62,12 +62,13 @@ LEVEL_AT_LATEST_S = 2.5
 # wind that it leaned against, ever faster.
 SLIDES_MPS, STEERS = 0.45, math.radians(15.0)
 # What leaned and slides faster than this, m/s, is dragged off the plate within a second: levelled
-# up to this speed, m/s, so soon after contact, lying flat for so long only, s. On 173 windy days of
-# the field, modelled sight, 56 touched leaning more than 14 degrees, and none was dragged off; with
-# 0.15 s flat, or 0.6 s after contact, one was. With pictures two still were: what rocks lies flat
-# for too short a time.
+# up to this speed, m/s, so soon after contact, once it has lain within so much of the plate, rad,
+# for so long, s. By its attitude: it rocks on its gear, and its rates, which come late, fall below
+# MAX_ROLL_PITCH_RATE 0.2 to 0.6 s after it lies there; waiting for that, one tipped over beside the
+# plate and one was left with a foot off it.
 DRAGGED_MPS = 0.3
-MOST_DRAGGED_MPS, DRAGGED_AFTER_S, DRAGGED_FLAT_S = 0.8, 0.4, 0.1
+MOST_DRAGGED_MPS, DRAGGED_AFTER_S = 0.8, 0.3
+LIES_FLAT, DRAGGED_FLAT_S = math.radians(6.0), 0.1
 # Pressed down, what stands sinks slower by so much of the gentle descent than it would in the air.
 # What answers late hovers for a second over a deck that begins to sink, where neither height nor
 # sinking against the deck tell it from what stands: 4 cm up it was within 0.03 m/s of the air's.
@@ -111,6 +112,7 @@ class ContactMotion:
     pad_down: float  # as far down as it may be by now, local z, m
     sink_rate: float  # measured, m/s, downward; infinity: not known
     slip: float  # measured speed across the pad, m/s; infinity: not known
+    lean: float  # of the airframe from the plate as last seen, rad; infinity: never seen
     roll_pitch_rate: float  # measured, rad/s; infinity: not known
     pad_speed: float  # horizontal, against which slip is measured, m/s
     heave: float  # of the pad, downward, as far as is known, m/s
@@ -150,7 +152,8 @@ class Touchdown:
         self._watch_from = now + ANSWER_S
         self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
         self._slow_since = math.inf
-        self._flat_since = self._still_since = math.inf  # lies flat; and does not slide
+        self._lies_since = math.inf  # on the plate, by its attitude
+        self._flat_since = self._still_since = math.inf  # nor turns; and does not slide
         self._flat_at = (0.0, 0.0)  # local z of feet and pad then, m
         self._contact_t: float | None = None
         self._in_air: tuple[float, float] | None = None  # when, how fast it would sink then, m/s
@@ -253,7 +256,7 @@ class Touchdown:
     def press(self, t: float) -> None:
         """Take it that the vehicle touches at t (s): it is pressed down before it is levelled."""
         self._contact_t = t
-        self._flat_since = self._still_since = math.inf
+        self._lies_since = self._flat_since = self._still_since = math.inf
         self._level = self.stands = False
         self._level_down = None
 
@@ -367,11 +370,9 @@ class Touchdown:
         waited = now - since
         still_s = now - self._still_since
         tips_over = tips and waited > LEVEL_TIPPING_S
-        most_mps, after_s, flat_s = SLIDES_MPS, LEVEL_AFTER_S, STILL_S
-        if self.leaned and motion.slip > DRAGGED_MPS + motion.slip_error:
-            most_mps, after_s, flat_s = MOST_DRAGGED_MPS, DRAGGED_AFTER_S, DRAGGED_FLAT_S
-        slides = motion.slip < most_mps + motion.slip_error and (self.leaned or released)
-        slides = slides and waited > after_s and now - self._flat_since >= flat_s
+        slides = motion.slip < SLIDES_MPS + motion.slip_error and (self.leaned or released)
+        slides = slides and waited > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
+        slides = slides or (self._is_dragged(now, motion) and waited > DRAGGED_AFTER_S)
         confirmed = self._confirmed(now, landed)
         stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
         stands = stands or (released and confirmed)  # and not stopped there, nor pressed down
@@ -385,9 +386,17 @@ class Touchdown:
         self.stands = stands or self._level or confirmed
         return self._level
 
+    def _is_dragged(self, now: float, motion: ContactMotion) -> bool:
+        """Tell whether what it leaned against drags it across the plate on which it lies."""
+        across = motion.slip - motion.slip_error
+        lies = now - self._lies_since >= DRAGGED_FLAT_S
+        return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS
+
     def _note_still(self, now: float, motion: ContactMotion, *, is_pressed: bool) -> None:
-        """Note since when it lies flat, and does not slide either."""
+        """Note since when it lies on the plate, turns no longer, and does not slide either."""
         down = motion.feet_down, motion.pad_down
+        lies = motion.lean < LIES_FLAT and is_pressed
+        self._lies_since = min(self._lies_since, now) if lies else math.inf
         if not (motion.roll_pitch_rate < MAX_ROLL_PITCH_RATE and is_pressed):
             self._flat_since = math.inf
         elif self._flat_since == math.inf or self._has_settled_by(down) > SETTLES_M:

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -180,6 +181,19 @@ def test_five_seconds_without_on_ground_is_unconfirmed() -> None:
     assert not touchdown.unconfirmed(contact + 5.1, Landed.ON_GROUND)
 
 
+STILL = ContactMotion(
+    feet_down=0.0,
+    pad_down=0.0,
+    sink_rate=0.0,
+    slip=0.0,
+    lean=0.0,
+    roll_pitch_rate=0.0,
+    pad_speed=0.0,
+    heave=0.0,
+    sigma_heave=0.0,
+)
+
+
 class Standing:
     """A contact at 10 s; stepped at the control rate."""
 
@@ -196,37 +210,23 @@ class Standing:
         seconds: float,
         *,
         sinks: float = 0.0,
-        sink_rate: float = 0.0,
-        slip: float = 0.0,
-        roll_pitch_rate: float = 0.0,
-        pad_speed: float = 0.0,
-        heave: tuple[float, float] = (0.0, 0.0),
         landed: Landed = Landed.IN_AIR,
         tips: bool = False,
         released: bool = False,
+        **motion: float,
     ) -> list[bool]:
-        """Return for each step of this time whether it is to stand level."""
+        """Return for each step of this time whether it is to stand level; motion: not STILL."""
         due = []
+        moves = replace(STILL, **motion)
         for _ in range(round(seconds / DT)):
             self.t += DT
             self.down += sinks * DT
-            self.pad_down += heave[0] * DT
+            self.pad_down += moves.heave * DT
+            moves = replace(moves, feet_down=self.down, pad_down=self.pad_down)
+            ordered = GENTLE + max(0.0, moves.heave)
             due.append(
                 self.touchdown.level_due(
-                    self.t,
-                    ContactMotion(
-                        self.down,
-                        self.pad_down,
-                        sink_rate,
-                        slip,
-                        roll_pitch_rate,
-                        pad_speed,
-                        *heave,
-                    ),
-                    GENTLE + max(0.0, heave[0]),
-                    landed,
-                    tips=tips,
-                    released=released,
+                    self.t, moves, ordered, landed, tips=tips, released=released
                 )
             )
         return due
@@ -253,16 +253,32 @@ def test_what_slips_or_tips_is_levelled_only_when_on_ground_is_late(
     assert all(standing.level(1.0, slip=slip, roll_pitch_rate=roll_pitch_rate)[8:])
 
 
-@pytest.mark.parametrize(("slip", "waits_s"), [(0.2, 0.6), (0.5, 0.4), (0.9, 2.5)])
+@pytest.mark.parametrize(("slip", "waits_s"), [(0.2, 0.6), (0.5, 0.35), (0.9, 2.5)])
 def test_what_begins_to_slide_lying_flat_after_it_leaned_is_levelled(
     slip: float, waits_s: float
 ) -> None:
     """Half lifted by the thrust that steers, it slid on in the wind for 2 s, and off the plate."""
     standing = Standing()
     standing.touchdown.descent(math.radians(20.0))
-    assert not any(standing.level(0.25, slip=slip, roll_pitch_rate=0.8))
+    assert not any(standing.level(0.25, slip=slip, lean=0.2, roll_pitch_rate=0.8))
     assert not any(standing.level(waits_s - 0.3, slip=slip))
     assert all(standing.level(1.0, slip=slip)[4:])
+
+
+def test_what_is_dragged_off_as_it_rocks_is_levelled_once_it_lies_on_the_plate() -> None:
+    """Waiting until it rocked no longer, it was dragged over the plate's edge and tipped over."""
+    standing = Standing()
+    standing.touchdown.descent(math.radians(20.0))
+    assert not any(standing.level(0.5, slip=0.5, lean=math.radians(9.0), roll_pitch_rate=1.2))
+    assert all(standing.level(0.5, slip=0.5, lean=math.radians(4.0), roll_pitch_rate=1.2)[6:])
+
+
+def test_what_rocks_on_the_plate_without_being_dragged_is_not_levelled() -> None:
+    standing = Standing()
+    assert not any(standing.level(2.4, slip=0.5, roll_pitch_rate=1.2))
+    standing = Standing()
+    standing.touchdown.descent(math.radians(20.0))
+    assert not any(standing.level(2.4, slip=0.25, roll_pitch_rate=1.2))
 
 
 def test_what_slides_lying_flat_when_it_may_not_fly_on_is_levelled() -> None:
@@ -300,9 +316,9 @@ def test_how_badly_a_fast_pads_speed_is_known_does_not_count_as_slip() -> None:
 
 def test_on_a_deck_that_sinks_it_stands_level_as_on_any_other() -> None:
     standing = Standing()
-    assert standing.level(1.5, sinks=0.3, sink_rate=0.3, heave=(0.3, 0.03))[-1]
+    assert standing.level(1.5, sinks=0.3, sink_rate=0.3, heave=0.3, sigma_heave=0.03)[-1]
     # Over a still one it flies.
-    assert not any(Standing().level(4.0, sinks=0.3, sink_rate=0.3, heave=(0.0, 0.03)))
+    assert not any(Standing().level(4.0, sinks=0.3, sink_rate=0.3, heave=0.0, sigma_heave=0.03))
 
 
 def test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air() -> None:
@@ -313,24 +329,26 @@ def test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_th
         heave += 0.2 * DT
         sinks += (heave + GENTLE - sinks) * DT / 1.0
         # It keeps so near to the deck as nobody can tell.
-        assert not any(standing.level(DT, sinks=heave, sink_rate=sinks, heave=(heave, 0.1)))
+        assert not any(
+            standing.level(DT, sinks=heave, sink_rate=sinks, heave=heave, sigma_heave=0.1)
+        )
     # Now the deck has it, and carries it on.
-    assert standing.level(2.0, sinks=0.3, sink_rate=0.3, heave=(0.3, 0.1))[-1]
+    assert standing.level(2.0, sinks=0.3, sink_rate=0.3, heave=0.3, sigma_heave=0.1)[-1]
 
 
 def test_what_flew_for_long_after_it_was_taken_to_touch_is_not_levelled_on_one_edge() -> None:
     """Over a deck that began to sink, 2.4 s before it touched: it was levelled 0.2 s after that."""
     standing = Standing()
-    assert not any(standing.level(3.0, sink_rate=GENTLE, heave=(0.0, 0.1)))
+    assert not any(standing.level(3.0, sink_rate=GENTLE, heave=0.0, sigma_heave=0.1))
     assert not any(standing.level(0.55, slip=0.5))
 
 
 def test_level_it_is_carried_by_a_deck_that_nobody_looks_at_any_more() -> None:
     # It heaves at 0.3 m/s. Without thrust what is in the air falls.
     standing = Standing()
-    assert standing.level(1.5, sinks=-0.2, sink_rate=-0.2, heave=(-0.2, 0.03))[-1]
-    assert all(standing.level(1.0, sinks=0.35, sink_rate=0.35, heave=(0.0, 0.3)))
-    assert not any(standing.level(0.5, sinks=1.0, sink_rate=1.0, heave=(0.0, 0.3)))
+    assert standing.level(1.5, sinks=-0.2, sink_rate=-0.2, heave=-0.2, sigma_heave=0.03)[-1]
+    assert all(standing.level(1.0, sinks=0.35, sink_rate=0.35, heave=0.0, sigma_heave=0.3))
+    assert not any(standing.level(0.5, sinks=1.0, sink_rate=1.0, heave=0.0, sigma_heave=0.3))
 
 
 def test_it_is_levelled_once_it_has_stood_still_for_a_moment() -> None:
@@ -350,10 +368,7 @@ def test_it_stands_still_from_the_touch_on_not_from_what_was_taken_for_contact()
 def test_it_does_not_stand_level_before_contact_nor_when_on_ground_came_in_time() -> None:
     touchdown = make_touchdown()
     touchdown.begin(0.0)
-    stands_still = ContactMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    due = [
-        touchdown.level_due(5.0 + i * DT, stands_still, GENTLE, Landed.IN_AIR) for i in range(200)
-    ]
+    due = [touchdown.level_due(5.0 + i * DT, STILL, GENTLE, Landed.IN_AIR) for i in range(200)]
     assert not any(due)
     assert not any(Standing().level(4.0, landed=Landed.ON_GROUND))
 

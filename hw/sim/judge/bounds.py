@@ -50,6 +50,7 @@ class RuleBounds:
     wave_off_s: float = 1.0
     wave_off_m: float = 0.5
     ride_mps: float = 0.3  # across the pad while pressed down
+    rocks_m: float = 0.03  # its lowest foot below the feet's centre, while it lies on the pad
     settle_s: float = 5.0
     total_s: float = 120.0
     land_threshold_us: int = 0  # between the gate's and this the pilot asks to hold

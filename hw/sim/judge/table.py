@@ -245,9 +245,11 @@ def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _level_sliding(e: Evidence, o: Order, b: RuleBounds) -> bool:
     # What falls from an edge onto its other feet turns about a foot that stands. What slides flat
-    # on all of them is levelled: half lifted by the thrust it steers with it would slide on.
+    # on all of them, or rocks there, is levelled: half lifted by the thrust it steers with it would
+    # slide on.
     slip = min(o.truth.slip, o.truth.foot_slip)
-    return o.level and 0 < o.truth.feet_down < 4 and slip > b.ride_mps
+    stands_on_edge = 0 < o.truth.feet_down < 4 and o.truth.lean_m > b.rocks_m
+    return o.level and stands_on_edge and slip > b.ride_mps
 
 
 def _not_level(e: Evidence, o: Order, b: RuleBounds) -> bool:

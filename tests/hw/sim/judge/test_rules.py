@@ -935,19 +935,21 @@ def test_4_it_stands_level_only_on_the_pad_and_not_at_once(
 
 
 @pytest.mark.parametrize(
-    ("feet", "slip_mps", "foot_mps", "broken"),
+    ("feet", "slip_mps", "foot_mps", "lean_m", "broken"),
     [
-        (2, 0.2, 0.2, False),
-        (2, 0.4, 0.4, True),
-        (2, 0.4, 0.0, False),  # it falls onto its feet
-        (4, 0.4, 0.4, False),  # flat on the plate nothing else ends it
+        (2, 0.2, 0.2, 0.05, False),
+        (2, 0.4, 0.4, 0.05, True),
+        (2, 0.4, 0.4, 0.02, False),  # it rocks on its gear
+        (2, 0.4, 0.0, 0.05, False),  # it falls onto its feet
+        (4, 0.4, 0.4, 0.0, False),  # flat on the plate nothing else ends it
     ],
 )
 def test_4_it_stands_level_only_when_it_does_not_slide_on_an_edge(
-    feet: int, slip_mps: float, foot_mps: float, broken: bool
+    feet: int, slip_mps: float, foot_mps: float, lean_m: float, broken: bool
 ) -> None:
     court = Court()
-    court.truth = replace(ON_PAD, feet_down=feet, slip=slip_mps, foot_slip=foot_mps)
+    stands = replace(ON_PAD, feet_down=feet, lean_m=lean_m)
+    court.truth = replace(stands, slip=slip_mps, foot_slip=foot_mps)
     court.fly(0.7, SINK)
     court.level(0.1)
     rule = "4: level and without thrust while it slides"
