@@ -10,15 +10,18 @@ unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS = 1
 PYTEST := $(BIN)/python -m pytest -n 3 --dist worksteal
 
-.PHONY: sim test test-devices check reference docs bench bench-vision mutants fuzz golden clean
+.PHONY: sim test test-long test-devices check reference docs bench bench-vision mutants fuzz golden clean
 
 sim: $(SETUP)  ## fly one landing in the simulator and draw it
 	$(BIN)/landerd sim --picture landing.png
 
-test: $(SETUP)
-	$(PYTEST)
+test: $(SETUP)  ## the tests that take seconds
+	$(PYTEST) -m "not long"
 
-check: $(SETUP)  ## lint, format, types, imports, tests
+test-long: $(SETUP)  ## those that fly on for minutes or run what a page of docs/ prints
+	$(PYTEST) -m long
+
+check: $(SETUP)  ## lint, format, types, imports, all tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy

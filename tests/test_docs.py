@@ -59,6 +59,7 @@ def test_every_page_can_be_reached_from_the_site_and_on_github() -> None:
         assert f"](docs/{page.name})" in readme
 
 
+@pytest.mark.long
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("sphinx", reason="the extra docs is not installed: make sets it up")
     build = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet"]
@@ -198,6 +199,7 @@ def as_typed(command: str, somewhere: Path) -> list[list[str]]:
     return [line.split("\037")[:-1] for line in lines]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [name for name, shown in RUN.items() if shown])
 def test_the_commands_of_a_page_run_as_printed(
     name: str,

@@ -12,6 +12,8 @@ from landerd.messages import Phase
 from landerd.simulation.flight import Simulation
 from tests.simulated import MODELLED, fly
 
+pytestmark = pytest.mark.long
+
 BAD_S, BACK_S = 3.2, 2.0
 
 

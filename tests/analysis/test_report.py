@@ -12,6 +12,8 @@ from landerd.config.models import LogSection
 from landerd.flightlog.reader import read_log
 from tests.recorded_flight import RecordedFlight, recorder
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def landing(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -23,7 +23,7 @@ from landerd.commands.flying import SimulatedLanding
 from tests.campaigns.landings import fly
 
 # Dask warns of deprecated parts of the packages that it brings along.
-pytestmark = pytest.mark.filterwarnings("default")
+pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("default")]
 distributed = pytest.importorskip("distributed", reason="needs dask: landerd[cluster]")
 
 

@@ -12,6 +12,8 @@ import pytest
 from landerd.cli import main
 from landerd.config.files import config_dir
 
+pytestmark = pytest.mark.long
+
 DEFAULT = str(config_dir() / "default.yaml")
 FEW = ("-c", DEFAULT, "--pictures", "3", "--set", "sim.camera.fps=10")
 BENCH = (*FEW, "--height", "1.5", "--mark", "2.6,0.2", "--json")

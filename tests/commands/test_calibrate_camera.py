@@ -21,6 +21,8 @@ from tests.calibration.boards import (
     wide_views,
 )
 
+pytestmark = pytest.mark.long
+
 CAMERA = CameraModel(480, 360, 400.0, 398.0, 246.0, 173.0, (-0.12, 0.05, 0.001, -0.002, 0.0))
 CHESSBOARD = ["--size", "8x6", "--square", str(SQUARE_M)]
 CHARUCO = ["--board", "charuco", "--size", "9x7", "--square", str(SQUARE_M)]

@@ -12,6 +12,8 @@ from landerd.commands import calibrate_gimbal as calibrate_gimbal_command
 from landerd.config.files import config_dir
 from tests.calibration.gimbal_bench import calibrated, set_up
 
+pytestmark = pytest.mark.long
+
 
 def found(report: dict[str, Any], key: str) -> Any:
     assert report["reasons"] == []

@@ -18,6 +18,8 @@ from landerd.devices import sim_options
 from tests.campaigns.landings import landing
 from tests.simulated import ABOVE
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch) -> dict[Task, Run | BaseException]:

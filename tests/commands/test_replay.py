@@ -18,6 +18,7 @@ def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, 
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.long
 def test_a_simulated_flight_with_lossless_images_replays_in_core_and_vision(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,7 @@ from landerd.flightlog.contents import COMMANDS, INPUTS, State
 from landerd.messages import Attitude, Landed, LandedState, Tick
 
 
+@pytest.mark.long
 @given(st.data())
 def test_every_message_comes_back_to_the_bit(data: st.DataObject) -> None:
     kind = data.draw(st.sampled_from([*INPUTS.values(), *COMMANDS.values(), State]))

@@ -81,6 +81,7 @@ def test_what_if_replays_with_another_parameter(flown: RecordedFlight) -> None:
     assert comparison.first.field.startswith("Setpoint.velocity")
 
 
+@pytest.mark.long
 def test_cut_anywhere_it_opens_and_loses_at_most_a_second(
     flown: RecordedFlight, data: bytes, tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from functools import partial
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,6 +29,9 @@ from landerd.messages import (
 )
 from tests.fuzz.budget import examples
 from tests.scripted_flight import DT, Flight
+
+pytestmark = pytest.mark.long
+
 
 # What the daemon lets through: finite, and not from the future.
 NUMBER = st.one_of(

@@ -20,6 +20,8 @@ from tests.fuzz.damage import EDITS, damaged
 from tests.recorded_flight import RecordedFlight, recorder
 from tests.recordings import write_bin, write_tlog
 
+pytestmark = pytest.mark.long
+
 
 def one_line(error: Exception, path: Path) -> None:
     """What a user reads names the file, and is no more than lines."""

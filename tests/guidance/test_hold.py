@@ -10,6 +10,8 @@ from landerd.guidance.states import State
 from landerd.messages import Phase, RcChannels, Setpoint
 from tests.scripted_flight import HIGH, LOW, Flight
 
+pytestmark = pytest.mark.long
+
 MIDDLE = 1500
 HEIGHT_M = 2.0
 RC = {"gate_threshold_us": 1300, "land_threshold_us": 1700}

@@ -10,6 +10,8 @@ from landerd.runtime.observer import Observer
 from landerd.simulation.flight import Simulation
 from tests.simulated import MODELLED, configured, fly
 
+pytestmark = pytest.mark.long
+
 START = (
     "sim.start.position_m=[-2.5, 1.0]",
     "sim.start.altitude_m=4.0",

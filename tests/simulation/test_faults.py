@@ -9,6 +9,8 @@ from hw.sim.fault_options import FAULTS
 from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, AS_FOUND, Script, fly
 
+pytestmark = pytest.mark.long
+
 
 def flown(fault: str, *more: str, script: Script | None = None) -> Simulation:
     settings = [*ABOVE, "sim.pilot=obeys", f"sim.faults=[{fault}]", *more]

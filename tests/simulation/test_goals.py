@@ -1,6 +1,11 @@
+import pytest
+
 from landerd.config.files import Loaded, config_dir, config_files
 from landerd.drivers import read_configuration
 from landerd.simulation.goals import simulate_part
+
+pytestmark = pytest.mark.long
+
 
 LOOKS_DOWN = ("sim.sight=modelled", "sim.camera.fps=15", "aim.idle_pitch_deg=-90")
 

@@ -32,6 +32,8 @@ from tests.hw.sim.worlds import ekf_in
 from tests.quick_clock import run_quickly
 from tests.simulated import MODELLED
 
+pytestmark = pytest.mark.long
+
 LATITUDE, LONGITUDE, ALTITUDE_M = -353632621, 1491652374, 584.0
 UNIT_M = 0.011131884502145034
 GEAR_M = VehicleSection().gear_height_m
