@@ -6,6 +6,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -69,6 +70,11 @@ _STAMPED = frozenset(  # with time_boot_ms; the others count as of their arrival
 )
 
 
+class _Subscriber(NamedTuple):
+    take: Callable[[Message, float], None]  # the message and its loop time, s
+    counts: Callable[[Message], bool]
+
+
 class MavlinkAutopilot:
     """An ArduCopter behind a byte stream; an Autopilot.
 
@@ -114,7 +120,7 @@ class MavlinkAutopilot:
         if parameters is not None:
             self._parameters = ParameterProtocol(parameters, self.send, self._warn)
         self._streams = Streams(self._ask_stream)
-        self._subscribers: dict[int, Callable[[Message, float], None]] = {}  # by message id
+        self._subscribers: dict[int, _Subscriber] = {}  # by message id
         self._pending: deque[AutopilotMessage] = deque()
         self._logged: dict[str, float] = {}
         self._refusals = Refusals()
@@ -146,7 +152,11 @@ class MavlinkAutopilot:
         return self._system
 
     def subscribe(
-        self, message_id: int, rate_hz: float, take: Callable[[Message, float], None]
+        self,
+        message_id: int,
+        rate_hz: float,
+        take: Callable[[Message, float], None],
+        counts: Callable[[Message], bool],
     ) -> None:
         """Ask the autopilot for one more kind of message, as that of a gimbal it drives.
 
@@ -155,8 +165,9 @@ class MavlinkAutopilot:
             rate_hz: how often it is to come.
             take: called with each message and its loop time: that of its time_boot_ms if it has
                 one, else of its arrival. One that is not newer than the last is dropped.
+            counts: tells whether a message is for the subscriber; another device's is passed by.
         """
-        self._subscribers[message_id] = take
+        self._subscribers[message_id] = _Subscriber(take, counts)
         self._streams.add(message_id, rate_hz)
 
     def send(self, message: Message) -> None:
@@ -214,11 +225,13 @@ class MavlinkAutopilot:
         read = _READERS.get(kind)
         message = read(m, now) if read is not None else None
         subscriber = self._subscribers.get(kind)
+        if subscriber is not None and not subscriber.counts(m):
+            return
         is_stamped = kind in _STAMPED or (subscriber and "time_boot_ms" in m.fieldnames)
         t = self._place(m, now) if is_stamped else now
         if subscriber is not None and t is not None:
             try:
-                subscriber(m, t)
+                subscriber.take(m, t)
             except (ArithmeticError, ValueError) as e:
                 # As of an angle that is infinite: no reason to lose the link.
                 raise telemetry.BadMessage(f"bad {m.get_type()}") from e

@@ -53,7 +53,7 @@ class BehindAutopilotGimbal(ABC):
         self._sent_t = -math.inf
         self._states: deque[GimbalState] = deque(maxlen=_MOST_REPORTS)
         self._waiter: asyncio.Future[None] | None = None
-        autopilot.subscribe(report, options.rate_hz, self._take)
+        autopilot.subscribe(report, options.rate_hz, self._take, self._counts)
 
     async def open(self) -> None:
         """Begin anew."""
@@ -86,6 +86,10 @@ class BehindAutopilotGimbal(ABC):
     @abstractmethod
     def _angles(self, m: Message) -> tuple[float, float, float] | None:
         """Return the device's yaw, pitch and roll that a report tells, rad; None: not usable."""
+
+    def _counts(self, m: Message) -> bool:
+        """Tell whether a report is of this gimbal."""
+        return True
 
     def _take(self, m: Message, t: float) -> None:
         angles = self._angles(m)

@@ -37,7 +37,8 @@ _UNCHANGED = -1.0  # of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
 class MavlinkOptions(BehindAutopilotOptions):
     """A gimbal that the autopilot drives."""
 
-    device_id: Annotated[int, Field(ge=0, le=255)] = 0  # 0: all there are
+    # 0: all there are are ordered, and the one that is heard first is believed
+    device_id: Annotated[int, Field(ge=0, le=255)] = 0
 
 
 class MavlinkGimbal(BehindAutopilotGimbal):
@@ -48,6 +49,7 @@ class MavlinkGimbal(BehindAutopilotGimbal):
     def __init__(self, options: MavlinkOptions, autopilot: MavlinkAutopilot) -> None:
         self._told: set[str] = set()
         self._boot_ms: int | None = None  # of the last report
+        self._device_id = options.device_id  # whose reports count; 0: not known yet
         report = mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
         super().__init__(options, autopilot, report)
 
@@ -55,6 +57,7 @@ class MavlinkGimbal(BehindAutopilotGimbal):
         """Begin anew."""
         await super().open()
         self._boot_ms = None
+        self._device_id = self._options.device_id
 
     def _order(self, yaw: float, pitch: float) -> None:
         self._autopilot.send(
@@ -79,6 +82,19 @@ class MavlinkGimbal(BehindAutopilotGimbal):
             float(self._options.device_id),
         )
 
+    def _counts(self, m: Message) -> bool:
+        # ArduPilot tells of all its mounts one after the other; older ones without their numbers.
+        device = m.gimbal_device_id
+        self._device_id = self._device_id or device
+        if device in (0, self._device_id):
+            return True
+        if not self._options.device_id:
+            self._tell(
+                f"there are gimbals {self._device_id} and {device}: {self._device_id} is believed, "
+                "both are ordered; set gimbal.mavlink.device_id"
+            )
+        return False
+
     def _angles(self, m: Message) -> tuple[float, float, float] | None:
         if self._boot_ms is None or m.time_boot_ms < self._boot_ms:  # the autopilot has restarted
             self._claim()
@@ -96,6 +112,9 @@ class MavlinkGimbal(BehindAutopilotGimbal):
         return yaw, pitch, roll
 
     def _tell_useless(self, why: str) -> None:
-        if why not in self._told:
-            self._told.add(why)
-            log.warning("what the gimbal reports %s: it cannot be used", why)
+        self._tell(f"what the gimbal reports {why}: it cannot be used")
+
+    def _tell(self, what: str) -> None:
+        if what not in self._told:
+            self._told.add(what)
+            log.warning("%s", what)

@@ -77,10 +77,15 @@ def behind_autopilot(
 
 
 def attitude(
-    q: list[float], flags: int = VEHICLE_YAW, delta_yaw: float = 0.0, *, boot_ms: int = 1000
+    q: list[float],
+    flags: int = VEHICLE_YAW,
+    delta_yaw: float = 0.0,
+    *,
+    boot_ms: int = 1000,
+    device: int = 0,
 ) -> Message:
     return mavlink.MAVLink_gimbal_device_attitude_status_message(
-        0, 0, boot_ms, flags, q, *(0.0, 0.0, 0.0), 0, delta_yaw
+        0, 0, boot_ms, flags, q, *(0.0, 0.0, 0.0), 0, delta_yaw, 0.0, device
     )
 
 
@@ -171,6 +176,29 @@ def test_v2_turns_a_yaw_from_north_into_one_from_the_airframe_or_tells_that_it_c
         assert "without delta_yaw" in told[0]
 
     behind_autopilot(v2(), scene)
+
+
+@pytest.mark.parametrize(("asked", "believed_deg"), [(0, 10.0), (1, 10.0), (2, -60.0)])
+def test_v2_believes_one_of_two_gimbals(
+    asked: int, believed_deg: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Orders went to the landing camera's, and the angles of the other mount were flown by."""
+
+    async def scene(gimbal: MavlinkGimbal, wire: Wire) -> None:
+        for i in range(10):
+            wire.say(attitude(turn(0.0, 10.0), boot_ms=1000 + 20 * i, device=1))
+            wire.say(attitude(turn(0.0, -60.0), boot_ms=1000 + 20 * i + i % 2, device=2))
+            state = await asyncio.wait_for(gimbal.state(), 0.5)
+            assert math.degrees(state.pitch) == pytest.approx(believed_deg)
+            await asyncio.sleep(0.02)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(gimbal.state(), 0.5)
+
+    behind_autopilot(v2(device_id=asked), scene)
+    told = [
+        record.message for record in caplog.records if "there are gimbals 1 and 2" in record.message
+    ]
+    assert len(told) == (asked == 0)
 
 
 def test_v2_of_servos_says_that_nobody_measured() -> None:
