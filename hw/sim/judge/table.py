@@ -237,9 +237,11 @@ def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    # Released it may not go with the pad any more; and what was levelled for that stays level.
-    released = e.released_t >= e.touching_since
-    rides = o.t - e.touched_t <= BOUNCE_S and not released
+    # Released it may not go with the pad any more; and what was levelled for that stays level. What
+    # is dragged across the plate on which it lies would soon be off it.
+    is_dragged = o.truth.slip > b.ride_mps and o.truth.lean_m <= b.rocks_m
+    may_level = e.released_t >= e.touching_since or is_dragged
+    rides = o.t - e.touched_t <= BOUNCE_S and not may_level
     return o.level and rides and o.t - e.touching_since < LEVEL_AFTER_S
 
 

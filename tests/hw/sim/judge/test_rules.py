@@ -935,6 +935,19 @@ def test_4_it_stands_level_only_on_the_pad_and_not_at_once(
 
 
 @pytest.mark.parametrize(
+    ("slip_mps", "lean_m", "broken"), [(0.4, 0.02, 0), (0.2, 0.02, 1), (0.4, 0.05, 2)]
+)
+def test_4_what_is_dragged_across_the_plate_may_stand_level_sooner(
+    slip_mps: float, lean_m: float, broken: int
+) -> None:
+    court = Court()
+    court.truth = replace(ON_PAD, feet_down=2, slip=slip_mps, foot_slip=slip_mps, lean_m=lean_m)
+    court.fly(0.4, SINK)
+    court.level(0.05)
+    assert len(court.broken) == broken
+
+
+@pytest.mark.parametrize(
     ("feet", "slip_mps", "foot_mps", "lean_m", "broken"),
     [
         (2, 0.2, 0.2, 0.05, False),
