@@ -163,8 +163,8 @@ MUTANTS = [
     Mutant(
         "1c: hovers before it has seen the pad",
         CONTEXT,
-        "if self.sight is None or self.sight.climbs_otherwise:",
-        "if self.sight is not None and self.sight.climbs_otherwise:",
+        "if self.sight is None or sinks:",
+        "if sinks:",
         "test_1c_landerd_is_silent_until_it_has_seen_the_pad",
     ),
     Mutant(
@@ -545,8 +545,8 @@ MUTANTS = [
     Mutant(
         "3: no limit of the vertical acceleration",
         LIMITS,
-        "a = _square_root_control(abs(error), limits.vertical_acceleration_mps2, limits.jerk_mps3)",
-        "a = _square_root_control(abs(error), 9.0, limits.jerk_mps3)",
+        "most = limits.vertical_acceleration_mps2",
+        "most = 9.0",
         "guidance/test_limits.py::test_no_demand_breaks_a_limit",
     ),
     Mutant(
@@ -925,6 +925,38 @@ MUTANTS = [
         "pass",
         "guidance/test_landing.py"
         "::test_committed_and_its_data_are_stale_as_it_touches_it_does_not_climb_again",
+    ),
+    Mutant(
+        "1b: stops on what another stop has left of its time",
+        ON_PAD,
+        "self._context.stops_until = -math.inf",
+        "pass",
+        "guidance/test_landing.py"
+        "::test_each_time_that_it_may_not_fly_on_from_the_pad_it_is_stopped_for_as_long",
+    ),
+    Mutant(
+        "2: stopped, it sinks by a wrong climb rate although it sees the pad",
+        "landerd/guidance/state_silent.py",
+        "if context.may_begin(step.now, stops=True):",
+        "if context.may_begin(step.now):",
+        "guidance/test_health.py"
+        "::test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight",
+    ),
+    Mutant(
+        "3: swings past the speed limit where the jerk reaches the acceleration in a step",
+        "landerd/guidance/limits.py",
+        "gain = min(jerk / acceleration, 1.0 / dt)",
+        "gain = jerk / acceleration",
+        "guidance/test_limits.py"
+        "::test_a_gentle_acceleration_reached_at_once_neither_passes_the_speed_nor_swings_about_it",
+    ),
+    Mutant(
+        "6: says that the pad is not found of one in sight",
+        "landerd/guidance/state_silent.py",
+        "return Event.NO_LANDING_POSSIBLE if is_seen else Event.PAD_NOT_FOUND",
+        "return Event.PAD_NOT_FOUND",
+        "guidance/test_hold.py"
+        "::test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_found",
     ),
     Mutant(
         "4: levels late what is dragged across the plate",

@@ -168,13 +168,19 @@ class LandingContext:
         self.below.in_sight(step.now, sight.pad_down)
         self.rest.watch(step.now, step.dt, sight, self.landed)
 
-    def may_begin(self, now: float) -> bool:
+    def may_begin(self, now: float, *, stops: bool = False) -> bool:
         """Tell whether a landing may begin: it sees the pad, and whether it rests on it is known.
 
         Taken to fly low over the pad, what may rest there was told to climb. Where the pilot asks
         to hold it waits on the pad: his switch may only be on its way from low to high.
+
+        Args:
+            now: s.
+            stops: landerd stops it. By a wrong climb rate it sinks then, where to track the pad
+                holds its height by sight.
         """
-        if self.sight is None or self.sight.climbs_otherwise:
+        sinks = self.sight is not None and self.sight.climbs_otherwise and not stops
+        if self.sight is None or sinks:
             return False
         rests = self.rest.is_seen(now)
         waits = self.hold_asked if rests else self.rest.is_possible

@@ -99,7 +99,8 @@ class Limiter:
             if self._v[2] > 0.0:
                 self._v[2] = self._a[2] = d = 0.0  # a climb begins with the next set-point
         error = d - self._v[2]
-        a = _square_root_control(abs(error), limits.vertical_acceleration_mps2, limits.jerk_mps3)
+        most = limits.vertical_acceleration_mps2
+        a = _square_root_control(abs(error), most, limits.jerk_mps3, dt)
         step = limits.jerk_mps3 * dt
         self._a[2] += clamp(math.copysign(a, error) - self._a[2], -step, step)
         self._v[2] += self._a[2] * dt
@@ -122,7 +123,7 @@ class Limiter:
         limits = self._limits
         error = (n - self._v[0], e - self._v[1])
         size = math.hypot(*error)
-        a = _square_root_control(size, limits.acceleration_mps2, limits.jerk_mps3)
+        a = _square_root_control(size, limits.acceleration_mps2, limits.jerk_mps3, dt)
         k = a / size if size > 0.0 else 0.0
         change = (k * error[0] - self._a[0], k * error[1] - self._a[1])
         size = math.hypot(*change)
@@ -133,13 +134,14 @@ class Limiter:
             self._v[i] += self._a[i] * dt
 
 
-def _square_root_control(error: float, acceleration: float, jerk: float) -> float:
+def _square_root_control(error: float, acceleration: float, jerk: float, dt: float) -> float:
     """Return the acceleration (m/s^2) to take a velocity error (m/s, not negative) with.
 
     Linear near zero, then such that the jerk limit can still bring it to zero in time; ArduPilot's
-    sqrt_controller with its gain at jerk / acceleration.
+    sqrt_controller with its gain at jerk / acceleration, but no more than takes the whole error in
+    the next step, of dt (s): beyond, the velocity would swing about what is wanted, past its limit.
     """
-    gain = jerk / acceleration
-    knee = acceleration / gain
+    gain = min(jerk / acceleration, 1.0 / dt)
+    knee = jerk / (gain * gain)
     wanted = gain * error if error < knee else math.sqrt(2.0 * jerk * (error - knee / 2.0))
     return min(wanted, acceleration)

@@ -41,6 +41,7 @@ class OnPad:
         Released and granted again as it stood there, the landing goes on: how is yet to be told.
         """
         self._context.attempts.outcome = None
+        self._context.stops_until = -math.inf  # an earlier stop is no part of the next one
         self._context.below.touch(step.now)
         self._clear_since = math.inf
 

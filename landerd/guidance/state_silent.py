@@ -53,10 +53,11 @@ class Releasing:
         """
         context, why = self._context, step.why
         if step.granted:
-            if context.may_begin(step.now):
+            if context.may_begin(step.now, stops=True):
                 return Event.PAD_IN_SIGHT
             if step.now - self._began > context.options.lost.give_up_s:
-                return Event.PAD_NOT_FOUND
+                is_seen = context.sight is not None
+                return Event.NO_LANDING_POSSIBLE if is_seen else Event.PAD_NOT_FOUND
             context.stops_until = step.now + context.options.release_s
             why = context.why_not_begun(step.now)
         if step.now < context.stops_until:

@@ -55,7 +55,7 @@ class Event(Enum):
     NO_CONTACT = "seen to rise from the pad: what was taken for contact was none"
     # Hand-backs to the pilot, who must have the switch low before landerd flies again:
     PAD_NOT_FOUND = "searched for guidance.lost.give_up_s"
-    NO_LANDING_POSSIBLE = "too many descents were refused at commit or broken off"
+    NO_LANDING_POSSIBLE = "too many descents were refused or broken off, or none may begin"
     HEADING_NOT_SEEN = "waited over the pad for its heading for guidance.lost.give_up_s"
     TOOK_TOO_LONG = "did not come to commit within guidance.lost.total_s"
 
@@ -92,6 +92,7 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         Event.PAD_IN_SIGHT: State.TRACKING,
         # Nor for longer than a search lasts.
         Event.PAD_NOT_FOUND: State.RELEASING,
+        Event.NO_LANDING_POSSIBLE: State.RELEASING,
         # Released just over the pad it came down on while it was stopped.
         Event.RELEASED_TOUCHING: State.STANDING,
         Event.TURNS_OVER: State.STANDING,

@@ -6,7 +6,7 @@ import pytest
 
 from landerd.geometry import add
 from landerd.guidance import pilot_texts
-from landerd.messages import Phase, PoseSolution
+from landerd.messages import Phase, PoseSolution, RcChannels
 from tests.scripted_flight import Flight
 
 WORDS = (pilot_texts.MANY_REFUSED, pilot_texts.LATE_PICTURES)
@@ -110,6 +110,12 @@ def test_what_sinks_by_a_wrong_climb_rate_is_held_over_the_pad_by_sight() -> Non
     assert height > 2.0
     flight.run(8.0)
     assert flight.height > height - 0.2
+    assert flight.contact_t is None
+    flight.silent.add(RcChannels)  # for a moment: then zero velocity was ordered until it struck
+    flight.run(0.7)
+    flight.silent.clear()
+    flight.run(5.0)
+    assert flight.height > height - 1.5
     assert flight.contact_t is None
     flight.told_to_sink = 0.0
     flight.until_contact()

@@ -134,6 +134,22 @@ def test_on_the_pad_it_is_too_late_to_ask() -> None:
     assert flight.lander.outcome == "landed"
 
 
+def test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_found() -> None:
+    """It saw the pad under it all the time."""
+    flight = switched()
+    engage(flight)
+    flight.pulse_us = HIGH
+    flight.until(Phase.LANDED)
+    while flight.height > 0.05:
+        flight.tick()
+    flight.pulse_us = LOW
+    flight.run(0.2)
+    flight.pulse_us = MIDDLE
+    flight.run(flight.config.guidance.lost.give_up_s + 2.0)
+    assert "landerd: no landing possible: pilot, take over" in flight.texts
+    assert not any("not found" in text for text in flight.texts)
+
+
 @pytest.mark.parametrize("change", ["low", "stale", "mode", "armed"])
 def test_whatever_ends_a_landing_ends_holding(change: str) -> None:
     flight = held(engage(switched()))

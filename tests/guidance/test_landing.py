@@ -1325,6 +1325,27 @@ def test_what_others_fly_meanwhile_takes_no_time_of_the_landing() -> None:
     assert not any("take over" in text for text in flight.texts)
 
 
+@pytest.mark.parametrize("gap_s", [0.1, 0.5, 0.9])
+def test_each_time_that_it_may_not_fly_on_from_the_pad_it_is_stopped_for_as_long(
+    gap_s: float,
+) -> None:
+    """RC was stale, and back, and the switch went low: silent after what the first stop left."""
+    flight = Flight().engaged()
+    flight.until_contact()
+    flight.detects_landing = False
+    flight.run(1.0)
+    flight.silent.add(RcChannels)
+    to(flight, State.STANDING)
+    flight.silent.clear()
+    to(flight, State.ON_PAD)
+    flight.run(gap_s)
+    flight.pulse_us = LOW
+    to(flight, State.STANDING)
+    began = flight.t
+    to(flight, State.SILENT)
+    assert flight.t - began == pytest.approx(flight.config.guidance.release_s, abs=2 * DT)
+
+
 def test_a_control_step_that_comes_late_does_not_end_the_sight_of_a_young_picture() -> None:
     """The loop hung for 0.475 s: a picture 0.05 s old was "not in sight", and an abort counted."""
     flight = Flight(position=(-3.0, 0.0, -4.0)).engaged()

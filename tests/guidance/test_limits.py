@@ -139,3 +139,23 @@ def test_it_takes_over_at_the_speed_that_is_flown() -> None:
     limiter.reset((12.0, 0.0, 4.0))  # faster than it may fly itself
     v = limiter.step((12.0, 0.0, 4.0), 0.0, DT, may_descend=True).velocity
     assert v == pytest.approx((LIMITS.speed_mps, 0.0, LIMITS.descent_mps))
+
+
+@pytest.mark.parametrize(("acceleration", "jerk"), [(0.3, 15.0), (0.3, 50.0), (1.0, 50.0)])
+def test_a_gentle_acceleration_reached_at_once_neither_passes_the_speed_nor_swings_about_it(
+    acceleration: float, jerk: float
+) -> None:
+    """At 20 Hz the jerk reaches the acceleration within a step: it climbed at 0.31 and 0.29."""
+    limits = LimitsSection(
+        climb_mps=0.3,
+        acceleration_mps2=max(0.5, acceleration),
+        vertical_acceleration_mps2=acceleration,
+        jerk_mps3=jerk,
+        speed_mps=0.5,
+    )
+    limiter = Limiter(limits)
+    flown = [limiter.step((9.0, 0.0, -9.0), 0.0, 0.05, may_descend=True) for _ in range(100)]
+    assert max(s.velocity[0] for s in flown) <= 0.5 + 1e-9
+    assert min(s.velocity[2] for s in flown) >= -0.3 - 1e-9
+    assert flown[-1].velocity == pytest.approx((0.5, 0.0, -0.3), abs=1e-6)
+    assert flown[-2].velocity == pytest.approx(flown[-1].velocity, abs=1e-6)
