@@ -959,6 +959,14 @@ MUTANTS = [
         "::test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_found",
     ),
     Mutant(
+        "6: says of feet on the plate that they are beside it",
+        "landerd/guidance/footprint.py",
+        "if yaw is not None:",
+        "if False:",
+        "guidance/test_footprint.py"
+        "::test_it_is_the_feet_that_stand_on_the_plate_not_a_circle_through_them",
+    ),
+    Mutant(
         "4: levels late what is dragged across the plate",
         TOUCHDOWN,
         "return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS",

@@ -34,16 +34,21 @@ def most_lean(footprint_m: tuple[float, float], gear_height_m: float) -> float:
 
 
 class Footprint:
-    """The feet's circle and the plate; where it stood is followed from contact on."""
+    """The feet and the plate; where they stand is followed from contact on.
+
+    In the air the circle through the feet is to fit onto the plate: that leaves room for errors.
+    """
 
     def __init__(self, plate: Plate, footprint_m: tuple[float, float]) -> None:
         """Make one for a plate and the distances between the feet along x and y, m."""
         self._reach_m = 0.5 * math.hypot(*footprint_m)
+        self._half_m = 0.5 * footprint_m[0], 0.5 * footprint_m[1]
         # Edges in the pad frame; north and east positive.
         self._north = (-plate.south_m, plate.north_m)
         self._east = (-plate.west_m, plate.east_m)
         self._offset = (0.0, 0.0)  # of the feet's centre from the landing point, local, m
         self._heading: float | None = None
+        self._yaw: float | None = None  # of the vehicle, local, rad; None: not followed yet
         self._feet: tuple[float, Vec3] | None = None  # when it was last followed, s; local, m
         self._rate = (0.0, 0.0)  # of the offset in the last RATE_S, m/s
         self._followed_s = 0.0  # since contact
@@ -79,7 +84,7 @@ class Footprint:
         """Note where it touches."""
         self._offset = (-relative.error[0], -relative.error[1])
         self._heading = heading
-        self._feet = None
+        self._feet = self._yaw = None
         self._rate, self._followed_s = (0.0, 0.0), 0.0
         self._sigma_mps = relative.sigma_velocity
 
@@ -92,16 +97,19 @@ class Footprint:
         self._heading = self._heading if heading is None else heading
         self._rate, self._followed_s = (0.0, 0.0), 0.0
 
-    def slide(self, now: float, feet: Vec3, pad_velocity: Vec3, *, stands: bool = False) -> None:
+    def slide(
+        self, now: float, feet: Vec3, yaw: float, pad_velocity: Vec3, *, stands: bool = False
+    ) -> None:
         """Follow the feet across the plate since it was called last, however long ago that is.
 
         Args:
             now: s.
             feet: their centre, local, m; by positions, as a velocity may be off by a constant.
+            yaw: of the vehicle, local, rad.
             pad_velocity: as last seen, local, m/s.
             stands: they have not moved across it since.
         """
-        last, self._feet = self._feet, (now, feet)
+        last, self._feet, self._yaw = self._feet, (now, feet), yaw
         if last is None or now <= last[0] or stands:
             return
         dt, (north, east, _) = now - last[0], last[1]
@@ -125,12 +133,13 @@ class Footprint:
         k = min(1.0, 2.0 * self._sigma_mps / speed) if speed > 0.0 else 0.0
         north, east = self._offset
         gone = k * self._followed_s
-        return self._holds(
-            (north - gone * self._rate[0], east - gone * self._rate[1]), self._heading
-        )
+        offset = (north - gone * self._rate[0], east - gone * self._rate[1])
+        return self._holds(offset, self._heading, self._yaw)
 
-    def _holds(self, offset: tuple[float, float], heading: float | None) -> bool:
-        """Tell whether a circle through the feet fits onto the plate there."""
+    def _holds(
+        self, offset: tuple[float, float], heading: float | None, yaw: float | None = None
+    ) -> bool:
+        """Tell whether the feet fit onto the plate there; a circle through them without yaw."""
         north, east = offset
         if heading is None:  # the plate may lie any way round: what fits then always fits
             away = math.hypot(north, east)
@@ -138,8 +147,12 @@ class Footprint:
             return away + self._reach_m <= nearest
         c, s = math.cos(heading), math.sin(heading)
         x, y = c * north + s * east, c * east - s * north
-        reach = self._reach_m
+        ahead = aside = self._reach_m
+        if yaw is not None:
+            (along, across), turn = self._half_m, yaw - heading
+            c, s = abs(math.cos(turn)), abs(math.sin(turn))
+            ahead, aside = c * along + s * across, s * along + c * across
         return (
-            self._north[0] + reach <= x <= self._north[1] - reach
-            and self._east[0] + reach <= y <= self._east[1] - reach
+            self._north[0] + ahead <= x <= self._north[1] - ahead
+            and self._east[0] + aside <= y <= self._east[1] - aside
         )

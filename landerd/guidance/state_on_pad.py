@@ -131,7 +131,8 @@ def _stand_level(
             touchdown.press(step.now)
             level = False
         stands = touchdown.stands and not context.below.leaves_behind(step.now)
-        context.footprint.slide(step.now, vehicle.feet, context.below.velocity, stands=stands)
+        velocity = context.below.velocity
+        context.footprint.slide(step.now, vehicle.feet, vehicle.yaw, velocity, stands=stands)
     if level:
         context.orders.stand_level(context.heading, context.below.velocity)
     return level

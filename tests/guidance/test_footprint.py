@@ -46,7 +46,7 @@ def follow(footprint: Footprint, velocity: Vec3, pad_velocity: Vec3, duration_s:
     for i in range(round(duration_s / DT) + 1):
         t = i * DT
         feet = (t * velocity[0], t * velocity[1], t * velocity[2])
-        footprint.slide(t, feet, pad_velocity)
+        footprint.slide(t, feet, 0.0, pad_velocity)
 
 
 def test_it_stands_where_it_touched() -> None:
@@ -68,15 +68,15 @@ def test_a_pad_that_has_turned_since_the_touch_has_its_plate_elsewhere(
 @pytest.mark.parametrize("away", [(-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
 def test_feet_that_slide_are_followed_over_the_edge(away: Vec3) -> None:
     footprint = touched(0.02)
-    follow(footprint, (0.2 * away[0], 0.2 * away[1], 0.0), (0.0, 0.0, 0.0), 2.5)
+    follow(footprint, (0.3 * away[0], 0.3 * away[1], 0.0), (0.0, 0.0, 0.0), 2.5)
     assert not footprint.on_plate
 
 
 def test_a_slide_that_ends_is_one_however_little_the_pad_is_known() -> None:
     footprint = touched(0.3)
-    follow(footprint, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0), 1.0)
+    follow(footprint, (0.0, 0.6, 0.0), (0.0, 0.0, 0.0), 1.0)
     for i in range(80):
-        footprint.slide(1.0 + i * DT, (0.0, 0.5, 0.0), (0.0, 0.0, 0.0))
+        footprint.slide(1.0 + i * DT, (0.0, 0.6, 0.0), 0.0, (0.0, 0.0, 0.0))
     assert not footprint.on_plate
 
 
@@ -88,3 +88,18 @@ def test_a_pad_seen_to_move_by_its_uncertainty_is_not_slid_off() -> None:
     unsure = touched(0.05)
     follow(unsure, (0.0, 0.0, 0.0), (0.0, 0.4, 0.0), 2.5)
     assert not unsure.on_plate
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "east_m", "is_on"),
+    [(0.0, 0.45, True), (180.0, 0.45, True), (0.0, 0.52, False), (90.0, 0.45, False)],
+)
+def test_it_is_the_feet_that_stand_on_the_plate_not_a_circle_through_them(
+    yaw_deg: float, east_m: float, is_on: bool
+) -> None:
+    """With all feet on the plate the pilot read "disarmed beside the pad"."""
+    footprint = touched(0.0)
+    for i in range(2):
+        feet = (0.0, i * east_m, 0.0)
+        footprint.slide(10.0 * i, feet, math.radians(yaw_deg), (0.0, 0.0, 0.0))
+    assert footprint.on_plate is is_on
