@@ -4,6 +4,7 @@ picamera2 is the system's (apt install python3-picamera2) and is imported when t
 opened. Untested on a Raspberry Pi.
 """
 
+import sys
 import time
 from typing import Annotated, Any
 
@@ -78,11 +79,8 @@ class Picamera2Camera:
     def _start(self) -> None:
         try:
             from picamera2 import Picamera2
-        except ImportError:
-            raise NotInstalled(
-                "camera (picamera2) needs the system's python3-picamera2",
-                "sudo apt install python3-picamera2",
-            ) from None
+        except (ImportError, ValueError) as e:
+            raise _not_loaded(e) from None
         o = self._options
         frame_us = round(1e6 / o.fps)
         controls: dict[str, Any] = {"FrameDurationLimits": (frame_us, frame_us)}
@@ -125,3 +123,19 @@ class Picamera2Camera:
         half_s = 0.5e-6 * (exposure_us or 0)
         sigma_t = 0.0 if exposure_us else unknown_exposure_sigma(o.fps)
         newest.put(image, end_s - half_s + o.time_offset_s, sigma_t)
+
+
+def _not_loaded(e: ImportError | ValueError) -> NotInstalled:
+    """Return why picamera2 cannot be imported, and what mends it."""
+    if isinstance(e, ValueError):
+        # "numpy.dtype size changed": picamera2 imports simplejpeg, which Debian 12 builds for
+        # numpy 1: raspberrypi/picamera2 issue 1211. pip would be content with that one.
+        return NotInstalled(
+            f"camera (picamera2) needs a simplejpeg for numpy 2 (python3-picamera2 says: {e})",
+            f"sudo {sys.executable} -m pip install --ignore-installed --no-deps"
+            " 'simplejpeg>=1.8.1'",
+        )
+    what = "camera (picamera2) needs the system's python3-picamera2"
+    if e.name != "picamera2":  # it is there, and lacks something itself
+        what += f", which says: {e}"
+    return NotInstalled(what, "sudo apt install python3-picamera2")

@@ -8,7 +8,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Awaitable, Sequence
 from pathlib import Path
 
 from hw.cameras import v4l2
@@ -197,7 +197,11 @@ async def check(
         finally:
             gimbal_done.set()
 
-    parts = await asyncio.gather(autopilot.run(devices.autopilot, gimbal_done), camera(), gimbal())
+    parts = await asyncio.gather(
+        _or_failure("autopilot link", autopilot.run(devices.autopilot, gimbal_done)),
+        _or_failure("camera", camera()),
+        _or_failure("gimbal", gimbal()),
+    )
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
     found = read_sensors(state / FILE)
     return [
@@ -216,6 +220,15 @@ async def check(
         *page_findings(config.web),
         *foxglove_findings(config.web),
     ]
+
+
+async def _or_failure(item: str, looking: Awaitable[list[Finding]]) -> list[Finding]:
+    """Return what is found of a device, or the error that ended the search."""
+    try:
+        return await looking
+    except Exception as e:  # of a driver, that nobody foresaw: what else there is to say is said
+        what = " ".join(f"an unknown error, {type(e).__name__}: {e}".split())
+        return [Finding("fail", item, what, "tell us (docs/contributing.md)")]
 
 
 def _calibration(loaded: Loaded) -> tuple[CameraModel | None, list[Finding]]:

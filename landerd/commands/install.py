@@ -55,7 +55,12 @@ def run(args: argparse.Namespace) -> int:
     if sys.version_info < (3, 11):  # noqa: UP036 - nothing has asked before
         found = ".".join(str(part) for part in sys.version_info[:2])
         raise InputError(f"landerd needs Python 3.11 or newer, this is {found}")
-    from landerd.installation.program import is_installed_copy, program_steps, source
+    from landerd.installation.program import (
+        is_installed_copy,
+        picamera2_steps,
+        program_steps,
+        source,
+    )
     from landerd.installation.service import (
         BOARDS,
         CONFIGURATION,
@@ -67,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     root: Path = args.root
     in_place = root != _SYSTEM or is_installed_copy()
     with refusing(InstallError, OSError):
-        program = [] if in_place else list(program_steps(source()))
+        program = [] if in_place else [*program_steps(source()), *picamera2_steps()]
         if program and not args.dry_run:
             carry_out(program, args)
             return _by_the_installed_copy(args.board)

@@ -17,6 +17,7 @@ from landerd.installation.steps import InstallError, Step, call
 OPT = Path("/opt/landerd")
 VENV = OPT / "venv"
 PROGRAM = VENV / "bin" / "landerd"
+_PIP = (str(VENV / "bin" / "python"), "-m", "pip", "--quiet", "--disable-pip-version-check")
 _SOURCE_SUM = OPT / "source.sha256"  # of what the environment was filled from
 _PARTS = ("landerd", "hw", "config", "systemd", "ardupilot", "pyproject.toml")  # of a checkout
 
@@ -59,15 +60,29 @@ def program_steps(origin: Path) -> Iterator[Step]:
             yield Step("install Debian's package python3-venv", partial(call, *apt))
         make = (sys.executable, "-m", "venv", "--system-site-packages", str(VENV))
         yield Step(f"make a Python environment in {VENV}", partial(call, *make))
-    pip = (str(VENV / "bin" / "python"), "-m", "pip", "--quiet", "--disable-pip-version-check")
 
     def fill() -> None:
         if origin.is_file():  # a wheel of the same version is taken for installed
-            call(*pip, "install", "--force-reinstall", "--no-deps", str(origin))
-        call(*pip, "install", str(origin), where=OPT)
+            call(*_PIP, "install", "--force-reinstall", "--no-deps", str(origin))
+        call(*_PIP, "install", str(origin), where=OPT)
         _SOURCE_SUM.write_text(new)
 
     yield Step(f"install landerd from {origin} into it", fill)
+
+
+def picamera2_steps() -> Iterator[Step]:
+    """Yield what lets the system's picamera2, if it is there, be imported in the environment.
+
+    It imports simplejpeg, which Debian 12 builds for numpy 1, and landerd needs numpy 2:
+    raspberrypi/picamera2 issue 1211. From 1.8.1 on simplejpeg has what newer picamera2 asks of it.
+    """
+    has_its_own = any(VENV.glob("lib/python*/site-packages/simplejpeg"))
+    if importlib.util.find_spec("picamera2") is None or has_its_own:
+        return
+    # pip would be content with the system's.
+    words = ("install", "--ignore-installed", "--no-deps", "simplejpeg>=1.8.1")
+    text = f"install simplejpeg for numpy 2, which picamera2 needs, into {VENV}"
+    yield Step(text, partial(call, *_PIP, *words, where=OPT))
 
 
 def _sum_of(origin: Path) -> str:

@@ -387,6 +387,25 @@ def test_what_is_broken_is_named(
     assert {f.item for f in wrong} == {item} | unmoved
 
 
+@pytest.mark.parametrize(
+    ("device", "method"),
+    [("camera", "open"), ("camera", "close"), ("gimbal", "state"), ("link", "open")],
+)
+def test_an_error_of_a_driver_that_nobody_foresaw_is_a_finding(
+    monkeypatch: pytest.MonkeyPatch, device: str, method: str
+) -> None:
+    async def fail() -> None:
+        raise ValueError("numpy.dtype\nsize changed")
+
+    set_up = SetUp()
+    monkeypatch.setattr(getattr(set_up, device), method, fail)
+    findings = set_up.check()
+    (failed,) = [f for f in findings if f.level == "fail"]
+    assert failed.item == {"link": "autopilot link"}.get(device, device)
+    assert "ValueError: numpy.dtype size changed" in failed.what
+    assert "camera" in {f.item for f in findings if f.level == "ok"} or device == "camera"
+
+
 def flown_before(set_up: SetUp) -> None:
     set_up.overrides = ["guidance.limits.speed_mps=20"]
     set_up.state = Path(tempfile.mkdtemp())

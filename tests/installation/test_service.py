@@ -160,6 +160,23 @@ def test_a_changed_file_of_a_checkout_is_another_program(tmp_path: Path) -> None
     assert sums[0] != sums[1]
 
 
+@pytest.mark.parametrize("has_picamera2", [True, False])
+def test_beside_picamera2_a_simplejpeg_for_numpy_2_is_installed_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_picamera2: bool
+) -> None:
+    if has_picamera2:
+        (tmp_path / "picamera2.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(program, "VENV", tmp_path / "venv")
+    commands: list[str] = []
+    monkeypatch.setattr(program, "call", lambda *words, where: commands.append(" ".join(words)))
+    for step in program.picamera2_steps():
+        step.do()
+    assert [c.endswith(" --no-deps simplejpeg>=1.8.1") for c in commands] == [True] * has_picamera2
+    (tmp_path / "venv/lib/python3.11/site-packages/simplejpeg").mkdir(parents=True)
+    assert list(program.picamera2_steps()) == []
+
+
 # ---- keys --------------------------------------------------------------------------------------
 
 

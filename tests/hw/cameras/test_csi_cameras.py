@@ -5,6 +5,7 @@ import sys
 import time
 import types
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from hw.cameras.gstreamer import GstreamerCamera, GstreamerOptions
 from hw.cameras.picamera2 import Picamera2Camera, Picamera2Options
 from landerd.messages import ExposureOrder
-from landerd.ports import DeviceLost
+from landerd.ports import DeviceLost, NotInstalled
 
 
 class Request:
@@ -147,6 +148,33 @@ def test_without_its_library_a_driver_says_what_to_install(
     async def main() -> None:
         with pytest.raises(DeviceLost, match="python3-"):
             await driver.open()
+        await driver.close()
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    ("error", "mend"),
+    [
+        ('ValueError("numpy.dtype size changed, may indicate binary incompatibility")',
+         "pip install --ignore-installed --no-deps 'simplejpeg>=1.8.1'"),
+        ('ImportError("libcamera.so.0.2: cannot open shared object file")',
+         "sudo apt install python3-picamera2"),
+    ],
+)  # fmt: skip
+def test_a_picamera2_that_cannot_be_loaded_is_told_with_its_reason_and_what_mends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: str, mend: str
+) -> None:
+    (tmp_path / "picamera2.py").write_text(f"raise {error}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "picamera2", raising=False)
+    driver = Picamera2Camera(options=Picamera2Options())
+
+    async def main() -> None:
+        with pytest.raises(NotInstalled) as told:
+            await driver.open()
+        assert error.split('"')[1] in told.value.what
+        assert mend in told.value.mend
         await driver.close()
 
     asyncio.run(main())
