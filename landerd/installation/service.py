@@ -39,7 +39,10 @@ BOARDS: Mapping[str, Board] = {
     "pixhawk-usb": Board(None, ()),
     "pixhawk-uart": Board(
         None,
-        ("sudo raspi-config: login shell over serial no, serial hardware yes",),
+        (
+            "sudo raspi-config: login shell over serial no, serial hardware yes",
+            "on a Raspberry Pi 5: autopilot.url serial:/dev/ttyAMA0?baud=921600",
+        ),
     ),
     "navio2": Board(
         "navio2.conf",

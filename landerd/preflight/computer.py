@@ -10,6 +10,7 @@ from pathlib import Path
 
 from landerd.preflight.finding import Finding
 
+_DEBUG_TTY = "ttyAMA10"  # of a Raspberry Pi 5, where /dev/serial0 points to it
 _HOT_C = 75.0  # a Raspberry Pi slows down from 80
 _NOW_LOW, _WAS_LOW = 1 << 0, 1 << 16  # of get_throttled (Raspberry Pi's firmware)
 _NOW_SLOW, _WAS_SLOW = 1 << 2 | 1 << 3, 1 << 18 | 1 << 19
@@ -63,6 +64,15 @@ def _port(url: str, root: Path) -> Iterator[Finding]:
         return
     device = root / rest.partition("?")[0].lstrip("/")
     tty = device.resolve().name
+    if tty == _DEBUG_TTY:
+        yield Finding(
+            "warn",
+            "port",
+            f"{tty} is the plug of three pins for debugging of a Raspberry Pi 5, not pins 8 and 10 "
+            "of its header",
+            "if you use these pins: autopilot.url serial:/dev/ttyAMA0?baud=..., and "
+            "dtparam=uart0=on in /boot/firmware/config.txt (raspi-config: serial hardware yes)",
+        )
     for token in _read(root / "proc/cmdline").split():
         name = token.removeprefix("console=").partition(",")[0]
         if token.startswith("console=") and (root / "dev" / name).resolve().name == tty:

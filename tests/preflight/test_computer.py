@@ -81,6 +81,18 @@ def test_a_console_on_another_port_is_no_fault(linux: Linux) -> None:
     assert linux.told(USB) == []
 
 
+def test_the_debug_plug_of_a_raspberry_pi_5_is_told_from_its_header(linux: Linux) -> None:
+    linux.say("dev/ttyAMA10", "")
+    (linux.root / "dev/serial0").unlink()
+    (linux.root / "dev/serial0").symlink_to("ttyAMA10")
+    ((level, item, what, mend),) = linux.told(UART)
+    assert (level, item) == ("warn", "port")
+    assert "pins 8 and 10" in what
+    assert "serial:/dev/ttyAMA0" in mend
+    assert "dtparam=uart0=on" in mend
+    assert linux.told("serial:/dev/ttyAMA0?baud=921600") == []
+
+
 def test_modem_manager_is_told_of_unless_a_rule_keeps_it_away(linux: Linux) -> None:
     linux.say("proc/800/cmdline", "/usr/sbin/ModemManager\0")
     assert [(level, item) for level, item, *_ in linux.told(USB)] == [("warn", "ModemManager")]
