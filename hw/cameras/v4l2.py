@@ -300,13 +300,16 @@ class V4l2Camera:
         tells the start of the exposure, earlier if the end of the frame, plus
         `time_offset_s`. How far that may be off goes with it. Raises DeviceLost.
         """
-        while True:
-            limit_s = _STALL_S if self._has_sent else _FIRST_FRAME_S
+        loop = asyncio.get_running_loop()
+        limit_s = _STALL_S if self._has_sent else _FIRST_FRAME_S
+        until_t = loop.time() + limit_s
+        came = f"sent no picture for {limit_s:g} s"
+        while loop.time() < until_t:
             try:
-                async with asyncio.timeout(limit_s):
+                async with asyncio.timeout_at(until_t):
                     await self._arrived.wait()
             except TimeoutError:
-                raise DeviceLost(self._says(f"sent no picture for {limit_s:g} s")) from None
+                break
             if self._lost is None and self._node is not None:
                 self._take_all(self._node)  # what came since the loop last looked
             if self._lost is not None or self._node is None:
@@ -324,6 +327,8 @@ class V4l2Camera:
                 self._has_sent = True
                 return Frame(t, filled.sequence, image, self._time_sigma(filled.stamp))
             self.counters["pictures that cannot be read"] += 1
+            came = f"sent nothing that can be read for {limit_s:g} s"
+        raise DeviceLost(self._says(came))
 
     def _drain(self) -> None:
         """Take what has arrived; called whenever the node is readable."""
@@ -401,8 +406,10 @@ class V4l2Camera:
         """Return the picture, (height, width); None if the bytes are not one."""
         name, width, height, stride = self._layout
         if name == "MJPG":
-            # Half a picture decodes too, with a grey rest: the end marker tells.
-            if not data.rstrip(b"\0").endswith(b"\xff\xd9"):
+            # OpenCV 4 decoded half a picture too, with a grey rest: the end marker (FF D9) after
+            # the last scan's start (FF DA) tells, whatever padding follows. A thumbnail in the
+            # header has both of its own.
+            if data.rfind(b"\xff\xd9") <= data.rfind(b"\xff\xda"):
                 return None
             try:
                 return await self._decoder.run(

@@ -42,7 +42,7 @@ async def check_camera(
                 "fail",
                 "camera",
                 f"{e}: without pictures the pad is never seen",
-                "plug it in, close other programs that use it, check camera.*.device",
+                "plug it in, close other programs that use it, check camera.*.device and format",
             )
         ]
     finally:

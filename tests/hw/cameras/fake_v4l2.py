@@ -8,7 +8,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -30,6 +30,7 @@ class FakeCamera:
     values: dict[int, int] = field(default_factory=dict)
     stamp: Stamp = Stamp.START
     padding: int = 0  # bytes at the end of each line
+    sends: Callable[[bytes], bytes] = bytes  # instead of a picture
     plugged: bool = True
     busy: bool = False
     full_bus: bool = False
@@ -155,7 +156,7 @@ class FakeNode(VideoNode):
         if not self._empty:
             return
         index = self._empty.popleft()
-        data = picture(self._layout, self._camera.sequence % 200)
+        data = self._camera.sends(picture(self._layout, self._camera.sequence % 200))
         data = data[: len(data) // 2] if short else data
         self._data[index] = data
         camera = self._camera

@@ -10,11 +10,12 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.cameras.v4l2 import V4l2Camera, V4l2Options
-from hw.cameras.v4l2_node import Mode, Range, Stamp, VideoNode
+from hw.cameras.v4l2_node import Layout, Mode, Range, Stamp, VideoNode
 from hw.links.memory import memory_pair
 from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
@@ -315,6 +316,85 @@ def test_half_a_jpeg_is_no_picture() -> None:
         assert (await waiting).seq == 2
 
     assert run(source, use).counters["pictures that cannot be read"] == 1
+
+
+@pytest.mark.parametrize(
+    "after_end", [b"", b"\xff" * 5, b"\x12\x34", b"\xff\xd9\x55", b"\0" * 4096]
+)
+def test_what_comes_after_the_end_of_a_jpeg_is_no_part_of_it(after_end: bytes) -> None:
+    source = FakeCamera(
+        [Mode("MJPG", 64, 48, 30.0)], sends=lambda jpeg: jpeg.rstrip(b"\0") + after_end
+    )
+
+    async def use(driver: V4l2Camera) -> None:
+        source.shoot()
+        frame = await driver.newest()
+        assert (frame.seq, int(frame.image.max())) == (1, 1)
+
+    run(source, use)
+
+
+SCAN, TABLES = b"\xff\xda", b"\xff\xdb"  # TABLES: of the picture, behind the thumbnail
+
+
+@pytest.mark.parametrize("cut_at", [(SCAN, 30), (SCAN, 12), (TABLES, 0)])
+def test_half_a_jpeg_with_a_thumbnail_is_no_picture(
+    cut_at: tuple[bytes, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thumbnail's end is not the picture's, also for a decoder that takes half a picture."""
+    marker, behind = cut_at
+    if marker == SCAN:
+        monkeypatch.setattr(
+            "hw.cameras.v4l2._decode_jpeg", lambda _, shape: np.zeros(shape, np.uint8)
+        )
+
+    def with_thumbnail(jpeg: bytes) -> bytes:
+        thumbnail = fake.picture(Layout("MJPG", 16, 12, 16), 90).rstrip(b"\0")
+        segment = b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail
+        tables = jpeg.index(TABLES)
+        return jpeg[:tables] + segment + jpeg[tables:]
+
+    def cut(jpeg: bytes) -> bytes:
+        whole = with_thumbnail(jpeg)
+        return whole if source.sequence > 1 else whole[: whole.rindex(marker) + behind]
+
+    source = FakeCamera([Mode("MJPG", 64, 48, 30.0)], sends=cut)
+
+    async def use(driver: V4l2Camera) -> None:
+        waiting = asyncio.create_task(driver.newest())
+        source.shoot()
+        await asyncio.sleep(0.05)
+        source.shoot()
+        assert (await waiting).seq == 2
+
+    assert run(source, use).counters["pictures that cannot be read"] == 1
+
+
+def test_a_camera_that_sends_nothing_that_can_be_read_is_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hw.cameras.v4l2._STALL_S", 0.3)
+    monkeypatch.setattr("hw.cameras.v4l2._FIRST_FRAME_S", 0.3)
+    source = FakeCamera([Mode("MJPG", 64, 48, 30.0)])
+
+    async def shoot() -> None:
+        while True:
+            source.shoot(short=True)
+            await asyncio.sleep(0.02)
+
+    async def use(driver: V4l2Camera) -> None:
+        for has_sent in (False, True):
+            if has_sent:
+                source.shoot()
+                await driver.newest()
+            shooting = asyncio.create_task(shoot())
+            async with asyncio.timeout(3.0):
+                with pytest.raises(DeviceLost, match="nothing that can be read"):
+                    await driver.newest()
+            shooting.cancel()
+            await driver.open()
+
+    run(source, use)
 
 
 def test_unplugged_it_is_lost_at_once_and_works_again_when_it_is_back() -> None:
