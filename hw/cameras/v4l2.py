@@ -284,12 +284,12 @@ class V4l2Camera:
                 call = partial(
                     carry_out, self._node, self._order, options.gain_most, 0.9 / options.fps
                 )
-                self._exposure_s = await in_thread(call, "camera")
+                self._exposure_s, remark = await in_thread(call, "camera")
             except OSError as e:
                 remark = f"exposure: it does not take orders: {e.strerror or e}"
-                if remark not in self.remarks:
-                    self.remarks.append(remark)
-                    log.warning("camera %s: %s", options.device, remark)
+            if remark is not None and remark not in self.remarks:
+                self.remarks.append(remark)
+                log.warning("camera %s: %s", options.device, remark)
 
     # ---- pictures ----
 

@@ -2,6 +2,7 @@
 
 import errno
 import math
+from typing import NamedTuple
 
 from hw.cameras.v4l2_node import Range, VideoNode
 from landerd.messages import ExposureOrder
@@ -13,11 +14,18 @@ MANUAL_EXPOSURE = 1
 EXPOSURE_UNIT_S = 1e-4
 
 
-def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s: float) -> float:
-    """Set exposure and gain, both by hand; return the exposure that was taken, s.
+class Taken(NamedTuple):
+    """What a camera made of an order."""
+
+    exposure_s: float
+    remark: str | None  # what it refused
+
+
+def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s: float) -> Taken:
+    """Set exposure and gain, both by hand; return what was taken.
 
     The exposure is cut to whole units, and what that loses is made up by gain; a camera without
-    gain exposes longer instead. Blocks for some tens of milliseconds.
+    gain, or that refuses it, exposes longer instead. Blocks for some tens of milliseconds.
 
     Args:
         node: the camera.
@@ -37,14 +45,25 @@ def carry_out(node: VideoNode, order: ExposureOrder, gain_most: float, longest_s
     amount = order.time_s * order.gain
     gain = GAIN if node.range(GAIN) is not None else ANALOGUE_GAIN
     limits = node.range(gain)
-    wanted_s = min(order.time_s if limits is not None else amount, longest_s)
-    units = max(1, math.floor(wanted_s / EXPOSURE_UNIT_S + 1e-6))
-    taken_s = EXPOSURE_UNIT_S * max(1, _set(node, EXPOSURE, units))
-    if limits is not None:
-        left = min(max(amount / taken_s, 1.0), gain_most)
-        share = math.log(left) / math.log(gain_most)
+    if limits is None:
+        return Taken(_expose(node, min(amount, longest_s)), None)
+    taken_s = _expose(node, min(order.time_s, longest_s))
+    left = min(max(amount / taken_s, 1.0), gain_most)
+    share = math.log(left) / math.log(gain_most)
+    try:
         _set(node, gain, round(limits.low + share * (limits.high - limits.low)))
-    return taken_s
+    except OSError as e:
+        if e.errno == errno.ENODEV:
+            raise
+        remark = f"gain: it takes no orders, so it is exposed longer: {e.strerror or e}"
+        return Taken(_expose(node, min(amount, longest_s)), remark)
+    return Taken(taken_s, None)
+
+
+def _expose(node: VideoNode, wanted_s: float) -> float:
+    """Set the exposure, cut to whole units; return what was taken, s."""
+    units = max(1, math.floor(wanted_s / EXPOSURE_UNIT_S + 1e-6))
+    return EXPOSURE_UNIT_S * max(1, _set(node, EXPOSURE, units))
 
 
 def _set(node: VideoNode, control: int, value: int) -> int:

@@ -28,6 +28,7 @@ class FakeCamera:
     all_modes: list[Mode] = field(default_factory=lambda: [Mode("YUYV", 64, 48, 30.0)])
     ranges: Mapping[int, Range] = field(default_factory=dict)
     values: dict[int, int] = field(default_factory=dict)
+    refused: Mapping[int, int] = field(default_factory=dict)  # errors of setting controls
     stamp: Stamp = Stamp.START
     padding: int = 0  # bytes at the end of each line
     sends: Callable[[bytes], bytes] = bytes  # instead of a picture
@@ -104,6 +105,8 @@ class FakeNode(VideoNode):
         return self._camera.ranges.get(control)
 
     def set_control(self, control: int, value: int) -> int:
+        if control in self._camera.refused:
+            fail(self._camera.refused[control])
         limits = self._camera.ranges[control]
         if not limits.low <= value <= limits.high:
             fail(errno.ERANGE)

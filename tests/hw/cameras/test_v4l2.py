@@ -593,6 +593,25 @@ def test_a_camera_without_gain_exposes_longer_but_keeps_its_rate() -> None:
     run(source, use)
 
 
+@pytest.mark.parametrize("error", [errno.EIO, errno.EACCES])
+def test_a_camera_that_refuses_its_gain_exposes_longer_and_is_dated_so(error: int) -> None:
+    source = FakeCamera(ranges=ADJUSTABLE, refused={fake.GAIN: error}, stamp=Stamp.START)
+
+    async def use(driver: V4l2Camera) -> None:
+        for _ in range(2):
+            driver.expose(ExposureOrder(0.015, 8.0))
+            await carried_out()
+        assert source.values[fake.EXPOSURE] == 300  # 30 ms of 33
+        source.shoot(t=time.monotonic() - 0.05)
+        frame = await driver.newest()
+        age = asyncio.get_running_loop().time() - frame.t
+        assert age == pytest.approx(0.05 - 0.015, abs=0.0015)
+
+    driver = run(source, use, exposure_s=0.004)
+    told = [remark for remark in driver.remarks if remark.startswith("gain: it takes no orders")]
+    assert len(told) == len(driver.remarks) == 1
+
+
 def test_of_orders_that_come_too_fast_the_newest_counts() -> None:
     source = FakeCamera(ranges=ADJUSTABLE)
 
