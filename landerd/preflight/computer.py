@@ -12,6 +12,7 @@ from landerd.preflight.finding import Finding
 
 _DEBUG_TTY = "ttyAMA10"  # of a Raspberry Pi 5, where /dev/serial0 points to it
 _HOT_C = 75.0  # a Raspberry Pi slows down from 80
+_NO_SENSOR = "PMIC-Die"  # of a Jetson: always says 100 degrees
 _NOW_LOW, _WAS_LOW = 1 << 0, 1 << 16  # of get_throttled (Raspberry Pi's firmware)
 _NOW_SLOW, _WAS_SLOW = 1 << 2 | 1 << 3, 1 << 18 | 1 << 19
 _SLOWEST_HZ = 10.0  # pictures searched; the pad's motion is seen late below it
@@ -53,9 +54,9 @@ def budget_finding(
 
 def temperature_c(root: Path = SYSTEM) -> float | None:
     """Return how hot its hottest part is; None: it does not tell."""
-    zones = (root / "sys/class/thermal").glob("thermal_zone*/temp")
-    temperatures = [float(text) / 1e3 for text in map(_read, zones) if text]
-    return max(temperatures, default=None)
+    zones = (root / "sys/class/thermal").glob("thermal_zone*")
+    told = (_read(zone / "temp") for zone in zones if _read(zone / "type").strip() != _NO_SENSOR)
+    return max((float(text) / 1e3 for text in told if text), default=None)
 
 
 def _port(url: str, root: Path) -> Iterator[Finding]:
@@ -122,9 +123,11 @@ def _may_be_a_modem(tty: str, device: Path, root: Path) -> bool:
 
 
 def _power(root: Path) -> Iterator[Finding]:
-    text = _read(root / "sys/devices/platform/soc/soc:firmware/get_throttled").strip()
+    # soc/soc:firmware; on a Raspberry Pi 5 soc@107c000000/soc@107c000000:firmware
+    files = (root / "sys/devices/platform").glob("soc*/*firmware/get_throttled")
+    text = next(map(_read, files), "").strip()
     bits = int(text, 16) if re.fullmatch(r"(0x)?[0-9a-fA-F]+", text) else 0
-    supply = "a supply of 5.1 V and 3 A or more, with short thick wires"
+    supply = "a supply of 5.1 V and 3 A (Raspberry Pi 5: 5 A) or more, with short thick wires"
     if bits & _NOW_LOW:
         what = "the supply's voltage is too low: the computer slows down, and may restart in flight"
         yield Finding("fail", "supply", what, supply)

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from landerd.preflight.computer import budget_finding, computer_findings
+from landerd.preflight.computer import budget_finding, computer_findings, temperature_c
 
 UART = "serial:/dev/serial0?baud=921600"
 USB = "serial:/dev/ttyACM0"
 THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
+THROTTLED_5 = "sys/devices/platform/soc@107c000000/soc@107c000000:firmware/get_throttled"
 
 
 class Linux:
@@ -74,6 +75,20 @@ def test_what_is_broken_is_named(
     told = linux.told(UART)
     assert (level, item) in [(found[0], found[1]) for found in told]
     assert any(what in found[2] and mend in found[3] for found in told)
+
+
+def test_a_low_supply_of_a_raspberry_pi_5_is_named(linux: Linux) -> None:
+    (linux.root / THROTTLED).unlink()
+    linux.say(THROTTLED_5, "50005\n")
+    assert ("fail", "supply") in [(level, item) for level, item, *_ in linux.told(UART)]
+
+
+def test_what_is_no_sensor_of_a_jetson_is_no_heat(linux: Linux) -> None:
+    for zone, (kind, temperature) in enumerate((("CPU-therm", "38000"), ("PMIC-Die", "100000"))):
+        linux.say(f"sys/class/thermal/thermal_zone{zone}/type", f"{kind}\n")
+        linux.say(f"sys/class/thermal/thermal_zone{zone}/temp", f"{temperature}\n")
+    assert linux.told(UART) == []
+    assert temperature_c(linux.root) == 38.0
 
 
 def test_a_console_on_another_port_is_no_fault(linux: Linux) -> None:
