@@ -4,6 +4,8 @@ Source: Linux kernel, Documentation/driver-api/pwm.rst, "Using PWMs with the sys
 export, period and duty_cycle in nanoseconds, enable.
 """
 
+import asyncio
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +15,8 @@ from hw.gimbals.i2c import KERNELS, I2c
 from hw.gimbals.imu import ReadableBus
 from hw.gimbals.servo import ServoGimbal, ServoOptions
 from landerd.ports import DeviceLost
+
+_LOOK_S = 1.0  # so often it is looked whether a channel is on
 
 
 class ServoSysfsOptions(ServoOptions):
@@ -41,6 +45,7 @@ class SysfsPwm:
         self._chip = chip
         self._period_ns = round(1e9 / frequency_hz)
         self._ready: set[int] = set()
+        self._looked_t = -math.inf
 
     async def open(self) -> None:
         """See that the chip is there. Raises DeviceLost."""
@@ -49,7 +54,15 @@ class SysfsPwm:
             raise DeviceLost(f"{self._chip}: no such PWM chip")
 
     def write(self, pulses: dict[int, float]) -> None:
-        """Set pulse widths, us by channel; a new channel is exported first. Raises DeviceLost."""
+        """Set pulse widths, us by channel; a new channel is exported first. Raises DeviceLost.
+
+        So it does where another program has switched one off, as ArduPilot does with all of its
+        board's as it starts: opened anew it is switched on again.
+        """
+        now = asyncio.get_running_loop().time()
+        is_due = now - self._looked_t >= _LOOK_S
+        if is_due:
+            self._looked_t = now
         for channel, pulse_us in pulses.items():
             folder = self._chip / f"pwm{channel}"
             try:
@@ -59,6 +72,8 @@ class SysfsPwm:
                 if channel not in self._ready:
                     _put(folder / "enable", 1)
                     self._ready.add(channel)
+                if is_due and _get(folder / "enable") == 0:
+                    raise DeviceLost(f"{folder}: another program has switched it off")
             except OSError as e:
                 raise DeviceLost(f"{e.filename or folder}: {e.strerror}") from None
 
@@ -69,10 +84,14 @@ class SysfsPwm:
         if not folder.exists():
             _put(self._chip / "export", channel)
         duty = folder / "duty_cycle"
-        if int(duty.read_text(encoding="ascii") or 0) > self._period_ns:
+        if _get(duty) > self._period_ns:
             _put(duty, 0)  # the kernel refuses a period shorter than the pulse
         _put(folder / "period", self._period_ns)
 
 
 def _put(path: Path, value: int) -> None:
     path.write_text(str(value), encoding="ascii")
+
+
+def _get(path: Path) -> int:
+    return int(path.read_text(encoding="ascii") or 0)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hw.gimbals.servo_sysfs import ServoSysfsOptions
+from hw.gimbals.servo_mavlink import ServoMavlinkOptions
 from landerd.config.files import config_dir
 from landerd.drivers import read_configuration
 from landerd.installation.service import BOARDS, parameter_file
@@ -50,11 +50,11 @@ def test_the_ports_baud_rate_is_that_of_the_example(board: str) -> None:
 
 def test_the_outputs_left_to_landerd_are_those_of_the_examples_servos() -> None:
     options = read_configuration(config_dir() / "vehicles/navio2.yaml").options[
-        "gimbal.servo_sysfs"
+        "gimbal.servo_mavlink"
     ]
-    assert isinstance(options, ServoSysfsOptions)
+    assert isinstance(options, ServoMavlinkOptions)
     assert options.yaw is not None
     assert options.pitch is not None
     channels = {options.yaw.channel, options.pitch.channel}
     freed = {name for name in values(parameter_file("navio2")) if name.startswith("SERVO")}
-    assert freed == {f"SERVO{channel + 1}_FUNCTION" for channel in channels}
+    assert freed == {f"SERVO{channel}_FUNCTION" for channel in channels}

@@ -163,6 +163,30 @@ def test_sysfs_exports_a_channel_that_is_not_there(tmp_path: Path) -> None:
     run(gimbal, scene)
 
 
+def test_sysfs_of_a_channel_that_another_program_switched_off_is_lost_and_opened_anew(
+    tmp_path: Path,
+) -> None:
+    """As ArduPilot does with its board's as it starts: the servo hung, and was told to turn."""
+    gimbal = sysfs(chip(tmp_path))
+    enable = tmp_path / "pwm0" / "enable"
+
+    async def turn(seconds: float) -> None:
+        for _ in range(round(50 * seconds)):
+            gimbal.command(GimbalCommand(0.0, -0.8))
+            await gimbal.state()
+
+    async def scene(_: Gimbal) -> None:
+        await turn(2.0)
+        enable.write_text("0")
+        with pytest.raises(DeviceLost, match="another program has switched it off"):
+            await turn(2.0)
+        await gimbal.open()
+        await turn(0.1)
+        assert enable.read_text() == "1"
+
+    run(gimbal, scene)
+
+
 def test_sysfs_without_its_chip_is_lost(tmp_path: Path) -> None:
     with pytest.raises(DeviceLost, match="no such PWM chip"):
         asyncio.run(sysfs(tmp_path / "none").open())
