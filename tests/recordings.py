@@ -49,6 +49,7 @@ def write_tlog(
     boot_s: float = 5.0,
     at_s: float = 0.0,
     mount_deg: tuple[float, float, float] | None = None,
+    look_deg: tuple[float, float] | None = None,
 ) -> Path:
     """Write a telemetry log.
 
@@ -61,6 +62,8 @@ def write_tlog(
         boot_s: time since boot when it begins.
         at_s: Unix time when it begins, after some day in 2023.
         mount_deg: yaw, pitch and roll of the gimbal as ArduPilot has them; None: not recorded.
+        look_deg: yaw from the nose and pitch of a gimbal that tells its yaw from north, beside one
+            that looks level ahead; None: no such gimbals.
     """
     encoder = mavlink.MAVLink(None, system, 1)
     data = b""
@@ -85,6 +88,18 @@ def write_tlog(
         if mount_deg is not None:
             pan, tilt, lean = (round(100.0 * angle) for angle in mount_deg)
             add(t, mavlink.MAVLink_mount_status_message(0, 0, tilt, lean, pan))
+        if look_deg is not None:
+            aside, down = (math.radians(angle) for angle in look_deg)
+            yaws = (mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME, yaw + aside, down)
+            ahead = (mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME, 0.0, 0.0)
+            for device, (flags, *angles) in enumerate((yaws, ahead), 1):
+                y, p = (0.5 * angle for angle in angles)
+                q = [math.cos(y) * math.cos(p), -math.sin(y) * math.sin(p)]
+                q += [math.cos(y) * math.sin(p), math.sin(y) * math.cos(p)]
+                report = mavlink.MAVLink_gimbal_device_attitude_status_message(
+                    0, 0, ms, flags, q, 0.0, 0.0, 0.0, 0, math.nan, math.nan, device
+                )
+                add(t + 0.001 * device, report)
     path.write_bytes(data)
     return path
 

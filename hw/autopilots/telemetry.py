@@ -98,3 +98,11 @@ def battery(m: Message, t: float) -> Battery | None:
 def within(limit: float, *values: float) -> bool:
     """Tell whether all values are finite and at most limit in size; NaN is not."""
     return all(-limit <= v <= limit for v in values)
+
+
+def gimbal_yaw_is_from_north(m: Message) -> bool:
+    """Tell of which yaw GIMBAL_DEVICE_ATTITUDE_STATUS speaks: from north, or from the airframe."""
+    if m.flags & mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME:
+        return True
+    is_vehicles = m.flags & mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+    return bool(m.flags & mavlink.GIMBAL_DEVICE_FLAGS_YAW_LOCK and not is_vehicles)

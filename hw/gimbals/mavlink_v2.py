@@ -22,15 +22,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import COMPONENT, MavlinkAutopilot
 from hw.autopilots.mavlink_codec import Message
+from hw.autopilots.telemetry import gimbal_yaw_is_from_north
 from hw.gimbals.behind_autopilot import BehindAutopilotGimbal, BehindAutopilotOptions
 from landerd.geometry import angles_zxy, rotation, wrap
 
 log = logging.getLogger(__name__)
 
 _LOCKS = mavlink.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | mavlink.GIMBAL_MANAGER_FLAGS_PITCH_LOCK
-_VEHICLE_YAW = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
-_EARTH_YAW = mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
-_YAW_LOCK = mavlink.GIMBAL_DEVICE_FLAGS_YAW_LOCK
 _UNCHANGED = -1.0  # of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
 
 
@@ -104,7 +102,7 @@ class MavlinkGimbal(BehindAutopilotGimbal):
             self._tell_useless("is no rotation")
             return None
         yaw, pitch, roll = angles_zxy(R)
-        if m.flags & _EARTH_YAW or (m.flags & _YAW_LOCK and not m.flags & _VEHICLE_YAW):
+        if gimbal_yaw_is_from_north(m):
             if not (math.isfinite(m.delta_yaw) and m.delta_yaw != 0.0):
                 self._tell_useless("has its yaw from north, without delta_yaw")
                 return None

@@ -10,9 +10,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.arducopter import VEHICLE_TYPES
 from hw.autopilots.mavlink_codec import Message
+from hw.autopilots.telemetry import gimbal_yaw_is_from_north
 from hw.replay.damage import Damage
 from hw.replay.recorded import FromPlaces, Recorded, is_place, mount_angles, position_track
-from landerd.geometry import angles_zxy, rotation
+from landerd.geometry import angles_zxy, rotation, wrap
 
 _MARKER = re.compile(rb"[\xfd\xfe]")
 _STAMP = 8  # bytes
@@ -109,7 +110,9 @@ class _Boot:
         self._local, self._global = position_track(), position_track()
         self._from_global = FromPlaces(self._global)
         self._boot_minus_log_s: float | None = None  # of the message that was least late
-        self._has_device_attitude = False
+        self._gimbal: tuple[int, int] | None = None  # component and device whose report is read
+        self._has_other_gimbals = False
+        self._yaw: tuple[float, float, float] | None = None  # time, s; rad, rad/s
         self._is_other_autopilot = False
         self._stamped: Mapping[str, _Reader] = {  # with time_boot_ms
             "ATTITUDE": self._attitude,
@@ -139,11 +142,14 @@ class _Boot:
         """Return it with the sources of its position, the best one first."""
         if self._is_other_autopilot:
             self.recorded.remarks.append("its autopilot is not ArduPilot")
+        if self._has_other_gimbals:
+            self.recorded.remarks.append("of several gimbals the one that reports first is shown")
         self.recorded.positions["LOCAL_POSITION_NED"] = self._local
         self.recorded.positions["GLOBAL_POSITION_INT"] = self._global
         return self.recorded
 
     def _attitude(self, t: float, m: Message) -> None:
+        self._yaw = t, m.yaw, m.yawspeed
         self.recorded.attitude.add(
             t, (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
         )
@@ -181,15 +187,24 @@ class _Boot:
 
     def _mount(self, t: float, m: Message) -> None:
         """MOUNT_STATUS: hundredths of a degree."""
-        if not self._has_device_attitude:
+        if self._gimbal is None:
             yaw, pitch, roll = (0.01 * v for v in (m.pointing_c, m.pointing_a, m.pointing_b))
             self.recorded.gimbal.add(t, mount_angles(yaw, pitch, roll))
 
     def _device_attitude(self, t: float, m: Message) -> None:
-        self._has_device_attitude = True
+        device = m.get_srcComponent(), m.gimbal_device_id
+        self._gimbal = self._gimbal or device
+        self._has_other_gimbals = self._has_other_gimbals or device != self._gimbal
         R = rotation(m.q)
-        if R is not None:
-            self.recorded.gimbal.add(t, angles_zxy(R))
+        if R is None or device != self._gimbal:
+            return
+        yaw, pitch, roll = angles_zxy(R)
+        if gimbal_yaw_is_from_north(m):
+            if self._yaw is None:
+                return
+            at, vehicles, rate = self._yaw
+            yaw = wrap(yaw - vehicles - (t - at) * rate)
+        self.recorded.gimbal.add(t, (yaw, pitch, roll))
 
 
 def _type_name(number: int) -> str:

@@ -56,6 +56,16 @@ def test_a_mount_that_rolls_looks_straight_down_where_ardupilot_says_so(
     assert rotate(rot_zxy(yaw, roll, pitch), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 1.0))
 
 
+def test_a_gimbal_that_tells_its_yaw_from_north_is_read_and_no_second_one(tmp_path: Path) -> None:
+    telemetry = read_telemetry(write_tlog(tmp_path / "a.tlog", look_deg=(20.0, -45.0)))
+    for t in (9.0, 9.031):
+        angles = telemetry.gimbal.at(t)
+        assert angles is not None
+        yaw, pitch, _ = (math.degrees(angle) for angle in angles)
+        assert (yaw, pitch) == pytest.approx((20.0, -45.0), abs=1.0)
+    assert "of several gimbals the one that reports first is shown" in telemetry.remarks
+
+
 def test_places_on_earth_become_local(tmp_path: Path) -> None:
     telemetry = read_telemetry(write_tlog(tmp_path / "a.tlog"))
     north, east = telemetry.local(ORIGIN[0] + math.degrees(30.0 / 6378137.0), ORIGIN[1])
