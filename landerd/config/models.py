@@ -255,7 +255,8 @@ class LimitsSection(Section):
     descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.5
     # With less it would not stop before the pad is out of sight, or before the ground.
     acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
-    vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0
+    # With 0.3 a deck that came up was touched at 0.7 m/s.
+    vertical_acceleration_mps2: Annotated[float, Field(ge=0.5, le=5)] = 1.0
     jerk_mps3: Annotated[float, Field(ge=2, le=50)] = 15.0
     yaw_rate_deg_s: Annotated[float, Field(gt=0, le=180)] = 30.0
 
