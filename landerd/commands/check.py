@@ -28,6 +28,7 @@ from landerd.commands.shared import (
     load_with_saved,
     print_json,
     refusing,
+    service_folder,
     tell,
 )
 from landerd.config.files import ConfigError, Loaded, config_dir
@@ -53,7 +54,6 @@ from landerd.preflight.status_page import foxglove_findings, page_findings
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
 
-_STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
 _LEAST_FREE_MB = 500.0  # of the logs' disk
 _AGAIN_S = 2.0
 _IN_THE_SIMULATOR = (
@@ -127,7 +127,11 @@ def _once(args: argparse.Namespace) -> list[Finding]:
         load_pad(loaded.config.pad.layout)
         load_camera(loaded.config.camera.calibration)
         devices = make_devices(loaded, overlay)
-    return asyncio.run(check(loaded, devices, _service_folder(args.config)))
+    saved = [Finding("ok", "saved parameters", f"{overlay} is laid over")]
+    return [
+        *(saved if overlay.exists() else ()),
+        *asyncio.run(check(loaded, devices, service_folder(args.config))),
+    ]
 
 
 def _once_more(args: argparse.Namespace) -> list[Finding]:
@@ -159,11 +163,6 @@ def _budget(args: argparse.Namespace) -> list[Finding]:
     return [
         budget_finding(found.pictures_hz, found.median_s, found.p99_s, found.gap_s, fps),
     ]
-
-
-def _service_folder(config: Path) -> Path:
-    """Return where the service that reads a configuration, /etc/landerd/NAME.yaml, keeps things."""
-    return _STATE / (config.stem if config.stem.startswith("landerd") else "landerd")
 
 
 async def check(

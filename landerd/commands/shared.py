@@ -14,6 +14,9 @@ from landerd.files import write_whole
 if TYPE_CHECKING:
     from landerd.config.files import Loaded
 
+_SERVICE = Path("/etc/landerd")  # where the unit has its configurations
+_STATE = Path("/var/lib")  # in it systemd gives each service a folder of its name
+
 
 class InputError(Exception):
     """The input is wrong; the text is what the user reads. The way to exit code 2.
@@ -92,7 +95,8 @@ def add_overlay(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="laid over the configuration if it exists, and where parameters that a ground station "
-        "saves are written; without it: NAME.saved.yaml beside the configuration",
+        "saves are written; without it: /var/lib/NAME/saved.yaml of a service's configuration, "
+        "/etc/landerd/NAME.yaml, and NAME.saved.yaml beside any other",
     )
 
 
@@ -139,8 +143,20 @@ def load_with_saved(args: argparse.Namespace) -> tuple["Loaded", Path]:
     Raises:
         InputError: it cannot be used.
     """
-    overlay: Path = args.overlay or args.config.with_suffix(".saved.yaml")
+    overlay: Path = args.overlay or saved_file(args.config)
     return load_config(args, [overlay] if overlay.exists() else []), overlay
+
+
+def saved_file(config: Path) -> Path:
+    """Return where saved parameters are kept, unless --overlay says so: as the unit has it."""
+    if config.absolute().parent == _SERVICE and config.stem.startswith("landerd"):
+        return service_folder(config) / "saved.yaml"
+    return config.with_suffix(".saved.yaml")
+
+
+def service_folder(config: Path) -> Path:
+    """Return where the service that reads a configuration, /etc/landerd/NAME.yaml, keeps things."""
+    return _STATE / (config.stem if config.stem.startswith("landerd") else "landerd")
 
 
 def check_faults(loaded: "Loaded", *, in_sitl: bool = False, takes_off: bool = True) -> None:

@@ -167,6 +167,8 @@ class ParameterSet:
                 file.write("# Saved by a ground station; laid over the configuration.\n")
                 yaml.safe_dump(tree, file, sort_keys=False)
                 file.flush()
+                # `landerd check` reads it as another user than the service; it holds no secret.
+                os.fchmod(file.fileno(), 0o644)
                 os.fsync(file.fileno())
             new.replace(self._overlay)
         except (OSError, ValueError) as e:

@@ -17,11 +17,13 @@ from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.links.memory import MemoryLink, memory_pair
 from landerd.cli import main
 from landerd.commands import check as check_command
+from landerd.commands import shared
 from landerd.commands.check import check
-from landerd.config.files import config_dir
+from landerd.config.files import Loaded, config_dir
 from landerd.drivers import read_configuration
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost, Feedback, GimbalTraits, NotInstalled
+from landerd.preflight.configuration import first_flight
 from landerd.preflight.finding import Finding
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
@@ -475,6 +477,42 @@ def test_json_has_findings_and_ready(
     }  # fmt: skip
     assert main(["check", "-c", str(mine)]) == 1
     assert "FAIL camera: gone -> plug" in capsys.readouterr().out.splitlines()
+
+
+def test_the_service_is_checked_with_what_a_ground_station_saved_for_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def speed_limit(loaded: Loaded, _devices: object, state: Path) -> list[Finding]:
+        return first_flight(loaded.config, state)
+
+    monkeypatch.setattr(check_command, "check", speed_limit)
+    monkeypatch.setattr(check_command, "make_devices", lambda *_: None)
+    monkeypatch.setattr(shared, "_SERVICE", tmp_path / "etc")
+    monkeypatch.setattr(shared, "_STATE", tmp_path / "lib")
+    saved = tmp_path / "lib" / "landerd" / "saved.yaml"
+    for folder in (tmp_path / "etc", saved.parent):
+        folder.mkdir(parents=True)
+    saved.write_text("guidance: {limits: {speed_mps: 12.0}}\n")
+    mine = tmp_path / "etc" / "landerd.yaml"
+    mine.write_text(
+        f"include: [{config_dir() / 'default.yaml'}]\nguidance: {{limits: {{speed_mps: 3.0}}}}\n"
+    )
+    main(["check", "-c", str(mine)])
+    told = capsys.readouterr().out
+    assert f"ok   saved parameters: {saved} is laid over" in told
+    assert "speed limit: up to 12 m/s" in told
+    beside = tmp_path / "landerd.yaml"  # no service's
+    beside.write_text(mine.read_text())
+    assert main(["check", "-c", str(beside)]) == 0
+    assert capsys.readouterr().out == "ready\n"
+
+
+@pytest.mark.parametrize("name", ["landerd", "landerd@boat"])
+def test_saved_parameters_are_where_the_unit_has_them(name: str) -> None:
+    unit = (Path(__file__).parents[2] / "systemd" / "landerd.service").read_text()
+    words = unit.replace("%N", name).split()
+    config = Path(words[words.index("-c") + 1])
+    assert shared.saved_file(config) == Path(words[words.index("--overlay") + 1])
 
 
 def test_a_size_of_another_aspect_than_the_calibration_is_a_finding_and_not_a_crash() -> None:

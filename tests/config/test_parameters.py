@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import os
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,18 @@ def test_what_is_saved_is_laid_over_the_configuration_next_time(tmp_path: Path) 
     assert (config.guidance.pid.up.kp, config.guidance.pid.up.kd) == (1.25, 0.7)
     assert (config.rc.gate_channel, config.vehicle.gear_height_m) == (9, 0.3)
     assert list(tmp_path.iterdir()) == [overlay]
+
+
+def test_another_user_than_the_services_can_check_with_what_is_saved(tmp_path: Path) -> None:
+    overlay = tmp_path / "saved.yaml"
+    tuned = ParameterSet(Config(), overlay)
+    tuned.change("PID_UP_KP", 1.25, disarmed=True)
+    before = os.umask(0o077)  # as in the unit
+    try:
+        tuned.save()
+    finally:
+        os.umask(before)
+    assert overlay.stat().st_mode & 0o777 == 0o644
 
 
 def test_what_stands_in_the_overlay_already_is_saved_as_it_is_read(tmp_path: Path) -> None:
