@@ -282,6 +282,9 @@ class MessageSigning(Protocol):
         """The secret, 32 bytes."""
         ...
 
+    def open(self) -> None:
+        """Make sure of the time stamp, before the link is opened. Raises DeviceLost: not yet."""
+
     def stamp(self, now: float) -> int:
         """Return the time stamp of the next message, sent at loop time now (s)."""
         ...

@@ -115,6 +115,7 @@ class MavlinkAutopilot:
         self._system = system_id
         self._frame = setpoint_frame
         self._ground_stations = frozenset(ground_stations)
+        self._signing = signing
         self._codec = MavlinkCodec(system_id, COMPONENT, signing)
         self._parameters: ParameterProtocol | None = None
         if parameters is not None:
@@ -135,6 +136,8 @@ class MavlinkAutopilot:
 
     async def open(self) -> None:
         """Open the link. Raises DeviceLost."""
+        if self._signing is not None:
+            self._signing.open()
         await self._link.open()
         self._codec.reset()
         self._streams.restart()

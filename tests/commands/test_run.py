@@ -104,6 +104,7 @@ def test_with_a_key_all_it_says_is_signed_and_an_open_key_is_refused(tmp_path: P
     key = tmp_path / "key"
     key.write_text("correct horse")
     key.chmod(0o600)
+    (tmp_path / "key.time").write_text("")  # as a loss of power may leave it
 
     async def main() -> None:
         heard: list[Any] = []

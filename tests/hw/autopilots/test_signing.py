@@ -1,15 +1,21 @@
 """Signed MAVLink: forged, repeated and unsigned messages stay outside, the time never goes back."""
 
 import hashlib
+import logging
 import os
 import threading
+import time
 from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from hw.autopilots.mavlink import MavlinkAutopilot
 from hw.autopilots.mavlink_codec import MavlinkCodec, Message
 from hw.autopilots.signing import Signing
+from hw.links.memory import memory_pair
+from landerd.ports import DeviceLost
+from landerd.runtime.clock import run_virtual
 
 KEY = "7f" * 32
 
@@ -119,9 +125,84 @@ def test_files_that_cannot_be_used_give_one_line(tmp_path: Path) -> None:
         Signing(tmp_path / "none", tmp_path / "time")
     with pytest.raises(ValueError, match="empty, expected a key"):
         Signing(key_file(tmp_path, ""), tmp_path / "time")
-    (tmp_path / "time").write_text("yesterday")
-    with pytest.raises(ValueError, match="time: found 'yesterday', expected"):
-        signing(tmp_path)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ValueError, match="folder: cannot be read: Is a directory"):
+        signing(tmp_path, "folder")
     with pytest.raises(ValueError, match="cannot be written"):
         Signing(key_file(tmp_path), tmp_path / "no-such-folder" / "time")
-    assert sorted(os.listdir(tmp_path)) == ["key", "time"]
+    assert sorted(os.listdir(tmp_path)) == ["folder", "key"]
+
+
+def warnings_of(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+
+
+@pytest.mark.parametrize("damaged", [b"", b"\0\0\0\0", b"yesterday", b"\xff9", b"9" * 5000])
+def test_the_clock_stands_in_for_a_damaged_time_stamp_with_one_warning(
+    tmp_path: Path, damaged: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = stamp_of(MavlinkCodec(1, 191, signing(tmp_path)).encode(attitude(0), 0.0))
+    (tmp_path / "time").write_bytes(damaged)
+    ours = signing(tmp_path)
+    ours.open()
+    ours.open()  # the link, again
+    assert stamp_of(MavlinkCodec(1, 191, ours).encode(attitude(1), 5.0)) > before
+    written()
+    (warning,) = warnings_of(caplog)
+    assert "expected the time stamp kept there: the clock's is taken" in warning
+    assert int((tmp_path / "time").read_text()) > before
+
+
+def test_without_stamp_and_clock_no_link_is_opened_until_the_clock_is_set(tmp_path: Path) -> None:
+    kept = tmp_path / "time"
+    kept.write_text("")
+    tomorrow = time.time() + 86400.0
+    os.utime(kept, (tomorrow, tomorrow))
+
+    async def scene() -> None:
+        near, far = memory_pair()
+        await far.open()
+        ours = signing(tmp_path)
+        driver = MavlinkAutopilot(near, signing=ours)
+        for _ in range(3):
+            with pytest.raises(DeviceLost, match=r"time: found '', .*, and the clock is not set"):
+                await driver.open()
+            driver.heartbeat()  # which the daemon goes on to send
+        assert kept.read_text() == ""  # nor is a wrong one kept
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(time, "time", lambda: tomorrow + 1.0)
+            await driver.open()
+        driver.heartbeat()
+        assert stamp_of(await far.read()) >= (tomorrow - 1_420_070_400) * 100_000
+
+    run_virtual(scene())
+
+
+def test_a_full_disk_is_warned_of_and_all_is_signed_nevertheless(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / ".time.new").symlink_to("/dev/full")
+    ours = MavlinkCodec(1, 191, signing(tmp_path))
+    theirs = MavlinkCodec(1, 1, signing(tmp_path, "theirs"))
+    for i in range(200):
+        assert len(theirs.decode(ours.encode(attitude(i), 0.1 * i))) == 1
+        written()
+    (warning,) = warnings_of(caplog)
+    assert warning == f"{tmp_path / 'time'}: cannot be written: No space left on device"
+
+
+def test_a_loss_of_power_leaves_the_old_stamp_or_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What has not come to the disk takes no file's place."""
+    signing(tmp_path)
+    kept = (tmp_path / "time").read_text()
+    on_disk: list[str] = []
+
+    def fsync(fd: int) -> None:
+        assert (tmp_path / "time").read_text() == kept
+        on_disk.append(Path(f"/proc/self/fd/{fd}").read_text())
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    signing(tmp_path)
+    assert on_disk == [(tmp_path / "time").read_text()] != [kept]
