@@ -16,6 +16,8 @@ log = logging.getLogger(__name__)
 _UNSENT_LIMIT = 1 << 13
 # The kernel gives up an unanswered connection after this; its own default is about 15 minutes.
 _USER_TIMEOUT_MS = 5000
+# The kernel asks a peer that does not answer ever more rarely, and for two minutes.
+_CONNECT_S = 2.0
 
 
 class TcpLink:
@@ -42,7 +44,8 @@ class TcpLink:
                 )
                 await self._server.start_serving()
             else:
-                await loop.create_connection(lambda: _Connection(self), self._host, self._port)
+                async with asyncio.timeout(_CONNECT_S):
+                    await loop.create_connection(lambda: _Connection(self), self._host, self._port)
         except OSError as e:
             raise DeviceLost(f"tcp {self._host}:{self._port}: {in_words(e)}") from None
 

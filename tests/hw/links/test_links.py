@@ -1,6 +1,7 @@
 """Byte links: what is written at one end is read at the other, and a lost link says so."""
 
 import asyncio
+import contextlib
 import os
 import pty
 import random
@@ -17,6 +18,7 @@ from hw.links import open_link
 from hw.links.memory import memory_pair
 from landerd.ports import ByteLink, DeviceLost
 from landerd.runtime.clock import run_virtual
+from tests.quick_clock import run_quickly
 
 
 def free_port(kind: socket.SocketKind) -> int:
@@ -213,6 +215,29 @@ def test_who_else_connects_does_not_cut_the_autopilot_that_speaks() -> None:
         await server.close()
 
     run(scene)
+
+
+def test_a_tcp_peer_that_does_not_answer_is_called_again_soon() -> None:
+    """The kernel's own calls come ever more rarely: landerd came back half a minute after it."""
+
+    async def scene() -> None:
+        with contextlib.ExitStack() as sockets:
+            hung = sockets.enter_context(socket.socket())
+            hung.bind(("127.0.0.1", 0))
+            hung.listen(0)
+            address = hung.getsockname()
+            for _ in range(4):  # more than it keeps: the next are not answered
+                caller = sockets.enter_context(socket.socket())
+                caller.setblocking(False)
+                caller.connect_ex(address)
+            await asyncio.sleep(0.2)
+            link = open_link(f"tcp:127.0.0.1:{address[1]}")
+            start = asyncio.get_running_loop().time()
+            with pytest.raises(DeviceLost, match=r"^tcp 127.0.0.1:\d+: no answer$"):
+                await asyncio.wait_for(link.open(), 10.0)
+            assert asyncio.get_running_loop().time() - start == pytest.approx(2.0, abs=0.5)
+
+    run_quickly(scene())
 
 
 def test_a_tcp_peer_that_takes_nothing_does_not_fill_the_memory() -> None:
