@@ -46,8 +46,12 @@ def _host_and_port(url: str, rest: str) -> tuple[str, int]:
     host, colon, digits = rest.removeprefix("//").rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     port = int(digits) if digits.isascii() and digits.isdecimal() else 0
-    if not (colon and host and 0 < port < 65536):
+    if not (colon and host and "\0" not in host and 0 < port < 65536):
         raise ValueError(f"link {url!r}: expected HOST:PORT with a port from 1 to 65535")
+    try:
+        host.encode("idna")  # as the look-up does
+    except UnicodeError:
+        raise ValueError(f"link {url!r}: {host!r} cannot be a host's name") from None
     return host, port
 
 

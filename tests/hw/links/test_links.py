@@ -406,6 +406,9 @@ def test_a_serial_port_that_stalls_takes_up_again() -> None:
         "tcp:localhost:65536",
         "tcp:localhost:-1",
         "tcp::5760",
+        "udpout:drone..local:14550",
+        f"tcp:{'a' * 70}.local:5760",
+        "udpin:drone\0:14550",
         "serial:",
         "serial:ttyS0",
         "serial:/dev/ttyS0?baud=fast",
@@ -415,7 +418,7 @@ def test_a_serial_port_that_stalls_takes_up_again() -> None:
     ],
 )
 def test_a_bad_url_is_refused_in_one_line(url: str) -> None:
-    with pytest.raises(ValueError, match=r"expected|unknown|simulator") as refusal:
+    with pytest.raises(ValueError, match=r"expected|unknown|simulator|cannot be a host") as refusal:
         open_link(url)
     assert "\n" not in str(refusal.value)
 
