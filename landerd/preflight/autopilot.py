@@ -100,6 +100,13 @@ class AutopilotCheck:
 
     def _no_heartbeat(self, counters: Mapping[str, int]) -> Finding:
         system = self._config.autopilot.system_id
+        if counters.get("not ArduCopter"):
+            what = f"the autopilot of system {system} says that it is not ArduCopter"
+            return Finding("fail", "heartbeat", what, "landerd lands ArduCopter only")
+        if counters.get("badly signed"):
+            what = "messages come, but not signed with autopilot.signing_key, or with an old time"
+            mend = "the same pass phrase in the autopilot, and GPS, its clock (docs/ardupilot.md)"
+            return Finding("fail", "heartbeat", what, mend)
         if counters.get("foreign"):
             what = f"somebody speaks MAVLink, but not the autopilot of system {system}"
             return Finding("fail", "heartbeat", what, "set autopilot.system_id to SYSID_THISMAV")

@@ -14,6 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.signing import Signing
 from hw.links.memory import MemoryLink, memory_pair
 from landerd.cli import main
 from landerd.commands import check as check_command
@@ -122,13 +123,14 @@ class SetUp:
         self.vehicle.parameters = dict(GOOD_PARAMETERS)
         self.overrides: list[str] = []
         self.system = 1
+        self.signing: Signing | None = None
         self.speaks = True
         self.state, self.system_root = STATE, Path("/nowhere")
 
     def check(self) -> list[Finding]:
         overrides = ["guidance.limits.speed_mps=3", *self.overrides]
         loaded = read_configuration(config_dir() / "default.yaml", overrides=overrides)
-        driver = MavlinkAutopilot(self.link, system_id=self.system)
+        driver = MavlinkAutopilot(self.link, system_id=self.system, signing=self.signing)
 
         async def run() -> list[Finding]:
             flying = asyncio.create_task(self.vehicle.run() if self.speaks else asyncio.sleep(60))
@@ -214,6 +216,18 @@ def silent_at(url: str) -> Callable[[SetUp], None]:
 
 def wrong_baud(set_up: SetUp) -> None:
     set_up.far.faults.corrupt = 0.5
+
+
+def plane(set_up: SetUp) -> None:
+    beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_FIXED_WING, 3, 81, 0, 3, 3)
+    set_up.vehicle._heartbeat = lambda: beat  # type: ignore[method-assign]
+
+
+def unsigned(set_up: SetUp) -> None:
+    key = Path(tempfile.mkdtemp()) / "key"
+    key.write_text("correct horse")
+    key.chmod(0o600)
+    set_up.signing = Signing(key, key.with_suffix(".time"))
 
 
 def no_position(set_up: SetUp) -> None:
@@ -351,6 +365,8 @@ def pad_with(fault: str) -> Callable[[SetUp], None]:
         ),
         (wrong_baud, "fail", "heartbeat", "not MAVLink that can be read", "baud"),
         (set_of("system", 7), "fail", "heartbeat", "not the autopilot of system", "SYSID_THISMAV"),
+        (plane, "fail", "heartbeat", "system 1 says that it is not ArduCopter", "ArduCopter only"),
+        (unsigned, "fail", "heartbeat", "not signed with autopilot.signing_key", "pass phrase"),
         (no_position, "fail", "position", "no position comes", "GPS"),
         (no_signal, "fail", "gate", "RC 11 has no signal", "transmitter"),
         (gate_high, "warn", "gate", r"high \(1900 us\)", "low"),
