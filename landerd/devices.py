@@ -4,6 +4,7 @@ What a vehicle does not need, the simulator and the players of recordings, is im
 used.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
@@ -110,7 +111,8 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
     gimbal = _factory("gimbal", config.gimbal.driver)
     try:
         signing = _signing(config)
-        is_peer = heartbeat_of(config.autopilot.system_id, signing)
+        strangers: Counter[str] = Counter()
+        is_peer = heartbeat_of(config.autopilot.system_id, signing, strangers)
         link = open_link(config.autopilot.url, is_peer)
         autopilot = make_autopilot(
             config,
@@ -122,6 +124,7 @@ def make_devices(loaded: Loaded, overlay: Path, recorder: Recorder | None = None
             _make_camera(camera, loaded),
             _make_gimbal(gimbal, loaded, autopilot),
             autopilot,
+            strangers,
         )
     except ValueError as e:
         raise SetUpError(str(e)) from None

@@ -1,5 +1,6 @@
 """Which bytes come from the configured autopilot: by them a UDP link knows its peer."""
 
+from collections import Counter
 from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -8,22 +9,33 @@ from hw.autopilots.mavlink_codec import MavlinkCodec
 from hw.autopilots.signing import Signing
 
 
-def heartbeat_of(system_id: int, signing: Signing | None) -> Callable[[bytes], bool]:
+def heartbeat_of(
+    system_id: int, signing: Signing | None, strangers: Counter[str] | None = None
+) -> Callable[[bytes], bool]:
     """Return what tells whether a datagram has a heartbeat of a system's autopilot.
 
     Args:
         system_id: of the vehicle.
         signing: with it a heartbeat counts only if it is signed with the key.
+        strangers: counts what other datagrams have, by the kinds of Autopilot.counters, and the
+            heartbeats of other autopilots by their "system 2".
     """
+    counts: Counter[str] = Counter() if strangers is None else strangers
 
     def has_heartbeat(datagram: bytes) -> bool:
         codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, None)
-        return any(
-            message.get_msgId() == mavlink.MAVLINK_MSG_ID_HEARTBEAT
-            and message.get_srcSystem() == system_id
-            and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1
-            and (signing is None or signing.is_genuine(bytes(message.get_msgbuf())))
-            for message in codec.decode(datagram)
-        )
+        for message in codec.decode(datagram):
+            is_autopilots = message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1
+            is_heartbeat = message.get_msgId() == mavlink.MAVLINK_MSG_ID_HEARTBEAT
+            if not is_autopilots or message.get_srcSystem() != system_id:
+                counts["foreign"] += 1
+                if is_autopilots and is_heartbeat:
+                    counts[f"system {message.get_srcSystem()}"] += 1
+            elif signing is not None and not signing.is_genuine(bytes(message.get_msgbuf())):
+                counts["badly signed"] += 1
+            elif is_heartbeat:
+                return True
+        counts.update(codec.counters)
+        return False
 
     return has_heartbeat

@@ -181,7 +181,7 @@ async def check(
     config = loaded.config
     given = os.environ.get("STATE_DIRECTORY")
     state = Path(given) if given else state
-    autopilot = AutopilotCheck(config)
+    autopilot = AutopilotCheck(config, devices.strangers)
     model, calibration = _calibration(loaded)
     layout = load_pad(config.pad.layout)
     gimbal_done = asyncio.Event()

@@ -2,6 +2,7 @@
 
 import asyncio
 import statistics
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
@@ -31,9 +32,11 @@ class AutopilotCheck:
         disarmed: the last heartbeat said so; False while there was none.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, strangers: Mapping[str, int]) -> None:
+        """Strangers: see Devices."""
         self.disarmed = False
         self._config = config
+        self._strangers = strangers
         self._got: list[tuple[float, AutopilotMessage]] = []
 
     async def run(self, autopilot: Autopilot, others: asyncio.Event) -> list[Finding]:
@@ -82,7 +85,7 @@ class AutopilotCheck:
 
     def _judge(self, autopilot: Autopilot) -> list[Finding]:
         if not self._of(Heartbeat):
-            return [self._no_heartbeat(autopilot.counters)]
+            return [self._no_heartbeat(Counter(autopilot.counters) + Counter(self._strangers))]
         findings = [self._heartbeat(), *self._rates(), *self._clock(), *self._gate()]
         return findings + parameter_findings(self._config, autopilot.vehicle_parameters)
 
@@ -109,6 +112,8 @@ class AutopilotCheck:
             return Finding("fail", "heartbeat", what, mend)
         if counters.get("foreign"):
             what = f"somebody speaks MAVLink, but not the autopilot of system {system}"
+            if others := sorted(kind for kind in counters if kind.startswith("system ")):
+                what += f": {', '.join(others)}"
             return Finding("fail", "heartbeat", what, "set autopilot.system_id to SYSID_THISMAV")
         link = link_kind(self._config.autopilot.url)
         if counters:

@@ -8,8 +8,8 @@ virtual clock inline, and the result is taken in after a modelled latency.
 import asyncio
 import logging
 import math
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NoReturn
 
@@ -71,11 +71,17 @@ CLOSE_S = 1.0
 
 @dataclass(frozen=True)
 class Devices:
-    """What the daemon drives."""
+    """What the daemon drives.
+
+    Attributes:
+        strangers: what came of others on the autopilot's UDP port and was dropped before its
+            driver, by kind, and heartbeats of other autopilots by their "system 2".
+    """
 
     camera: Camera
     gimbal: Gimbal
     autopilot: Autopilot
+    strangers: Mapping[str, int] = field(default_factory=dict)
 
 
 class CoreFailed(Exception):

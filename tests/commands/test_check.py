@@ -4,9 +4,10 @@ import asyncio
 import json
 import math
 import re
+import socket
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hw.autopilots.mavlink import MavlinkAutopilot
+from hw.autopilots.mavlink_codec import MavlinkCodec
 from hw.autopilots.signing import Signing
 from hw.links.memory import MemoryLink, memory_pair
 from landerd.cli import main
@@ -21,6 +23,7 @@ from landerd.commands import check as check_command
 from landerd.commands import shared
 from landerd.commands.check import check
 from landerd.config.files import Loaded, config_dir
+from landerd.devices import make_devices
 from landerd.drivers import read_configuration
 from landerd.messages import Frame, GimbalCommand, GimbalState, Reference
 from landerd.ports import DeviceLost, Feedback, GimbalTraits, NotInstalled
@@ -29,6 +32,7 @@ from landerd.preflight.finding import Finding
 from landerd.runtime.clock import run_virtual
 from landerd.runtime.daemon import Devices
 from tests.hw.flight import PlainAirframe, plain_autopilot
+from tests.quick_clock import run_quickly
 
 GOOD_PARAMETERS = {
     "RC11_OPTION": 0.0,
@@ -422,6 +426,50 @@ def test_an_error_of_a_driver_that_nobody_foresaw_is_a_finding(
     assert failed.item == {"link": "autopilot link"}.get(device, device)
     assert "ValueError: numpy.dtype size changed" in failed.what
     assert "camera" in {f.item for f in findings if f.level == "ok"} or device == "camera"
+
+
+@pytest.mark.parametrize(
+    ("system", "has_key", "what", "mend"),
+    [
+        (2, False, "not the autopilot of system 1: system 2", "set autopilot.system_id"),
+        (2, True, "not the autopilot of system 1: system 2", "set autopilot.system_id"),
+        (1, True, "not signed with autopilot.signing_key", "pass phrase"),
+        (None, False, "not MAVLink that can be read", "the right port"),
+    ],
+)
+def test_who_is_not_listened_to_on_udp_is_told(
+    tmp_path: Path, system: int | None, has_key: bool, what: str, mend: str
+) -> None:
+    overrides = ["camera.driver=v4l2", "gimbal.driver=fixed"]
+    if has_key:
+        key = tmp_path / "key"
+        key.write_text("correct horse")
+        key.chmod(0o600)
+        overrides.append(f"autopilot.signing_key={key}")
+    datagram = b"no MAVLink"
+    if system is not None:
+        beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, 3, 81, 0, 3, 3)
+        datagram = MavlinkCodec(system, 1).encode(beat)
+
+    async def run() -> list[Finding]:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+            vehicle.bind(("127.0.0.1", 0))
+            port = vehicle.getsockname()[1]
+        overrides.append(f"autopilot.url=udpin:127.0.0.1:{port}")
+        loaded = read_configuration(config_dir() / "default.yaml", overrides=overrides)
+        real = make_devices(loaded, tmp_path / "saved.yaml")
+        devices = replace(real, camera=Camera(lost=True), gimbal=Gimbal(lost=True))
+        checking = asyncio.create_task(check(loaded, devices, STATE, Path("/nowhere")))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+            while not checking.done():
+                vehicle.sendto(datagram, ("127.0.0.1", port))
+                await asyncio.wait({checking}, timeout=0.5)
+        return await checking
+
+    (finding,) = (f for f in run_quickly(run(), rate=6.0) if f.item == "heartbeat")
+    assert finding.level == "fail"
+    assert what in finding.what
+    assert mend in finding.mend
 
 
 def flown_before(set_up: SetUp) -> None:
