@@ -49,7 +49,7 @@ from landerd.preflight.configuration import (
 )
 from landerd.preflight.finding import Finding
 from landerd.preflight.gimbal import check_gimbal
-from landerd.preflight.sensors import FILE, read_sensors, sensor_findings
+from landerd.preflight.sensors import FILE, last_flight_findings
 from landerd.preflight.status_page import foxglove_findings, page_findings
 from landerd.runtime.daemon import Devices
 from landerd.vision import Vision
@@ -202,7 +202,6 @@ async def check(
         _or_failure("gimbal", gimbal()),
     )
     cut = [Finding("ok", "gimbal limits", remark) for remark in loaded.remarks]
-    found = read_sensors(state / FILE)
     return [
         *pad_findings(layout),
         *stance_findings(config, layout),
@@ -213,7 +212,7 @@ async def check(
         *(finding for part in parts for finding in part),
         *first_flight(config, state),
         *cut,
-        *(sensor_findings(config, found) if found is not None else ()),
+        *last_flight_findings(config, state / FILE),
         *computer_findings(config.autopilot.url, system),
         disk(loaded, state),
         *page_findings(config.web),

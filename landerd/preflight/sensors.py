@@ -40,20 +40,37 @@ def write_sensors(path: Path, flight: LastFlight) -> None:
     """Keep what a flight has found. Raises OSError."""
     new = path.with_suffix(".new")
     new.write_text(json.dumps(dataclasses.asdict(flight)), encoding="utf-8")
+    new.chmod(0o644)  # `landerd check` reads it as another user than the service
     new.replace(path)
 
 
 def read_sensors(path: Path) -> LastFlight | None:
-    """Return what the last flight has found; None: nothing that can be read."""
+    """Return what the last flight has found; None: nothing, or nothing with any sense.
+
+    Raises:
+        PermissionError: this user may not read it.
+    """
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
         health = values["health"] and Health(**values["health"])
         flight = LastFlight(SensorErrors(**values["sensors"]), health)
         parts: list[SensorErrors | Health] = [flight.sensors, *([health] if health else [])]
         numbers = [x for part in parts for x in dataclasses.astuple(part)]
+    except PermissionError:
+        raise
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return flight if all(isinstance(x, float | int) and math.isfinite(x) for x in numbers) else None
+
+
+def last_flight_findings(config: Config, path: Path) -> list[Finding]:
+    """Return what the last flight found worth setting or mending."""
+    try:
+        flight = read_sensors(path)
+    except PermissionError:
+        what = f"what it found of camera and gimbal may not be read by this user: {path}"
+        return [Finding("warn", "last flight", what, "sudo landerd check ...")]
+    return sensor_findings(config, flight) if flight is not None else []
 
 
 def sensor_findings(config: Config, flight: LastFlight) -> list[Finding]:

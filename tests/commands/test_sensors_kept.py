@@ -1,5 +1,6 @@
 """What a flight finds of camera and gimbal is offered, in words that say what to set."""
 
+import errno
 import math
 import os
 import threading
@@ -15,7 +16,13 @@ from landerd.estimation.health import Health
 from landerd.estimation.pad_filter import SensorErrors
 from landerd.geometry import R_GIMBAL_CAMERA, Mat3, camera_mount, matmul, transpose
 from landerd.messages import Phase, Tick
-from landerd.preflight.sensors import LastFlight, read_sensors, sensor_findings, write_sensors
+from landerd.preflight.sensors import (
+    LastFlight,
+    last_flight_findings,
+    read_sensors,
+    sensor_findings,
+    write_sensors,
+)
 from tests.scripted_flight import LOW, Flight
 
 SENSORS = SensorErrors(-0.021, 0.002, 0.0, 0.003, 0.0, 0.0, 0.005, 0.005)
@@ -55,6 +62,32 @@ def test_it_is_kept_from_one_flight_to_the_next(tmp_path: Path) -> None:
     for flight in (FOUND, replace(FOUND, health=None)):
         write_sensors(path, flight)
         assert read_sensors(path) == flight
+
+
+def test_another_user_than_the_services_reads_it_too(tmp_path: Path) -> None:
+    path = tmp_path / "sensors.json"
+    before = os.umask(0o077)  # as in the unit
+    try:
+        write_sensors(path, FOUND)
+    finally:
+        os.umask(before)
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+def test_what_may_not_be_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def locked(path: Path, **_: object) -> str:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    path = tmp_path / "sensors.json"
+    assert last_flight_findings(Config(), path) == []
+    write_sensors(path, FOUND)
+    (finding,) = last_flight_findings(Config(), path)
+    assert "21 ms earlier" in finding.what
+    monkeypatch.setattr(Path, "read_text", locked)
+    (finding,) = last_flight_findings(Config(), path)
+    assert (finding.level, finding.item) == ("warn", "last flight")
+    assert f"may not be read by this user: {path}" in finding.what
+    assert "sudo" in finding.mend
 
 
 @pytest.mark.parametrize(
