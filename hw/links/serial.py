@@ -47,8 +47,13 @@ class SerialLink:
 
         def work() -> None:
             try:
-                # pyserial opens without waiting for modem lines and sets any baud rate.
-                opened.append(serial.Serial(self._path, self._baud, timeout=0, exclusive=True))
+                # pyserial opens without waiting for modem lines and sets any baud rate. With a time
+                # between bytes it sets VMIN 1, and reading nothing means that the device has gone;
+                # with VMIN 0 it may also be that another program has read what was there.
+                port = serial.Serial(
+                    self._path, self._baud, timeout=0, inter_byte_timeout=0, exclusive=True
+                )
+                opened.append(port)
             except (OSError, ValueError, termios.error) as e:
                 opened.append(e)
 

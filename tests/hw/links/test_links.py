@@ -288,6 +288,43 @@ def test_serial_carries_every_byte_value_and_is_lost_with_its_device() -> None:
     run(scene)
 
 
+def test_another_program_that_reads_the_port_too_is_not_taken_for_a_lost_device() -> None:
+    async def scene() -> None:
+        device, port = pty.openpty()
+        link = open_link(f"serial:{os.ttyname(port)}")
+        thieves: list[int] = []
+        stolen = bytearray()
+
+        def steal(thief: int) -> None:
+            with contextlib.suppress(BlockingIOError):
+                stolen.extend(os.read(thief, 100))
+
+        def place_a_thief() -> None:
+            thief = os.open(os.ttyname(port), os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+            thieves.append(thief)
+            asyncio.get_running_loop().add_reader(thief, steal, thief)
+
+        place_a_thief()  # before and behind the link, which is told of the bytes, too
+        await link.open()
+        place_a_thief()
+        for _ in range(20):
+            os.write(device, b"stolen")
+            await asyncio.sleep(0.002)
+        assert stolen
+        for thief in thieves:
+            asyncio.get_running_loop().remove_reader(thief)
+            os.close(thief)
+        os.write(device, b"left")
+        heard = b""
+        while not heard.endswith(b"left"):
+            heard += await link.read()
+        os.close(device)
+        os.close(port)
+        await link.close()
+
+    run(scene)
+
+
 def test_a_kernel_that_takes_its_time_with_a_serial_port_holds_nobody_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
