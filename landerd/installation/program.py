@@ -19,6 +19,7 @@ VENV = OPT / "venv"
 PROGRAM = VENV / "bin" / "landerd"
 _PIP = (str(VENV / "bin" / "python"), "-m", "pip", "--quiet", "--disable-pip-version-check")
 _SOURCE_SUM = OPT / "source.sha256"  # of what the environment was filled from
+_HOMES = (Path("/home"), Path("/root"), Path("/run/user"))  # hidden by the unit's ProtectHome
 _PARTS = ("landerd", "hw", "config", "systemd", "ardupilot", "pyproject.toml")  # of a checkout
 
 
@@ -58,8 +59,7 @@ def program_steps(origin: Path) -> Iterator[Step]:
                 raise InstallError("Python's venv module is missing: install your system's package")
             apt = ("apt-get", "install", "--yes", "--quiet", "python3-venv")
             yield Step("install Debian's package python3-venv", partial(call, *apt))
-        make = (sys.executable, "-m", "venv", "--system-site-packages", str(VENV))
-        yield Step(f"make a Python environment in {VENV}", partial(call, *make))
+        yield Step(f"make a Python environment in {VENV}", make_environment)
 
     def fill() -> None:
         if origin.is_file():  # a wheel of the same version is taken for installed
@@ -83,6 +83,17 @@ def picamera2_steps() -> Iterator[Step]:
     words = ("install", "--ignore-installed", "--no-deps", "simplejpeg>=1.8.1")
     text = f"install simplejpeg for numpy 2, which picamera2 needs, into {VENV}"
     yield Step(text, partial(call, *_PIP, *words, where=OPT))
+
+
+def make_environment() -> None:
+    """Make the environment of this Python. Raises InstallError."""
+    base = Path(sys.base_prefix).resolve()
+    if any(base.is_relative_to(home) for home in _HOMES):
+        raise InstallError(
+            f"this Python is in {base}, and the service can see no home folder; "
+            "run it with the system's: sudo /usr/bin/python3 ..."
+        )
+    call(sys.executable, "-m", "venv", "--system-site-packages", str(VENV))
 
 
 def _sum_of(origin: Path) -> str:

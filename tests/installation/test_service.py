@@ -131,6 +131,21 @@ def test_a_command_that_fails_is_told_in_one_line() -> None:
         call("no-such-program")
 
 
+@pytest.mark.parametrize("home", ["/home/pi/.pyenv/versions/3.12.4", "/root/.local/share/uv/3.12"])
+def test_a_python_that_the_service_cannot_see_is_refused(
+    home: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("os.geteuid", lambda: 0)
+    monkeypatch.setattr(service, "refuse_while_it_runs", lambda: None)
+    monkeypatch.setattr(program, "VENV", tmp_path / "venv")
+    monkeypatch.setattr(program, "call", lambda *_, **__: None)
+    monkeypatch.setattr(program, "_SOURCE_SUM", tmp_path / "sum")
+    monkeypatch.setattr(sys, "base_prefix", home)
+    assert main(["install", "--board", "pixhawk-usb"]) == 2
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told.startswith(f"this Python is in {home}, and the service can see no home folder")
+
+
 def test_out_of_a_wheel_file_nothing_but_python_is_needed(tmp_path: Path) -> None:
     wheel = tmp_path / "landerd-1.0-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
