@@ -2,6 +2,7 @@
 
 import math
 
+from landerd.config.models import VehicleSection
 from landerd.geometry import Vec3, clamp
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import MAX_TILT
@@ -20,17 +21,22 @@ MAX_LEAN = math.radians(27.0)
 # with those of the thesis (0.26 m apart, 0.20 m below) from 30 degrees on. Swinging does the rest.
 PRESSED_SHARE = 0.9
 SWINGS = math.radians(3.0)
+# The lowest foot hangs so far down at most, of the commit height, under the feet's middle: lower it
+# would touch before it is committed, and nothing looks for that.
+HANGS_SHARE = 0.85
 
 
-def most_lean(footprint_m: tuple[float, float], gear_height_m: float) -> float:
+def most_lean(vehicle: VehicleSection, commit_height_m: float) -> float:
     """Return the lean against the plate with which the vehicle may touch and still stand, rad.
 
     Args:
-        footprint_m: between the feet, along x and y.
-        gear_height_m: of the middle of the mass over the feet, taken to be the autopilot's.
+        vehicle: its gear; the middle of its mass is taken to be the autopilot's.
+        commit_height_m: from where on a touch is looked for.
     """
+    footprint_m, gear_height_m = vehicle.footprint_m, vehicle.gear_height_m
+    hangs = math.atan2(HANGS_SHARE * commit_height_m, 0.5 * math.hypot(*footprint_m))
     tips = math.atan2(PRESSED_SHARE * 0.5 * min(footprint_m), gear_height_m)
-    return min(MAX_LEAN, tips - SWINGS)
+    return min(MAX_LEAN, tips - SWINGS, hangs)
 
 
 class Footprint:

@@ -48,11 +48,10 @@ class Landing:
         self._gate = gate
         self._orders = Orders(flyable_limits(config))
         self._context = LandingContext(config, layout, estimator, self._orders)
-        vehicle = config.vehicle
         self._phases = Phases(
             guidance.descent,
             has_heading=layout.has_heading,
-            most_lean=most_lean(vehicle.footprint_m, vehicle.gear_height_m),
+            most_lean=most_lean(config.vehicle, guidance.descent.commit_height_m),
         )
         self._method = make_method(config)
         self._lost = LostPlan(guidance.lost)
@@ -79,7 +78,8 @@ class Landing:
         guidance = config.guidance
         self._context.configure(config)
         self._orders.configure(flyable_limits(config))
-        self._phases.configure(guidance.descent)
+        lean = most_lean(config.vehicle, guidance.descent.commit_height_m)
+        self._phases.configure(guidance.descent, lean)
         self._method.configure(config)
         self._lost.configure(guidance.lost)
         self._touchdown.configure(config)

@@ -78,14 +78,14 @@ class Phases:
             has_heading: the pad has one, and is landed on by it.
             most_lean: of the airframe, from how it would stand, with which it may touch, rad.
         """
-        self._most_lean = most_lean
-        self.configure(options)
+        self.configure(options, most_lean)
         self._has_heading = has_heading
         self.restart()
 
-    def configure(self, options: DescentSection) -> None:
-        """Take new bounds."""
+    def configure(self, options: DescentSection, most_lean: float) -> None:
+        """Take new bounds; most_lean in rad."""
         self._options = options
+        self._most_lean = most_lean
         self._touchdown_s = options.commit_height_m / COMMITTED_SINK_RATE_MPS
         self._align = math.radians(options.align_deg)
         self._realign = math.radians(options.realign_deg)

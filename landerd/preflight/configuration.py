@@ -113,14 +113,16 @@ def stance_findings(config: Config, layout: PadLayout) -> list[Finding]:
         what = f"the camera is {below:.2f} m lower than the feet: it would touch first"
         mend = "measure vehicle.camera_offset_m (down is positive) and gear_height_m"
         found.append(Finding("fail", "feet", what, mend))
-    lean_deg = math.degrees(most_lean(vehicle.footprint_m, vehicle.gear_height_m))
+    lean_deg = math.degrees(most_lean(vehicle, config.guidance.descent.commit_height_m))
     if lean_deg < _LEAST_LEAN_DEG:
-        wide, high = min(vehicle.footprint_m), vehicle.gear_height_m
+        wide, high = vehicle.footprint_m, vehicle.gear_height_m
         what = (
-            f"a gear {wide:g} m wide and {high:g} m high tips over too easily: it touches down "
-            f"with no more than {max(lean_deg, 0.0):.0f} degrees of lean, which a light wind takes"
+            f"a gear {wide[0]:g} by {wide[1]:g} m wide and {high:g} m high touches down with no "
+            f"more than {max(lean_deg, 0.0):.0f} degrees of lean, which a light wind takes: it "
+            "would tip over, or a foot touch before it is committed"
         )
-        found.append(Finding("warn", "feet", what, "measure vehicle.footprint_m and gear_height_m"))
+        mend = "measure vehicle.footprint_m and gear_height_m; guidance.descent.commit_height_m"
+        found.append(Finding("warn", "feet", what, mend))
     return found
 
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from landerd.config.models import VehicleSection
 from landerd.geometry import Vec3
 from landerd.guidance.footprint import Footprint, most_lean
 from landerd.guidance.relative_state import RelativeState
@@ -24,21 +25,26 @@ def touched(sigma_mps: float) -> Footprint:
 
 
 @pytest.mark.parametrize(
-    ("footprint_m", "gear_height_m", "expected_deg"),
+    ("footprint_m", "gear_height_m", "commit_height_m", "expected_deg"),
     [
-        (FOOTPRINT, 0.20, 27.0),  # rubber slides before it tips over
-        ((0.8, 0.8), 0.20, 27.0),
-        (FOOTPRINT, 0.0, 27.0),
-        ((0.44, 0.18), 0.25, 14.9),  # narrow and high
-        ((0.18, 0.44), 0.25, 14.9),
+        (FOOTPRINT, 0.20, 0.16, 27.0),  # rubber slides before it tips over
+        ((0.4, 0.4), 0.20, 0.16, 25.7),  # and what is wider touches higher up
+        ((1.2, 0.8), 0.30, 0.2, 13.3),
+        (FOOTPRINT, 0.20, 0.05, 9.4),
+        (FOOTPRINT, 0.0, 0.16, 27.0),
+        ((0.44, 0.18), 0.25, 0.16, 14.9),  # narrow and high
+        ((0.18, 0.44), 0.25, 0.16, 14.9),
     ],
 )
-def test_it_may_lean_as_far_as_rubber_and_the_gears_narrow_side_hold(
-    footprint_m: tuple[float, float], gear_height_m: float, expected_deg: float
+def test_it_may_lean_as_far_as_rubber_and_the_gear_hold_and_no_foot_touches_before_commit(
+    footprint_m: tuple[float, float],
+    gear_height_m: float,
+    commit_height_m: float,
+    expected_deg: float,
 ) -> None:
-    assert math.degrees(most_lean(footprint_m, gear_height_m)) == pytest.approx(
-        expected_deg, abs=0.1
-    )
+    vehicle = VehicleSection(footprint_m=footprint_m, gear_height_m=gear_height_m)
+    lean_deg = math.degrees(most_lean(vehicle, commit_height_m))
+    assert lean_deg == pytest.approx(expected_deg, abs=0.1)
 
 
 def follow(footprint: Footprint, velocity: Vec3, pad_velocity: Vec3, duration_s: float) -> None:
