@@ -17,10 +17,11 @@ RATE_S = 0.5  # over which it is told how fast the feet move across the plate
 # degrees on then. Flown on days of the field world without this limit: 42 of 52 of 24 to 27 degrees
 # stood, 10 of 25 of 27 to 31; the others slid off the plate or tipped over.
 MAX_LEAN = math.radians(27.0)
-# Levelled, a tenth of the thrust is left, and the gear tips over where that pull passes its feet:
-# with those of the thesis (0.26 m apart, 0.20 m below) from 30 degrees on. Swinging does the rest.
-PRESSED_SHARE = 0.9
-SWINGS = math.radians(3.0)
+# That holds for gears whose half width is at least so much of their height, as the thesis's (0.26 m
+# wide, 0.20 m high). One as high as wide tips over first, in a gust after the touch: with 21 degrees
+# allowed, in 8 m/s of wind, 7 of 12 did so or slid off, with 17 degrees, in 6 m/s, 2 of 8. It and
+# what is narrower still touches only where half of the weight alone holds it.
+SLIDES_FIRST, TIPS_FIRST = 0.64, 0.5
 # The lowest foot hangs so far down at most, of the commit height, under the feet's middle: lower it
 # would touch before it is committed, and nothing looks for that.
 HANGS_SHARE = 0.85
@@ -35,8 +36,14 @@ def most_lean(vehicle: VehicleSection, commit_height_m: float) -> float:
     """
     footprint_m, gear_height_m = vehicle.footprint_m, vehicle.gear_height_m
     hangs = math.atan2(HANGS_SHARE * commit_height_m, 0.5 * math.hypot(*footprint_m))
-    tips = math.atan2(PRESSED_SHARE * 0.5 * min(footprint_m), gear_height_m)
-    return min(MAX_LEAN, tips - SWINGS, hangs)
+    half_m = 0.5 * min(footprint_m)
+    tips = math.atan2(0.5 * half_m, gear_height_m)
+    if half_m >= SLIDES_FIRST * gear_height_m:
+        tips = MAX_LEAN
+    elif half_m > TIPS_FIRST * gear_height_m:
+        wide = (half_m / gear_height_m - TIPS_FIRST) / (SLIDES_FIRST - TIPS_FIRST)
+        tips += wide * (MAX_LEAN - tips)
+    return min(MAX_LEAN, tips, hangs)
 
 
 class Footprint:

@@ -32,8 +32,10 @@ def touched(sigma_mps: float) -> Footprint:
         ((1.2, 0.8), 0.30, 0.2, 13.3),
         (FOOTPRINT, 0.20, 0.05, 9.4),
         (FOOTPRINT, 0.0, 0.16, 27.0),
-        ((0.44, 0.18), 0.25, 0.16, 14.9),  # narrow and high
-        ((0.18, 0.44), 0.25, 0.16, 14.9),
+        ((0.3, 0.3), 0.30, 0.16, 14.0),  # as high as wide
+        ((0.44, 0.24), 0.21, 0.16, 21.6),
+        ((0.44, 0.18), 0.25, 0.16, 10.2),  # narrow and high
+        ((0.18, 0.44), 0.25, 0.16, 10.2),
     ],
 )
 def test_it_may_lean_as_far_as_rubber_and_the_gear_hold_and_no_foot_touches_before_commit(
