@@ -17,9 +17,9 @@ RATE_S = 0.5  # over which it is told how fast the feet move across the plate
 # degrees on then. Flown on days of the field world without this limit: 42 of 52 of 24 to 27 degrees
 # stood, 10 of 25 of 27 to 31; the others slid off the plate or tipped over.
 MAX_LEAN = math.radians(27.0)
-# That holds for gears whose half width is at least so much of their height, as the thesis's (0.26 m
-# wide, 0.20 m high). One as high as wide tips over first, in a gust after the touch: with 21 degrees
-# allowed, in 8 m/s of wind, 7 of 12 did so or slid off, with 17 degrees, in 6 m/s, 2 of 8. It and
+# That holds for gears whose half width is at least so much of their height, as the thesis's (0.26
+# m wide, 0.20 m high). One as high as wide tips over first, in a gust after the touch: with 21
+# degrees allowed, in 8 m/s, 7 of 12 did so or slid off, with 17 degrees, in 6 m/s, 2 of 8. It and
 # what is narrower still touches only where half of the weight alone holds it.
 SLIDES_FIRST, TIPS_FIRST = 0.64, 0.5
 # The lowest foot hangs so far down at most, of the commit height, under the feet's middle: lower it
