@@ -18,6 +18,8 @@ from landerd.simulation.flight import Simulation
 from tests.simulated import ABOVE, SEEN, fly
 from tests.test_safety import Wire, flying, now, speed, texts
 
+pytestmark = pytest.mark.long
+
 
 def test_a_search_that_raises_costs_a_frame_and_not_the_flight() -> None:
     async def script(simulation: Simulation) -> None:

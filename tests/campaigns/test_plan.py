@@ -9,6 +9,8 @@ from landerd.config.files import ConfigError, config_dir, config_files
 from landerd.config.models import Config
 from landerd.drivers import read_configuration
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("name", list(config_files("campaigns")))
 def test_every_campaign_can_be_flown(name: str) -> None:

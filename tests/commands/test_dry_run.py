@@ -15,6 +15,8 @@ from landerd.flightlog.reader import read_log
 from landerd.guidance.states import OUTCOMES
 from tests.recordings import FPS, ORIGIN, write_bin, write_tlog, write_video
 
+pytestmark = pytest.mark.long
+
 FIXED = (0.0, -50.0)
 
 

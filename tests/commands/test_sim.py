@@ -17,6 +17,8 @@ from landerd.simulation import flight
 from tests.simulated import ABOVE
 from tests.test_cli import landerd
 
+pytestmark = pytest.mark.long
+
 
 def test_a_landing_is_told_as_one_json_object_and_nothing_else() -> None:
     low = ["--set", "sim.start.altitude_m=2.5", "--set", "aim.idle_pitch_deg=-90"]

@@ -19,6 +19,8 @@ from landerd.flightlog.replay import replay
 from landerd.messages import PhaseChange, Tick
 from tests.recorded_flight import PLENTY, RecordedFlight, recorder
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 NOISE = np.random.default_rng(1).integers(0, 256, (480, 640)).astype(np.uint8)
 SMALL_NOISE = NOISE[:64, :64].copy()

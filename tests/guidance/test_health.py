@@ -9,6 +9,8 @@ from landerd.guidance import pilot_texts
 from landerd.messages import Phase, PoseSolution, RcChannels
 from tests.scripted_flight import Flight
 
+pytestmark = pytest.mark.long
+
 WORDS = (pilot_texts.MANY_REFUSED, pilot_texts.LATE_PICTURES)
 
 

@@ -16,6 +16,8 @@ from landerd.simulation.flight import Simulation
 from landerd.simulation.sight.world_view import WorldView
 from tests.simulated import ABOVE, Script, configured
 
+pytestmark = pytest.mark.long
+
 OPTIONS = sim_options(configured(()))  # of the true print and lens, without errors
 CHI2_95 = 7.815  # three degrees of freedom
 
