@@ -12,6 +12,7 @@ from hw.sim.judge.reach import Reach
 from hw.sim.judge.rules import Rules
 from hw.sim.judge.score import Score
 from hw.sim.judge.truth import Feet, Truth
+from hw.sim.physics.world import World
 from hw.sim.picture.view import Frustum, visible_markers
 from hw.sim.snapshot import Snapshot
 from landerd.camera_model import CameraModel
@@ -45,7 +46,6 @@ class Judge:
         self._feet = Feet(world, world.airframe, layout.plate)
         self.score = Score(world, self._feet)
         self.rules = Rules(bounds, self._truth)
-        world.on_step.append(lambda w: self.rules.on_feet(w.t, down=any(w.vehicle.feet)))
         self.monitor = SafetyMonitor(
             world,
             self._feet,
@@ -66,6 +66,7 @@ class Judge:
         """Hear from now on what passes at landerd's end of the link, and what leaves the other."""
         self._link.tap = self.rules.from_landerd
         self._link.heard = self.rules.to_landerd
+        self._world.on_step.append(self._on_step)
         if self._vehicle is not None:
             self._vehicle.far.tap = self.rules.from_autopilot
 
@@ -89,8 +90,9 @@ class Judge:
         )
 
     def stop_listening(self) -> None:
-        """Leave the link alone."""
+        """Leave the link alone: what comes or does not come over it is landerd's no more."""
         self._link.tap = self._link.heard = None
+        self._world.on_step.remove(self._on_step)
         if self._vehicle is not None:
             self._vehicle.far.tap = None
 
@@ -102,6 +104,9 @@ class Judge:
             self.rules.on_sighting(snapshot.t)
         if is_shown:
             self.score.on_sighting(snapshot.t)
+
+    def _on_step(self, world: World) -> None:
+        self.rules.on_feet(world.t, down=any(world.vehicle.feet))
 
     def _truth(self) -> Truth:
         self._world.advance(asyncio.get_running_loop().time())

@@ -1,8 +1,9 @@
 """The safety rules, one after the other as docs/safety.md has them, each with its number there.
 
-`ORDER_RULES` are looked at for every order to fly, `TIME_RULES` when anything arrives at landerd.
-What may be sent at all is in hw.sim.judge.allowed, the limits of set-points (3) in
-hw.sim.judge.limits; what a STATUSTEXT or a disarm order breaks in hw.sim.judge.rules.
+`ORDER_RULES` are looked at for every order to fly, `TIME_RULES` at every step of the world and when
+anything arrives at landerd. What may be sent at all is in hw.sim.judge.allowed, the limits of
+set-points (3) in hw.sim.judge.limits; what a STATUSTEXT or a disarm order breaks in
+hw.sim.judge.rules.
 """
 
 import math

@@ -18,6 +18,7 @@ from tests.hw.sim.judge.court import (
     ATTITUDE,
     CLIMB,
     DT,
+    EXTENDED,
     HEARTBEAT,
     LOITER,
     LOW,
@@ -649,6 +650,23 @@ def test_3_set_points_come_at_20_hz(pause_s: float, broken: bool) -> None:
     court.wait(pause_s)
     court.fly(0.5)
     assert court.broken == ([SELDOM] if broken else [])
+
+
+def test_3_over_a_dead_link_set_points_come_all_the_same_until_it_is_stale() -> None:
+    for flies_on_s, stops_s, broken in (
+        (0.3, 0.0, [SELDOM, NO_STOP]),
+        (0.5, 0.0, [NO_STOP]),
+        (0.5, 1.0, []),
+    ):
+        court = Court()
+        court.fly(0.5)
+        court.mute |= {HEARTBEAT, RC, ATTITUDE, POSITION, EXTENDED}
+        court.measures = False
+        court.fly(flies_on_s)
+        if stops_s:
+            court.fly(stops_s, STOP)
+        court.wait(5.0)
+        assert court.broken == broken
 
 
 def test_3_no_set_points_come_while_the_world_lets_the_computer_stand_still() -> None:
