@@ -129,6 +129,45 @@ _CHANGED: dict[int, _Layers] = {}  # by the object's id: some cannot be keys
 
 
 @contextmanager
+def held(
+    device: object, what: str, put: Callable[[], None], free: Callable[[], None]
+) -> Iterator[Callable[[], bool]]:
+    """Hold what a device has in one place; of faults that overlap the newest one says where.
+
+    Args:
+        device: the same object for all of them.
+        what: of the device.
+        put: holds it there.
+        free: lets it go once nobody holds it.
+
+    Yields:
+        What tells whether no newer fault holds it.
+    """
+    hold = _Hold(put)
+    holds = _HELD.setdefault((id(device), what), [])
+    holds.append(hold)
+    put()
+    try:
+        yield lambda: holds[-1] is hold
+    finally:
+        holds.remove(hold)
+        if not holds:
+            del _HELD[id(device), what]
+    if holds:
+        holds[-1].put()
+    else:
+        free()
+
+
+@dataclass(frozen=True, eq=False)
+class _Hold:
+    put: Callable[[], None]
+
+
+_HELD: dict[tuple[int, str], list[_Hold]] = {}  # by the device's id; the newest is the last
+
+
+@contextmanager
 def goes_on(work: Coroutine[None, None, None]) -> Iterator[None]:
     """Do work that has no end of its own for as long as a fault lasts."""
     task = asyncio.create_task(work)

@@ -3,15 +3,17 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from hw.sim.faults.bench import Bench, Effect, changed
+from hw.sim.faults.bench import Bench, Effect, changed, held
 
 
 def _raising(part: str, error: Exception) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        bench.computer.fail(part, error)
-        yield
-        bench.computer.fail(part, None)
+        computer = bench.computer
+        with held(
+            computer, part, lambda: computer.fail(part, error), lambda: computer.fail(part, None)
+        ):
+            yield
 
     return effect
 

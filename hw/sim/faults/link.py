@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, Literal
 
 from hw.links.memory import MemoryLink
-from hw.sim.faults.bench import Bench, Effect, changed
+from hw.sim.faults.bench import Bench, Effect, changed, held
 
 Way = Literal["up", "down", "both"]
 
@@ -30,9 +30,9 @@ def _with(way: Way, settings: Callable[[float], dict[str, Any]]) -> Effect:
 
 @contextmanager
 def _cut(bench: Bench, severity: float) -> Iterator[None]:
-    bench.vehicle.near.cut()
-    yield
-    bench.vehicle.near.mend()
+    link = bench.vehicle.near
+    with held(link, "link", link.cut, link.mend):
+        yield
 
 
 FAULTS: Mapping[str, Effect] = {

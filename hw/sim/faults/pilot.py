@@ -1,36 +1,42 @@
 """The pilot, his radio, and what the autopilot decides by itself."""
 
 import asyncio
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 
 from hw.autopilots.arducopter import Mode
-from hw.sim.faults.bench import Bench, Effect, changed, goes_on, stand_in
+from hw.sim.faults.bench import Bench, Effect, changed, goes_on, held, stand_in
+from hw.sim.stand_in.switch import Pilot
 
 _ASKS_EVERY_S = 0.2
 
 
+def _switch_held(bench: Bench) -> AbstractContextManager[Callable[[], bool]]:
+    switch = bench.vehicle.switch
+    return held(switch, "switch", lambda: switch.set(high=False), lambda: switch.set(high=True))
+
+
 @contextmanager
 def _low(bench: Bench, severity: float) -> Iterator[None]:
-    bench.vehicle.switch.set(high=False)
-    yield
-    bench.vehicle.switch.set(high=True)
+    with _switch_held(bench):
+        yield
 
 
 @contextmanager
 def _flapping(bench: Bench, severity: float) -> Iterator[None]:
     period_s = bench.between(1.0, 0.1, severity)
 
-    async def flap() -> None:
-        while True:
-            bench.vehicle.switch.set(high=False)
-            await asyncio.sleep(period_s)
-            bench.vehicle.switch.set(high=True)
-            await asyncio.sleep(period_s)
+    with _switch_held(bench) as is_ours:
 
-    with goes_on(flap()):
-        yield
-    bench.vehicle.switch.set(high=True)
+        async def flap() -> None:
+            for high in itertools.cycle((False, True)):
+                if is_ours():
+                    bench.vehicle.switch.set(high=high)
+                await asyncio.sleep(period_s)
+
+        with goes_on(flap()):
+            yield
 
 
 @contextmanager
@@ -41,20 +47,27 @@ def _stuck(bench: Bench, severity: float) -> Iterator[None]:
 
 @contextmanager
 def _radio_lost(bench: Bench, severity: float) -> Iterator[None]:
-    bench.vehicle.pilot.lose_radio()
-    yield
-    bench.vehicle.pilot.restore_radio()
-    bench.vehicle.pilot.select(Mode.GUIDED)
+    pilot = bench.vehicle.pilot
+    # Without his radio he selects nothing, GUIDED neither; the autopilot goes home.
+    with (
+        _mode_held(pilot, lambda: None),
+        held(pilot, "radio", pilot.lose_radio, pilot.restore_radio),
+    ):
+        yield
 
 
 def _mode(mode: Mode) -> Effect:
     @contextmanager
     def effect(bench: Bench, severity: float) -> Iterator[None]:
-        bench.vehicle.pilot.select(mode)
-        yield
-        bench.vehicle.pilot.select(Mode.GUIDED)
+        pilot = bench.vehicle.pilot
+        with _mode_held(pilot, lambda: pilot.select(mode)):
+            yield
 
     return effect
+
+
+def _mode_held(pilot: Pilot, put: Callable[[], None]) -> AbstractContextManager[Callable[[], bool]]:
+    return held(pilot, "mode", put, lambda: pilot.select(Mode.GUIDED))
 
 
 @contextmanager

@@ -3,9 +3,13 @@
 from types import SimpleNamespace
 from typing import cast
 
+import pytest
+
 from hw.links.memory import LinkFaults, memory_pair
 from hw.sim.faults.bench import Bench
 from hw.sim.faults.link import FAULTS
+from landerd.ports import DeviceLost
+from landerd.runtime.clock import run_virtual
 
 
 def test_what_begins_first_may_end_first_and_nothing_is_left() -> None:
@@ -26,3 +30,19 @@ def test_what_begins_first_may_end_first_and_nothing_is_left() -> None:
     lossy.__exit__(None, None, None)
     assert near.faults == sound
     assert far.faults.drop == 0.0
+
+
+def test_a_link_that_is_cut_twice_is_whole_when_both_are_over() -> None:
+    async def fly() -> None:
+        near, far = memory_pair()
+        bench = cast(Bench, SimpleNamespace(vehicle=SimpleNamespace(near=near, far=far)))
+        first, second = FAULTS["link-cut"](bench, 0.5), FAULTS["link-cut"](bench, 0.5)
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        with pytest.raises(DeviceLost):
+            await near.open()
+        second.__exit__(None, None, None)
+        await near.open()
+
+    run_virtual(fly())
