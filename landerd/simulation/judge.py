@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections.abc import Callable
 
+from hw.autopilots.arducopter import Mode
 from hw.gimbals.servo_mavlink import ServoMavlinkOptions
 from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.bounds import RuleBounds
@@ -50,8 +51,10 @@ class Judge:
             world,
             self._feet,
             bounds,
-            flies=lambda: self.rules.guided,
-            others_fly=lambda: self.rules.in_another_mode,
+            flies=lambda: self.rules.guided and self._is_in_guided,
+            others_fly=lambda: (
+                self.rules.in_another_mode or (self.rules.guided and not self._is_in_guided)
+            ),
         )
         self.rules.on_order.append(self.monitor.on_order)
         self.rules.on_text.append(self.monitor.on_text)
@@ -104,6 +107,12 @@ class Judge:
             self.rules.on_sighting(snapshot.t)
         if is_shown:
             self.score.on_sighting(snapshot.t)
+
+    @property
+    def _is_in_guided(self) -> bool:
+        """Whether the vehicle is, whatever landerd has heard; of one elsewhere only that tells."""
+        stand_in = self._vehicle.stand_in if self._vehicle is not None else None
+        return stand_in is None or stand_in.copter.mode == Mode.GUIDED
 
     def _on_step(self, world: World) -> None:
         self.rules.on_feet(world.t, down=any(world.vehicle.feet))

@@ -7,6 +7,7 @@ from landerd.camera_model import load_camera
 from landerd.config.files import config_dir
 from landerd.drivers import read_configuration
 from landerd.simulation.flight import Simulation
+from tests.simulated import ABOVE, fly
 
 
 def simulation(*overrides: str) -> Simulation:
@@ -33,3 +34,11 @@ def test_they_share_no_object_even_where_they_agree() -> None:
     flight = simulation()
     assert flight._judge._frustum.camera == flight.camera_model
     assert flight._judge._frustum.camera is not flight.camera_model
+
+
+def test_how_a_mode_of_the_autopilots_own_flies_is_not_landerds_though_no_heartbeat_tells() -> None:
+    unheard = "{fault: heartbeat-lost, at: {phase: DESCENT}}"
+    home = "{fault: mode-rtl, at: {phase: DESCENT, after_s: 0.5}}"
+    flight = fly(overrides=[*ABOVE, f"sim.faults=[{unheard}, {home}]"], longest_s=8.0)
+    assert flight.world.height > 5.0  # it climbs faster than landerd may
+    assert flight.monitor.found == {}

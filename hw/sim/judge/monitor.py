@@ -82,8 +82,8 @@ class SafetyMonitor:
             world: the truth.
             feet: over the plate.
             bounds: what may be ordered.
-            flies: by the wire, the vehicle is armed and in GUIDED.
-            others_fly: likewise, it is armed and in another mode.
+            flies: the vehicle is armed and in GUIDED, and landerd has not heard otherwise.
+            others_fly: it is armed and in another mode.
         """
         self.found: dict[str, float] = {}
         self.worst = Worst()
@@ -93,6 +93,7 @@ class SafetyMonitor:
         lean = world.options.airframe.angle_max_deg or _LIKELY_LEAN_DEG
         self._lean = math.radians(lean + _LEAN_DEG)
         self._order: Order | None = None
+        self._taken_over_mps = math.inf  # the least since then; 0: it was within the limits
         self._touched_t = self._set_down_t = -math.inf  # a foot down, last and after a flight
         self._leant_deg = 0.0  # in the air, last
         self._promise: tuple[float, Promise] | None = None  # until when, what
@@ -149,7 +150,7 @@ class SafetyMonitor:
             self._touch(world)
         flies = self._flies()
         if not flies:
-            self._order = None
+            self._order, self._taken_over_mps = None, math.inf
         if self._order is not None or not (flies or self._others_fly()):
             self._ours_t = world.t
         tilt = math.hypot(vehicle.roll, vehicle.pitch)
@@ -194,8 +195,14 @@ class SafetyMonitor:
     def _watch_air(self, world: World, tilt: float) -> None:
         b, t = self._b, world.t
         vn, ve, vd = world.vehicle.velocity
-        if math.hypot(vn, ve) > _SPEED_SHARE * b.speed_mps + _SPEED_MPS:
+        speed = math.hypot(vn, ve)
+        if speed <= _SPEED_SHARE * b.speed_mps + _SPEED_MPS:
+            self._taken_over_mps = 0.0
+        # It may have been taken over faster than it may fly: then it must not grow.
+        elif speed > self._taken_over_mps + _SPEED_MPS:
             self._find(t, "faster than the limits")
+        else:
+            self._taken_over_mps = min(self._taken_over_mps, speed)
         if (
             not -_SPEED_SHARE * b.climb_mps - _SPEED_MPS
             <= vd
@@ -210,7 +217,7 @@ class SafetyMonitor:
     def _watch_order(self, world: World, order: Order) -> None:
         t, vehicle = world.t, world.vehicle
         # At every step of the world: what costs least comes first.
-        is_old = t - order.t > self._b.jitter_s + OLD_ORDER_S
+        is_old = t - order.t > self._b.jitter_s + self._b.stall_s + OLD_ORDER_S
         if is_old and not (order.zero or order.level) and norm(vehicle.velocity) > MOVES_MPS:
             self._find(t, f"motion on a set-point older than {OLD_ORDER_S:g} s")
         # Of an old one the autopilot has made an end meanwhile.

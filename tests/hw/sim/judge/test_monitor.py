@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
+from hw.sim.judge.bounds import RuleBounds
 from hw.sim.judge.evidence import Order
 from hw.sim.judge.monitor import SafetyMonitor
 from hw.sim.judge.truth import Feet
@@ -17,12 +19,12 @@ from tests.hw.sim.worlds import PLATE, over_pad
 class Watched:
     """A vehicle over the pad that is ordered about; `flies` says what the wire says."""
 
-    def __init__(self, **options: object) -> None:
+    def __init__(self, bounds: RuleBounds = BOUNDS, **options: object) -> None:
         self.flies = True
         self.world: World = over_pad(**options)  # type: ignore[arg-type]
         self.feet = Feet(self.world, self.world.airframe, PLATE)
         self.monitor = SafetyMonitor(
-            self.world, self.feet, BOUNDS, lambda: self.flies, lambda: not self.flies
+            self.world, self.feet, bounds, lambda: self.flies, lambda: not self.flies
         )
 
     def order(self, velocity: Vec3, seconds: float, *, told: bool = True) -> "Watched":
@@ -49,6 +51,14 @@ def test_an_old_set_point_that_is_still_flown() -> None:
     watched = Watched(altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0)
     assert watched.found == []
     watched.order((1.0, 0.0, 0.0), 0.5, told=False)
+    assert watched.found == ["motion on a set-point older than 0.2 s"]
+
+
+def test_a_set_point_is_older_while_the_world_lets_the_computer_stand_still() -> None:
+    watched = Watched(replace(BOUNDS, stall_s=0.25), altitude_m=5.0).order((1.0, 0.0, 0.0), 2.0)
+    watched.order((1.0, 0.0, 0.0), 0.4, told=False)
+    assert watched.found == []
+    watched.order((1.0, 0.0, 0.0), 0.2, told=False)
     assert watched.found == ["motion on a set-point older than 0.2 s"]
 
 
@@ -141,6 +151,22 @@ def test_one_that_climbs_away_leaning_as_it_flies_does_not_tip() -> None:
 def test_faster_than_the_limits() -> None:
     watched = Watched(altitude_m=30.0).order((0.0, 0.0, 2.0 * BOUNDS.descent_mps + 1.5), 5.0)
     assert "climbs or sinks faster than the limits" in watched.found
+
+
+def test_who_takes_over_what_is_faster_than_the_limits_brakes_it() -> None:
+    slow = replace(BOUNDS, speed_mps=0.5)
+    watched = Watched(slow, altitude_m=5.0).order((4.0, 0.0, 0.0), 4.0, told=False)
+    watched.order((0.5, 0.0, 0.0), 4.0)
+    assert watched.found == []
+    watched.order((2.0, 0.0, 0.0), 4.0)
+    assert watched.found == ["faster than the limits"]
+
+
+def test_what_is_taken_over_faster_than_the_limits_is_not_made_faster_still() -> None:
+    slow = replace(BOUNDS, speed_mps=0.5)
+    watched = Watched(slow, altitude_m=5.0).order((2.0, 0.0, 0.0), 4.0, told=False)
+    watched.order((4.0, 0.0, 0.0), 4.0)
+    assert watched.found == ["faster than the limits"]
 
 
 def _moving(watched: Watched) -> None:
