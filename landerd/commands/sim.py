@@ -231,14 +231,20 @@ def _summary(result: dict[str, Any]) -> str:
         f"  first sight to touch-down {say('time_to_touchdown_s', 's', 1)}, "
         f"to disarm {say('time_s', 's', 1)}, {_energy(result['energy_hj'])}",
         f"  pad lost from sight {result['aborts']} times; "
-        f"safety rules broken: {', '.join(result['rules_broken']) or 'none'}",
+        f"safety rules broken: {', '.join(_marked(result, 'rules_broken')) or 'none'}",
         f"  phases: {', '.join(phases)}".rstrip(),
-        *(f"  danger: {finding}" for finding in result["findings"]),
+        *(f"  danger: {finding}" for finding in _marked(result, "findings")),
         *(f"  fault: {_happened(fault)}" for fault in result["faults_flown"]),
         f"  {result['simulated_s']:.1f} s flown in {result['wall_s']:.1f} s",
         *_held_up(result.get("held_up_s")),
     ]
     return "\n".join(lines)
+
+
+def _marked(result: dict[str, Any], key: str) -> list[str]:
+    """Return what was broken or found, and of each whether nobody could have kept it."""
+    excused = result["excused"]
+    return [f"{each}, excused by a fault" if each in excused else each for each in result[key]]
 
 
 def _held_up(longest_s: float | None) -> list[str]:

@@ -99,3 +99,18 @@ def test_a_disk_that_is_full_costs_both_logs_and_both_are_named(
     assert "flight log" not in told.out
     named = [line.split(": ")[0] for line in told.err.splitlines()]
     assert named == [str(log), str(log.with_suffix(".tlog"))]
+
+
+def test_what_nobody_could_have_kept_for_a_fault_is_told_as_excused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stall = "sim.faults=[{fault: loop-stalls, at: {phase: DESCENT, after_s: 1}, severity: 0.2}]"
+    near = [word for setting in (*ABOVE, stall) for word in ("--set", setting)]
+    main(["sim", "stationary", *near])
+    out = capsys.readouterr().out
+    (danger,) = [line for line in out.splitlines() if "danger" in line]
+    assert re.fullmatch(
+        r"  danger: motion on a set-point older than 0.2 s \(at [\d.]+ s\), excused by a fault",
+        danger,
+    )
+    assert re.search(r"broken: 3: set-points less .* Hz \(at [\d.]+ s\), excused by a fault\n", out)
