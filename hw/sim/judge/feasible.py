@@ -11,6 +11,7 @@ from landerd.geometry import angle_between, matmul, rot_y, rot_z, rotate, unit
 RESERVE_MPS2 = 0.8  # of the push that leaning gives: for what steers and brakes relative to the pad
 TURBULENCE_SIGMAS = 2.0  # of turbulence that must be held against
 THESIS_WIND_MPS = 4.4  # 1.4 m/s, a sine of 1 m/s and noise of 1 m/s, at two sigmas
+THESIS_STEADY_MPS = 1.4  # of it
 # Where a vehicle in steady air hangs farther than this off the plate's normal, no gear holds it:
 # half lifted by the thrust it steers with it slides (26 degrees on), and tips over once that is
 # gone (30 degrees on; docs/safety.md, what cannot be kept). Flown on 77 days without landerd's own
@@ -25,7 +26,8 @@ def infeasible(options: SimOptions) -> str | None:
     """Return why the vehicle cannot follow the pad in that air; None if it can."""
     pad, response = options.pad, options.response
     curving = pad.speed_mps * math.radians(abs(pad.turn_rate_deg_s))
-    level = max(curving, pad.brake_mps2 if pad.speed_mps else 0.0)
+    swaying = _harmonic_acceleration(pad.sway_m, pad.sway_hz)
+    level = max(curving, pad.brake_mps2 if pad.speed_mps else 0.0) + swaying
     if level > response.acceleration_mps2:
         return f"the pad accelerates by {level:.1f} m/s2, the vehicle by no more than " + (
             f"{response.acceleration_mps2:.1f}"
@@ -41,7 +43,7 @@ def infeasible(options: SimOptions) -> str | None:
     lean = _lean(options, model.drag)
     if lean > TIPS_AT:
         return f"it leans by {math.degrees(lean):.0f} degrees to the pad: it cannot stand there"
-    heave = _heave_acceleration(pad)
+    heave = _harmonic_acceleration(pad.heave_m, pad.heave_hz)
     if heave > HEAVE_SHARE * response.vertical_acceleration_mps2:
         return f"the deck heaves with {heave:.1f} m/s2, more than can be followed"
     return None
@@ -65,22 +67,32 @@ def _airspeed(options: SimOptions) -> float:
 def _lean(options: SimOptions, drag: float) -> float:
     """Return how far off the plate's normal it hangs all the time, without gusts, rad.
 
-    A pad that turns may turn out of the wind, and slope the other way.
+    Where it is not known which way it leans or the plate slopes, as far as it does at least: a pad
+    that turns may turn out of the wind, and slope the other way.
     """
     wind, pad = options.wind, options.pad
     if wind.model == "thesis":
-        return math.atan(_drag(drag, max(0.0, pad.speed_mps - THESIS_WIND_MPS)) / GRAVITY)
+        least_mps, most_mps = pad.speed_mps - THESIS_WIND_MPS, pad.speed_mps + THESIS_STEADY_MPS
+        return _least_lean(drag, max(0.0, least_mps), most_mps, pad)
     if wind.from_deg is None or pad.turn_rate_deg_s:
-        return math.atan(_drag(drag, abs(pad.speed_mps - wind.speed_mps)) / GRAVITY)
+        least_mps, most_mps = abs(pad.speed_mps - wind.speed_mps), pad.speed_mps + wind.speed_mps
+        return _least_lean(drag, least_mps, most_mps, pad)
     north, east = _steady_air(pad, wind, wind.from_deg)
-    pull = drag * (DRAG_1 + DRAG_2 * math.hypot(north, east))  # of the air, per m/s of it, 1/s
-    down = unit((pull * north, pull * east, GRAVITY))
-    vertical = (0.0, 0.0, 1.0)
+    airspeed = math.hypot(north, east)
     if pad.tilt_azimuth_deg is None:
-        return angle_between(down, vertical)
+        return _least_lean(drag, airspeed, airspeed, pad)
+    pull = drag * (DRAG_1 + DRAG_2 * airspeed)  # of the air, per m/s of it, 1/s
+    down = unit((pull * north, pull * east, GRAVITY))
     downhill = math.radians(pad.heading_deg + pad.tilt_azimuth_deg)
     R = matmul(rot_z(downhill), rot_y(-math.radians(pad.tilt_deg)))
-    return angle_between(down, rotate(R, vertical))
+    return angle_between(down, rotate(R, (0.0, 0.0, 1.0)))
+
+
+def _least_lean(drag: float, least_mps: float, most_mps: float, pad: PadOptions) -> float:
+    """Return the least angle between airframe and plate in air of these speeds, m/s, rad."""
+    least, most = (math.atan(_drag(drag, speed) / GRAVITY) for speed in (least_mps, most_mps))
+    tilt = math.radians(pad.tilt_deg)
+    return max(least - tilt, tilt - most, 0.0)
 
 
 def _steady_air(pad: PadOptions, wind: WindOptions, from_deg: float) -> tuple[float, float]:
@@ -92,5 +104,5 @@ def _steady_air(pad: PadOptions, wind: WindOptions, from_deg: float) -> tuple[fl
     )
 
 
-def _heave_acceleration(pad: PadOptions) -> float:
-    return pad.heave_m * (2.0 * math.pi * pad.heave_hz) ** 2
+def _harmonic_acceleration(amplitude_m: float, hz: float) -> float:
+    return amplitude_m * (2.0 * math.pi * hz) ** 2

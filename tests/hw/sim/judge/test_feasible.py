@@ -30,6 +30,12 @@ def why(**options: Any) -> str | None:
         },
         # The thesis's wind is what it is: what is said of another one does not count.
         {"wind": {"model": "thesis", "speed_mps": 11.0}, "airframe": {"angle_max_deg": 45.0}},
+        # A plate that slopes nobody knows which way may slope with the lean.
+        {
+            "wind": {"speed_mps": 6.0, "from_deg": 0.0},
+            "pad": {"tilt_azimuth_deg": None, "tilt_deg": 30.0},
+        },
+        {"pad": {"sway_m": 0.5, "sway_hz": 0.2}},
         # It leans by as much only for a part of each turn.
         {
             "pad": {"speed_mps": 5.0, "turn_rate_deg_s": 8.0},
@@ -66,6 +72,17 @@ def test_what_landerd_lands_on_is_feasible(options: dict[str, Any]) -> None:
         ({"pad": {"speed_mps": 5.0, "brake_mps2": 3.0}}, "accelerates by 3.0"),
         ({"pad": {"speed_mps": 10.0, "turn_rate_deg_s": 20.0}}, "accelerates by 3.5"),
         ({"pad": {"heave_m": 0.5, "heave_hz": 0.3}}, "heaves with 1.8"),
+        # Whichever way it slopes, and whatever wind there is that does not lean it as far.
+        ({"pad": {"tilt_azimuth_deg": None, "tilt_deg": 30.0}}, "leans by 30 degrees"),
+        (
+            {
+                "wind": {"speed_mps": 1.0, "from_deg": 0.0},
+                "pad": {"tilt_azimuth_deg": None, "tilt_deg": 30.0},
+            },
+            "leans by 28 degrees",
+        ),
+        ({"wind": {"model": "thesis"}, "pad": {"tilt_deg": 30.0}}, "leans by 28 degrees"),
+        ({"pad": {"sway_m": 1.0, "sway_hz": 1.0}}, "accelerates by 39.5"),
         # It stands on it, but ArduCopter's land detector never says so.
         (
             {
