@@ -23,8 +23,8 @@ from landerd.messages import Frame
 from landerd.pad import PadLayout, size_m
 from landerd.simulation.surroundings import Surroundings
 
-# Of a marker's outline, from which a picture counts as one that shows it: landerd may follow a tag
-# of which the lens shows one corner.
+# Of a marker's outline, or of one round its inner cells, from which a picture counts as one that
+# shows it: landerd may follow a tag of which the lens shows one corner, or the middle.
 FOLLOWED_SHARE = 0.25
 
 
@@ -103,7 +103,7 @@ class Judge:
         """A picture was delivered; the truth at its exposure says whether a marker is in it."""
         view = self._layout, self._frustum, snapshot.camera, snapshot.pad
         is_shown = bool(visible_markers(*view))
-        if is_shown or visible_markers(*view, FOLLOWED_SHARE):
+        if is_shown or visible_markers(*view, FOLLOWED_SHARE, by_cells=True):
             self.rules.on_sighting(snapshot.t)
         if is_shown:
             self.score.on_sighting(snapshot.t)

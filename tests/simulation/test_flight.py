@@ -1,5 +1,7 @@
 """Where a flight is put together: what the world and the core do not share."""
 
+from pathlib import Path
+
 import pytest
 
 from hw.sim.picture.renderer import Renderer
@@ -42,3 +44,18 @@ def test_how_a_mode_of_the_autopilots_own_flies_is_not_landerds_though_no_heartb
     flight = fly(overrides=[*ABOVE, f"sim.faults=[{unheard}, {home}]"], longest_s=8.0)
     assert flight.world.height > 5.0  # it climbs faster than landerd may
     assert flight.monitor.found == {}
+
+
+def test_a_tag_larger_than_the_picture_is_followed_by_its_cells_and_counts_as_seen(
+    tmp_path: Path,
+) -> None:
+    pad = tmp_path / "large.yaml"
+    pad.write_text(
+        "name: large\n"
+        "markers:\n"
+        "  - {kind: apriltag, dictionary: APRILTAG_36h11, id: 3, size_m: 0.8}\n"
+        "plate: {north_m: 0.6, south_m: 0.6, east_m: 0.6, west_m: 0.6}\n"
+    )
+    flight = fly(overrides=[*ABOVE, f"pad.layout={pad}"])
+    assert flight.score.landed
+    assert flight.rules.broken == {}

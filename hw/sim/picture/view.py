@@ -19,6 +19,7 @@ F64 = NDArray[np.float64]
 
 NEAR_PLANE_M = 0.01  # from the lens; what is nearer is not drawn
 CIRCLE_POINTS = 32
+_CELL_RINGS = (1.0, 0.75, 0.5, 0.25)  # of a square's side: round its border, and within
 _ABOVE_M = 1e-3  # no lower a camera sees a plane
 
 # For cv2.remap whose first map holds both coordinates. OpenCV's types forbid None here, and an
@@ -205,17 +206,31 @@ def middle(start: CameraPose, end: CameraPose) -> CameraPose:
 
 
 def visible_markers(
-    layout: PadLayout, frustum: Frustum, pose: CameraPose, pad: PadPose, share: float = 0.5
+    layout: PadLayout,
+    frustum: Frustum,
+    pose: CameraPose,
+    pad: PadPose,
+    share: float = 0.5,
+    *,
+    by_cells: bool = False,
 ) -> list[int]:
     """Return the indices in layout.markers of those in the image with a share of their outline.
 
     Of rings either edge counts: near the pad vision goes by the inner one. Geometry only: what
     stands in front of a marker is not looked at.
+
+    Args:
+        layout: the pad.
+        frustum: of the camera.
+        pose: of the camera.
+        pad: where it is.
+        share: of an outline.
+        by_cells: of squares those round their inner cells count, too.
     """
     if not is_above(pose, pad):
         return []
     camera = frustum.camera
-    outlines, parts = _outlines(layout.markers)
+    outlines, parts = _outlines(layout.markers, by_cells=by_cells)
     points = in_camera(pose, on_pad(pad, outlines))
     shown = frustum.holds(points)
     if not shown.any():
@@ -232,13 +247,15 @@ def visible_markers(
 
 
 @functools.cache
-def _outlines(markers: tuple[Marker, ...]) -> tuple[F64, tuple[list[slice], ...]]:
+def _outlines(
+    markers: tuple[Marker, ...], *, by_cells: bool
+) -> tuple[F64, tuple[list[slice], ...]]:
     """Return the outlines of markers after each other (n, 3), and which are each one's."""
     outlines: list[F64] = []
     parts: list[list[slice]] = []
     start = 0
     for marker in markers:
-        of_marker = _outlines_of(marker)
+        of_marker = _outlines_of(marker, by_cells=by_cells)
         parts.append([])
         for outline in of_marker:
             parts[-1].append(slice(start, start + len(outline)))
@@ -247,12 +264,13 @@ def _outlines(markers: tuple[Marker, ...]) -> tuple[F64, tuple[list[slice], ...]
     return np.concatenate(outlines), tuple(parts)
 
 
-def _outlines_of(marker: Marker) -> list[F64]:
+def _outlines_of(marker: Marker, *, by_cells: bool) -> list[F64]:
     """Return the points (n, 3) of a marker's outlines in the pad frame, the outer one first."""
     a = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
     if isinstance(marker, Square):
         # Round its border, as far from the middle as that is in each direction.
-        radii = [0.5 * marker.size_m / np.maximum(np.abs(np.cos(a)), np.abs(np.sin(a)))[:, None]]
+        border = 0.5 * marker.size_m / np.maximum(np.abs(np.cos(a)), np.abs(np.sin(a)))[:, None]
+        radii = [share * border for share in (_CELL_RINGS if by_cells else (1.0,))]
         a = a + math.radians(marker.heading_deg)
     else:
         inner = marker.inner_ratio if isinstance(marker, Ring) else WHYCODE_BAND

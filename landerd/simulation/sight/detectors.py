@@ -371,11 +371,17 @@ class ModelledDetectors:
             self._sights[number] = self._drawn(image, view, number)
         return self._sights[number]
 
+    def _least_shown(self, marker: Marker, seen: Seen) -> float:
+        """Return the share of a marker's edges that must be in the picture for it to be found."""
+        if isinstance(marker, Square) and self._size_px(marker, seen) > self._camera.height:
+            return statistics.LARGE_SQUARE_SHOWN
+        return statistics.KINDS[marker.kind].least_shown
+
     def _drawn(self, image: Image, view: View, number: int) -> _Sight | None:
         marker, edges = self._layout.markers[number], self._edges[number]
         seen = self._world.seen(image, view, number)
         kind = statistics.KINDS[marker.kind]
-        if seen is None or seen.shown.mean() < kind.least_shown:
+        if seen is None or seen.shown.mean() < self._least_shown(marker, seen):
             return None
         rng = np.random.default_rng([self._seed, view.number, number])
         levels = self._sensitivity.levels(view.exposure)

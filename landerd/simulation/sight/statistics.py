@@ -47,6 +47,8 @@ KINDS = {
     "apriltag": Kind(9.6, 0.6, 0.998, 0.6, 1.3, 60.0, 2.0),
     "aruco": Kind(8.5, 0.6, 0.998, 0.6, 1.3, 60.0, 2.0),
 }
+# Of a square that is larger than the picture: it is followed by its cells (`square_fit`).
+LARGE_SQUARE_SHOWN = 1.0 / 3.0
 DETECTED_SHOWN = 0.995  # share of a square's edges in the picture, to be found where nobody expects
 _LEAST_CONTRAST, _LEAST_NOISES = 12.0, 9.0  # `ring_checks`: grey levels, and over the noise
 _ROUNDING = 0.29  # grey levels
