@@ -42,7 +42,10 @@ class Worst:
 
 
 class Promise(NamedTuple):
-    """What the pilot was told, and what must be so after a while, if nothing else is told."""
+    """What the pilot was told, and what must be so after a while, if nothing else is told.
+
+    What is told of now, within 0 s, must be so as it is told.
+    """
 
     words: str
     within_s: float
@@ -54,9 +57,9 @@ PROMISES = (  # the first whose words are in a text counts
     Promise("holding over", 6.0, "told to hold over the pad, and it does not", lambda m: m.stays),
     Promise("holding", 6.0, "told to hold, and it does not hover", lambda m: m.hovers),
     Promise("climbing away", 1.0, "told to climb away, and it sinks", lambda m: not m.sinks),
-    Promise("landed and disarmed", 0.1, "told to have landed, and it flies", lambda m: m.stands),
-    Promise("beside the pad", 0.1, "told to have missed, and it stands on it", lambda m: m.missed),
-    Promise("not confirmed", 0.1, "told to have touched, and no foot is down", lambda m: m.touches),
+    Promise("landed and disarmed", 0.0, "told to have landed, and it flies", lambda m: m.stands),
+    Promise("beside the pad", 0.0, "told to have missed, and it stands on it", lambda m: m.missed),
+    Promise("not confirmed", 0.0, "told to have touched, and no foot is down", lambda m: m.touches),
 )
 
 
@@ -139,8 +142,15 @@ class SafetyMonitor:
 
     def on_text(self, t: float, text: str) -> None:
         """The pilot is told something: what was told before is over."""
+        self._promise = None
         promises = [p for p in PROMISES if p.words in text]
-        self._promise = (t + promises[0].within_s, promises[0]) if promises else None
+        if not promises:
+            return
+        promise = promises[0]
+        if promise.within_s > 0.0:
+            self._promise = (t + promise.within_s, promise)
+        elif not promise.is_kept(self):  # nothing may come after it: neither text nor step
+            self._find(t, promise.finding)
 
     # ---- what comes of it ----------------------------------------------------------------------
 
@@ -167,7 +177,7 @@ class SafetyMonitor:
             _, promise = self._promise
             self._promise = None
             # Who flies it otherwise keeps no promise of landerd's.
-            if not promise.is_kept(self) and (flies or promise.within_s < 1.0):
+            if not promise.is_kept(self) and flies:
                 self._find(world.t, promise.finding)
 
     def _touch(self, world: World) -> None:

@@ -223,3 +223,11 @@ def test_what_was_told_last_counts() -> None:
     watched.monitor.on_text(watched.world.t, "landerd: approach: pad in sight")
     _moving(watched)
     assert watched.found == []
+
+
+def test_what_is_told_of_now_is_found_out_whatever_is_told_after_it() -> None:
+    watched = Watched(altitude_m=12.0)
+    watched.order((0.0, 0.0, 0.0), 0.1)
+    watched.monitor.on_text(watched.world.t, "landerd: landed and disarmed")
+    watched.monitor.on_text(watched.world.t, "landerd: not armed")
+    assert watched.found == ["told to have landed, and it flies"]
