@@ -105,6 +105,7 @@ def test_help_does_not_wait_for_numpy() -> None:
         (["sim", "--autopilot", "tcp:127.0.0.1:1"], "tcp:127.0.0.1:1: no connection: "),
         (["sim", "--autopilot", "tcp:127.0.0.1:1", "--realtime"], "--realtime: not with --auto"),
         (["sim", "--takeoff", "10"], "--takeoff: only with --autopilot URL"),
+        (["sim", "--set", "sim.autopilot.hold_s=3"], "set the latter too"),
         (
             ["sim", "--set", "guidance.output=landing_target"],
             "needs ArduPilot's own prec",

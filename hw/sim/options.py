@@ -103,6 +103,7 @@ class AutopilotOptions(Section):
     rc_channels: Annotated[int, Field(ge=4, le=18)] = 16  # of the receiver
     gate: Literal["radio", "override"] = "radio"  # how the pilot's switch reaches it
     # The pilot asks to hold, and gives the go so long after it was told that it does; 0: never.
+    # Needs rc.land_threshold_us.
     hold_s: NotNegative = 0.0
     guid_timeout_s: Annotated[float, Field(ge=0.1, le=5)] = 3.0  # GUID_TIMEOUT
 

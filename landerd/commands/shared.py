@@ -185,11 +185,19 @@ def check_faults(loaded: "Loaded", *, in_sitl: bool = False, takes_off: bool = T
 
 
 def check_stand_in_flies(loaded: "Loaded") -> None:
-    """Refuse a configuration in which the autopilot itself lands: the stand-in for it cannot.
+    """Refuse a configuration that stand-ins cannot fly.
 
     Raises:
-        InputError: it is one.
+        InputError: the autopilot itself is to land, or the pilot to hold with no switch for it.
     """
+    from landerd.devices import sim_options
+
+    rc = loaded.config.rc
+    if sim_options(loaded).autopilot.hold_s > 0.0 and rc.land_threshold_us <= rc.gate_threshold_us:
+        raise InputError(
+            "sim.autopilot.hold_s: the simulated pilot asks to hold with the middle of his switch, "
+            "which is between rc.gate_threshold_us and rc.land_threshold_us: set the latter too"
+        )
     if loaded.config.guidance.output == "landing_target":
         raise InputError(
             "guidance.output: landing_target needs ArduPilot's own precision landing, which the "
