@@ -114,7 +114,7 @@ class Grid(Section):
     """Several keys: a row for every combination of their values, labelled with these."""
 
     scenario: str
-    keys: Annotated[dict[str, tuple[float, ...]], Field(min_length=1)]
+    keys: Annotated[dict[str, tuple[int | float, ...]], Field(min_length=1)]
     goal: Goal = "landing"
     settings: tuple[str, ...] = ()  # the same for all
     needed: Needed = Needed()
@@ -130,7 +130,9 @@ class Grid(Section):
         """Return a row for each combination."""
         for values in itertools.product(*self.keys.values()):
             label = " ".join(f"{value:g}" for value in values)
-            chosen = [f"{key}={value:g}" for key, value in zip(self.keys, values, strict=True)]
+            chosen = [
+                f"{key}={json.dumps(value)}" for key, value in zip(self.keys, values, strict=True)
+            ]
             yield Row(
                 scenario=self.scenario,
                 label=label,

@@ -51,6 +51,13 @@ def test_a_grid_is_a_row_for_every_combination_labelled_by_its_values() -> None:
     assert rows[0].settings == ("guidance.pid.up.kp=0.6", "guidance.pid.up.kd=0.4")
 
 
+def test_a_grid_flies_its_values_as_they_are_and_rounds_them_in_its_labels_only() -> None:
+    keys = {"sim.autopilot.boot_age_s": (4294960.25,), "sim.autopilot.rc_channels": (8,)}
+    (row,) = Grid.model_validate({"scenario": "hover", "keys": keys}).rows()
+    assert row.settings == ("sim.autopilot.boot_age_s=4294960.25", "sim.autopilot.rc_channels=8")
+    assert row.label == "4.29496e+06 8"
+
+
 def test_all_of_the_thesis_is_every_one_of_its_experiments() -> None:
     parts = load_campaigns("all-thesis")
     names = "gimbal whycon-pose whycode-orientation apriltag-pose apriltag-yaw tune-ne tune-up yaw"
