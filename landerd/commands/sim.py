@@ -104,7 +104,8 @@ def _print(args: argparse.Namespace, result: dict[str, Any]) -> None:
         print(_summary(result))
         is_modelled = result.get("sight") == "modelled"
         without = " (without the camera's pictures: sim.sight is modelled)" if is_modelled else ""
-        for name, path in (("picture", args.picture), ("flight log", args.log)):
+        files = [("picture", args.picture), *(("flight log", log) for log in result["logs"])]
+        for name, path in files:
             if path is not None and not any(str(path) in line for line in result["not_written"]):
                 print(f"  {name}: {path}{without}")
     if result["not_written"]:

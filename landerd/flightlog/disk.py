@@ -131,6 +131,11 @@ def part(path: Path, number: int) -> Path:
     return path.with_name(f"{first}{f'.{number}' if number > 1 else ''}{path.suffix}")
 
 
+def later_flight(path: Path, number: int) -> Path:
+    """Return the file of a later flight (from 2) of a run that was to be recorded in one file."""
+    return path.with_stem(f"{path.stem}-{number}")
+
+
 def _number(path: Path) -> int | None:
     digits, dash, _ = path.stem.partition("-")
     return int(digits) if dash and len(digits) == 5 and digits.isdecimal() else None

@@ -17,7 +17,15 @@ from typing import Any, Protocol
 
 from landerd.config.models import Config, LogSection
 from landerd.flightlog.contents import Dropped, Head, Searched, State, state_of
-from landerd.flightlog.disk import SyncedFile, free_bytes, next_number, part, part_number, rotate
+from landerd.flightlog.disk import (
+    SyncedFile,
+    free_bytes,
+    later_flight,
+    next_number,
+    part,
+    part_number,
+    rotate,
+)
 from landerd.flightlog.writer import LogWriter
 from landerd.lander import Lander
 from landerd.messages import (
@@ -64,6 +72,7 @@ class Recorder:
     """An observer of the daemon that keeps the flight log; never raises in flight.
 
     Attributes:
+        logs: the flight logs that were begun, but for those of a vehicle that only stood there.
         failures: which files are not there or not whole, and why; known when it was closed.
     """
 
@@ -106,6 +115,7 @@ class Recorder:
         self._low = 0  # 1: no room for images, 2: none for detail, or the disk takes nothing
         self._dropped: Counter[str] = Counter()
         self._dropped_written = Dropped(0, 0, 0, 0)
+        self.logs: list[Path] = []
         self.failures: list[str] = []
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
@@ -248,6 +258,7 @@ class Recorder:
             mcap.close()
             path.unlink()
             raise
+        self.logs.append(path)
         self._idle = True
         writer = LogWriter(mcap, self._head)
         writer.calibration(self._now)
@@ -269,6 +280,7 @@ class Recorder:
         self._files, self._dropped_written = new, Dropped(0, 0, 0, 0)
         idle, self._idle_part = self._idle_part, path if was_idle else None
         if idle is not None:
+            self.logs.remove(idle)
             idle.unlink(missing_ok=True)
             idle.with_suffix(".tlog").unlink(missing_ok=True)
 
@@ -277,7 +289,7 @@ class Recorder:
         if self._target.suffix == ".mcap":
             if self._flights == 1:
                 return self._target
-            return self._target.with_stem(f"{self._target.stem}-{self._flights}")
+            return later_flight(self._target, self._flights)
         self._target.mkdir(parents=True, exist_ok=True)
         stamp = time.strftime("%Y%m%d-%H%M%S")
         return self._target / f"{next_number(self._target):05d}-{stamp}.mcap"

@@ -33,6 +33,7 @@ from landerd.config.files import Loaded
 from landerd.config.parameters import ParameterSet
 from landerd.devices import make_autopilot, sim_options, simulated_camera, simulated_gimbal
 from landerd.flightlog.contents import Head
+from landerd.flightlog.disk import later_flight
 from landerd.flightlog.recorder import Recorder
 from landerd.pad import PadLayout, load_pad
 from landerd.ports import ByteLink
@@ -249,8 +250,7 @@ class Simulation:
         )
 
     def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
-        path.unlink(missing_ok=True)
-        path.with_suffix(".tlog").unlink(missing_ok=True)
+        _remove_logs(path)
         options = self.config.log
         if not self.has_pictures:
             options = options.model_copy(update={"images": "none"})
@@ -261,6 +261,11 @@ class Simulation:
             background=realtime,
             mavlink=TlogEncoder,
         )
+
+    @property
+    def logs(self) -> list[str]:
+        """The flight logs: one more for each time that landerd was started again."""
+        return [] if self.recorder is None else [str(path) for path in self.recorder.logs]
 
     async def run(
         self,
@@ -392,10 +397,21 @@ def simulate(
     result["infeasible"] = infeasible(sim_options(loaded))
     if with_path:
         result["path"] = path_of(simulation.recording, simulation.score.first_sighting_t)
+    result["logs"] = simulation.logs
     result["not_written"] = simulation.not_written(picture, result)
     result["wall_s"] = time.perf_counter() - started
     result["held_up_s"] = simulation.daemon.monitor.longest_s if realtime else None
     return result
+
+
+def _remove_logs(path: Path) -> None:
+    """Remove what a run before has recorded there, in whatever many flights."""
+    old, number = path, 1
+    while number == 1 or old.exists():
+        old.unlink(missing_ok=True)
+        old.with_suffix(".tlog").unlink(missing_ok=True)
+        number += 1
+        old = later_flight(path, number)
 
 
 async def as_coroutine(work: Awaitable[None]) -> None:

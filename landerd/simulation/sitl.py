@@ -334,6 +334,7 @@ def simulate_sitl(
     result["speedup"] = flight.rate
     result["disarmed"] = _how_disarmed(simulation)
     result["judged_at_contact"] = simulation.ends_at_contact
+    result["logs"] = simulation.logs
     result["not_written"] = simulation.not_written(picture, result)
     result["wall_s"] = time.perf_counter() - started
     return result

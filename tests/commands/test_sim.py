@@ -114,3 +114,22 @@ def test_what_nobody_could_have_kept_for_a_fault_is_told_as_excused(
         danger,
     )
     assert re.search(r"broken: 3: set-points less .* Hz \(at [\d.]+ s\), excused by a fault\n", out)
+
+
+def test_each_log_of_a_flight_with_a_restart_is_named_and_none_is_left_of_a_run_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, second = tmp_path / "k.mcap", tmp_path / "k-2.mcap"
+    near = ["--log", str(log)]
+    near += [
+        word for setting in (*ABOVE, "sim.start.altitude_m=1.0") for word in ("--set", setting)
+    ]
+    killed = "sim.faults=[{fault: killed, at: {time_s: 0.5}}]"
+    main(["sim", "hover", *near, "--set", killed])
+    named = re.findall(r"flight log: (\S+)", capsys.readouterr().out)
+    assert named == [str(log), str(second)]
+    assert second.exists()
+    main(["sim", "hover", *near])
+    assert re.findall(r"flight log: (\S+)", capsys.readouterr().out) == [str(log)]
+    assert not second.exists()
+    assert not second.with_suffix(".tlog").exists()
