@@ -44,7 +44,7 @@ RC_LOW = "RC {channel} is low"
 RC_LATCHED = "move RC {channel} low, then high"
 _SWITCH_WANTED = RC_LATCHED.partition("{")[0]
 GRANTED = "granted"  # never told: a phase is instead
-PRECISION_LANDING = "the autopilot's precision landing flies"
+PRECISION_LANDING = "left to the autopilot's precision landing"
 
 # ---- why an event led to another state ---------------------------------------------------------
 # Of the others the gate, the phases or the search say why.

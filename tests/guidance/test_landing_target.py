@@ -40,7 +40,7 @@ def test_the_pad_is_told_in_the_body_frame_at_its_exposure_and_nothing_is_flown(
     targets = [m for m in sent if m.get_type() == "LANDING_TARGET"]
     assert len(targets) > 30
     assert not [m for m in sent if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
-    assert "landerd: the autopilot's precision landing flies" in [
+    assert "landerd: left to the autopilot's precision landing" in [
         m.text for m in sent if m.get_type() == "STATUSTEXT"
     ]
     for m in targets:
