@@ -959,6 +959,14 @@ MUTANTS = [
         "::test_asked_to_hold_as_it_stands_there_it_is_not_told_that_the_pad_is_not_found",
     ),
     Mutant(
+        "6: says by a stale position that it has fallen off",
+        "landerd/guidance/landing.py",
+        "fresh_vehicle(self._now)\n        below",
+        "vehicle(self._now)\n        below",
+        "guidance/test_landing.py"
+        "::test_what_stood_on_the_plate_as_its_position_went_stale_has_landed_there",
+    ),
+    Mutant(
         "6: says of feet on the plate that they are beside it",
         "landerd/guidance/footprint.py",
         "if yaw is not None:",

@@ -207,8 +207,11 @@ class Landing:
 
     @property
     def _has_fallen(self) -> bool:
-        """Whether it stands lower than the pad can be: it has slid off a plate that stands high."""
-        vehicle = self._context.estimator.vehicle(self._now)
+        """Whether it stands lower than the pad can be: it has slid off a plate that stands high.
+
+        Not by a position that is stale: carried on by its last velocity it sinks for ever.
+        """
+        vehicle = self._context.estimator.fresh_vehicle(self._now)
         below = 0.0 if vehicle is None else vehicle.feet[2] - self._context.below.down(self._now)
         return below > FALLEN_M
 

@@ -1346,6 +1346,16 @@ def test_each_time_that_it_may_not_fly_on_from_the_pad_it_is_stopped_for_as_long
     assert flight.t - began == pytest.approx(flight.config.guidance.release_s, abs=2 * DT)
 
 
+def test_what_stood_on_the_plate_as_its_position_went_stale_has_landed_there() -> None:
+    """Its last velocity carried it on, under the pad: the pilot read "disarmed beside the pad"."""
+    flight = Flight().engaged().until(Phase.LANDED)
+    while flight.height > 0.02:
+        flight.tick()
+    flight.silent.add(LocalPosition)
+    flight.run(6.0)
+    assert flight.lander.outcome == "landed"
+
+
 def test_a_control_step_that_comes_late_does_not_end_the_sight_of_a_young_picture() -> None:
     """The loop hung for 0.475 s: a picture 0.05 s old was "not in sight", and an abort counted."""
     flight = Flight(position=(-3.0, 0.0, -4.0)).engaged()
