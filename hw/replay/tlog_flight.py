@@ -112,7 +112,6 @@ class _Boot:
         self._boot_minus_log_s: float | None = None  # of the message that was least late
         self._gimbal: tuple[int, int] | None = None  # component and device whose report is read
         self._has_other_gimbals = False
-        self._yaw: tuple[float, float, float] | None = None  # time, s; rad, rad/s
         self._is_other_autopilot = False
         self._stamped: Mapping[str, _Reader] = {  # with time_boot_ms
             "ATTITUDE": self._attitude,
@@ -149,7 +148,6 @@ class _Boot:
         return self.recorded
 
     def _attitude(self, t: float, m: Message) -> None:
-        self._yaw = t, m.yaw, m.yawspeed
         self.recorded.attitude.add(
             t, (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
         )
@@ -200,10 +198,11 @@ class _Boot:
             return
         yaw, pitch, roll = angles_zxy(R)
         if gimbal_yaw_is_from_north(m):
-            if self._yaw is None:
+            attitude = self.recorded.attitude
+            if not attitude.times:
                 return
-            at, vehicles, rate = self._yaw
-            yaw = wrap(yaw - vehicles - (t - at) * rate)
+            _, _, vehicles, _, _, rate = attitude.values[-1]
+            yaw = wrap(yaw - vehicles - (t - attitude.times[-1]) * rate)
         self.recorded.gimbal.add(t, (yaw, pitch, roll))
 
 
