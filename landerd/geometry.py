@@ -20,6 +20,8 @@ IDENTITY: Mat3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 # A camera looks along its z, a gimbal along its x.
 R_GIMBAL_CAMERA: Mat3 = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
+LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
+
 
 def wrap(angle: float) -> float:
     """Return the angle in (-pi, pi], rad."""
@@ -190,6 +192,16 @@ def rot_zxy(yaw: float, roll: float, pitch: float) -> Mat3:
         (sy * cp + cy * sr * sp, cy * cr, sy * sp - cy * sr * cp),
         (-cr * sp, sr, cr * cp),
     )
+
+
+def euler_rates(roll: float, pitch: float, rates: Sequence[float]) -> Vec3:
+    """Return how fast roll, pitch and yaw (ZYX) change with body rates p, q, r, rad/s.
+
+    Towards 90 degrees of pitch there are no such rates: there they are bounded.
+    """
+    p, q, r = rates
+    yaw = (math.sin(roll) * q + math.cos(roll) * r) / max(math.cos(pitch), LEAST_COS_PITCH)
+    return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw
 
 
 def rotation(q: Sequence[float]) -> Mat3 | None:

@@ -865,10 +865,17 @@ MUTANTS = [
     ),
     Mutant(
         "5: an attitude between two reports goes by a straight line",
-        "landerd/estimation/camera_pose.py",
+        "landerd/geometry.py",
         "return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw",
         "return 0.0, 0.0, 0.0",
         "estimation/test_camera_pose.py::test_between_two_attitudes_it_turns_as_their_rates_say",
+    ),
+    Mutant(
+        "5: a leaning vehicle's heading turns as fast as its own axis",
+        "landerd/estimation/vehicle_state.py",
+        "yaw_rate = euler_rates(roll, pitch, rates)[2]",
+        "yaw_rate = rates[2]",
+        "estimation/test_vehicle_state.py::test_a_leaning_vehicle_turns_as_its_heading_does_not_as_its_own_axis",
     ),
     Mutant(
         "2: sinks at once over a ring alone",

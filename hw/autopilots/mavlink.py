@@ -19,6 +19,7 @@ from hw.autopilots.parameter_protocol import ParameterProtocol
 from hw.autopilots.refusals import Refusals
 from hw.autopilots.restart_detector import Boot, RestartDetector
 from hw.autopilots.streams import Streams
+from landerd.geometry import euler_rates
 from landerd.messages import (
     Attitude,
     AutopilotMessage,
@@ -241,7 +242,8 @@ class MavlinkAutopilot:
         if message is not None and t is not None:
             self._pending.append(replace(message, t=t))
             if isinstance(message, Attitude):
-                self._heading.measured(t, message.yaw, m.yawspeed)
+                yaw_rate = euler_rates(message.roll, message.pitch, message.rates)[2]
+                self._heading.measured(t, message.yaw, yaw_rate)
 
     def _note(self, m: Message, kind: int, now: float) -> None:
         """Take what the driver itself needs to know."""

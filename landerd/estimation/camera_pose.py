@@ -18,6 +18,7 @@ from landerd.geometry import (
     Vec3,
     add,
     camera_mount,
+    euler_rates,
     matmul,
     norm,
     rot_zyx,
@@ -52,7 +53,6 @@ FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
 # in a row agree every now and then, and one in five is near the last: the pad's heading went with
 # them, and took a second to come back.
 HEADING_BELIEVED_S = 0.2
-LEAST_COS_PITCH = 0.1  # steeper airframes are not flown
 # Height and climb rate come from one filter and agree: in 60 flights of ArduCopter in SITL, with
 # wind, vibration, GPS and barometer off, they differed by 0.4 m/s at most over a second. Both
 # accelerometers off by 1 m/s^2 made it 5: it took itself to sink while it hovered, its controller
@@ -96,7 +96,9 @@ class PoseHistory:
             ahead_s=fresh.position_s,
         )
         self.attitude = History(
-            angles=[True] * 3 + [False] * 3, max_gap_s=fresh.attitude_s, rates=_euler_rates
+            angles=[True] * 3 + [False] * 3,
+            max_gap_s=fresh.attitude_s,
+            rates=lambda attitude: euler_rates(attitude[0], attitude[1], attitude[3:]),
         )
         self.gimbal = History(
             angles=[True] * 3, max_gap_s=fresh.gimbal_s, held_s=min(GIMBAL_HELD_S, fresh.gimbal_s)
@@ -143,7 +145,8 @@ class PoseHistory:
         if before is None:
             return said
         dt, last = before
-        expected = wrap(last[2] + 0.5 * dt * (_euler_rates(last)[2] + _euler_rates(said)[2]))
+        rate_before, rate = (euler_rates(at[0], at[1], at[3:])[2] for at in (last, said))
+        expected = wrap(last[2] + 0.5 * dt * (rate_before + rate))
         most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
         jump = (0.0, 0.0, wrap(said[2] - expected))
         if not self._headings.rejects(t, jump, most):
@@ -292,14 +295,3 @@ class PoseHistory:
         origin = (x + dt * u, y + dt * v, z + dt * w)
         pivot = add(origin, rotate(R, self._camera_offset))
         return pivot, gimbal_frames.base(self._reference, (roll, pitch, yaw))
-
-
-def _euler_rates(attitude: tuple[float, ...]) -> tuple[float, ...]:
-    """Return how fast roll, pitch and yaw change with these body rates, rad/s (ZYX).
-
-    On its side an airframe has no such rates: there they are bounded.
-    """
-    roll, pitch, _, p, q, r = attitude
-    across = math.sin(roll) * q + math.cos(roll) * r
-    yaw = across / max(math.cos(pitch), LEAST_COS_PITCH)
-    return p + math.sin(pitch) * yaw, math.cos(roll) * q - math.sin(roll) * r, yaw

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from landerd.config.models import VehicleSection
 from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.history import Values
-from landerd.geometry import Vec3, add, cross, dot, rot_zyx, rotate, scale, wrap
+from landerd.geometry import Vec3, add, cross, dot, euler_rates, rot_zyx, rotate, scale, wrap
 
 COURSE_MPS = 1.5  # slower it hovers, and what it does is wind and control
 
@@ -19,7 +19,7 @@ class VehicleState:
     velocity: Vec3  # m/s
     yaw: float  # rad
     told_yaw: float  # as the autopilot has it: other where that was set anew, rad
-    yaw_rate: float  # rad/s
+    yaw_rate: float  # of the heading, rad/s: the body's own where it leans is another
     tilt: float  # of the airframe from level, rad
     roll_pitch_rate: float  # magnitude of the body's roll and pitch rates, rad/s
     airframe: VehicleSection
@@ -64,12 +64,13 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     if position is None or attitude is None:
         return None
     t, p = position
-    roll, pitch, yaw, roll_rate, pitch_rate, yaw_rate = attitude[1]
+    roll, pitch, yaw, *rates = attitude[1]
+    yaw_rate = euler_rates(roll, pitch, rates)[2]
     velocity = (p[3], p[4], p[5])
     origin = add((p[0], p[1], p[2]), scale(velocity, now - t))
     feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
     yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
-    tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(roll_rate, pitch_rate)
+    tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(rates[0], rates[1])
     told_yaw = wrap(yaw + poses.turned)
     return VehicleState(
         feet, velocity, yaw, told_yaw, yaw_rate, tilt, roll_pitch_rate, vehicle, attitude[1]

@@ -19,5 +19,13 @@ def test_the_position_is_carried_on_by_the_velocity_to_now() -> None:
     assert moved.feet == pytest.approx((1.5, 2.0, -4.9))
 
 
+def test_a_leaning_vehicle_turns_as_its_heading_does_not_as_its_own_axis() -> None:
+    """Turning at 0.5 rad/s with 0.5 rad of roll, by gyros that turn with it."""
+    rates = (0.0, 0.5 * math.sin(0.5), 0.5 * math.cos(0.5))
+    leaning = vehicle(flying(roll=0.5, rates=rates), now=10.1)
+    assert leaning.yaw_rate == pytest.approx(0.5)
+    assert leaning.yaw == pytest.approx(0.05)
+
+
 def test_without_telemetry_there_is_no_vehicle() -> None:
     assert vehicle_state(PoseHistory(Config()), GEAR, 10.0) is None

@@ -10,11 +10,16 @@ GEAR = VehicleSection(gear_height_m=0.2)
 
 
 def flying(
-    *, velocity: Vec3 = (0.0, 0.0, 0.0), roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0
+    *,
+    velocity: Vec3 = (0.0, 0.0, 0.0),
+    roll: float = 0.0,
+    pitch: float = 0.0,
+    yaw: float = 0.0,
+    rates: Vec3 = (0.0, 0.0, 0.3),
 ) -> PoseHistory:
     poses = PoseHistory(Config())
     poses.add(LocalPosition(10.0, (1.0, 2.0, -5.0), velocity))
-    poses.add(Attitude(10.0, roll, pitch, yaw, (0.0, 0.0, 0.3)))
+    poses.add(Attitude(10.0, roll, pitch, yaw, rates))
     return poses
 
 
