@@ -37,6 +37,7 @@ class Order:
     truth: Truth
     level: bool = False  # SET_ATTITUDE_TARGET
     sound: bool = True  # level it is level and without thrust, else a velocity with a yaw rate
+    in_body_frame: bool = False  # as it was sent
 
     @property
     def zero(self) -> bool:

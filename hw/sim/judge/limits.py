@@ -15,6 +15,10 @@ _ACCELERATION_MARGIN_MPS2, _JERK_MARGIN_MPS3 = 0.02, 0.2
 # but for bias and delay of the EKF's (0.15 m/s on a day of the field). To begin at zero would brake
 # it for nothing.
 _AS_FLOWN_MPS, _FLOWN_ERROR_MPS = 2.5, 0.2
+# How well the heading is known at the moment of sending, rad: a set-point in the body's frame is
+# turned by as much, and the next one otherwise. On days of the field up to 0.1 degrees at 8 m/s,
+# 0.5 as a turn ended: nothing can be told of the jerk then.
+_HEADING_ERROR = math.radians(0.15)
 _GAP_S = 0.5  # after so long without set-points the next one is a first one
 
 
@@ -32,6 +36,7 @@ class SetpointLimits:
         self._broken = broken
         self._velocity: Vec3 = (0.0, 0.0, 0.0)
         self._acceleration: Vec3 | None = None  # None: not known, so no jerk either
+        self._in_body_frame = False  # the set-point that is judged
         self._stopped = (False, False)  # the last set-point: horizontally, vertically
 
     def check(
@@ -42,6 +47,7 @@ class SetpointLimits:
         *,
         waves_off: bool = False,
         flown: Vec3 | None = None,
+        in_body_frame: bool = False,
     ) -> None:
         """Judge a set-point.
 
@@ -51,7 +57,9 @@ class SetpointLimits:
             yaw_rate: likewise, rad/s.
             waves_off: just over the pad it may begin to climb at once.
             flown: the velocity that the vehicle has, m/s; None: not known.
+            in_body_frame: it was sent in the frame of the body.
         """
+        self._in_body_frame = in_body_frame
         self._check_size(t, velocity, yaw_rate)
         goes_on = (
             all(self._stopped)
@@ -99,6 +107,8 @@ class SetpointLimits:
             change = math.hypot(a[0] - was[0], a[1] - was[1])
             jerk = (min(change, horizontal(a)) if self._stopped[0] else change) / dt
             size = min(horizontal(a), horizontal(velocity) / dt) if gap else horizontal(a)
+            if self._in_body_frame:
+                size, jerk = size - 2.0 * _HEADING_ERROR * horizontal(velocity) / dt, 0.0
             self._check_axes("horizontal", t, dt, size, jerk, b.acceleration_mps2)
         if not (stops[1] or waves_off):
             change = abs(a[2] - was[2])

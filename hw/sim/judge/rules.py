@@ -168,9 +168,10 @@ class Rules:
             self._break(t, "3: a set-point is not finite")
             return
         truth = self._truth()
-        if m.coordinate_frame in _BODY_FRAMES:
+        in_body_frame = m.coordinate_frame in _BODY_FRAMES
+        if in_body_frame:
             velocity = rotate(rot_z(truth.yaw), velocity)
-        self._check_order(Order(t, velocity, m.yaw_rate, truth))
+        self._check_order(Order(t, velocity, m.yaw_rate, truth, in_body_frame=in_body_frame))
 
     def _check_order(self, order: Order) -> None:
         evidence = self._evidence
@@ -188,6 +189,7 @@ class Rules:
                 order.yaw_rate,
                 waves_off=waves_off,
                 flown=order.truth.velocity,
+                in_body_frame=order.in_body_frame,
             )
         evidence.last_order_t = order.t
         for tell in self.on_order:

@@ -10,7 +10,11 @@ DT = 0.025
 
 
 def broken(
-    *velocities: Vec3, yaw_rate: float = 0.0, dt: float = DT, jitter_s: float = 0.0
+    *velocities: Vec3,
+    yaw_rate: float = 0.0,
+    dt: float = DT,
+    jitter_s: float = 0.0,
+    in_body_frame: bool = False,
 ) -> list[str]:
     """Return the rules that set-points dt apart break, in the order in which they did."""
     rules: list[str] = []
@@ -18,7 +22,7 @@ def broken(
         replace(BOUNDS, jitter_s=jitter_s), lambda t, rule: rules.append(f"{t:.3f} {rule}")
     )
     for i, velocity in enumerate(velocities):
-        limits.check(dt * i, velocity, yaw_rate)
+        limits.check(dt * i, velocity, yaw_rate, in_body_frame=in_body_frame)
     assert limits.last_t == pytest.approx(dt * (len(velocities) - 1))
     return rules
 
@@ -49,6 +53,16 @@ def test_acceleration_and_jerk_need_two_and_three_set_points() -> None:
     assert broken(down, down, (0.0, 0.0, 0.16)) == [
         "0.050 3: vertical acceleration",
         "0.050 3: vertical jerk",
+    ]
+
+
+def test_in_the_body_s_frame_the_heading_at_sending_counts_as_known_to_a_seventh_degree() -> None:
+    """At 4 m/s 0.1 degrees to the left and to the right are 0.56 m/s^2 and 45 m/s^3."""
+    wobbles: list[Vec3] = [(4.0, 0.007 * (-1) ** i, 0.0) for i in range(6)]
+    assert broken(*wobbles) != []
+    assert broken(*wobbles, in_body_frame=True) == []
+    assert broken((4.0, 0.0, 0.0), (4.1, 0.0, 0.0), in_body_frame=True) == [
+        "0.025 3: horizontal acceleration"
     ]
 
 
