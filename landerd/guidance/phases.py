@@ -263,5 +263,8 @@ class Phases:
         error = relative.heading_error
         if self.phase is Phase.YAW_CORRECTION and error is not None and not self._aligned:
             return pilot_texts.TURNING.format(error=abs(math.degrees(error)))
+        known, radius = 2.0 * relative.sigma_m, self._radius(relative.least_height)
+        if relative.distance < radius < known:
+            return pilot_texts.UNSURE.format(known=known, radius=radius)
         height = round(relative.height, 1) + 0.0  # not -0.0
         return pilot_texts.UNDER_WAY.format(distance=relative.distance, height=height)

@@ -43,6 +43,14 @@ def test_descent_is_never_allowed_outside_the_region(
         assert not allowed
 
 
+def test_over_a_pad_that_is_not_known_well_enough_to_descend_the_pilot_is_told_so() -> None:
+    """As at 14 m, with a region that was set as narrow there as on the ground."""
+    p = Phases(DescentSection(k1_m=0.12, k2_per_m=0.03), has_heading=False)
+    phase, why = p.step(situation(0.05, 14.0, sigma_m=0.2))
+    assert (phase, why) == (Phase.CLOSE_APPROACH, "pad known to 0.4 m, descends with 0.2")
+    assert "away" in p.step(situation(0.05, 14.0, sigma_m=0.05))[1]
+
+
 def test_what_is_carried_out_of_the_region_stops_sinking_before_it_is_out() -> None:
     inside = 0.8 * descent_radius(OPTIONS, 1.0)
     assert phases().may_descend(situation(inside, 1.0))

@@ -17,6 +17,8 @@ WIDEST = {
     "ordered": 15.0,
     "flown": 99.0,
     "id": 999,
+    "known": 99.9,
+    "radius": 99.9,
     "what": pilot_texts.SEARCHING,
 }
 BLIND_REASONS = (
