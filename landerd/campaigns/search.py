@@ -19,6 +19,7 @@ CostsOf = Callable[[Sequence[Place], Sequence[int]], list[Cost]]  # over these s
 PATIENCE = 5  # generations without a better place, then the search ends
 SIGMA = 0.25  # of the first generation, share of the range
 SEED = 1  # of CMA-ES's own random numbers
+MINIMISE_PLACES = 320  # tried at most by `minimised`, whose function is cheap
 
 
 class SearchError(Exception):
@@ -111,13 +112,11 @@ def _as_place(x: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> Place:
     return tuple(float(each) for each in x)
 
 
-def minimised(
-    function: Callable[[Sequence[float]], float], start: Sequence[float], places: int = 320
-) -> Place:
+def minimised(function: Callable[[Sequence[float]], float], start: Sequence[float]) -> Place:
     """Return the best place that CMA-ES finds for a function that is not costly.
 
     Raises:
-        SearchError: cmaes is not installed, or the places are fewer than a generation.
+        SearchError: cmaes is not installed.
     """
     known = {tuple(start): function(start)}
 
@@ -125,6 +124,6 @@ def minimised(
         known.update((place, function(place)) for place in found if place not in known)
         return [Cost(0.0, known[place]) for place in found]
 
-    for _ in cma_es(tuple(start), places, (0,), costs_of, patience=15):
+    for _ in cma_es(tuple(start), MINIMISE_PLACES, (0,), costs_of, patience=15):
         pass
     return min(known, key=known.__getitem__)

@@ -268,19 +268,20 @@ class Evidence:
 
     # ---- what follows from it ------------------------------------------------------------------
 
-    def closed_t(self, t: float) -> float:
-        """Return since when landerd may not fly on; later than t: it may."""
+    @property
+    def closed_t(self) -> float:
+        """The time from which landerd may not fly on, s; in the future while it may."""
         b = self._b
         low = math.inf if self.gate_low_t is None else self.gate_low_t
         return min(self._ended_t, low, self._rc_t + b.rc_s, self._beat_t + b.heartbeat_s)
 
     def granted(self, t: float) -> bool:
         """Tell whether landerd may fly."""
-        return self.armed and self.guided and not self.latched and t < self.closed_t(t)
+        return self.armed and self.guided and not self.latched and t < self.closed_t
 
     def owes_landing(self, t: float) -> bool:
         """Tell whether landerd may fly and knows it: it may take data for stale a little early."""
-        return self.granted(t) and t < self.closed_t(t) - self._b.early_s
+        return self.granted(t) and t < self.closed_t - self._b.early_s
 
     @property
     def lands_since(self) -> float:
@@ -379,9 +380,10 @@ class Evidence:
         is_led = t - released.t < _LED_S
         return max(self._b.ride_mps, released.aside_mps) if is_led else self._b.ride_mps
 
-    def release_t(self, t: float) -> float:
-        """Return since when only stop orders may come."""
-        return max(self.closed_t(t), self._climbed_away_t)
+    @property
+    def release_t(self) -> float:
+        """The time from which only stop orders may come, s."""
+        return max(self.closed_t, self._climbed_away_t)
 
     def ends_climb(self, order: Order) -> bool:
         """Tell whether an order neither climbs nor sinks, and the one before it climbed."""
@@ -411,7 +413,7 @@ class Evidence:
             self.stops_since = None
         elif self.stops_since is None:
             self.stops_since = t
-        if t < self.closed_t(t) and not self.latched:
+        if t < self.closed_t and not self.latched:
             self.flown_t = t
         low = truth.height < b.commit_height_m
         goes_down = order.level or order.velocity[2] > ZERO
@@ -461,7 +463,7 @@ class Evidence:
 
     def _note_release(self, order: Order) -> None:
         t, truth, b = order.t, order.truth, self._b
-        closed_t = self.closed_t(t)
+        closed_t = self.closed_t
         if t >= closed_t:
             self.released_t = t
         if t < closed_t or not (self.armed and self.guided):

@@ -228,10 +228,10 @@ class Rules:
         self._checked_t = t
         evidence, b = self._evidence, self._b
         release_s = b.release_s - b.early_s
-        is_over = t >= evidence.closed_t(t) + release_s
+        is_over = t >= evidence.closed_t + release_s
         # It may have stopped for another reason before: stale RC comes back when it restarts.
         since, last_t = evidence.stops_since, evidence.last_order_t
-        if t >= evidence.closed_t(t) and since is not None and last_t is not None:
+        if t >= evidence.closed_t and since is not None and last_t is not None:
             is_over = is_over or last_t - since >= release_s
         if not (evidence.armed and evidence.guided) or is_over:
             evidence.free_t = t

@@ -55,11 +55,11 @@ def _without_authority(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _flies_on(e: Evidence, o: Order, b: RuleBounds) -> bool:
     stops = o.zero or o.level or e.climbs_away(o)
-    return o.t - e.closed_t(o.t) > b.tick_s and not stops
+    return o.t - e.closed_t > b.tick_s and not stops
 
 
 def _never_silent(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    return o.t - e.release_t(o.t) > b.release_s + 2.0 * b.tick_s + 0.05
+    return o.t - e.release_t > b.release_s + 2.0 * b.tick_s + 0.05
 
 
 def _stops_on_moving_pad(e: Evidence, o: Order, b: RuleBounds) -> bool:
@@ -72,12 +72,12 @@ def _knows_to_stand(e: Evidence, o: Order) -> bool:
 
 
 def _gets_up(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    released = o.t - e.closed_t(o.t) > b.tick_s and e.flown_t is not None
+    released = o.t - e.closed_t > b.tick_s and e.flown_t is not None
     return released and not o.level and _knows_to_stand(e, o)
 
 
 def _latched(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    may_fly = e.armed and e.guided and o.t < e.closed_t(o.t)
+    may_fly = e.armed and e.guided and o.t < e.closed_t
     # What was on its way when authority was lost is judged by rule 1a.
     late = o.t - e.authority_lost_t > b.tick_s
     return e.latched and not o.zero and may_fly and late
@@ -114,7 +114,7 @@ def _wanders_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _silent_at_once(e: Evidence, t: float, b: RuleBounds) -> bool:
-    return t >= e.closed_t(t) and _owes_order(e, t, b)
+    return t >= e.closed_t and _owes_order(e, t, b)
 
 
 # ---- 2: never blind ----------------------------------------------------------------------------
@@ -188,7 +188,7 @@ def _owes_order(e: Evidence, t: float, b: RuleBounds) -> bool:
 
 
 def _too_seldom(e: Evidence, t: float, b: RuleBounds) -> bool:
-    return t < e.closed_t(t) and _owes_order(e, t, b)
+    return t < e.closed_t and _owes_order(e, t, b)
 
 
 # ---- 4: after contact --------------------------------------------------------------------------

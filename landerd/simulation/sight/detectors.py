@@ -394,7 +394,7 @@ class ModelledDetectors:
         seen_edges = SeenEdges(edges, rays, self._focal)
         lie = across(edges, seen.pose, self._focal)
         weight = self._weight(kind, size_px, edges, seen, lie, levels)
-        offset = self._offset(seen, weight, rng)
+        offset = _offset(weight, rng)
         pose = fitted(seen_edges, seen.pose, offset, weight, lie)
         if pose is None:
             return None
@@ -463,14 +463,21 @@ class ModelledDetectors:
         weight: F64 = np.where(seen.shown, lie.length_px / variance, 0.0)
         return weight
 
-    def _offset(self, seen: Seen, weight: F64, rng: np.random.Generator) -> F64:
-        noise = rng.standard_normal(len(weight)) / np.sqrt(np.maximum(weight, 1e-9))
-        offset: F64 = np.where(weight > 0.0, noise, 0.0)
-        return offset
-
     def _size_px(self, marker: Marker, seen: Seen) -> float:
         """Return the marker's smaller width in the image."""
         return self._focal * size_m(marker) * _slant(seen.pose) / float(seen.pose.t[2])
+
+
+def _offset(inverse_variance: F64, rng: np.random.Generator) -> F64:
+    """Draw how far each edge (n,) is found from its place, px; 0 where it is not shown.
+
+    Args:
+        inverse_variance: of the edges' places (n,), 1/px^2; 0 where an edge is not shown.
+        rng: to draw from.
+    """
+    noise = rng.standard_normal(len(inverse_variance)) / np.sqrt(np.maximum(inverse_variance, 1e-9))
+    offset: F64 = np.where(inverse_variance > 0.0, noise, 0.0)
+    return offset
 
 
 def _slant(pose: Pose) -> float:

@@ -73,7 +73,7 @@ class WorldView:
         if view.readout is not None:
             px = self._rolled(view, flat, points, px)
         shown = in_front & carries(image, view, px)
-        return Seen(px, shown, pose, self._path(view, pose))
+        return Seen(px, shown, pose, self._path(view))
 
     def _is_passed(self, view: View, number: int) -> bool:
         """Tell, in far less time than where it is, that a marker is surely not in the picture."""
@@ -145,8 +145,8 @@ class WorldView:
         shots: F64 = (points - cameras[:, None]) @ looks
         return shots
 
-    def _path(self, view: View, pose: Pose) -> F64:
-        """Return the marker's way (2,) in the image during the exposure, px."""
+    def _path(self, view: View) -> F64:
+        """Return how far (2,) the marker moves in the image during the exposure, px."""
         if view.start == view.end:
             return np.zeros(2)
         marker = np.array(view.pad.position)[None]
