@@ -1252,8 +1252,8 @@ MUTANTS = [
     Mutant(
         "5: a climb rate that the height contradicts is flown down on",
         "landerd/guidance/landing_context.py",
-        "otherwise = self.estimator.poses.climbs_otherwise(step.now)",
-        "otherwise = False",
+        "wrong_climb = self.estimator.poses.climb_rate_is_wrong(step.now)",
+        "wrong_climb = False",
         "guidance/test_health.py"
         "::test_a_climb_rate_that_the_height_contradicts_is_not_flown_down_on",
     ),
@@ -1268,7 +1268,7 @@ MUTANTS = [
     Mutant(
         "5: told to climb as it stands on the pad with a wrong climb rate",
         "landerd/guidance/rest.py",
-        "up = abs(changes if sight.climbs_otherwise else relative.error_rate[2])",
+        "up = abs(changes if sight.climb_rate_is_wrong else relative.error_rate[2])",
         "up = abs(relative.error_rate[2])",
         "guidance/test_health.py::test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there",
     ),

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from landerd.geometry import Vec3, matmul, rot_y, rot_z, rot_zyx
-from landerd.gimbal_frames import base, look
+from landerd.gimbal_frames import rotation_local_base, rotation_local_gimbal
 from landerd.messages import Reference
 
 LEANS = st.floats(-0.4, 0.4)
@@ -20,18 +20,18 @@ def test_servos_are_placed_alike_by_the_airframe_and_by_a_sensor_on_the_camera(
 ) -> None:
     attitude: Vec3 = (roll, pitch, heading)
     true = matmul(rot_zyx(heading, pitch, roll), matmul(rot_z(yaw), rot_y(servo)))
-    by_body = look(Reference.BODY, attitude, (yaw, servo, 0.0))
+    by_body = rotation_local_gimbal(Reference.BODY, attitude, (yaw, servo, 0.0))
     # What an accelerometer on the camera tells: the last row is gravity in its frame.
     felt = math.atan2(-true[2][0], true[2][2])
-    by_tilt = look(Reference.TILT, attitude, (yaw, felt, 0.0))
+    by_tilt = rotation_local_gimbal(Reference.TILT, attitude, (yaw, felt, 0.0))
     for i in range(3):
         assert by_body[i] == pytest.approx(true[i], abs=1e-9)
         assert by_tilt[i] == pytest.approx(true[i], abs=1e-9)
 
 
 def test_a_stabilised_gimbal_takes_out_the_lean_and_goes_with_the_heading() -> None:
-    assert look(Reference.HORIZON, (0.3, -0.2, 0.5), (0.1, -0.6, 0.0)) == look(
-        Reference.HORIZON, (0.0, 0.0, 0.5), (0.1, -0.6, 0.0)
-    )
-    assert base(Reference.HORIZON, (0.3, -0.2, 0.5)) == rot_z(0.5)
-    assert base(Reference.BODY, (0.3, -0.2, 0.5)) == rot_zyx(0.5, -0.2, 0.3)
+    assert rotation_local_gimbal(
+        Reference.HORIZON, (0.3, -0.2, 0.5), (0.1, -0.6, 0.0)
+    ) == rotation_local_gimbal(Reference.HORIZON, (0.0, 0.0, 0.5), (0.1, -0.6, 0.0))
+    assert rotation_local_base(Reference.HORIZON, (0.3, -0.2, 0.5)) == rot_z(0.5)
+    assert rotation_local_base(Reference.BODY, (0.3, -0.2, 0.5)) == rot_zyx(0.5, -0.2, 0.3)

@@ -110,7 +110,9 @@ class RecordedVehicle:
             return None
         roll, pitch, yaw = attitude[:3]
         angles = (gimbal.yaw, gimbal.pitch, gimbal.roll)
-        R_local_gimbal = gimbal_frames.look(gimbal.reference, (roll, pitch, yaw), angles)
+        R_local_gimbal = gimbal_frames.rotation_local_gimbal(
+            gimbal.reference, (roll, pitch, yaw), angles
+        )
         return matmul(R_local_gimbal, R_GIMBAL_CAMERA)
 
     def body(self, t: float) -> tuple[Vec3, Mat3] | None:

@@ -1,4 +1,4 @@
-"""Where the errors that all frames have in common are linearised, free of one picture's noise."""
+"""The linearisation point of the measurement biases, kept free of a single picture's noise."""
 
 import math
 
@@ -6,44 +6,46 @@ from landerd.estimation.motion_filter import Jacobian, MotionFilter
 from landerd.estimation.observation import BiasModel, PadObservation
 from landerd.geometry import Vec3, add, clamp, dot, rotate, scale, sub, unit
 
-RANGE_TIME_CONSTANT_S = 2.0  # of the errors of ranges, which change as the pad comes nearer
-ANOTHER_MARKER = 2.0  # by which is seen what says that its range errs by so much more, or less
-# Over which the camera's axes are told that the lens errs about, s, while they turn by less than
-# this, rad. In the newest frame they are as noisy as what it shows: 1.2 m behind a pad of 1 m/s,
-# 6 m up, that taught the filter 0.05 degrees of the lens a second, without end. Axes that lag a
-# turn tell of the lens too: with 3 degrees one that was 2 degrees off was taken for 0.4 +- 0.5.
+RANGE_TIME_CONSTANT_S = 2.0  # of range errors, which change as the pad comes nearer
+ANOTHER_MARKER = 2.0  # a range error that changes by this factor is that of another marker
+# The axes that the lens errs about are smoothed over this time constant, s, unless they turn by
+# more than this, rad. Taken from the newest frame they are as noisy as the sighting: 1.2 m behind a
+# pad of 1 m/s, 6 m up, the filter then learned 0.05 degrees of lens error a second, without end.
+# Axes that lag a turn mislead too: with 3 degrees in place of 0.25 a lens that was off by 2 degrees
+# was estimated at 0.4 +- 0.5.
 AXES_TIME_CONSTANT_S, AXES_TURN = 0.3, math.radians(0.25)
 
 
 class BiasLinearisation:
-    """Averages what the Jacobian of the biases goes by; call `average` once for each frame."""
+    """Smooths the inputs of the biases' Jacobian; call `average` once for each frame."""
 
     def __init__(self) -> None:
-        # On average: how far down the pad is, local, m; what its ranges err by alike, 1 sigma.
+        # Means of: local z of the pad, m; 1 sigma of common range errors, a share of the range.
         self._down = self._range_share = 0.0
-        self._axes: tuple[float, Vec3, Vec3] | None = None  # the camera's x and y: when, local
+        self._axes: tuple[float, Vec3, Vec3] | None = None  # the camera's x and y: s, local, local
 
     def start(self, seen: PadObservation) -> None:
-        """Begin anew from one observation."""
+        """Start afresh from one observation."""
         self._down, self._range_share = seen.position[2], seen.biases.range_share
         self._axes = (seen.t, seen.biases.about_x, seen.biases.about_y)
 
     def jacobian(self, seen: PadObservation, motion: MotionFilter) -> Jacobian:
-        """Return how the biases move what is seen where it should be seen.
+        """Return the Jacobian of a sighting with respect to the biases, at the predicted position.
 
-        Were it where it is seen, every sighting's noise would tell of the lens: hovering at 2 m,
-        of ranges that erred by 2 % from picture to picture, it learned 3 degrees within 10 s. (An
-        EKF that linearises where its newest measurement moved it learns what it cannot observe:
-        Huang, Mourikis and Roumeliotis 2010.)
+        Linearised at the measured position instead, each sighting's noise would count as evidence
+        on the lens: hovering at 2 m with ranges that erred by 2 % from picture to picture, the
+        filter learned 3 degrees within 10 s. (An EKF gains spurious information about what it
+        cannot observe when its linearisation point moves with each measurement: Huang, Mourikis
+        and Roumeliotis 2010.)
         """
         biases = self._with_steady_axes(seen)
         camera = sub(seen.position, seen.arm)
         arm = sub((motion.position[0], motion.position[1], self._down), camera)
-        shown = shown_by(motion, biases.jacobian(arm, self._range_share))
+        shown = apparent_shift(motion, biases.jacobian(arm, self._range_share))
         return biases.jacobian(add(arm, shown), self._range_share)
 
     def _with_steady_axes(self, seen: PadObservation) -> BiasModel:
-        """Return how the biases move what is seen, about axes that are free of its noise."""
+        """Return a sighting's bias model with smoothed axes of the camera."""
         new = seen.biases
         if self._axes is None:
             return new
@@ -56,12 +58,11 @@ class BiasLinearisation:
         return new._replace(about_x=x, about_y=y)
 
     def average(self, seen: PadObservation, dt: float, pad_down: float) -> None:
-        """Go on with what the Jacobian goes by, free of one picture's noise.
+        """Take one frame into the means.
 
         Args:
-            seen: says what its range may err by alike: that goes up and down with the range as it
-                was measured.
-            dt: since the last one, s.
+            seen: the frame's observation; the range error it states is as noisy as its range.
+            dt: since the last frame, s.
             pad_down: local z of the pad as predicted, m.
         """
         range_share, steady = seen.biases.range_share, self._with_steady_axes(seen)
@@ -74,10 +75,10 @@ class BiasLinearisation:
         self._down += newer * (pad_down - self._down)
 
 
-def shown_by(motion: MotionFilter, B: Jacobian) -> Vec3:
-    """Return how far from where it is the errors common to all frames show the pad, m.
+def apparent_shift(motion: MotionFilter, B: Jacobian) -> Vec3:
+    """Return measured minus true position of the pad that the biases cause, local NED, m.
 
-    But those of the clocks, which are put right where pictures are placed.
+    Without those of the clocks, which `ObservationModel.observe` has corrected already.
     """
     (x, y, _), (_, range_, heading) = motion.biases
     return add(rotate(B[0], (x, y, 0.0)), rotate(B[1], (0.0, range_, heading)))

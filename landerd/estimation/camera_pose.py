@@ -1,8 +1,8 @@
-"""Where the camera was and how it looked, at the time of an exposure (thesis 2.3.6).
+"""The camera's pose in local NED at the time of an exposure (thesis 2.3.6).
 
-The thesis takes the camera's angles only; here the airframe's roll and pitch are part of the chain
-of rotations (its chapter 5 asks for that), and a gimbal may measure against the body or against the
-horizon.
+The thesis uses the gimbal's angles only; here the airframe's roll and pitch are part of the chain
+of rotations (its chapter 5 asks for that), and a gimbal's angles may be relative to the body or to
+the horizon.
 """
 
 import math
@@ -31,35 +31,37 @@ from landerd.geometry import (
 from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
 
 DOWN: Vec3 = (0.0, 0.0, 1.0)  # gravity, local NED
-# Beyond its newest report a gimbal is taken to look on as it did for so long, s: one and a half
-# periods of the slowest that is asked (10 Hz). Held for 0.3 s, the angles of one that went silent
-# as it turned let a pad turn that did not, and its velocity with it.
+# A gimbal's newest angles are held for this long, s: one and a half periods of the slowest report
+# rate asked for (10 Hz). Held for 0.3 s, the angles of a gimbal that went silent while it turned
+# made a standing pad turn, and its velocity with it.
 GIMBAL_HELD_S = 0.15
-# Between two positions, beyond what their velocities explain, m: the autopilot has moved its local
-# frame (a reset of its EKF). Chosen by hand: no flight within the limits explains as much.
+# A change of position beyond what the velocities explain, m, from which on the autopilot has moved
+# its local frame (a reset of its EKF). Chosen by hand: no flight within the limits explains it.
 FRAME_JUMP_M = 0.3
-# In which the position follows the autopilot's, s, beside what its velocity says at once. GPS has
-# it wander by some centimetres in a second, which is no motion: taken at once it was taken for the
-# pad's, and flown after. And slowly beside the controllers' integrals (3 s): where the velocity is
-# off by a constant, the one that is flown is too, and only a pad that is seen from what goes by it
-# is flown to without an error. With 2 s it touched down 4 cm off from low over the pad.
+# Time constant of the complementary filter in which the position follows the autopilot's, s; short
+# of it the reported velocity is integrated. GPS makes the position wander by centimetres a second:
+# followed at once, that looks like motion of the pad, and is flown after. It is also slow beside
+# the controllers' integrals (3 s). Where the reported velocity has a constant error, so has the
+# flown one, and the error cancels only for a pad placed by the integral of that same velocity: with
+# 2 s the vehicle touched down 4 cm off, coming from low over the pad.
 POSITION_TIME_CONSTANT_S = 20.0
-# No vehicle is faster from one report to the next, m/s^2, and by a knock, m/s; nor turns otherwise
-# than its rate says, rad/s^2, and what noise adds, rad. Chosen by hand, well above what flies.
+# Bounds of what is physically possible from one report to the next: acceleration, m/s^2, and a
+# sudden change of velocity by a knock, m/s; change of the yaw rate, rad/s^2, and heading noise,
+# rad. Chosen by hand, well above what flies.
 FASTEST_MPS2, KNOCK_MPS = 50.0, 1.0
 FASTEST_TURN, HEADING_NOISE = math.radians(400.0), math.radians(3.0)
-# Once a heading has jumped otherwise, one is believed that has been said for so long, s; until then
-# the vehicle turns as its rates say, which gyros tell well for seconds. Of headings at random two
-# in a row agree every now and then, and one in five is near the last: the pad's heading went with
+# A heading that has jumped is believed once reports have agreed for this long, s; until then the
+# gyros' rates are integrated, which holds for seconds. Of random headings two in a row agree every
+# now and then, and one in five is near the last good one: without this the pad's heading followed
 # them, and took a second to come back.
 HEADING_BELIEVED_S = 0.2
-# Height and climb rate come from one filter and agree: in 60 flights of ArduCopter in SITL, with
-# wind, vibration, GPS and barometer off, they differed by 0.4 m/s at most over a second. Both
-# accelerometers off by 1 m/s^2 made it 5: it took itself to sink while it hovered, its controller
-# to be behind, and as soon as it knew better it fell by 6 m/s.
+# The autopilot's height and climb rate come from one filter and should agree: in 60 flights of
+# ArduCopter in SITL, with wind, vibration and errors of GPS and barometer, they differed by 0.4 m/s
+# at most over a second. With both accelerometers off by 1 m/s^2 it was 5: the autopilot believed
+# that it sank while it hovered, its controller climbed, and once corrected it fell at 6 m/s.
 CLIMB_RATE_ERROR_S = 1.0
 WRONG_CLIMB_MPS = 0.5
-RIGHT_AGAIN_S = 10.0  # and agree again once they have for so long: it was off, right, and off again
+RIGHT_AGAIN_S = 10.0  # agreement must last this long to be believed: the error came back once
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,12 +75,13 @@ class CameraPose:
 class PoseHistory:
     """Position, attitude and gimbal angles of the last second, and the camera's pose from them.
 
-    Positions are the autopilot's without their noise and wander: they go by its velocity, and
-    follow what it says of its position in POSITION_TIME_CONSTANT_S. Where that is off, pad and
-    vehicle are alike. Where it moves its local frame, the frame of before is gone on with.
+    Positions are the autopilot's without their noise and wander: its velocity is integrated, and
+    the result follows the reported position with POSITION_TIME_CONSTANT_S. An error of that is
+    common to pad and vehicle. When the autopilot moves its local frame or resets its heading, the
+    old ones are kept, and reports are converted to them.
 
     Attributes:
-        turned: by which the autopilot's heading is larger than the one that is gone on with, rad.
+        heading_offset: the autopilot's heading minus the one kept, rad.
     """
 
     def __init__(self, config: Config) -> None:
@@ -87,8 +90,8 @@ class PoseHistory:
         self._gimbal_lag_s = config.gimbal.lag_s
         self._R_gimbal_camera = camera_mount(config.gimbal.camera_rotation_deg)
         fresh = config.freshness
-        # Held where it was last told it would fall behind a vehicle that goes along with a fast
-        # pad, and the pad would seem to brake.
+        # Extrapolated as long as it is known: held, it would fall behind a vehicle that follows a
+        # fast pad, and the pad would seem to brake.
         self.position = History(
             angles=[False] * 6,
             max_gap_s=fresh.position_s,
@@ -104,34 +107,34 @@ class PoseHistory:
             angles=[True] * 3, max_gap_s=fresh.gimbal_s, held_s=min(GIMBAL_HELD_S, fresh.gimbal_s)
         )
         self._reference = Reference.BODY
-        self.turned = 0.0
-        self._frame = ZERO  # by which the autopilot's local frame has moved from this one, m
-        self._measured = ZERO  # the newest position as it was told, in this frame, m
-        self._wrong_climb_t = -math.inf  # when they did not agree last, s
-        self._climb_error = 0.0  # of the climb rate against the height, lately, m/s
+        self.heading_offset = 0.0
+        self._frame = ZERO  # displacement of the autopilot's local frame from the one kept, m
+        self._measured = ZERO  # the newest reported position, in the frame kept, m
+        self._wrong_climb_t = -math.inf  # last time that height and climb rate disagreed, s
+        self._climb_error = 0.0  # low-passed change of height minus climb rate, m/s, down
         self._velocities, self._headings = OutlierRejector(), OutlierRejector(HEADING_BELIEVED_S)
 
     def add(
         self, message: LocalPosition | Attitude | GimbalState, *, keeps_heading: bool = False
     ) -> None:
-        """Take a measurement in; one that is not newer than its predecessor is dropped.
+        """Take a measurement; one that is not newer than its predecessor is dropped.
 
-        So is a velocity that jumps as nothing can, unless the next one says the same; of an
-        attitude whose heading does, all but that is taken.
+        A velocity that jumps as no vehicle can is dropped too, unless the next one agrees with it;
+        of an attitude whose heading jumps all but the heading is taken.
 
         Args:
             message: the measurement.
-            keeps_heading: where the autopilot sets its heading anew, the old one is gone on with.
+            keeps_heading: the old heading is kept when the autopilot resets its own.
         """
         if isinstance(message, LocalPosition):
             self._add_position(message)
         elif isinstance(message, Attitude):
             if not keeps_heading:
-                self.turned = 0.0
-            yaw = wrap(message.yaw - self.turned)
-            said = (message.roll, message.pitch, yaw, *message.rates)
-            turned = self._turned(message.t, said, keeps_heading=keeps_heading)
-            self.attitude.add(message.t, turned)
+                self.heading_offset = 0.0
+            yaw = wrap(message.yaw - self.heading_offset)
+            reported = (message.roll, message.pitch, yaw, *message.rates)
+            attitude = self._with_heading(message.t, reported, keeps_heading=keeps_heading)
+            self.attitude.add(message.t, attitude)
         else:
             self._reference = message.reference
             t, yaw, pitch = message.t, message.yaw, message.pitch
@@ -139,21 +142,21 @@ class PoseHistory:
             pitch = pitch if message.pitch_measured else self._lagged(t, pitch, 1)
             self.gimbal.add(t, (yaw, pitch, message.roll))
 
-    def _turned(self, t: float, said: Values, *, keeps_heading: bool) -> Values:
-        """Return an attitude of time t (s) as it is said; where its heading jumps, by its rates."""
+    def _with_heading(self, t: float, reported: Values, *, keeps_heading: bool) -> Values:
+        """Return an attitude reported for time t (s), a jump of its heading taken out."""
         before = self.attitude.just_before(t)
         if before is None:
-            return said
+            return reported
         dt, last = before
-        rate_before, rate = (euler_rates(at[0], at[1], at[3:])[2] for at in (last, said))
+        rate_before, rate = (euler_rates(at[0], at[1], at[3:])[2] for at in (last, reported))
         expected = wrap(last[2] + 0.5 * dt * (rate_before + rate))
         most = HEADING_NOISE + 0.5 * FASTEST_TURN * dt * dt
-        jump = (0.0, 0.0, wrap(said[2] - expected))
+        jump = (0.0, 0.0, wrap(reported[2] - expected))
         if not self._headings.rejects(t, jump, most):
             if not keeps_heading or abs(jump[2]) <= most:
-                return said
-            self.turned = wrap(self.turned + jump[2])
-        return (*said[:2], expected, *said[3:])
+                return reported
+            self.heading_offset = wrap(self.heading_offset + jump[2])
+        return (*reported[:2], expected, *reported[3:])
 
     def _speeds_up_too_fast(self, new: LocalPosition) -> bool:
         before = self.position.just_before(new.t)
@@ -164,9 +167,12 @@ class PoseHistory:
         return self._velocities.rejects(new.t, sub(new.velocity, (u, v, w)), most)
 
     def _lagged(self, t: float, ordered: float, axis: int) -> float:
-        """Return where an axis that only tells its order (rad) is at t (s): a first-order lag.
+        """Return the modelled angle (rad) at t (s) of an axis that only reports its set-point.
 
-        Axis: its place in the gimbal's history.
+        Args:
+            t: of the report, s.
+            ordered: the set-point, rad; the axis follows it with a first-order lag.
+            axis: index of the axis in the gimbal's history.
         """
         last = self.gimbal.newest
         if last is None:
@@ -176,7 +182,7 @@ class PoseHistory:
         return wrap(angle + share * wrap(ordered - angle))
 
     def _add_position(self, new: LocalPosition) -> None:
-        """Take a position in by a complementary filter."""
+        """Take a position and velocity into the complementary filter."""
         last = self.position.newest
         if last is not None and (new.t <= last[0] or self._speeds_up_too_fast(new)):
             return
@@ -200,14 +206,23 @@ class PoseHistory:
         self.position.add(new.t, (*position, *new.velocity))
 
     def _compare_climb(self, t: float, beyond: float, dt: float) -> None:
-        """Take by how much the height has changed beyond its rate, m, in dt until t, s."""
+        """Compare height and climb rate.
+
+        Args:
+            t: of the report, s.
+            beyond: change of the local z since the last report minus what its rate explains, m.
+            dt: since the last report, s.
+        """
         k = min(1.0, dt / CLIMB_RATE_ERROR_S)
         self._climb_error += k * (beyond / dt - self._climb_error)
         if abs(self._climb_error) > WRONG_CLIMB_MPS:
             self._wrong_climb_t = t
 
     def _moved(self, new: LocalPosition) -> Vec3 | None:
-        """Return how far it has moved since the newest position by velocity, m; None: too long."""
+        """Return the displacement since the newest position by the velocities, m.
+
+        None where the gap is longer than max_gap_s.
+        """
         before = self.position.just_before(new.t)
         if before is None:
             return None
@@ -215,10 +230,10 @@ class PoseHistory:
         return scale(add((u, v, w), new.velocity), 0.5 * dt)
 
     def forget_autopilot(self) -> None:
-        """Drop all that came from the autopilot: it restarted, its frame may be another."""
+        """Drop all that came from the autopilot: it restarted, and its frame may be another."""
         self.position.clear()
         self.attitude.clear()
-        self._frame, self.turned, self._climb_error = ZERO, 0.0, 0.0
+        self._frame, self.heading_offset, self._climb_error = ZERO, 0.0, 0.0
         self._wrong_climb_t = -math.inf
 
     def camera_pose(self, t: float, *, gimbal_back_s: float = 0.0) -> CameraPose | None:
@@ -226,7 +241,7 @@ class PoseHistory:
 
         Args:
             t: s.
-            gimbal_back_s: how much older the gimbal's angles are to be.
+            gimbal_back_s: how much earlier than the attitude the gimbal's angles are stamped, s.
         """
         position, attitude = self.position.at(t), self.attitude.at(t)
         gimbal = self.gimbal.at(t - gimbal_back_s)
@@ -235,10 +250,10 @@ class PoseHistory:
         roll, pitch, yaw = attitude[:3]
         origin = (position[0], position[1], position[2])
         pivot = add(origin, rotate(rot_zyx(yaw, pitch, roll), self._camera_offset))
-        return CameraPose(pivot, self._looks(attitude, gimbal))
+        return CameraPose(pivot, self._compose_rotation(attitude, gimbal))
 
     def feet(self, t: float) -> tuple[Vec3, Vec3] | None:
-        """Return the centre of the feet at time t (local, m), and the way from there to the camera.
+        """Return the centre of the feet and the vector from there to the camera at t (s), local, m.
 
         None where position or attitude does not reach.
         """
@@ -256,17 +271,19 @@ class PoseHistory:
         gimbal = self.gimbal.at(t - gimbal_back_s)
         if attitude is None or gimbal is None:
             return None
-        return self._looks(attitude, gimbal)
+        return self._compose_rotation(attitude, gimbal)
 
-    def _looks(self, attitude: Values, gimbal: Values) -> Mat3:
-        """Return R_local_camera, from what the histories have."""
+    def _compose_rotation(self, attitude: Values, gimbal: Values) -> Mat3:
+        """Return R_local_camera from values of the attitude's and the gimbal's history."""
         roll, pitch, yaw = attitude[:3]
         angles = (gimbal[0], gimbal[1], gimbal[2])
-        R_local_gimbal = gimbal_frames.look(self._reference, (roll, pitch, yaw), angles)
+        R_local_gimbal = gimbal_frames.rotation_local_gimbal(
+            self._reference, (roll, pitch, yaw), angles
+        )
         return matmul(R_local_gimbal, self._R_gimbal_camera)
 
-    def climbs_otherwise(self, now: float) -> bool:
-        """Tell whether the autopilot's height changes, or did lately, otherwise than it says."""
+    def climb_rate_is_wrong(self, now: float) -> bool:
+        """Tell whether the autopilot's climb rate disagrees, or did lately, with its height."""
         return now - self._wrong_climb_t < RIGHT_AGAIN_S
 
     def velocity(self, t: float) -> Vec3:
@@ -275,14 +292,14 @@ class PoseHistory:
         return (p[3], p[4], p[5]) if p is not None else ZERO
 
     def down(self, t: float, *, gimbal_back_s: float = 0.0) -> Vec3 | None:
-        """Return gravity's direction in the camera frame at time t, None as `camera_rotation`."""
+        """Return the unit vector of gravity in the camera frame at t (s); None: not known."""
         R = self.camera_rotation(t, gimbal_back_s=gimbal_back_s)
         return None if R is None else rotate(transpose(R), DOWN)
 
     def gimbal_base(self, ahead_s: float) -> tuple[Vec3, Mat3] | None:
         """Return the gimbal's pivot (local, m) and R_local_base, ahead_s after the newest attitude.
 
-        The base is what the gimbal's angles are measured against: the airframe, or the horizon.
+        The base is the frame that the gimbal is aimed in (gimbal_frames.rotation_local_base).
         """
         position, attitude = self.position.newest, self.attitude.newest
         if position is None or attitude is None:
@@ -294,4 +311,4 @@ class PoseHistory:
         R = rot_zyx(yaw, pitch, roll)
         origin = (x + dt * u, y + dt * v, z + dt * w)
         pivot = add(origin, rotate(R, self._camera_offset))
-        return pivot, gimbal_frames.base(self._reference, (roll, pitch, yaw))
+        return pivot, gimbal_frames.rotation_local_base(self._reference, (roll, pitch, yaw))

@@ -1,78 +1,83 @@
-"""Whether a pad's velocity turns with its heading, told by the innovations of a Kalman filter.
+"""Does a pad's velocity turn with its heading? Estimated from the motion filter's innovations.
 
-A pad on a vehicle drives where it looks: its velocity turns as its heading does. A barge turns
-about itself and drifts straight on. The coupling is the part of the heading's turn rate that the
-velocity turns with: 1 or 0. It is estimated beside the filter's state, whose error by a wrong
-coupling is followed through every step (separate bias estimation: Friedland 1969, "Treatment of
-bias in recursive filtering", IEEE Trans. Automatic Control 14). The velocity is turned with the
-expectation of the two by Bayes' rule: what noise makes of a vehicle's coupling, 0.8 or 1.2, turns
-it no less.
+A pad on a vehicle drives the way it points: its velocity vector turns at the rate of its heading.
+A barge yaws about its own axis and drifts straight on. The coupling is the share of the heading's
+turn rate that the velocity turns at, and is either 1 or 0.
+
+It is estimated beside the filter's state: the sensitivity of that state to a wrong coupling is
+carried through every predict and correct step (separate bias estimation: Friedland 1969, "Treatment
+of bias in recursive filtering", IEEE Trans. Automatic Control 14). The raw estimate is noisy and
+may come out as 0.8 or 1.2; the filter turns the velocity by the probability, by Bayes' rule, that
+the true value is 1.
 """
 
 import math
 
 from landerd.geometry import ZERO, Mat3, Vec3, add, clamp, dot, rot_z, rotate, scale
 
-# Of pads that turn, so many drive where they look as long as nothing is seen of it.
-DRIVE_WHERE_THEY_LOOK = 0.95
-# Of the estimate, at most, and how the coupling may change, per sqrt(s): one that drives may begin
-# to turn about itself. By trial: one that turns by 8 degrees a second and drives straight at
-# 1.5 m/s is told within 5 to 10 s; 44 field days of pads that circle end as they did without.
+# Prior probability that the velocity of a turning pad turns with its heading.
+PRIOR_COUPLED = 0.95
+# Largest sigma of the estimate, and its random walk per sqrt(s): a pad that drives may begin to
+# turn on the spot. By trial: a pad that yaws at 8 deg/s while it drifts straight at 1.5 m/s is
+# recognised within 5 to 10 s, and 44 field days with circling pads end as they did without.
 SIGMA, RANDOM_WALK = 1.0, 0.1
-# How sharply the two are told apart at best: few pads do something between them.
+# Smallest sigma in Bayes' rule: the decision is never sharper than this, as a few pads do
+# something between the two.
 LEAST_SIGMA = 0.2
 
-# Position (m), velocity (m/s) and both blocks of biases, or changes of them.
-State = tuple[Vec3, Vec3, Vec3, Vec3]
+# The blocks p, v, b and g of estimation.motion_filter, or a change of them.
+FilterState = tuple[Vec3, Vec3, Vec3, Vec3]
 
 
 class Coupling:
     """The coupling of one pad.
 
     Attributes:
-        value: its expectation, 0 to 1: by it the filter turns the velocity.
-        estimate: by innovations alone, without knowing that it is 0 or 1.
+        value: probability that the coupling is 1; the filter turns the velocity by it.
+        estimate: from the innovations alone, ignoring that the true value is 0 or 1.
         variance: of the estimate.
-        by: derivative of the filter's state by the coupling.
+        sensitivity: derivative of the filter's state with respect to the coupling.
     """
 
     def __init__(self) -> None:
-        """Assume it of a new pad, whose velocity is not known: no error is due to it yet."""
-        self.value = DRIVE_WHERE_THEY_LOOK
+        """Begin for a new pad: no error of its state is due to the coupling yet."""
+        self.value = PRIOR_COUPLED
         self.estimate, self.variance = 0.5, SIGMA * SIGMA
-        self.by: State = (ZERO, ZERO, ZERO, ZERO)
+        self.sensitivity: FilterState = (ZERO, ZERO, ZERO, ZERO)
 
     def predict(self, dt: float, turn_rate: float, velocity: Vec3) -> None:
-        """Go on by dt, s, of a pad of this turn rate (rad/s) and velocity (m/s)."""
+        """Predict over dt (s) for a pad with this turn rate (rad/s) and velocity (local, m/s)."""
         north, east, _ = velocity
         acceleration = (-turn_rate * east, turn_rate * north, 0.0)
-        p, v, b, g = self.by
+        p, v, b, g = self.sensitivity
         p = add(add(p, scale(v, dt)), scale(acceleration, 0.5 * dt * dt))
         v = rotate(rot_z(self.value * turn_rate * dt), v)
-        self.by = (p, add(v, scale(acceleration, dt)), b, g)
+        self.sensitivity = (p, add(v, scale(acceleration, dt)), b, g)
         self.variance = min(self.variance + RANDOM_WALK * RANDOM_WALK * dt, SIGMA * SIGMA)
 
-    def correct(self, innovation: Vec3, by_coupling: Vec3, S_inverse: Mat3, by: State) -> State:
-        """Take an innovation in and return how the state changes by what is learned of it.
+    def correct(
+        self, innovation: Vec3, jacobian: Vec3, S_inverse: Mat3, sensitivity: FilterState
+    ) -> FilterState:
+        """Take an innovation in; return the change that the new coupling makes to the filter state.
 
         Args:
             innovation: m.
-            by_coupling: derivative by the coupling of what was expected, m.
-            S_inverse: of the innovation's covariance as it is if the coupling is right, 1/m^2.
-            by: derivative of the state by it, after the state was corrected.
+            jacobian: derivative of the predicted measurement with respect to the coupling, m.
+            S_inverse: inverse of the innovation's covariance for the right coupling, 1/m^2.
+            sensitivity: of the state to the coupling, after this measurement's correction.
         """
-        told = rotate(S_inverse, by_coupling)
-        information = dot(by_coupling, told)
+        weighted = rotate(S_inverse, jacobian)
+        information = dot(jacobian, weighted)
         self.variance /= 1.0 + self.variance * information
-        off = dot(told, innovation) - information * (self.estimate - self.value)
-        self.estimate += self.variance * off
-        value = self._expectation()
-        change, self.value, self.by = value - self.value, value, by
-        p, v, b, g = by
+        residual = dot(weighted, innovation) - information * (self.estimate - self.value)
+        self.estimate += self.variance * residual
+        value = self._probability()
+        change, self.value, self.sensitivity = value - self.value, value, sensitivity
+        p, v, b, g = sensitivity
         return scale(p, change), scale(v, change), scale(b, change), scale(g, change)
 
-    def _expectation(self) -> float:
-        """Return the probability of 1 where else it is 0, by the estimate and Bayes' rule."""
+    def _probability(self) -> float:
+        """Return the probability that the coupling is 1 and not 0, by Bayes' rule."""
         log_odds = (self.estimate - 0.5) / max(self.variance, LEAST_SIGMA * LEAST_SIGMA)
-        prior = DRIVE_WHERE_THEY_LOOK / (1.0 - DRIVE_WHERE_THEY_LOOK)
+        prior = PRIOR_COUPLED / (1.0 - PRIOR_COUPLED)
         return 1.0 / (1.0 + math.exp(clamp(-log_odds, -50.0, 50.0)) / prior)

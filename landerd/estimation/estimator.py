@@ -1,4 +1,4 @@
-"""What is known of vehicle, camera and pad: telemetry and sightings in, estimates out."""
+"""The estimator: telemetry and sightings in; vehicle, pad and camera prior out."""
 
 import math
 from dataclasses import replace
@@ -29,24 +29,25 @@ from landerd.messages import (
     Sightings,
 )
 
-# A number of a pose beyond this (m, m^2, rad or chi-square) comes from a fit that failed: no camera
-# sees a thousand kilometres. A variance of 1e160 overflowed in the filter.
+# A number of a pose beyond this (m, m^2, rad or chi-square) comes from a failed fit: no camera sees
+# a thousand kilometres. A variance of 1e160 overflowed in the filter.
 MAX_PLAUSIBLE = 1e6
-PRIOR_KEEP_S = 1.0  # after a sighting vision is told for so long where the pad is; chosen by hand
+PRIOR_KEEP_S = 1.0  # how long after a sighting vision gets the pad as a prior; chosen by hand
 
 
 class Estimator:
-    """Places sightings by the telemetry of their exposure and filters them.
+    """Places sightings in local NED by the telemetry at their exposure, and filters them.
 
     Attributes:
         poses: position, attitude and gimbal angles of the last second.
         sighting_t: exposure of the last sighting that the filter accepted, s; -inf: none.
         refused_t: exposure of the last frame whose pad the filter refused, s; -inf: none.
         other: exposure of the last frame with another pad, s, and its tag's id; None: none.
-        frame_t: exposure of the newest frame that vision has searched, s; -inf: none.
-        searched_t: the last control step before that frame had been searched, s; -inf: none.
-        last_fix: of the newest frame that shows a pad, accepted or not; None: none.
-        health: of what was seen so far.
+        frame_t: exposure of the newest frame that vision has searched, by the camera's own clock,
+            s; -inf: none.
+        searched_t: the last control step before the result of that frame came, s; -inf: none.
+        last_fix: from the newest frame that shows a pad, accepted or not; None: none.
+        health: whether sightings fit their predictions, and how old they are when used.
     """
 
     def __init__(self, config: Config) -> None:
@@ -62,25 +63,25 @@ class Estimator:
         self.frame_t = self.searched_t = self._tick_t = -math.inf
         self.last_fix: PadFix | None = None
         self.health = HealthMonitor(config.estimation.gate_sigma**2)
-        # How wrong the times of the autopilot's data and of the pictures may be, s.
+        # Uncertainty of the times of the autopilot's data and of the pictures, s.
         self._clock_s = self._picture_clock_s = 0.0
-        self._is_gimbal_autopilots = False  # its angles come over the autopilot's link
+        self._gimbal_from_autopilot = False  # its angles come over the autopilot's link
 
     # ---- inputs --------------------------------------------------------------------------------
 
     def on_telemetry(self, message: LocalPosition | Attitude | GimbalState) -> None:
         """Take a measurement.
 
-        While a pad is known the heading goes on by which it was seen so far: one that the autopilot
-        sets anew may be wrong, and where it is right the old one did as well.
+        While a pad is known, a reset of the autopilot's heading is not followed: the new heading
+        may be wrong, and if it is right the old one served as well.
         """
         if isinstance(message, GimbalState):
-            self._is_gimbal_autopilots = message.from_autopilot
+            self._gimbal_from_autopilot = message.from_autopilot
         is_known = message.t - self.sighting_t <= MAX_GAP_S
         self.poses.add(message, keeps_heading=is_known)
 
     def on_clock(self, clock: ClockSync) -> None:
-        """Take how well the autopilot's clock is known: its data may be so much older."""
+        """Take the uncertainty of the autopilot's clock: its data may be older by that much."""
         self._clock_s = clock.uncertainty_s
         self._filter.on_clock(math.hypot(self._clock_s, self._picture_clock_s))
 
@@ -89,7 +90,7 @@ class Estimator:
 
         Returns:
             the frame's observations if one of them was accepted, else an empty list; None for a
-            frame that is late, comes twice or has no time: it is not looked at.
+            frame that is ignored: not newer than the last one, or without a time.
         """
         if not sightings.t > self.frame_t:
             return None
@@ -124,13 +125,13 @@ class Estimator:
         return observations
 
     def on_tick(self, now: float) -> None:
-        """A control step begins, at time now (s)."""
+        """Note that a control step begins, at time now (s)."""
         self._tick_t = now
         if self.frame_t > -math.inf:
             self.health.on_tick(now, self.frame_t - self._clock_offset_s)
 
     def on_restart(self) -> None:
-        """The autopilot restarted: its local frame may be another, so the pad is forgotten too."""
+        """Forget vehicle and pad: the autopilot restarted, and its local frame may be another."""
         self.poses.forget_autopilot()
         self._filter.reset()
         self.sighting_t = -math.inf
@@ -140,21 +141,20 @@ class Estimator:
 
     @property
     def inconsistency(self) -> Inconsistency:
-        """Whether the newest sightings, accepted or not, were where the pad was expected."""
+        """The run of newest sightings, accepted or not, that were not where the pad should be."""
         return self._filter.inconsistency
 
     @property
     def is_shown(self) -> bool:
-        """Whether the newest frame that was searched shows the pad, and was accepted."""
+        """Whether the newest frame that was searched shows the pad and was accepted."""
         return self.sighting_t == self.frame_t - self._clock_offset_s
 
     def sight_age(self, now: float) -> float:
-        """Return the age of the last accepted sighting at time now, s; infinite without one.
+        """Return the greatest age of the last accepted sighting at time now, s; inf without one.
 
-        What its exposure may have been earlier than is said counts, as with telemetry: what the
-        pictures' clock is assumed to be off by, or more where they are found to be stamped later.
-        That shows against the autopilot's clock alone, so that they are found to be stamped early
-        is not counted on.
+        The exposure may have been earlier than stamped: by the assumed error of the pictures'
+        clock, or by its estimate where that is larger. An estimate that makes sightings younger is
+        not used: it is relative to the autopilot's clock, which may be the wrong one.
         """
         late_s = max(self._sigma_clock_s, self._filter.clocks.pictures_s)
         return now - self.sighting_t + self._picture_clock_s + late_s
@@ -166,7 +166,7 @@ class Estimator:
 
     @property
     def sensor_errors(self) -> SensorErrors:
-        """What the filter has found of camera and gimbal, beside what the configuration says."""
+        """The estimated errors of camera and gimbal; the clock's includes the configured offset."""
         found = self._filter.sensor_errors
         return replace(found, clock_s=self._clock_offset_s + found.clock_s)
 
@@ -175,7 +175,7 @@ class Estimator:
         return self._filter.estimate(t)
 
     def unconfirmed(self, t: float, within_s: float) -> PadEstimate | None:
-        """Return what may be the pad at time t, seen within so long, but too seldom; else None."""
+        """Return a pad not confirmed yet at time t (s), if seen within within_s; else None."""
         return self._filter.unconfirmed(t, within_s)
 
     def vehicle(self, now: float) -> VehicleState | None:
@@ -187,10 +187,10 @@ class Estimator:
         return self.vehicle(now) if self.has_fresh_vehicle(now) else None
 
     def velocities(self, after: float) -> list[tuple[float, Vec3]]:
-        """Return the velocities measured after a time (s), with their times.
+        """Return the velocities measured after a time (s), each with its time (s).
 
-        Of the foot that sinks slowest, local NED, m/s; of the vehicle where its attitude is not
-        known.
+        Each is that of the foot that sinks slowest, local NED, m/s; where the attitude is not
+        known, the vehicle's.
         """
         measured = []
         for t, p in self.poses.position.since(after):
@@ -205,19 +205,19 @@ class Estimator:
         return self.stale(now) not in ("attitude", "position")
 
     def stale(self, now: float) -> Literal["attitude", "position", "gimbal"] | None:
-        """Return the first of the sources that is too old to be flown on, None if none is."""
+        """Return the first source that is too old to be flown on (rule 5), None if none is."""
         fresh, poses = self._freshness, self.poses
         if poses.attitude.age(now) + self._clock_s > fresh.attitude_s:
             return "attitude"
         if poses.position.age(now) + self._clock_s > fresh.position_s:
             return "position"
-        gimbal_late_s = self._clock_s if self._is_gimbal_autopilots else 0.0
+        gimbal_late_s = self._clock_s if self._gimbal_from_autopilot else 0.0
         if poses.gimbal.age(now) + gimbal_late_s > fresh.gimbal_s:
             return "gimbal"
         return None
 
     def prior(self, t: float) -> Prior:
-        """Return what is known of a picture exposed at time t (s) before it is searched."""
+        """Return the prior of a picture exposed at time t (s, camera's clock) for its search."""
         t -= self._clock_offset_s
         clocks = self._filter.clocks
         t_true, back = t - clocks.pictures_s, clocks.gimbal_s
@@ -232,22 +232,22 @@ class Estimator:
         return Prior(down=down, maybe=self._expected(camera, maybe) if maybe else None)
 
     def _expected(self, camera: CameraPose, pad: PadEstimate) -> PadPrior:
-        """Return where a camera will show a pad."""
+        """Return where a pad will appear to a camera."""
         R_camera_local = transpose(camera.R_local_camera)
         north = None
         if pad.heading is not None:
             north = rotate(R_camera_local, (math.cos(pad.heading), math.sin(pad.heading), 0.0))
         position = rotate(R_camera_local, sub(pad.position, camera.position))
-        # Where it will be seen is not where it is: the lens errs in the next frame too.
+        # The biases shift it in this frame, too.
         biases = BiasModel(*camera_axes(camera))
         B = biases.jacobian(sub(pad.position, camera.position), biases.range_share)
-        shown = rotate(R_camera_local, self._filter.shown(B))
+        shown = rotate(R_camera_local, self._filter.apparent_shift(B))
         normal = rotate(R_camera_local, pad.normal)
         return PadPrior(add(position, shown), pad.sigma_m, north, normal)
 
 
 def _is_plausible(s: PoseSolution) -> bool:
-    """Tell whether a pose is one that can be calculated with: NaN or a degenerate fit is not."""
+    """Tell whether a pose can be computed with: no NaN, no degenerate fit."""
     c = s.covariance
     numbers = (*s.position, *s.normal, *(s.north or ()), *c[0], *c[1], *c[2])
     scalars = (s.sigma_yaw or 0.0, s.sigma_tilt, s.cost)

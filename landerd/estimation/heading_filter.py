@@ -7,15 +7,15 @@ from landerd.geometry import wrap
 # Chosen by trial in the simulator: the row `turning` of `landerd campaign guidance`.
 TURN_RATE_RANDOM_WALK = math.radians(2.0)  # rad/s per sqrt(s): how a pad's turn rate may change
 SIGMA_INITIAL_TURN_RATE = math.radians(10.0)  # rad/s, of a new pad
-# What turns with the pad is not turned by a rate less certain than this, rad/s. Begun anew of two
-# pictures as its gimbal went silent, a heading turned by 14 degrees a second, 9 unsure, and took
-# the velocity along for as long as nothing was seen.
+# A turn rate less certain than this, rad/s, is not used to turn the pad's velocity. A filter that
+# restarted from two pictures as the gimbal went silent estimated 14 +- 9 deg/s, and turned the
+# velocity by that for as long as nothing was seen.
 MAX_SIGMA_TURN_RATE = math.radians(5.0)
-# No heading is known better than this from one picture, rad, however well it is fitted: gears have
-# play, and gimbal, clock and airframe a little of everything. In the field headings erred by 0.2 to
-# 0.9 degrees where 0.06 to 0.15 were stated (seeds 800 to 829). On some days one in five was
-# refused, and begun anew of two of them the filter let a pad that stood turn by 35 degrees a
-# second: the vehicle turned after it, out of the 5 degrees that it may be off.
+# Least sigma of a heading from one picture, rad, however well it was fitted: gimbal, clock and
+# airframe each add a little. In the field world headings erred by 0.2 to 0.9 degrees where vision
+# stated 0.06 to 0.15 (seeds 800 to 829). On some days one in five was refused; a restart from two
+# of these let a standing pad turn at 35 deg/s, and the vehicle turned after it, by more than the
+# 5 degrees allowed.
 LEAST_SIGMA = math.radians(0.5)
 
 
@@ -23,7 +23,7 @@ class HeadingFilter:
     """Heading (rad, local) and turn rate (rad/s), driven by white angular acceleration."""
 
     def __init__(self, max_sigma: float) -> None:
-        """Max sigma: innovations beyond so many of their own standard deviations are refused."""
+        """Make one; innovations beyond max_sigma standard deviations are refused."""
         self._nis_limit = max_sigma**2
         self.reset()
 
@@ -38,7 +38,7 @@ class HeadingFilter:
 
     @property
     def sure_turn_rate(self) -> float:
-        """The turn rate as far as it may be gone by, rad/s; 0 while it is not well known."""
+        """The turn rate, rad/s; 0 while it is less certain than MAX_SIGMA_TURN_RATE."""
         return self.turn_rate if self._P[2] < MAX_SIGMA_TURN_RATE**2 else 0.0
 
     def at(self, t: float) -> tuple[float, float]:
@@ -47,10 +47,10 @@ class HeadingFilter:
         return wrap(self._heading + self.turn_rate * dt), math.sqrt(self._covariance_after(dt)[0])
 
     def update(self, t: float, heading: float, sigma: float) -> None:
-        """Take a measurement and its sigma (rad) in, in the order of time (s).
+        """Take a heading and its sigma (rad), measured at t (s), in the order of time.
 
-        One that is refused may be wrong, or the first of a pad that turns otherwise than it did:
-        the next one tells.
+        One that is refused may be wrong, or the first of a pad that has begun to turn: if the next
+        is refused too, the filter restarts from both.
         """
         self._take(t, heading, math.hypot(sigma, LEAST_SIGMA))
 
@@ -74,7 +74,7 @@ class HeadingFilter:
         self._P = (h - k * h, c - k * c, w - k_rate * c)
 
     def _refuse(self, t: float, heading: float, sigma: float) -> None:
-        """Refuse a measurement; after another one the filter begins anew of both."""
+        """Refuse a measurement; if the one before was refused too, restart from both."""
         refused, self._refused = self._refused, (t, heading, sigma)
         if refused is not None:
             self._start(*refused)

@@ -1,8 +1,8 @@
-"""How healthy the estimate is: whether sightings fit what is known, and how old they are in use.
+"""Health of the estimate: do sightings fit their prediction, and how old are they when used?
 
-A filter's normalised innovation squared (NIS) is chi-square of 3 degrees of freedom while its
-assumptions hold, so 3 on average (Bar-Shalom, Li and Kirubarajan 2001, 5.4); over a window of
-sightings it tells sooner than a landing does that they do not.
+A filter's normalised innovation squared (NIS) is chi-square with 3 degrees of freedom while its
+assumptions hold, so 3 on average (Bar-Shalom, Li and Kirubarajan 2001, 5.4). Its mean over a window
+of sightings shows that they do not hold before a landing goes wrong.
 """
 
 import math
@@ -15,16 +15,16 @@ NIS_EXPECTED = 3.0  # of three coordinates
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """Figures of some sightings in a row."""
+    """Figures of consecutive sightings."""
 
-    sightings: int  # that could be compared with what was expected
-    nis: float  # mean, NIS_EXPECTED where all is well; each counts for the limit at most
-    refused: float  # share of them
-    picture_age_s: float  # mean, from exposure to the first control step that knew of the picture
+    sightings: int  # how many could be compared with a prediction
+    nis: float  # their mean NIS, each cut at the limit; NIS_EXPECTED where all is well
+    refused: float  # share of them that the filter refused, 0 to 1
+    picture_age_s: float  # mean time from exposure to the first control step that used the picture
 
 
 class _Sums:
-    """Sums over sightings and pictures, of which some may be taken out again."""
+    """Running sums over sightings and pictures, which can be taken out again."""
 
     def __init__(self) -> None:
         self.sightings = self.refused = self.pictures = 0
@@ -53,7 +53,7 @@ class HealthMonitor:
     """Counts sightings and pictures, over the last WINDOW_S and over the flight."""
 
     def __init__(self, nis_limit: float) -> None:
-        """Make it; a sighting beyond the limit says no more than one at it."""
+        """Make one; each NIS is cut at nis_limit, so that one outlier does not make the mean."""
         self._nis_limit = nis_limit
         self._flight, self._newest = _Sums(), _Sums()
         self._sightings: deque[tuple[float, float, bool]] = deque()  # exposure, NIS, refused
@@ -61,14 +61,14 @@ class HealthMonitor:
         self._picture_t = -math.inf
 
     def on_sighting(self, t: float, nis: float, *, refused: bool) -> None:
-        """Count a sighting, exposed at t (s), that was compared with what was expected."""
+        """Count a sighting, exposed at t (s), that was compared with a prediction."""
         nis = min(nis, self._nis_limit)
         self._sightings.append((t, nis, refused))
         for sums in (self._flight, self._newest):
             sums.sighting(nis, refused=refused)
 
     def on_tick(self, now: float, picture_t: float) -> None:
-        """Take a control step: what the newest picture, exposed at picture_t (s), may fly first."""
+        """Take a control step; picture_t: exposure of the newest picture it knows of, s."""
         if self._picture_t < picture_t:
             self._picture_t = picture_t
             age_s = now - picture_t

@@ -1,7 +1,7 @@
 """Measurements by their own time, interpolated to the time of an exposure (thesis 2.3.6).
 
-A picture is some 100 ms old when its markers are found; the attitude and the gimbal angles that
-belong to it are those of its exposure, not today's.
+A picture is some 100 ms old when its markers are found; the attitude and gimbal angles that belong
+to it are those at its exposure, not the newest ones.
 """
 
 from bisect import bisect_left, bisect_right
@@ -11,8 +11,8 @@ from landerd.geometry import wrap
 
 KEEP_S = 1.0  # how far back measurements are kept
 CUT_BLOCK = 32  # entries, under a second of the fastest stream; chosen by hand
-# Beyond the newest measurement angles go on by their rates for so long, s: two periods of a stream
-# of 20 Hz. An airframe that swings has turned back by a quarter of a second.
+# Angles are extrapolated by their rates for this long at most, s: two periods of a stream of 20 Hz.
+# A swinging airframe reverses within a quarter of a second.
 ANGLES_AHEAD_S = 0.1
 
 Values = tuple[float, ...]
@@ -39,10 +39,10 @@ class History:
 
         Args:
             angles: for each value whether it is an angle that wraps, rad.
-            max_gap_s: two measurements farther apart than this are not interpolated between.
-            rates: returns how fast the first few of the values change, per s; None: not known.
-            ahead_s: beyond the newest measurement they go on by their rates for so long.
-            held_s: and are known for so long; None: as long as is interpolated over.
+            max_gap_s: longest gap between two measurements that is interpolated over.
+            rates: returns the rates of change of the first few values, per s; None: not known.
+            ahead_s: how long values are extrapolated by their rates; then they are held.
+            held_s: how long after the newest measurement values are known; None: max_gap_s.
         """
         self._rates = rates
         self._ahead_s = ahead_s
@@ -59,9 +59,9 @@ class History:
         return (self._times[-1], self._values[-1]) if self._times else None
 
     def just_before(self, t: float) -> tuple[float, Values] | None:
-        """Return how much older than t the newest measurement is, s, and its values.
+        """Return the age at t (s) of the newest measurement, and its values.
 
-        None where it is not older, or older than may be interpolated over.
+        None where it is not older than t, or by more than max_gap_s.
         """
         dt = self.age(t)
         return (dt, self._values[-1]) if 0.0 < dt <= self.max_gap_s else None
@@ -72,7 +72,7 @@ class History:
         return list(zip(self._times[first:], self._values[first:], strict=True))
 
     def age(self, now: float) -> float:
-        """Return how old the newest measurement is, s; infinite when there is none."""
+        """Return the age of the newest measurement at time now, s; infinite without one."""
         return now - self._times[-1] if self._times else float("inf")
 
     def add(self, t: float, values: Values) -> bool:
@@ -89,12 +89,12 @@ class History:
         return True
 
     def clear(self) -> None:
-        """Forget everything, as after a restart of the source."""
+        """Forget all measurements, as after a restart of the source."""
         self._times.clear()
         self._values.clear()
 
     def at(self, t: float) -> Values | None:
-        """Return the values at time t, or None where the measurements do not reach."""
+        """Return the values at time t (s), None where the measurements do not reach."""
         if not self._times or t < self._times[0]:
             return None
         i = bisect_left(self._times, t)

@@ -1,14 +1,15 @@
-"""Sightings in a row that are farther off than noise explains, and what their trend says.
+"""Runs of sightings that are farther off than noise explains, and what their trend says.
 
-A step of the telemetry's time or position shows a pad that is elsewhere at once and stays there. A
-pad that brakes, or whose deck begins to heave, moves on from where it should be (a change of the
-process noise, found in the innovations: Bar-Shalom, Li and Kirubarajan 2001, 11.2): from where it
-would be by what was known when that began, for what has been made of the sightings since hides it.
+A step of the telemetry's time or position makes the pad appear elsewhere at once and stay there. A
+pad that brakes, or a deck that begins to heave, moves away from its prediction frame by frame (a
+manoeuvre, found in the innovations: Bar-Shalom, Li and Kirubarajan 2001, 11.2). The trend is
+measured against the state at the start of the run, extrapolated: the current state has already
+followed the sightings in part, which hides it.
 """
 
 import math
 
-from landerd.estimation.motion_filter import Course, Innovation, Jacobian
+from landerd.estimation.motion_filter import Innovation, Jacobian, MotionState
 from landerd.geometry import (
     ZERO,
     Mat3,
@@ -24,39 +25,40 @@ from landerd.geometry import (
     sub,
 )
 
-TREND_SIGHTINGS = 3  # in a row at least tell a trend: two may be outliers
+TREND_SIGHTINGS = 3  # least number that makes a trend: two may be outliers
 
-# A pad that was seen this far from where it should be, this often, and then no more has left the
-# picture; one that was where it should be was only too near to be seen whole.
+# A pad that was seen this far from its prediction, this often, and then not at all has left the
+# picture; one that was where it should be was only too close to be seen whole.
 GONE_M = 0.1
 GONE_SIGHTINGS = 2
 
 
 class Inconsistency:
-    """Looks at unlikely innovations; it begins with one and ends with a likely one.
+    """A run of unlikely innovations; it begins with one and ends with a likely one.
 
     Attributes:
-        lasts_s: for how long every sighting was farther off than noise explains, or the pad was
-            gone after such, s.
-        off_m: how far off the newest of these was, m; 0: it was none of them.
+        lasts_s: duration of the run, with the time that the pad is out of the picture after it, s.
+        off_m: length of the run's newest innovation, m; 0 outside of a run.
     """
 
     def __init__(self) -> None:
         self.end(math.inf)
 
     def end(self, t: float) -> None:
-        """Begin with none at time t, s; infinity: no sighting was likely yet."""
+        """End the run: the sighting at time t (s) was likely; infinity: none was so far."""
         self.lasts_s = self.off_m = 0.0
         self._likely_t = t
         self._count = 0
         self._is_near = False
-        self._first = self._last = self._newest = ZERO  # from where it should be, m
-        # The pad's course when it began, and the innovation's covariance then, m^2.
-        self._began: tuple[Course, Mat3] | None = None
+        # The first sighting's innovation, and how far the last two are from the pad's state at the
+        # start of the run, extrapolated, m.
+        self._first = self._last = self._newest = ZERO
+        # That state, and the covariance of its innovation, m^2.
+        self._began: tuple[MotionState, Mat3] | None = None
 
     def look(
         self,
-        course: Course,
+        state: MotionState,
         B: Jacobian,
         innovation: Innovation,
         *,
@@ -65,38 +67,38 @@ class Inconsistency:
         """Take the innovation of a sighting that is farther off than noise explains.
 
         Args:
-            course: of the pad at its exposure, as expected.
-            B: the sighting's Jacobian by the biases.
-            innovation: of the position.
-            near: a short step of the telemetry explains it.
+            state: of the pad, predicted to the sighting's exposure.
+            B: the sighting's Jacobian with respect to the biases.
+            innovation: of the sighting.
+            near: a short step of the telemetry would explain it.
         """
-        t = course.t
+        t = state.t
         if self._began is None:
-            self._began = course, innovation.S
+            self._began = state, innovation.S
             self._first, self._is_near = innovation.vector, near
         self._likely_t = min(self._likely_t, t)
         self._count += 1
-        north, east, _ = sub(course.shown(t, B), self._began[0].shown(t, B))
-        # A deck that heaves never goes straight on up or down: there only what surprises counts.
+        north, east, _ = sub(state.measured_at(t, B), self._began[0].measured_at(t, B))
+        # A heaving deck never goes straight on up or down: vertically only the innovation counts.
         learned = (north, east, 0.0)
         self._last, self._newest = self._newest, add(innovation.vector, learned)
         self.lasts_s, self.off_m = t - self._likely_t, norm(innovation.vector)
 
     def unseen(self, t: float) -> None:
-        """Take a picture exposed at time t, s, that does not show the pad."""
+        """Note a picture, exposed at time t (s), that does not show the pad."""
         if self._count >= GONE_SIGHTINGS and self.off_m > GONE_M:
             self.lasts_s = max(self.lasts_s, t - self._likely_t)
 
     def trend(self, t: float, swing_m: float, limit: float) -> Vec3 | None:
-        """Return how fast what is seen moves on from where it should be, m/s; None: it does not.
+        """Return how fast sightings move away from the prediction, m/s; None: they do not.
 
-        Called after `look`. It began near, else it is another pad; and goes on by more than noise
-        explains, else it is a step.
+        Call it after `look`. A run that did not begin near the prediction is another pad, and one
+        that does not move on by more than noise explains is a step.
 
         Args:
-            t: of the newest sighting, s.
-            swing_m: what a swinging airframe makes of a pad that stands, 1 sigma.
-            limit: on the normalised square of what is no noise.
+            t: exposure of the newest sighting, s.
+            swing_m: apparent motion of a standing pad as the airframe swings, 1 sigma, m.
+            limit: NIS up to which noise explains a displacement.
         """
         if self._began is None or self._count < TREND_SIGHTINGS or not self._is_near:
             return None
@@ -104,15 +106,16 @@ class Inconsistency:
         goes_on = dot(sub(self._newest, self._last), moved) > 0.0
         if not goes_on or dot(moved, self._first) <= 0.0:
             return None
-        # As noisy as it was: noise is learned from what cannot be explained, too. Both ends are.
+        # The noise at the start of the run, since the run itself has inflated the adapted noise;
+        # twice the limit, since both ends of the displacement are noisy.
         swing = swing_m * swing_m
-        course, S = self._began
+        state, S = self._began
         noise = matadd(S, diagonal(swing, swing, swing))
         if dot(moved, rotate(inverse(noise), moved)) <= 2.0 * limit:
             return None
-        # A pad that brakes does not heave for that: known less well up and down, it may be as near
-        # as contact, and nothing is missed any more.
+        # A braking pad does not heave: with a looser vertical estimate contact would count as
+        # possible at once, and the pad could no longer be seen to be missed.
         north, east, down = moved
         if down * down <= 2.0 * limit * noise[2][2]:
             moved = (north, east, 0.0)
-        return scale(moved, 1.0 / (t - course.t))
+        return scale(moved, 1.0 / (t - state.t))

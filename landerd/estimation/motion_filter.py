@@ -1,11 +1,17 @@
-"""Kalman filter of a moving point seen through biases, errors that all frames have in common.
+"""Kalman filter of a moving point and of the measurement biases that all frames have in common.
 
-State in four blocks of three: position and velocity of the point (local NED), and what shows it
-wrongly (estimation.observation says what each is): the lens's direction about the camera's x and y
-(rad) with the clock of the pictures (s), and the clock of the gimbal (s), the lens's scale and the
-autopilot's heading (rad). Constant velocity that turns with the pad's heading as far as
-estimation.coupling says, driven by white acceleration; the biases are Gauss-Markov. The 12x12
-covariance is kept as 3x3 blocks in plain floats: the same bits on every machine.
+The state has four blocks of three:
+
+    p  position of the point, local NED, m
+    v  its velocity, local NED, m/s
+    b  errors of the lens's direction about the camera's x and y (rad), clock of the pictures (s)
+    g  clock of the gimbal's angles (s), scale of the ranges (in their standard deviations), error
+       of the autopilot's heading (rad)
+
+estimation.observation says what each bias does to a measurement. Process model: constant velocity
+that turns with the pad's heading as far as estimation.coupling says, driven by white acceleration;
+the biases are first-order Gauss-Markov. The 12x12 covariance is kept as 3x3 blocks named after the
+two they relate (Ppv, Pbg, ...), in plain floats: the same bits on every machine.
 """
 
 import math
@@ -33,55 +39,55 @@ from landerd.geometry import (
 )
 
 ZEROS: Mat3 = (ZERO, ZERO, ZERO)
-Biases = tuple[Vec3, Vec3]
-Jacobian = tuple[Mat3, Mat3]  # of a position by the two blocks of biases
+Biases = tuple[Vec3, Vec3]  # the blocks b and g
+Jacobian = tuple[Mat3, Mat3]  # of a measured position with respect to b and g
 
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """Measured minus expected, and what the measurement would change."""
+    """Measured minus predicted position, with what a correction by it needs."""
 
     vector: Vec3  # m
     S: Mat3  # its covariance, m^2
     S_inverse: Mat3
-    PHt: tuple[Mat3, Mat3, Mat3, Mat3]  # P H^T by blocks: position, velocity, biases
-    by_coupling: Vec3  # derivative of what was expected, m
+    PHt: tuple[Mat3, Mat3, Mat3, Mat3]  # P H^T for the blocks p, v, b, g
+    coupling_jacobian: Vec3  # derivative of the predicted measurement by the coupling, m
 
     @property
     def nis(self) -> float:
-        """Normalised innovation squared, its squared Mahalanobis distance: chi-square of 3."""
+        """Normalised innovation squared (squared Mahalanobis distance): chi-square of 3."""
         return dot(self.vector, rotate(self.S_inverse, self.vector))
 
     def with_noise(self, more: Mat3) -> "Innovation":
-        """Return the same of a measurement with so much more white noise, m^2."""
+        """Return the innovation of the same measurement with this much more white noise, m^2."""
         S = matadd(self.S, more)
-        return Innovation(self.vector, S, inverse(S), self.PHt, self.by_coupling)
+        return Innovation(self.vector, S, inverse(S), self.PHt, self.coupling_jacobian)
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
-    """Where a point was on its way to, and what showed it wrongly, at one time."""
+class MotionState:
+    """Position (m), velocity (m/s) and biases at one time (s)."""
 
     t: float
     position: Vec3
     velocity: Vec3
     biases: Biases
 
-    def shown(self, t: float, B: Jacobian) -> Vec3:
-        """Return where it is seen at another time if it goes straight on, m."""
+    def measured_at(self, t: float, B: Jacobian) -> Vec3:
+        """Return the predicted measurement at time t (s) if the point goes straight on, m."""
         ahead = add(self.position, scale(self.velocity, t - self.t))
-        return add(ahead, _shown(B, self.biases))
+        return add(ahead, _apparent_shift(B, self.biases))
 
 
 class MotionFilter:
-    """Measured is position + B biases + noise; the Jacobian B comes with every measurement."""
+    """The filter; a measurement is position + B biases + noise, and brings its Jacobian B."""
 
     def __init__(self, sigma_biases: Biases, time_constants_s: Biases) -> None:
         """Make a filter that knows nothing; call `start` first, after setting `q`.
 
         Args:
-            sigma_biases: while nothing is known of them, in the units above.
-            time_constants_s: their correlation times.
+            sigma_biases: stationary standard deviations of b and g, in the units above.
+            time_constants_s: correlation times of b and g.
         """
         self.q: Vec3 = ZERO  # spectral density of the acceleration along local axes, m^2/s^3
         b, g = sigma_biases
@@ -97,12 +103,12 @@ class MotionFilter:
         self.forget_bias()
 
     def forget_bias(self) -> None:
-        """Take the biases back to what is assumed of them."""
+        """Reset the biases to their stationary distribution."""
         self.biases: Biases = (ZERO, ZERO)
         self.Pbb, self.Pgg, self._Pbg = self._initial_Pbb, self._initial_Pgg, ZEROS
 
     def assume_clock(self, sigma_s: float) -> None:
-        """Assume this of the pictures' clock from now on; what was learned of it is kept."""
+        """Set the stationary sigma of the pictures' clock; what was learned of it is kept."""
         P = self._initial_Pbb
         learned = self.Pbb != P
         was, variance = P[2][2], sigma_s * sigma_s
@@ -111,7 +117,7 @@ class MotionFilter:
             return
         self.Pbb = self._initial_Pbb
         if was > 0.0:
-            # So far only where it began hangs on the clock.
+            # Nothing but the initial position has been correlated with the clock yet.
             x, y, z = self._Ppb
             by_clock = scale((x[2], y[2], z[2]), 1.0 / was)
             less = matscale(outer(by_clock, by_clock), variance - was)
@@ -119,20 +125,20 @@ class MotionFilter:
             self._Ppb = _columns(self._Ppb, (1.0, 1.0, variance / was))
 
     def start(self, t: float, measured: Vec3, R: Mat3, B: Jacobian, sigma_velocity: Vec3) -> None:
-        """Begin from one measurement; what is known of the biases is kept.
+        """Start from one measurement; what is known of the biases is kept.
 
         Args:
-            t: s.
-            measured: m.
-            R: its white noise's covariance, m^2.
-            B: its Jacobian by the biases: m, or m/s for a clock, per unit of each.
-            sigma_velocity: of a velocity that is not known, along the axes, m/s.
+            t: time of the measurement, s.
+            measured: position, m.
+            R: covariance of its white noise, m^2.
+            B: its Jacobian with respect to the biases: m per unit of each bias, m/s for a clock.
+            sigma_velocity: of the unknown velocity along the axes, m/s.
         """
         self.t = t
         b, g = B
         by_b = matadd(matmul(b, self.Pbb), matmul(g, transpose(self._Pbg)))
         by_g = matadd(matmul(b, self._Pbg), matmul(g, self.Pgg))
-        self.position = sub(measured, _shown(B, self.biases))
+        self.position = sub(measured, _apparent_shift(B, self.biases))
         self.velocity = ZERO
         through = matadd(matmul(by_b, transpose(b)), matmul(by_g, transpose(g)))
         self.Ppp = _symmetric(matadd(R, through))
@@ -142,43 +148,43 @@ class MotionFilter:
         self._coupling = Coupling()
 
     def sigma_velocity(self, dt: float) -> Vec3:
-        """Return the velocity's standard deviation along the axes dt after the last step, m/s."""
+        """Return the velocity's standard deviations along the axes, dt (s) after `t`, m/s."""
         P, (x, y, z) = self.Pvv, scale(self.q, dt)
         return (math.sqrt(P[0][0] + x), math.sqrt(P[1][1] + y), math.sqrt(P[2][2] + z))
 
     @property
     def coupling(self) -> float:
-        """Of the heading's turn rate, what the velocity turns with: 0 to 1."""
+        """Share of the heading's turn rate that the velocity turns at: 0 to 1."""
         return self._coupling.value
 
     @property
     def is_sound(self) -> bool:
-        """Whether no variance is below 0: rounding, or noise said too small, may end that."""
+        """Whether no variance is negative, as rounding or understated noise may make it."""
         blocks = (self.Ppp, self.Pvv, self.Pbb, self.Pgg)
         return all(P[i][i] >= 0.0 for P in blocks for i in range(3))  # NaN is not
 
     @property
-    def course(self) -> Course:
-        """Where the point is on its way to."""
-        return Course(self.t, self.position, self.velocity, self.biases)
+    def state(self) -> MotionState:
+        """The state at `t`."""
+        return MotionState(self.t, self.position, self.velocity, self.biases)
 
     def loosen(self, position: Vec3, velocity: Vec3) -> None:
-        """Know position (m) and velocity (m/s) less well: they may have changed by this together.
+        """Add the covariance of one unexplained change of position (m) and velocity (m/s).
 
-        Where the velocity has not, something stepped, and nobody knows what.
+        A change of position alone is a step: of the pad or of the telemetry, there is no telling.
         """
         self.Ppp = matadd(self.Ppp, outer(position, position))
         self.Ppv = matadd(self.Ppv, outer(position, velocity))
         self.Pvv = matadd(self.Pvv, outer(velocity, velocity))
 
     def at(self, dt: float) -> tuple[Vec3, Vec3, Mat3]:
-        """Return position, velocity and the position's covariance dt after the last step."""
+        """Return position (m), velocity (m/s) and position covariance (m^2), dt (s) after `t`."""
         turn, ahead = self._transition(dt)
         position = add(self.position, rotate(ahead, self.velocity))
         return position, rotate(turn, self.velocity), self._position_covariance_after(dt, ahead)
 
     def predict(self, t: float) -> None:
-        """Go on to time t."""
+        """Predict to time t, s."""
         dt = t - self.t
         self.t = t
         self._coupling.predict(dt, self.turn_rate, self.velocity)
@@ -194,12 +200,12 @@ class MotionFilter:
         self._fade_biases(dt)
 
     def _transition(self, dt: float) -> tuple[Mat3, Mat3]:
-        """Return by what velocities turn within dt, and what of them is added to the position."""
+        """Return the blocks of the transition over dt (s): of v by v, and of p by v (s)."""
         turned = self.coupling * self.turn_rate * dt
         return rot_z(turned), matscale(rot_z(0.5 * turned), dt)
 
     def _fade_biases(self, dt: float) -> None:
-        """Let the Gauss-Markov biases go back to what is assumed of them."""
+        """Predict the Gauss-Markov biases over dt (s): they decay to their stationary values."""
         b_constants, g_constants = self._time_constants_s
         keep_b, keep_g = _decay(b_constants, dt), _decay(g_constants, dt)
         b, g = self.biases
@@ -211,7 +217,7 @@ class MotionFilter:
         self.Pgg = _faded(self.Pgg, outer(keep_g, keep_g), self._initial_Pgg)
 
     def innovation(self, measured: Vec3, R: Mat3, B: Jacobian) -> Innovation:
-        """Return what a measurement at the filter's own time, with covariance R, would change."""
+        """Return the innovation of a position (m) measured at `t`, noise covariance R (m^2)."""
         b, g = B
         bt, gt = transpose(b), transpose(g)
 
@@ -223,20 +229,19 @@ class MotionFilter:
         Ub = through(transpose(self._Ppb), self.Pbb, self._Pbg)
         Ug = through(transpose(self._Ppg), transpose(self._Pbg), self.Pgg)
         S = matadd(matadd(matadd(Up, matmul(b, Ub)), matmul(g, Ug)), R)
-        vector = sub(sub(measured, self.position), _shown(B, self.biases))
-        p, _, by_b, by_g = self._coupling.by
-        by_coupling = add(p, _shown(B, (by_b, by_g)))
-        return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug), by_coupling)
+        vector = sub(sub(measured, self.position), _apparent_shift(B, self.biases))
+        p, _, by_b, by_g = self._coupling.sensitivity
+        coupling_jacobian = add(p, _apparent_shift(B, (by_b, by_g)))
+        return Innovation(vector, S, inverse(S), (Up, Uv, Ub, Ug), coupling_jacobian)
 
     def correct(self, innovation: Innovation, coloured: Mat3) -> None:
-        """Take a measurement in.
+        """Correct the state by a measurement.
 
         Args:
-            innovation: of it.
-            coloured: covariance of white noise that would tell as little of the pictures' clock as
-                the noise does that stays alike for a while, m^2. That clock's gain alone allows
-                for it; by Joseph's form all covariances but the clock's own variance are those of
-                the best gain.
+            innovation: of the measurement.
+            coloured: covariance added, in the gain of the pictures' clock alone, for noise that is
+                correlated from frame to frame, m^2. That clock thus has a suboptimal gain. By
+                Joseph's form only its own variance differs from that of the optimal gain.
         """
         vector, S_inverse = innovation.vector, innovation.S_inverse
         Up, Uv, Ub, Ug = innovation.PHt
@@ -265,10 +270,10 @@ class MotionFilter:
         self._correct_coupling(innovation, (Kp, Kv, (*Kb[:2], K_clock), Kg))
 
     def _correct_coupling(self, innovation: Innovation, K: tuple[Mat3, Mat3, Mat3, Mat3]) -> None:
-        """Learn of the coupling, and correct the state by what is learned; K: the state's gains."""
-        expected = innovation.by_coupling
+        """Correct the coupling and what it changes in the state; K: gains of p, v, b and g."""
+        expected = innovation.coupling_jacobian
         p, v, b, g = (
-            sub(x, rotate(k, expected)) for x, k in zip(self._coupling.by, K, strict=True)
+            sub(x, rotate(k, expected)) for x, k in zip(self._coupling.sensitivity, K, strict=True)
         )
         p, v, b, g = self._coupling.correct(
             innovation.vector, expected, innovation.S_inverse, (p, v, b, g)
@@ -283,12 +288,13 @@ class MotionFilter:
         return matadd(grown, diagonal(*scale(self.q, dt**3 / 3.0)))
 
 
-def _shown(B: Jacobian, biases: Biases) -> Vec3:
-    """Return how far from where it is the biases show a point, m."""
+def _apparent_shift(B: Jacobian, biases: Biases) -> Vec3:
+    """Return measured minus true position that the biases cause, m."""
     return add(rotate(B[0], biases[0]), rotate(B[1], biases[1]))
 
 
 def _decay(time_constants_s: Vec3, dt: float) -> Vec3:
+    """Return exp(-dt / T) for each time constant T (s)."""
     x, y, z = time_constants_s
     return (math.exp(-dt / x), math.exp(-dt / y), math.exp(-dt / z))
 
@@ -308,7 +314,13 @@ def _product(a: Mat3, b: Mat3) -> Mat3:
 
 
 def _faded(P: Mat3, keep: Mat3, initial: Mat3) -> Mat3:
-    """Return a covariance of Gauss-Markov errors later on, of which `initial` is the stationary."""
+    """Return the predicted covariance of Gauss-Markov errors.
+
+    Args:
+        P: covariance before.
+        keep: product of the decay factors of each pair of errors.
+        initial: their stationary covariance.
+    """
     return matadd(initial, _product(_minus(P, initial), keep))
 
 

@@ -1,8 +1,7 @@
 """From a pose in the camera frame to an observation of the pad in local NED (thesis 2.3.6).
 
-An observation says besides where the pad is how uncertain that is: by a covariance of what is new
-in every frame (white), and by a Jacobian of the errors that all frames have in common (biases),
-which the pad filter estimates.
+An observation has two kinds of error: white noise, new in every frame, with its covariance; and
+biases that all frames have in common, with the Jacobian by which the pad filter estimates them.
 """
 
 import math
@@ -35,39 +34,41 @@ from landerd.geometry import (
 )
 from landerd.messages import PoseSolution
 
-# How far back the camera's pose is differenced to tell its motion, s: one period of the attitude
-# at the 50 Hz that hw/autopilots/streams.py asks for.
+# Interval over which the camera's rotation is differenced, s: two periods of the attitude at the
+# 50 Hz that hw/autopilots/streams.py asks for.
 DIFFERENCE_S = 0.04
-# Ranges err alike from frame to frame: by the lens's scale and the print's size, and by so many of
-# the standard deviations that vision states (a small ring's outline lies on the same pixels).
+# Range errors common to all frames, 1 sigma: by the lens's scale and the print's size, as a share
+# of the range; and this many of the standard deviations that vision states, since a small ring's
+# outline lies on the same pixels from frame to frame.
 SIGMA_SCALE = 0.005
-MIN_RANGE_M = 0.01  # nearer than this nothing has a direction
 RANGE_CORRELATED = 2.0
-# Step in the telemetry's time (s) and position (m^2), 1 sigma, that sightings are taken through.
-# SITL beside a load of four processes steps by 3 to 10 ms (beyond 20 ms it is 4 sigma), GPS by cm.
-HICCUP_S = 0.005
-HICCUP = diagonal(0.02**2, 0.02**2, 0.02**2)
+MIN_RANGE_M = 0.01  # nearer than this nothing has a direction
+# Steps of the telemetry's time (1 sigma, s) and position (covariance, m^2) through which sightings
+# are still accepted. SITL beside four busy processes steps by 3 to 10 ms, GPS by centimetres.
+SIGMA_STEP_S = 0.005
+STEP_COVARIANCE = diagonal(0.02**2, 0.02**2, 0.02**2)
 
 
 class Clocks(NamedTuple):
-    """What clocks say more than the autopilot's, s."""
+    """Offsets of clocks, s."""
 
-    pictures_s: float = 0.0  # positive: pictures are stamped late
-    gimbal_s: float = 0.0  # of the gimbal's angles, less the pictures'
+    pictures_s: float = 0.0  # pictures' minus autopilot's; positive: pictures are stamped late
+    gimbal_s: float = 0.0  # how much earlier gimbal angles are stamped than the pictures they fit
 
 
 AS_STAMPED = Clocks()
 
 
 class BiasModel(NamedTuple):
-    """How the biases move what is seen, but for how far away it is.
+    """What the Jacobian of a sighting with respect to the biases is made of.
 
     Attributes:
-        about_x: axis of the camera, local NED, about which the lens may look too high.
-        about_y: the same, too far to the right.
-        by_clock: velocity of what is seen through local NED as the camera moves and turns, m/s.
-        by_gimbal: the same as the gimbal alone turns, m/s.
-        range_share: of the distance, 1 sigma of what ranges err by alike from frame to frame.
+        about_x: the camera's x axis, local NED; about it the lens may look too high.
+        about_y: the camera's y axis, local NED; about it the lens may look too far to the right.
+        by_clock: velocity at which the camera's motion and rotation sweep the point seen through
+            local NED, m/s.
+        by_gimbal: the part of that velocity due to the gimbal's rotation, m/s.
+        range_share: 1 sigma of range errors common to all frames, as a share of the range.
     """
 
     about_x: Vec3
@@ -77,17 +78,17 @@ class BiasModel(NamedTuple):
     range_share: float = SIGMA_SCALE
 
     def jacobian(self, arm: Vec3, range_share: float) -> Jacobian:
-        """Return how the biases move what is seen at the end of an arm from the camera, local NED.
+        """Return the Jacobian of a measured position, local NED, with respect to the biases.
 
         Columns of the first block: the lens's direction about camera x and y (m/rad), the clock of
-        the pictures (m/s); of the second: the clock of the gimbal's angles (m/s), the range (m,
-        times its standard deviation), the autopilot's heading (m/rad).
+        the pictures (m/s). Of the second: the clock of the gimbal's angles (m/s), the range (m per
+        standard deviation), the autopilot's heading (m/rad).
 
         Args:
-            arm: local NED, m.
-            range_share: of the distance, 1 sigma of what ranges err by alike.
+            arm: from the camera to the point seen, local NED, m.
+            range_share: 1 sigma of the common range error, as a share of the range.
         """
-        # A lens turned by b about an axis of the camera shows the pad moved by arm x b.
+        # A lens turned by b about an axis of the camera moves the point seen by arm x b.
         return (
             transpose((cross(arm, self.about_x), cross(arm, self.about_y), self.by_clock)),
             transpose((self.by_gimbal, scale(arm, range_share), (-arm[1], arm[0], 0.0))),
@@ -101,15 +102,15 @@ class PadObservation:
     t: float  # exposure, s
     position: Vec3  # landing point, m
     arm: Vec3  # from the camera to the landing point, local NED, m
-    covariance: Mat3  # of what is new in every frame by vision and gimbal noise, m^2
-    telemetry_noise: Mat3  # of what the telemetry's timing adds, however quiet it seems, m^2
+    covariance: Mat3  # white noise of vision and gimbal, m^2; noise_adaptation scales it
+    telemetry_noise: Mat3  # white noise of the telemetry's timing, m^2; never scaled
     biases: BiasModel
-    hiccup: Mat3  # covariance of what a step in the telemetry's time or position may bring, m^2
+    step_noise: Mat3  # covariance of a step in the telemetry's time or position, m^2
     heading: float | None  # rad
     sigma_heading: float  # rad; infinite without heading
-    normal: Vec3  # unit vector into the pad
+    normal: Vec3  # unit vector into the pad, local NED
     sigma_tilt: float  # of the normal, rad
-    cost: float  # chi-square of the picture's fit
+    cost: float  # chi-square of the pose's fit to the picture
 
     @property
     def range_m(self) -> float:
@@ -129,15 +130,15 @@ class PadObservation:
 
 @dataclass(frozen=True, slots=True)
 class PadFix:
-    """Where one frame shows the pad from the feet, whatever the filter makes of it."""
+    """The pad relative to the feet as one frame shows it, unfiltered."""
 
     t: float  # exposure, s
-    feet: Vec3  # centre of the feet then, local, m
-    to_pad: Vec3  # from there to the landing point, local, m
+    feet: Vec3  # centre of the feet then, local NED, m
+    to_pad: Vec3  # from there to the landing point, local NED, m
 
 
 class ObservationModel:
-    """Makes observations of pose solutions by the camera's pose at their exposure."""
+    """Turns pose solutions into observations, by the camera's pose at their exposure."""
 
     def __init__(self, options: EstimationSection, poses: PoseHistory) -> None:
         self._sigma_bearing = math.radians(options.bearing_noise_deg)
@@ -151,9 +152,9 @@ class ObservationModel:
         """Return the pad in local NED, or None without position, attitude, gimbal or a distance.
 
         Args:
-            t: exposure as the camera says, s.
+            t: exposure by the camera's clock, s.
             solution: the landing point's pose in the camera frame.
-            clocks: as far as they are known.
+            clocks: their estimated offsets.
         """
         camera = self._poses.camera_pose(t - clocks.pictures_s, gimbal_back_s=clocks.gimbal_s)
         if camera is None:
@@ -170,9 +171,9 @@ class ObservationModel:
         sigma_range = math.sqrt(max(0.0, noise.covariance[2][2]))
         t_true = t - clocks.pictures_s
         turning, by_gimbal = self._sweeps(t_true, clocks.gimbal_s, R, solution.position)
-        # Positions differenced over so short a time would be noise; the velocity is not.
+        # The velocity as reported: positions differenced over so short a time would be noise.
         by_clock = add(self._poses.velocity(t_true), turning)
-        # The filter takes errors as they show without a correction.
+        # The filter's biases are total ones: undo to first order what `clocks` has corrected.
         shown = add(scale(by_clock, clocks.pictures_s), scale(by_gimbal, clocks.gimbal_s))
         return PadObservation(
             t=t,
@@ -186,7 +187,9 @@ class ObservationModel:
                 by_gimbal,
                 math.hypot(SIGMA_SCALE, RANGE_CORRELATED * sigma_range / norm(arm)),
             ),
-            hiccup=matadd(HICCUP, matscale(outer(by_clock, by_clock), HICCUP_S**2)),
+            step_noise=matadd(
+                STEP_COVARIANCE, matscale(outer(by_clock, by_clock), SIGMA_STEP_S**2)
+            ),
             heading=heading,
             sigma_heading=sigma_heading,
             normal=rotate(R, solution.normal),
@@ -195,11 +198,11 @@ class ObservationModel:
         )
 
     def fix(self, seen: PadObservation, clocks: Clocks = AS_STAMPED) -> PadFix | None:
-        """Return an observation against the feet, None where position or attitude do not reach.
+        """Return the pad relative to the feet; None without position or attitude at its exposure.
 
         Args:
-            seen: as `observe` made it.
-            clocks: with which it did.
+            seen: made by `observe`.
+            clocks: those given to `observe`.
         """
         feet = self._poses.feet(seen.t - clocks.pictures_s)
         if feet is None:
@@ -208,16 +211,16 @@ class ObservationModel:
         return PadFix(seen.t, centre, add(to_camera, scale(seen.sight, seen.range_m)))
 
     def _sweeps(self, t: float, gimbal_back_s: float, R: Mat3, point: Vec3) -> tuple[Vec3, Vec3]:
-        """Return how fast a point of the camera frame is swept through local NED, m/s.
+        """Return the velocities of a fixed point of the camera frame through local NED, m/s.
 
         Args:
-            t: when the picture was exposed as far as the clocks are known, s.
-            gimbal_back_s: how much older the gimbal's angles are to be.
+            t: exposure by the autopilot's clock, s.
+            gimbal_back_s: how much older the gimbal's angles are to be, s.
             R: R_local_camera then.
             point: camera frame, m.
 
         Returns:
-            as the camera turns with airframe and gimbal; as the gimbal alone turns.
+            the velocity by the rotation of airframe and gimbal; by that of the gimbal alone.
         """
         half, back = 0.5 * DIFFERENCE_S, gimbal_back_s
         turn = self._poses.camera_rotation
@@ -231,13 +234,18 @@ class ObservationModel:
         )
 
     def _pointing_noise(self, arm: Vec3) -> Mat3:
-        """Return the covariance (m^2) of lens direction (across the arm) and vehicle position."""
+        """Return the covariance (m^2) due to lens direction (across the arm) and own position."""
         along = self._sigma_bearing**2
         across = along * dot(arm, arm) + self._sigma_position**2
         return matadd(diagonal(across, across, across), matscale(outer(arm, arm), -along))
 
     def _telemetry_noise(self, by_turning: Vec3, by_gimbal: Vec3) -> Mat3:
-        """Return the covariance (m^2) of angles whose times jitter, by how fast they turn (m/s)."""
+        """Return the covariance (m^2) due to jitter in the times of attitude and gimbal angles.
+
+        Args:
+            by_turning: velocity of the point seen by the airframe's rotation, m/s.
+            by_gimbal: the same by the gimbal's rotation, m/s.
+        """
         late = self._sigma_late**2
         gimbal = outer(by_gimbal, by_gimbal)
         return matscale(matadd(gimbal, outer(by_turning, by_turning)), late)
@@ -250,13 +258,13 @@ def camera_axes(camera: CameraPose) -> tuple[Vec3, Vec3]:
 
 
 def _without_systematic(s: PoseSolution) -> PoseSolution:
-    """Return a pose with the uncertainty of what is new in every frame.
+    """Return a pose with the white part of its uncertainty alone.
 
-    What is alike in all moves pad and prediction together: it is no noise that a filter averages.
+    The systematic part moves pad and prediction alike: a filter does not average it out.
     """
     if s.systematic is None:
         return s
-    # The rest is positive but for rounding.
+
     yaw = None if s.sigma_yaw is None else _rest(s.sigma_yaw, s.systematic.sigma_yaw)
     return replace(
         s,
@@ -267,20 +275,22 @@ def _without_systematic(s: PoseSolution) -> PoseSolution:
 
 
 def _rest(sigma: float, part: float) -> float:
+    """Return what is left of a standard deviation without an independent part of it."""
     return math.sqrt(max(sigma * sigma - part * part, 0.0))
 
 
 def _sweep(at: Mat3, after: Mat3 | None, before: Mat3 | None, point: Vec3) -> Vec3:
-    """Return how fast a fixed point of the camera frame moves as the camera turns, local NED, m/s.
+    """Return the velocity of a fixed point of the camera frame as the camera turns, local NED, m/s.
 
-    Where one side is not known, as in the first picture, the other one tells. Taken for no motion
-    it told the clock: seen from a gimbal that turned to the pad, to 4 ms by the second picture,
-    and 24 ms off for the whole flight.
+    A central difference; a one-sided one where a side is not known, as in the first picture. Taken
+    for no motion there, it made a picture count as evidence on the clock: seen from a gimbal that
+    turned to the pad, the clock was "known" to 4 ms by the second picture, and was 24 ms off for
+    the whole flight.
 
     Args:
         at: R_local_camera.
-        after: the same half of DIFFERENCE_S later; None: not known.
-        before: and earlier.
+        after: the same DIFFERENCE_S / 2 later; None: not known.
+        before: the same DIFFERENCE_S / 2 earlier; None: not known.
         point: camera frame, m.
     """
     known = sum(R is not None for R in (after, before))

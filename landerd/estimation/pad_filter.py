@@ -1,11 +1,11 @@
-"""The pad in local NED: which of a frame's poses to accept, and what follows from all of them.
+"""The pad's state in local NED, estimated from the poses that are accepted.
 
-Each sighting is taken at its exposure time, so a late picture corrects the state it belongs to and
-the state is predicted from there to now. Of two solutions the likelier is taken: by the picture, by
-where the pad should be, and by how it lay before.
+The filter stands at the exposure of the newest sighting, and estimates are predicted from there to
+now: a late picture thus corrects the state it belongs to. Of a frame's two pose solutions the
+likelier is used: by its fit to the picture, its innovation, and the pad's tilt so far.
 
-Constants below without another origin were chosen by trial in the simulator: with them every row of
-`landerd campaign guidance` reaches what config/campaigns/guidance.yaml asks of it, consistent
+Constants below without a stated source were chosen by trial in the simulator: with them every row
+of `landerd campaign guidance` reaches what config/campaigns/guidance.yaml asks of it, consistent
 innovations (`nis_deviation`) included.
 """
 
@@ -16,7 +16,7 @@ from landerd.config.models import EstimationSection
 from landerd.estimation.bias_linearisation import (
     RANGE_TIME_CONSTANT_S,
     BiasLinearisation,
-    shown_by,
+    apparent_shift,
 )
 from landerd.estimation.heading_filter import HeadingFilter
 from landerd.estimation.inconsistency import Inconsistency
@@ -39,38 +39,41 @@ from landerd.geometry import (
 )
 
 # ---- when a pad is known -----------------------------------------------------------------------
-# Consistent sightings before a pad counts: one false alarm must not fly. And for so long, s, that
-# the camera has turned to what it saw at the edge of a picture: there a ring cannot be told from
-# another one by what lies beside it.
+# Consistent sightings before a pad counts: nothing is flown after a single false alarm. They span
+# this time at least, s, so that the camera has turned to what it saw at the edge of a picture:
+# there the surroundings that tell one ring from another may be out of the picture.
 SIGHTINGS_TO_CONFIRM, CONFIRM_S = 3, 0.4
-# Between those, s. With 2 s, one false alarm and the pad made a pad that flew at 3 to 6 m/s.
+# Longest gap between them, s. With 2 s a false alarm and the true pad were joined into a pad that
+# moved at 3 to 6 m/s.
 MAX_CONFIRM_GAP_S = 0.3
-MAX_GAP_S = 2.0  # without a sighting for so long the old state says nothing about the new one
-REJECTIONS_TO_RESTART = 5  # in a row and together: the pad is there, and not where it was thought
-# How far a sighting may jump from the last one and be of the same thing: the fastest pad, seen from
-# a vehicle that does not know its speed.
+MAX_GAP_S = 2.0  # after a longer gap without sightings the filter restarts from the next
+REJECTIONS_TO_RESTART = 5  # in a row and close together: the pad is there, the estimate is wrong
+# Largest speed at which successive refused sightings may move and still be of one object: the
+# fastest pad, seen from a vehicle that does not know its own speed.
 FASTEST_PAD_MPS = 15.0
-# Steps of the autopilot's position are smaller (GPS glitches that its EKF takes are), and rare.
+# Steps of the autopilot's position are smaller than this (GPS glitches that its EKF accepts are),
+# and not more frequent.
 MAX_STEP_M, STEP_GAP_S = 0.5, 1.0
-MAX_SIGMA_HEADING = math.radians(5.0)  # rad; a heading less certain than this is not known
+MAX_SIGMA_HEADING = math.radians(5.0)  # rad; a heading less certain than this counts as unknown
 
 # ---- what is assumed of pads -------------------------------------------------------------------
 SIGMA_INITIAL_VELOCITY_MPS = (8.0, 8.0, 1.0)  # of a new pad, local NED: `moving-15` is 2 sigma
-MAX_TILT = math.radians(25.0)  # rad; what lies steeper is no pad, whatever it looks like
+MAX_TILT = math.radians(25.0)  # rad; nothing steeper is a pad
 
 # ---- what is assumed of the measurement --------------------------------------------------------
-SIGMA_GIMBAL_CLOCK_S = 0.015  # of the gimbal's angles against the pictures, beside the autopilot's
+SIGMA_GIMBAL_CLOCK_S = 0.015  # of the gimbal's clock against the pictures'
 SIGMA_HEADING = math.radians(2.0)  # rad, of the autopilot's heading
 BIAS_TIME_CONSTANT_S = 120.0  # of the Gauss-Markov errors of lens direction and gimbal's clock
-# Of the pictures' clock, which stays as it is for a flight. With 120 s it was known at 15 m, and
-# forgotten low over the pad for whatever moved like it there (bench/sensor_errors.py).
+# Of the pictures' clock, whose offset is constant for a flight. With 120 s it was learned at 15 m
+# and then spoiled low over the pad by other errors that look like it (bench/sensor_errors.py).
 CLOCK_TIME_CONSTANT_S = 1200.0
-# What shows the pad aside for a while (a gimbal's backlash, a position that wanders) the vehicle
-# flies after, and so it goes with the vehicle's own motion, as what a late clock shows does: low
-# over the pad, where that moves little, it was taken for a clock 8 ms later on average, and that to
-# 3 ms. Of white noise that tells as little of the clock; chosen on 30 days of the field world. With
-# 0.005 m a clock that was known was moved by 25 ms within 10 s of hovering 1 m over a pad.
-COLOURED_RAD, COLOURED_M = 0.003, 0.015  # of the range, and beside it
+# Slowly varying errors (backlash of a gimbal, wander of the position) are followed by the vehicle,
+# and so are correlated with its motion, just as the effect of a clock error is. Low over the pad,
+# where the vehicle moves little, they were taken for a clock 8 ms later on average, with a stated
+# sigma of 3 ms. This white noise is as uninformative about the clock (see `MotionFilter.correct`);
+# chosen on 30 days of the field world. With 0.005 m a clock that was known well moved by 25 ms
+# within 10 s of hover 1 m over a pad.
+COLOURED_RAD, COLOURED_M = 0.003, 0.015  # in proportion to the range, and constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +87,12 @@ class PadEstimate:
     sigma_velocity: Vec3  # m/s
     heading: float | None  # rad; None: not known well enough
     sigma_heading: float  # rad
-    turn_rate: float  # rad/s; 0 without heading
-    normal: Vec3  # unit vector into the pad
-    coupling: float = 1.0  # of the turn rate, what the velocity turns with: 0 to 1
+    turn_rate: float  # of the heading, rad/s; 0 without heading
+    normal: Vec3  # unit vector into the pad, local NED
+    coupling: float = 1.0  # share of the turn rate that the velocity turns at: 0 to 1
 
     def moved(self, now: float) -> "PadEstimate":
-        """Return the pad at another time if it goes on as it did."""
+        """Return the pad at another time (s), at constant velocity."""
         return replace(self, t=now, position=add(self.position, scale(self.velocity, now - self.t)))
 
     @property
@@ -101,30 +104,30 @@ class PadEstimate:
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """What is wrong about camera and gimbal in all frames alike, as far as it is known.
+    """Estimated errors of camera and gimbal that all frames have in common.
 
     An error of the camera's clock cannot be told from one of TIMESYNC, nor one of the mounting from
     one of the gimbal's angles: these are their sums.
     """
 
-    clock_s: float  # pictures are stamped so much late
+    clock_s: float  # how late pictures are stamped, s
     sigma_clock_s: float
-    gimbal_clock_s: float  # the gimbal's angles are stamped so much earlier than the attitude
+    gimbal_clock_s: float  # how much earlier than the attitude gimbal angles are stamped, s
     sigma_gimbal_clock_s: float
-    up: float  # the lens looks so much higher than is said, rad
-    right: float  # and so much farther to the right
-    sigma_up: float
-    sigma_right: float
+    up: float  # how much higher the lens looks than the gimbal's angles say, rad
+    right: float  # how much farther to the right, rad
+    sigma_up: float  # rad
+    sigma_right: float  # rad
 
 
 class PadFilter:
-    """One pad's state. Call `update` with every frame's observations in the order of exposure.
+    """State of one pad. Call `update` with each frame's observations in the order of exposure.
 
     Attributes:
-        rejected: sightings refused so far.
-        nis: normalised innovation squared of the last update, refused or not: chi-square of 3
+        rejected: number of sightings refused so far.
+        nis: normalised innovation squared of the last update, refused or not: chi-square with 3
             degrees of freedom, 3 on average; NaN where there was nothing to compare with.
-        inconsistency: whether the newest sightings were farther off than noise explains.
+        inconsistency: the run of newest sightings that were farther off than noise explains.
     """
 
     def __init__(self, options: EstimationSection) -> None:
@@ -143,10 +146,10 @@ class PadFilter:
         self._heading = HeadingFilter(options.gate_sigma)
         self._sigma_clock = options.clock_sigma_s
         self._nis_limit = options.gate_sigma**2
-        self._accepted = 0  # sightings since the filter began; 0: nothing is known
+        self._accepted = 0  # sightings since the filter started; 0: nothing is known
         self._accepted_t = -math.inf
-        self._first_t = -math.inf  # of the sightings that are to confirm it
-        self._rejections = 0  # in a row, lying together
+        self._first_t = -math.inf  # first of the sightings that are to confirm the pad
+        self._rejections = 0  # in a row and close together
         self._refused_t = self._stepped_t = -math.inf
         self.inconsistency = Inconsistency()
         self._refused_step = ZERO  # innovation of the last one refused, m
@@ -158,13 +161,13 @@ class PadFilter:
 
     @property
     def clocks(self) -> Clocks:
-        """The clocks as far as they are known."""
+        """The estimated offsets of the clocks."""
         (_, _, pictures), (gimbal, _, _) = self._motion.biases
         return Clocks(pictures, gimbal)
 
     @property
     def sensor_errors(self) -> SensorErrors:
-        """What the biases are, of the clock's beside what pictures were put right by."""
+        """The estimated biases, with their standard deviations."""
         motion = self._motion
         (about_x, about_y, clock), (gimbal, _, _) = motion.biases
         b, g = motion.Pbb, motion.Pgg
@@ -179,25 +182,28 @@ class PadFilter:
             sigma_right=math.sqrt(b[1][1]),
         )
 
-    def shown(self, B: Jacobian) -> Vec3:
-        """Return how far from where it is the errors common to all frames show the pad, m."""
-        return shown_by(self._motion, B)
+    def apparent_shift(self, B: Jacobian) -> Vec3:
+        """Return measured minus true position that the biases cause, but for the clocks', m."""
+        return apparent_shift(self._motion, B)
 
     def reset(self) -> None:
-        """Forget the pad, and what is known of the sensors' errors."""
+        """Forget the pad and the biases."""
         self._accepted = 0
         self._heading.reset()
         self._motion.forget_bias()
 
     def on_clock(self, uncertainty_s: float) -> None:
-        """Take how well the autopilot's clock is known: the pictures' is known no better, s."""
+        """Take the uncertainty of the autopilot's clock, s: that of the pictures' includes it."""
         self._motion.assume_clock(math.hypot(self._sigma_clock, uncertainty_s))
 
     def update(self, observations: list[PadObservation]) -> bool:
-        """Take the likeliest observation of one frame in; tell whether it was accepted.
+        """Correct by the likeliest observation of one frame.
 
         Args:
-            observations: of the same frame's pose solutions, one or two.
+            observations: of the same frame's pose solutions, none to two.
+
+        Returns:
+            whether it was accepted, and the pad is confirmed.
         """
         self.nis = math.nan
         possible = [o for o in observations if o.tilt < MAX_TILT + 2.0 * o.sigma_tilt]
@@ -216,22 +222,22 @@ class PadFilter:
         self._motion.predict(t)
         best, innovation = self._likeliest(possible)
         if innovation.nis < 0.0:
-            # What should be a covariance is none, and nothing that hangs on it is to be flown on.
+            # The innovation's covariance is not positive: the state is not to be flown on.
             self.reset()
             return False
         self._biases.average(best, dt, self._motion.position[2])
         self.nis = innovation.nis
         self._noise.adapt(best, innovation, self._motion)
         is_likely = self.nis <= self._nis_limit  # NaN is not
-        # Telemetry that steps for a moment is noise for this moment, and no reason to be blind.
-        tolerant = innovation if is_likely else innovation.with_noise(best.hiccup)
+        # A momentary step of the telemetry counts as noise: sight must not be lost for it.
+        tolerant = innovation if is_likely else innovation.with_noise(best.step_noise)
         is_near = tolerant.nis <= self._nis_limit
         if is_likely:
             self.inconsistency.end(t)
         else:
             B = self._biases.jacobian(best, self._motion)
-            self.inconsistency.look(self._motion.course, B, innovation, near=is_near)
-            if self._follow(best, innovation):
+            self.inconsistency.look(self._motion.state, B, innovation, near=is_near)
+            if self._follows_trend(best, innovation):
                 tolerant, is_near = self._innovation(best), True
         if not is_near:
             return self._reject(best, tolerant)
@@ -243,8 +249,8 @@ class PadFilter:
         lasts_s = self._accepted_t - self._first_t
         return self._accepted >= SIGHTINGS_TO_CONFIRM and lasts_s >= CONFIRM_S
 
-    def _follow(self, seen: PadObservation, innovation: Innovation) -> bool:
-        """Tell whether the pad moves otherwise than it did, and know its motion the less."""
+    def _follows_trend(self, seen: PadObservation, innovation: Innovation) -> bool:
+        """Loosen the motion where the sightings' trend shows a manoeuvre; tell whether it does."""
         change = self.inconsistency.trend(seen.t, SIGMA_SWING * seen.range_m, self._nis_limit)
         if change is None:
             return False
@@ -263,9 +269,10 @@ class PadFilter:
         return self._at(now) if self._is_confirmed else None
 
     def unconfirmed(self, now: float, within_s: float = MAX_CONFIRM_GAP_S) -> PadEstimate | None:
-        """Return what an estimate would be of a pad that is seen, but not confirmed yet, else None.
+        """Return the state of a pad that was seen but is not confirmed, predicted to now.
 
-        It is taken to stand, until sightings say otherwise. Seen longer ago than `within_s`: None.
+        None without one, or when its last sighting is older than within_s. A new pad is taken to
+        stand still until sightings say otherwise.
         """
         is_tried = self._accepted > 0 and not self._is_confirmed
         return self._at(now) if is_tried and now - self._accepted_t <= within_s else None
@@ -288,7 +295,7 @@ class PadFilter:
         )
 
     def _start(self, seen: PadObservation) -> None:
-        """Begin anew from one observation; the biases are kept."""
+        """Restart from one observation; the biases are kept."""
         self.inconsistency.end(seen.t)
         self._accepted = 1
         self._accepted_t = seen.t
@@ -317,7 +324,8 @@ class PadFilter:
         return possible[chosen], innovations[chosen]
 
     def _innovation(self, seen: PadObservation) -> Innovation:
-        # A pad that the vehicle goes along with hides the clock's error.
+        # A clock error shifts the pad by its time times the velocity relative to the pad: flying
+        # along with the pad hides it.
         motion = self._motion
         v = motion.velocity
         (a, b, c), by_gimbal = self._biases.jacobian(seen, motion)
@@ -326,18 +334,18 @@ class PadFilter:
             (b[0], b[1], b[2] - v[1]),
             (c[0], c[1], c[2] - v[2]),
         )
-        # While neither the pad's velocity nor the clock is known, one says nothing of the other:
-        # the second-order term of their product.
+        # The second-order term of velocity times clock error: while neither is known, the first-
+        # order model would learn one from the other.
         unknown = matscale(motion.Pvv, motion.Pbb[2][2])
-        noise = matadd(self._noise.white(seen), matadd(seen.telemetry_noise, unknown))
+        noise = matadd(self._noise.white_noise(seen), matadd(seen.telemetry_noise, unknown))
         return motion.innovation(seen.position, noise, (by_lens, by_gimbal))
 
     def _reject(self, seen: PadObservation, innovation: Innovation) -> bool:
-        """Refuse it; tell whether it was accepted after all, as evidence of a step.
+        """Refuse a sighting; tell whether it was accepted after all, as evidence of a step.
 
-        Sightings refused in a row that lie together say that the pad is there. A little aside it is
-        the same pad, and position or time of the telemetry have stepped: the position is known less
-        well, all else is kept. Farther away, or soon after a step, it is another one.
+        Several refused in a row, close together, show that the pad is there. A little aside it is
+        the same pad, and the telemetry's position or time has stepped: only the position's
+        covariance grows. Farther away, or soon after another step, it is a new pad: restart.
         """
         self.rejected += 1
         step = innovation.vector
@@ -358,7 +366,7 @@ class PadFilter:
         return True
 
     def _gate(self, innovation: Innovation) -> float:
-        """Return how far aside an innovation may be at most by its covariance, m."""
+        """Return the gate's largest radius for an innovation with this covariance, m."""
         S = innovation.S
         return math.sqrt(self._nis_limit * max(S[0][0], S[1][1], S[2][2]))
 

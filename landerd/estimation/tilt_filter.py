@@ -1,6 +1,6 @@
-"""How the pad lies: a Kalman filter of one variance for its normal's lean, north and east.
+"""Kalman filter of the pad's tilt: its normal's lean to north and east, with one variance for both.
 
-Its constants were chosen as those of `pad_filter`.
+Its constants were chosen like those of `pad_filter`.
 """
 
 import math
@@ -13,15 +13,15 @@ TILT_RANDOM_WALK = math.radians(2.0)  # rad per sqrt(s): how decks roll
 
 
 class TiltFilter:
-    """Call `predict`, then `cost` of what may be seen and `update` with what is."""
+    """For each frame: `predict`, compare its pose solutions by `cost`, `update` with the chosen."""
 
     def __init__(self, sigma_bearing: float) -> None:
-        """Make one of a level pad; the lens's direction has such a sigma, rad."""
+        """Make one that assumes a level pad; sigma_bearing: of the lens's direction, rad."""
         self._sigma_bearing = sigma_bearing
         self.reset()
 
     def reset(self) -> None:
-        """Forget how it lies."""
+        """Forget the tilt."""
         self._tilt = (0.0, 0.0)  # of the normal from gravity, local north and east, rad
         self._variance = SIGMA_INITIAL_TILT**2
 
@@ -31,17 +31,17 @@ class TiltFilter:
         return unit((*self._tilt, 1.0))
 
     def predict(self, dt: float) -> None:
-        """Go on by a time, s."""
+        """Predict over dt, s."""
         self._variance += TILT_RANDOM_WALK**2 * dt
 
     def cost(self, seen: PadObservation) -> float:
-        """Return chi-square of a pose: what the picture says, and how the pad lay before."""
+        """Return the chi-square of a pose: of its fit to the picture, and of its tilt."""
         north, east = seen.normal[0] - self._tilt[0], seen.normal[1] - self._tilt[1]
         variance = self._variance + seen.sigma_tilt**2 + self._sigma_bearing**2
         return seen.cost + (north * north + east * east) / variance
 
     def update(self, seen: PadObservation) -> None:
-        """Take a normal in, white in both directions."""
+        """Correct by an observed normal, its noise white and alike in both directions."""
         s = self._variance + seen.sigma_tilt**2 + self._sigma_bearing**2
         k = self._variance / s
         north, east = self._tilt
@@ -53,5 +53,5 @@ class TiltFilter:
 
 
 def cost_by_level(seen: PadObservation) -> float:
-    """Return chi-square of a pose: what the picture says, and that pads lie nearly level."""
+    """Return the chi-square of a pose: of its fit to the picture, and of its tilt from level."""
     return seen.cost + (seen.tilt / math.hypot(SIGMA_INITIAL_TILT, seen.sigma_tilt)) ** 2

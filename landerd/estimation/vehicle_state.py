@@ -8,7 +8,7 @@ from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.history import Values
 from landerd.geometry import Vec3, add, cross, dot, euler_rates, rot_zyx, rotate, scale, wrap
 
-COURSE_MPS = 1.5  # slower it hovers, and what it does is wind and control
+COURSE_MPS = 1.5  # a slower vehicle hovers: its motion is that of wind and control
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +18,8 @@ class VehicleState:
     feet: Vec3  # centre of the footprint in the plane of the feet, m
     velocity: Vec3  # m/s
     yaw: float  # rad
-    told_yaw: float  # as the autopilot has it: other where that was set anew, rad
-    yaw_rate: float  # of the heading, rad/s: the body's own where it leans is another
+    autopilot_yaw: float  # by the autopilot, rad; differs from yaw after a reset of its heading
+    yaw_rate: float  # of the heading, rad/s: a leaning airframe turns otherwise about its own axis
     tilt: float  # of the airframe from level, rad
     roll_pitch_rate: float  # magnitude of the body's roll and pitch rates, rad/s
     airframe: VehicleSection
@@ -31,10 +31,10 @@ class VehicleState:
         return slowest_foot(self.airframe, self.velocity, self.attitude)
 
     def lowest_foot(self, normal: Vec3) -> float:
-        """Return how far the lowest foot hangs under the feet's centre along a normal, m.
+        """Return how far the lowest foot is below the feet's centre along a normal, m.
 
         Args:
-            normal: of the plane to stand on, local, down into it, unit vector.
+            normal: unit vector into the plane to stand on, local NED.
         """
         roll, pitch, *_ = self.attitude
         R = rot_zyx(self.yaw, pitch, roll)
@@ -48,17 +48,16 @@ class VehicleState:
 
     @property
     def course(self) -> float | None:
-        """Bearing of its motion, rad to the right of its nose; None while it hovers."""
+        """Direction of its motion relative to its nose, rad, right positive; None in hover."""
         north, east, _ = self.velocity
         moves = math.hypot(north, east) > COURSE_MPS
         return wrap(math.atan2(east, north) - self.yaw) if moves else None
 
 
 def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> VehicleState | None:
-    """Return the vehicle at time now from its newest position and attitude, None without them.
+    """Return the vehicle at time now (s) from its newest position and attitude, None without them.
 
-    Position and yaw are carried on to now by velocity and yaw rate; roll and pitch are taken as
-    they were measured.
+    Position and yaw are extrapolated by velocity and yaw rate; roll and pitch are not.
     """
     position, attitude = poses.position.newest, poses.attitude.newest
     if position is None or attitude is None:
@@ -71,21 +70,21 @@ def vehicle_state(poses: PoseHistory, vehicle: VehicleSection, now: float) -> Ve
     feet = add(origin, rotate(rot_zyx(yaw, pitch, roll), (0.0, 0.0, vehicle.gear_height_m)))
     yaw = wrap(yaw + (now - attitude[0]) * yaw_rate)
     tilt, roll_pitch_rate = math.hypot(roll, pitch), math.hypot(rates[0], rates[1])
-    told_yaw = wrap(yaw + poses.turned)
+    autopilot_yaw = wrap(yaw + poses.heading_offset)
     return VehicleState(
-        feet, velocity, yaw, told_yaw, yaw_rate, tilt, roll_pitch_rate, vehicle, attitude[1]
+        feet, velocity, yaw, autopilot_yaw, yaw_rate, tilt, roll_pitch_rate, vehicle, attitude[1]
     )
 
 
 def slowest_foot(vehicle: VehicleSection, velocity: Vec3, attitude: Values) -> Vec3:
     """Return the velocity (local, m/s) of the foot that sinks slowest.
 
-    An edge that touches turns the airframe about it: the middle goes on sinking and moves across
-    the pad, the feet that stand do not.
+    A foot that touches down first becomes a pivot: the airframe's centre goes on sinking and moves
+    across the pad, the foot that stands does not.
 
     Args:
         vehicle: its geometry.
-        velocity: of its origin, local, m/s.
+        velocity: of the body frame's origin, local, m/s.
         attitude: roll, pitch, yaw, rad, and the body's rates, rad/s.
     """
     roll, pitch, yaw, *rates = attitude
@@ -99,7 +98,7 @@ def slowest_foot(vehicle: VehicleSection, velocity: Vec3, attitude: Values) -> V
 
 
 def feet_of(vehicle: VehicleSection, down_m: float) -> list[Vec3]:
-    """Return the four feet in the body frame, so far down, m."""
+    """Return the four feet in the body frame, at z = down_m, m."""
     length, width = vehicle.footprint_m
     return [
         (x, y, down_m) for x in (-0.5 * length, 0.5 * length) for y in (-0.5 * width, 0.5 * width)

@@ -115,8 +115,8 @@ class LandingContext:
             return None
         relative = self.relative(vehicle, pad)
         lean = angle_between(vehicle.down, pad.normal)
-        otherwise = self.estimator.poses.climbs_otherwise(step.now)
-        return Sight(relative, age, pad.heading, lean, pad.position[2], otherwise)
+        wrong_climb = self.estimator.poses.climb_rate_is_wrong(step.now)
+        return Sight(relative, age, pad.heading, lean, pad.position[2], wrong_climb)
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
         """Return the pad relative to the vehicle, both now."""
@@ -160,7 +160,7 @@ class LandingContext:
         """See in each control step, whoever flies, whether the vehicle rests on the pad."""
         vehicle = self.estimator.fresh_vehicle(step.now)
         if vehicle is not None:
-            self.heading = vehicle.told_yaw
+            self.heading = vehicle.autopilot_yaw
         sight = self.sight = self._look(step, vehicle)
         if sight is None:
             self.rest.out_of_sight()
@@ -179,7 +179,7 @@ class LandingContext:
             stops: landerd stops it. By a wrong climb rate it sinks then, where to track the pad
                 holds its height by sight.
         """
-        sinks = self.sight is not None and self.sight.climbs_otherwise and not stops
+        sinks = self.sight is not None and self.sight.climb_rate_is_wrong and not stops
         if self.sight is None or sinks:
             return False
         rests = self.rest.is_seen(now)
@@ -190,7 +190,7 @@ class LandingContext:
         """Return why no landing begins although it may fly, for the pilot."""
         if self.sight is None:
             return self.why_blind(now)
-        if self.sight.climbs_otherwise:
+        if self.sight.climb_rate_is_wrong:
             return pilot_texts.WRONG_CLIMB_RATE
         return pilot_texts.HOLDS_IN_THE_AIR if self.hold_asked else pilot_texts.MAY_STAND
 

@@ -122,4 +122,4 @@ class Sight:
     pad_down: float  # local z of the landing point, m
     # The autopilot's height contradicts its climb rate: what it is ordered up or down it flies
     # otherwise, and a pad that stands seems to rise or to sink.
-    climbs_otherwise: bool
+    climb_rate_is_wrong: bool

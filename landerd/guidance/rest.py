@@ -62,7 +62,7 @@ class Rest:
         # Just begun, it may not know yet how the lens errs; the autopilot knows what stands.
         is_low = relative.least_height <= BUILD_ERROR_M or landed is Landed.ON_GROUND
         changes = self._height_rate(relative.height, dt)
-        up = abs(changes if sight.climbs_otherwise else relative.error_rate[2])
+        up = abs(changes if sight.climb_rate_is_wrong else relative.error_rate[2])
         across = horizontal(relative.error_rate)
         rests = is_there and up < RESTS_MPS and across < o.descent.commit_slip_mps
         # The first pictures after a while without any tell little of the pad's velocity.

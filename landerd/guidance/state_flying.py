@@ -88,7 +88,7 @@ class Tracking:
             is_low = context.below.is_fast_and_close or context.below.sinks_onto_fast
             return Event.SIGHT_LOST_LOW if is_low else Event.SIGHT_LOST
         context.attempts.tracked_t = step.now
-        rests = sight.climbs_otherwise and context.rest.is_seen(step.now)
+        rests = sight.climb_rate_is_wrong and context.rest.is_seen(step.now)
         if rests and context.orders.climbs and not context.hold_asked:
             # Its climb rate is wrong: that it was told to climb does not say that it will.
             north, east, _ = context.below.velocity
@@ -163,7 +163,7 @@ class Tracking:
         is_sure = relative.heading_error is not None or now - self._seen_from >= RING_ALONE_S
         is_blind = phases.is_blind(relative, sight.age)
         may_descend = is_inside and is_sure and not is_blind and relative.height > floor_m
-        return may_descend and not sight.climbs_otherwise
+        return may_descend and not sight.climb_rate_is_wrong
 
     def _tell_if_unfollowed(self, now: float, relative: RelativeState) -> None:
         """Tell the pilot of an autopilot that does not fly what it is ordered."""
@@ -187,7 +187,7 @@ class Tracking:
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
         phases.watch(sight.lean, relative, step.dt)
-        may_land = not context.hold_asked and not sight.climbs_otherwise
+        may_land = not context.hold_asked and not sight.climb_rate_is_wrong
         arrives = self._arrives(step.now, sight)
         phase, why = phases.step(relative, sight.age, may_land=may_land, arrives=arrives)
         if self._wait_out(sight):
@@ -224,7 +224,7 @@ class Tracking:
 
     def _wait_out(self, sight: Sight) -> bool:
         """Tell whether a wrong climb rate is waited out; count the abort, once."""
-        if not sight.climbs_otherwise:
+        if not sight.climb_rate_is_wrong:
             self._held_m = None
             return False
         context, orders = self._context, self._context.orders

@@ -73,7 +73,7 @@ def test_a_heading_that_is_set_anew_is_gone_on_without_where_the_old_one_is_kept
         assert newest is not None
         assert newest[1][2] == pytest.approx(0.02 * i, abs=1e-6)
         if i in (10, 25, 59):
-            assert made.turned == pytest.approx(0.4 if i == 25 else 0.0, abs=1e-6)
+            assert made.heading_offset == pytest.approx(0.4 if i == 25 else 0.0, abs=1e-6)
 
 
 def test_a_gimbal_that_goes_silent_is_not_taken_to_stand_still_for_long() -> None:

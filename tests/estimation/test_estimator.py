@@ -90,7 +90,7 @@ def test_a_heading_set_anew_is_kept_off_from_a_pad_that_is_known(is_seen: bool) 
     assert before is not None
     assert vehicle is not None
     assert vehicle.yaw == pytest.approx(before.yaw if is_seen else 0.7)
-    assert vehicle.told_yaw == pytest.approx(0.7)  # to stand level with
+    assert vehicle.autopilot_yaw == pytest.approx(0.7)  # to stand level with
 
 
 def test_after_a_restart_nothing_of_vehicle_or_pad_is_known() -> None:

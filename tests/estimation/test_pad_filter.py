@@ -33,7 +33,7 @@ from landerd.geometry import (
 )
 
 RATE = 30.0
-HICCUP = matscale(IDENTITY, 0.02**2)
+STEP_COVARIANCE = matscale(IDENTITY, 0.02**2)
 PAD: Vec3 = (12.0, -7.0, 0.4)
 OPTIONS = EstimationSection(clock_sigma_s=0.0)
 NOTHING = matscale(IDENTITY, 0.0)
@@ -81,7 +81,7 @@ def sighting(
         covariance=covariance,
         telemetry_noise=NOTHING,
         biases=biases,
-        hiccup=HICCUP,
+        step_noise=STEP_COVARIANCE,
         heading=heading,
         sigma_heading=sigma_heading,
         normal=normal,
