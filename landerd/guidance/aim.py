@@ -1,15 +1,20 @@
 """Where the gimbal is pointed (thesis 2.3.4, eq. 2.1).
 
-`predicted` points it where the filter says the pad will be when the gimbal has got there, whatever
-vehicle and pad do meanwhile. `increment` is the thesis's law, which adds k x/z to the yaw set-point
-and k y/z to the pitch one with every sighting. Three things differ here. A picture is old when it
-is searched, so the error is added to the angles of its exposure and the set-point moves by k of the
-way there; with a gimbal at its set-point this is eq. 2.1. Yaw moves the picture by cos(pitch) only:
-straight down it lies along the lens and cannot move it at all, so its error is taken through the
-damped inverse of cos(pitch) (Wampler 1986, damped least squares), which fades out there instead of
-winding the gimbal round; nor is it pulled to the measured angle there, for with nothing in the
-picture to stop it the least bias of that angle would turn it for ever. And the limits hold for
-every marker.
+`predicted` points it where the filter predicts the pad to be when the gimbal gets there, whatever
+vehicle and pad do meanwhile.
+
+`increment` is the thesis's law, which with every sighting adds k x/z to the yaw set-point and k y/z
+to the pitch set-point. It differs from the thesis in three things:
+
+- A picture is old by the time it has been searched: the error is added to the angles at its
+  exposure, and the set-point moves by k of the way there. With a gimbal at its set-point this is
+  eq. 2.1.
+- Yaw moves the picture by cos(pitch) only, and not at all straight down, where its axis lies along
+  the lens. The yaw error is therefore taken through the damped inverse of cos(pitch) (damped least
+  squares: Wampler 1986), which fades out there instead of winding the gimbal round. For the same
+  reason yaw is not pulled to its measured angle there: nothing in the picture would stop it, and a
+  small bias of that angle would turn it forever.
+- The limits hold for every marker.
 """
 
 import math
@@ -18,34 +23,36 @@ from landerd.config.models import AimSection, GimbalSection
 from landerd.geometry import Mat3, Vec3, clamp, is_finite, wrap
 from landerd.messages import GimbalCommand, MarkerSighting, Sightings
 
-# Chosen by trial in the simulator, for the thesis's camera (78 by 63 degrees): with them every
-# landing of `landerd campaign guidance` reached its pad. None is measured on a gimbal.
+# Constants were chosen by trial in the simulator, for the thesis's camera (field of view 78 by 63
+# degrees): with them every landing of `landerd campaign guidance` reached its pad. None was
+# measured on a gimbal.
 
 # ---- increments --------------------------------------------------------------------------------
-DAMPING = 0.3  # of the inverse of cos(pitch); 17 degrees from straight down it has full effect
-SQUARE_HOLD_S = 0.3  # a square is still preferred to a ring: not every frame is searched for it
+DAMPING = 0.3  # of the inverse of cos(pitch): that is largest 17 degrees from straight down
+SQUARE_HOLD_S = 0.3  # a square marker stays preferred this long: not every frame is searched for it
 
 # ---- by prediction -----------------------------------------------------------------------------
-DEAD_BAND = math.radians(4.0)  # rad from the picture's middle that the pad may be off
+DEAD_BAND = math.radians(4.0)  # that the pad may be off the picture's centre, rad
 PITCH_TIME_CONSTANT_S = 0.2
-MAX_YAW_RATE = math.radians(120.0)  # rad/s of the yaw's set-point
-# A pad so far off the lens, rad, because the yaw is at its limit, is still in the picture: better
-# there than out of it while the gimbal turns right round.
+MAX_YAW_RATE = math.radians(120.0)  # rad/s, of the yaw set-point
+# A pad no farther aside of the lens than this, rad, is in the picture. With the yaw at its limit
+# that is better than losing sight of it while the gimbal turns right round.
 VISIBLE_ASIDE = math.radians(28.0)
 
 # ---- search ------------------------------------------------------------------------------------
 SWEEP_PITCH_RATE = math.radians(20.0)  # rad/s
-# A picture is 63 degrees high: in these lies what is 9 degrees and more below the horizon, ahead
-# and, pitched past straight down, behind: a pad that stops is flown past.
+# Pitch limits of the sweep. A picture is 63 degrees high: the sweep shows whatever is more than 9
+# degrees below the horizon, ahead and, pitched past straight down, behind: a vehicle flies past a
+# pad that stops.
 SWEEP_LOW, SWEEP_HIGH = math.radians(-140.0), math.radians(-40.0)
-# On the way it looks so far down from the horizon: what is 19 to 81 degrees below it is in every
-# picture. With the sweep, two of 37 field days flew past a pad that was in sight for too few of
-# them; with 40 degrees two of 13 days with small codes, which are seen from near by alone.
+# Pitch from the horizon while the vehicle is under way: everything 19 to 81 degrees below the
+# horizon is in each picture. With the sweep, two of 37 field days flew past a pad that was in too
+# few pictures; with 40 degrees, two of 13 days with small codes, which are seen from near by only.
 ON_COURSE_PITCH = math.radians(-50.0)
-# Where the nose points, if it flies there but for so much: in wind a vehicle drifts aside of what
-# its pilot flies to.
+# The camera looks along the nose if the course is no farther from it than this, and else along the
+# course: in wind a vehicle drifts beside the direction that its pilot flies in.
 DRIFT = math.radians(45.0)
-SWEEP_YAW = math.radians(50.0)  # rad to either side of idle: less than a picture is wide
+SWEEP_YAW = math.radians(50.0)  # rad to either side of idle: less than the picture's width
 
 
 class Aim:
@@ -58,10 +65,10 @@ class Aim:
         self._pitch_limits = tuple(math.radians(a) for a in gimbal.pitch_limits_deg)
         self._idle_pitch = math.radians(aim.idle_pitch_deg)
         self._idle_yaw = math.radians(aim.idle_yaw_deg)
-        self._sweep = -1.0  # direction of the search in pitch
-        self._sweeps = 0
+        self._sweep = -1.0  # direction of the sweep in pitch
+        self._sweeps = 0  # finished so far
         self._seen_t = -math.inf
-        self._began = math.inf  # when it was first ticked
+        self._began = math.inf  # first tick, s
         self._square_t = -math.inf
         self._t: float | None = None
         self.command = self._limited(self._idle_yaw, self._idle_pitch)
@@ -96,15 +103,15 @@ class Aim:
         course: float | None = None,
         base: Mat3 | None = None,
     ) -> None:
-        """Point at the pad, or search while it is not in sight: on the way to it at once.
+        """Point at the pad, or search for it while it is out of sight.
 
         Args:
             now: s.
-            direction: where the pad will be, unit vector in the frame that the gimbal is measured
-                in; None: not known, or the increments do it.
-            sighting_t: of the last sighting that the estimate took, s.
-            course: of the vehicle, rad to the right of its nose; None: it hovers.
-            base: R_local_base, from the frame that the gimbal is measured in; None: not known.
+            direction: to where the pad will be, unit vector in the gimbal's base frame
+                (gimbal_frames.rotation_local_base); None: not known, or aim.method is `increment`.
+            sighting_t: exposure of the last sighting that the estimator accepted, s.
+            course: direction of the vehicle's motion, rad to the right of its nose; None: hover.
+            base: R_local_base; None: not known.
         """
         dt = now - self._t if self._t is not None else 0.0
         self._t = now
@@ -123,11 +130,11 @@ class Aim:
             self._sweep_round(dt, base)
 
     def _point(self, direction: Vec3, dt: float) -> None:
-        """Take the direction, as far as the pad lies off the middle of the picture.
+        """Turn towards a direction, but for a dead band about the picture's centre.
 
-        The picture is wide: what shakes the airframe or the estimate need not shake the lens, the
-        less as a gimbal that turns is not quite where it says it is. Straight down the yaw axis
-        lies along the lens; there little is off to the side, and the yaw stays where it is.
+        The picture is wide: a shaking airframe or estimate need not shake the lens, all the more
+        since the angles of a turning gimbal are less accurate. Straight down, where the yaw axis
+        lies along the lens, little is off to the side, and the yaw stays as it is.
         """
         x, y, z = direction
         yaw, pitch = self.command.yaw, self.command.pitch
@@ -141,7 +148,7 @@ class Aim:
         self.command = self._limited(yaw, pitch + min(1.0, dt / PITCH_TIME_CONSTANT_S) * error)
 
     def _nearest_yaw(self, direction: Vec3) -> float:
-        """Return the yaw to see a pad by: facing it or, pitched past straight down, averted."""
+        """Return the yaw that shows the pad: facing it or, pitched past straight down, averted."""
         x, y, z = direction
         bearing = math.atan2(y, x)
         facing, averted = (
@@ -153,7 +160,7 @@ class Aim:
         return min(possible or [facing], key=lambda yaw: abs(yaw - self.command.yaw))
 
     def _look_along(self, course: float, dt: float, base: Mat3 | None) -> None:
-        """Look where pads come into sight that are flown to, however the vehicle leans."""
+        """Look ahead along the course, at a fixed pitch from the horizon however it leans."""
         drifts = abs(wrap(course - self._idle_yaw)) < DRIFT
         self._turn_to(self._idle_yaw if drifts else course, dt)
         step = SWEEP_PITCH_RATE * dt
@@ -163,7 +170,7 @@ class Aim:
         )
 
     def _sweep_round(self, dt: float, base: Mat3 | None) -> None:
-        """Sweep down and behind, and back up, at another yaw each time."""
+        """Sweep from ahead down and behind, and back, at another yaw each time."""
         lean = _lean(base, self.command.yaw)
         low = max(SWEEP_LOW + lean, self._pitch_limits[0])
         high = min(max(SWEEP_HIGH, self._idle_pitch) + lean, self._pitch_limits[1])
@@ -180,7 +187,10 @@ class Aim:
         self.command = self._limited(turned, self.command.pitch)
 
     def _preferred(self, sightings: Sightings) -> MarkerSighting | None:
-        """Return the marker to look at: a square one if seen lately, else a ring (thesis 2.3.5)."""
+        """Return the marker to look at: a square one if seen lately, else a ring (thesis 2.3.5).
+
+        None while a square one is still preferred but not in this frame.
+        """
         squares = [m for m in sightings.markers if m.kind in ("apriltag", "aruco")]
         if squares:
             self._square_t = sightings.t
@@ -194,19 +204,19 @@ class Aim:
 
 
 def _lean(base: Mat3 | None, yaw: float) -> float:
-    """Return by how much what a gimbal is measured against leans forward along a yaw, rad."""
+    """Return the pitch of the gimbal's base frame along a yaw (rad), nose down positive, rad."""
     if base is None:
         return 0.0
     return math.asin(clamp(base[2][0] * math.cos(yaw) + base[2][1] * math.sin(yaw), -1.0, 1.0))
 
 
 def _along_and_right(x: float, y: float, yaw: float) -> tuple[float, float]:
-    """Return the parts of (x, y) along a yaw and to its right."""
+    """Return the components of (x, y) along a yaw (rad) and to its right."""
     c, s = math.cos(yaw), math.sin(yaw)
     return c * x + s * y, c * y - s * x
 
 
 def _aside(x: float, y: float, z: float, yaw: float) -> float:
-    """Return how far a direction is to the side of a lens at a yaw, rad, whatever its pitch."""
+    """Return the angle (rad) of a direction to the side of a lens at a yaw, for the best pitch."""
     ahead, right = _along_and_right(x, y, yaw)
     return abs(math.atan2(right, math.hypot(ahead, z)))

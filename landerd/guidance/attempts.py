@@ -6,12 +6,12 @@ from landerd.config.models import LostSection
 
 
 class Attempts:
-    """Counts what guidance.lost limits, until the pilot flies or waits.
+    """Counts what guidance.lost limits: descents broken off, and the time of a landing.
 
     Attributes:
         outcome: of the last landing, None while none has ended.
-        aborts: times a descent was broken off, or the pad went out of sight while flying.
-        tracked_t: when it was flown by sight of the pad last, s; -inf: not since it was broken off.
+        aborts: how often a descent was broken off, or sight of the pad was lost while flying.
+        tracked_t: when the vehicle last flew by sight of the pad, s; -inf: not since an abort.
     """
 
     def __init__(self, options: LostSection) -> None:
@@ -19,7 +19,7 @@ class Attempts:
         self.outcome: str | None = None
         self.aborts = 0
         self.tracked_t = -math.inf
-        self._began = math.inf  # the landing, without having come to commit since, s
+        self._began = math.inf  # start of a landing that has not come to commit, s
         self._descents_broken_off = 0
 
     def configure(self, options: LostSection) -> None:
@@ -27,15 +27,15 @@ class Attempts:
         self._options = options
 
     def begin(self, now: float) -> None:
-        """Take the time that a landing may take from now on, unless it runs already."""
+        """Start the time that a landing may take, unless it runs already."""
         self._began = min(self._began, now)
 
     def end(self) -> None:
-        """Take no more time: the landing has come to commit, or is over."""
+        """Stop that time: the landing has come to commit, or is over."""
         self._began = math.inf
 
     def takes_too_long(self, now: float) -> bool:
-        """Tell whether the landing should have come to commit by now."""
+        """Tell whether the landing should have come to commit by now (s)."""
         return now - self._began > self._options.total_s
 
     def break_off(self, *, is_descent: bool) -> None:
@@ -51,7 +51,7 @@ class Attempts:
         return self._descents_broken_off > self._options.retries
 
     def forgive(self) -> None:
-        """Count broken-off descents and the landing's time anew: the pilot flies, or waits."""
+        """Reset both counts: the pilot flies, or has asked to hold."""
         self._descents_broken_off = 0
         self.end()
 

@@ -7,18 +7,18 @@ from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.states import Event
 from landerd.messages import Phase
 
-# A wave-off climbs for so long, or so far; design rule 1b: at most 1 s or 0.5 m.
+# Duration and height of a climb away; design rule 1b: at most 1 s or 0.5 m.
 WAVE_OFF_S, WAVE_OFF_M = 1.0, 0.4
-# While it may fly on, a vehicle that has not climbed so far yet goes on with it for so long, s: one
-# whose thrust came back late was stopped with its feet 6 cm over a pad that drove on.
+# While landerd may fly on, a vehicle that has not gained WAVE_OFF_M goes on for up to this long, s:
+# one whose thrust came back late was stopped with its feet 6 cm over a pad that drove on.
 SLOW_WAVE_OFF_S = 2.0
 
 
 class ClimbAway:
-    """Climbs away from the pad at the pad's velocity as it is seen, and does not turn.
+    """Climbs away from the pad at the pad's velocity, without turning.
 
     Just over a pad that moves, or with feet on it, a stop relative to the ground would tip the
-    vehicle over. Leaves WAVE_OFF_M higher, or after WAVE_OFF_S; later where it is slow.
+    vehicle over. Ends WAVE_OFF_M higher, or after WAVE_OFF_S (SLOW_WAVE_OFF_S).
     """
 
     def __init__(self, context: LandingContext) -> None:
@@ -37,7 +37,7 @@ class ClimbAway:
         self._why = pilot_texts.BLIND.format(why=why, what=pilot_texts.CLIMBING_AWAY)
 
     def step(self, step: ControlStep) -> Event | None:
-        """Order the climb; return CLEAR_OF_PAD when it is high enough, or its time is over."""
+        """Order the climb; return CLEAR_OF_PAD when it is high enough, or the time is over."""
         climbed_m = self._climbed_m(step.now)
         is_slow = step.granted and climbed_m is not None
         most_s = SLOW_WAVE_OFF_S if is_slow else WAVE_OFF_S
@@ -56,12 +56,12 @@ class ClimbAway:
         north, east, _ = context.below.velocity
         if context.below.may_touch:
             context.orders.climb_away(north, east)
-        else:  # there is room to begin gently
+        else:  # there is room to begin within the acceleration limits
             climb = (north, east, -context.options.limits.climb_mps)
             context.orders.fly(climb, 0.0, may_descend=False)
 
     def _climbed_m(self, now: float) -> float | None:
-        """Return how far it has climbed from the pad, if that heaves on as it did."""
+        """Return the height gained over the pad, m, the pad's heave extrapolated; None: unknown."""
         context = self._context
         vehicle = context.estimator.fresh_vehicle(now)
         if vehicle is None or self._from_down is None:

@@ -1,4 +1,4 @@
-"""What the states at the pad share: how high its feet are over it, and whether to stand level."""
+"""What the states at the pad share: heights of the feet over it, and whether to stand level."""
 
 import math
 
@@ -11,40 +11,44 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import LATE_S, ContactMotion, Touchdown
 from landerd.messages import Severity
 
-# The pad is given up when it is seen for so long that it will be missed, s: two or three pictures.
+# How long sight must show that the pad will be missed before it is given up, s: two or three
+# pictures.
 MISSES_S = 0.09
 
 
 def least_clearance(
     context: LandingContext, relative: RelativeState, vehicle: VehicleState, pad: PadEstimate
 ) -> float:
-    """Return the least that the lowest foot may be over the pad, m: leaning, as low as may be.
+    """Return a lower bound of the lowest foot's height over the pad, m, for the worst tilt.
 
-    By it a touch is allowed for; not waved off, say, for a pad that seems to slide.
+    Below zero a touch is possible, and the descent is not waved off, say, for a pad that slides.
     """
     return context.footprint.clearance(relative, vehicle.tilt) - _unsure_m(pad)
 
 
 def foot_height(relative: RelativeState, vehicle: VehicleState) -> float:
-    """Return the height of the lowest foot over the pad, m, as airframe and plate do lean."""
+    """Return the height of the lowest foot over the pad, m, by the lean of airframe and plate."""
     return relative.height - vehicle.lowest_foot(relative.normal)
 
 
 def is_arriving(relative: RelativeState, vehicle: VehicleState, sinking: float) -> bool:
-    """Tell whether a foot will be down before a climb answers, at a sink rate of so many m/s."""
+    """Tell whether a foot will be down before a climb takes effect.
+
+    Args:
+        relative: pad relative to vehicle.
+        vehicle: at the same time.
+        sinking: sink rate of the foot relative to the pad, m/s.
+    """
     return foot_height(relative, vehicle) <= LATE_S * sinking
 
 
 def lowest_foot(relative: RelativeState, vehicle: VehicleState, pad: PadEstimate) -> float:
-    """Return the least that `foot_height` may be, m: by it contact is believed.
-
-    Its uncertainty counts as in `least_clearance`.
-    """
+    """Return `foot_height` minus its uncertainty (2 sigma), m: contact is believed by it."""
     return foot_height(relative, vehicle) - _unsure_m(pad)
 
 
 def sure_slip_mps(relative: RelativeState) -> float:
-    """Return how fast the pad surely slides away under it, as seen, m/s."""
+    """Return the speed at which the pad slides under the vehicle minus 2 sigma of it, m/s."""
     return horizontal(relative.error_rate) - 2.0 * relative.sigma_velocity
 
 
@@ -56,12 +60,20 @@ def level_due(
     *,
     released: bool = False,
 ) -> bool:
-    """Show the touch-down how the vehicle moves on the pad; tell whether it is to be levelled."""
+    """Pass the vehicle's motion on the pad to the touch-down; tell whether to level it.
+
+    Args:
+        context: of the landing.
+        touchdown: that decides.
+        step: of the control task.
+        vehicle: now.
+        released: landerd may not fly on.
+    """
     north, east, _ = context.below.velocity
     v_north, v_east, _ = vehicle.velocity
     slip = math.hypot(v_north - north, v_east - east)
     if context.sight is not None and not context.below.carries:
-        # What the pad did at the touch it may do no longer: it brakes under feet that are up.
+        # The pad may brake under feet that are up again: its velocity at the touch is not enough.
         slip = max(slip, sure_slip_mps(context.sight.relative))
     heave, sigma_heave = context.below.heave(step.now)
     pad = context.estimator.pad(step.now)
@@ -85,11 +97,11 @@ def level_due(
 
 
 def tell_unconfirmed(context: LandingContext) -> None:
-    """Tell the pilot, now and again, that the land detector stays silent."""
+    """Tell the pilot that the land detector stays silent, every REMIND_UNCONFIRMED_S."""
     text, every_s = pilot_texts.UNCONFIRMED, pilot_texts.REMIND_UNCONFIRMED_S
     context.orders.say(Severity.CRITICAL, text, every_s=every_s)
 
 
 def _unsure_m(pad: PadEstimate) -> float:
-    """Return by how much the pad may be higher than it is said to be, m."""
+    """Return 2 sigma of the pad's height, m."""
     return 2.0 * math.sqrt(pad.covariance[2][2])

@@ -1,12 +1,13 @@
-"""How the camera is to expose: by the pad's white once it is seen, by the ground before.
+"""Exposure control: by the pad's white once it is seen, by the ground before.
 
-Every order is waited for before the next: pictures taken under the old exposure say nothing about
-the new one. How much light a grey level means depends on the camera's tone curve, which nobody
-knows; a step in proportion to the level is right for a linear one and falls short of the aim with
-any gamma, so it closes in from either side. Blurred sight is worse than noisy sight: beyond the
-short exposure comes gain. But gain lifts the noise with the light, and vision loses a small ring
-to noise sooner than to the dark (white at 40 with noise of 3 was seen from afar, at 100 with 7
-not): gain is used only up to a fifth of the level aimed at.
+Each order takes effect before the next is made: pictures taken under the old exposure say nothing
+about the new one. A step in proportion to the grey level is right for a linear tone curve and falls
+short with any gamma, so that it converges from either side whatever the camera's curve is.
+
+Motion blur is worse than noise: above the short exposure (`short_s`) gain is raised first. But gain
+amplifies noise too, and vision loses a small ring to noise sooner than to the dark (white at 40
+with noise of 3 was seen from afar, at 100 with 7 not): gain is used only up to a fifth of the
+desired level.
 """
 
 import math
@@ -15,22 +16,22 @@ from landerd.config.models import MeteringSection
 from landerd.geometry import clamp
 from landerd.messages import CLIPPED_LEVEL, ExposureOrder, Light, Sightings
 
-# Grey levels aimed at. White at four fifths of full scale leaves room for noise and for a light
-# that is not even. Grass, earth and asphalt give back a quarter of what white does.
+# Desired grey levels. White at four fifths of full scale leaves room for noise and uneven light.
+# Grass, earth and asphalt reflect a quarter of what white does.
 WHITE_LEVEL, GROUND_LEVEL = 200.0, 70.0
-CLIPPED_STEP = 0.4  # to which the exposure is cut where something is clipped,
-BLINDED_STEP = 0.16  # and where most of the picture is
-DARKEST_LEVEL = 4.0  # from here down a level says only that it is too dark
-BLINDING = 0.5  # share of the picture that is clipped: what is to be seen in it is lost
-GLARING = 2e-4  # share of the ground that may be a far pad: a ring of 6 px with its plate
-ROUGHLY = 2.0  # so near the ground's level is enough for the shorter turns to begin
-SHORTER_TURNS = 3  # white then fits, had it been 15 times over full scale
-DIM = 0.2  # share of the level aimed at that is enough where more would need gain
-BAND = 1.15  # a level that is off by less is left
-# From an order to the pictures exposed by it: so many of them, and so long at the least, for the
-# order's own way and the camera's clock.
+CLIPPED_STEP = 0.4  # factor on the exposure where something is clipped
+BLINDED_STEP = 0.16  # factor on the exposure where most of the picture is clipped
+DARKEST_LEVEL = 4.0  # lower levels say no more than "too dark"
+BLINDING = 0.5  # clipped share of the picture from which on nothing can be seen in it
+GLARING = 2e-4  # clipped share of the ground that may be a far pad: a ring of 6 px with its plate
+ROUGHLY = 2.0  # factor within which the ground's level must be before shorter exposures are tried
+SHORTER_TURNS = 3  # shorter exposures tried: white fits then, had it been 15 times over full scale
+DIM = 0.2  # share of the desired level that is enough where more would need gain
+BAND = 1.15  # factor within which a level is left alone
+# From an order to the pictures exposed by it: this many of them, and at least this time, s, for the
+# order's way to the camera and the error of its clock.
 SETTLED_FRAMES, SETTLED_S = 3, 0.1
-PAD_KEEP_S = 2.0  # after the pad's last picture its light still holds, under the same exposure
+PAD_KEEP_S = 2.0  # how long after the pad's last picture its exposure is kept, s
 
 
 class ExposureControl:
@@ -38,24 +39,24 @@ class ExposureControl:
 
     def __init__(self, options: MeteringSection) -> None:
         self._options = options
-        # Seconds at gain 1.
+        # Exposures as amounts of light: s at gain 1.
         self._least = options.shortest_s
         self._most = options.longest_s * options.gain_max
         self._amount = self._before = options.short_s
         self._ordered_t = -math.inf
-        self._frame: tuple[float, int] | None = None  # time and number of the last
-        self._period_s = 0.0  # of the camera
+        self._frame: tuple[float, int] | None = None  # time (s) and number of the last
+        self._period_s = 0.0  # between the camera's frames
         self._pad_t = -math.inf
         self._has_ordered = False
-        self._ground: float | None = None  # the amount to go back to from shorter turns
-        self._turns = 0
+        self._ground: float | None = None  # amount for the ground while shorter ones are tried
+        self._turns = 0  # shorter ones tried so far
 
     def on_sightings(self, now: float, sightings: Sightings) -> ExposureOrder | None:
         """Take a frame's brightness; return the order that follows, if any.
 
         Args:
             now: s.
-            sightings: of a frame exposed after all before.
+            sightings: of a frame newer than all before.
         """
         light = sightings.light
         self._note_period(sightings)
@@ -86,7 +87,7 @@ class ExposureControl:
         self._frame = sightings.t, sightings.seq
 
     def _on_ground(self, now: float, light: Light) -> ExposureOrder | None:
-        """Return the order after a picture that was exposed for the ground."""
+        """Return the order that follows a picture exposed for the ground."""
         if light.clipped >= BLINDING and self._amount > self._least:
             return self._order(now, max(BLINDED_STEP * self._amount, self._least))
         is_glaring = light.clipped >= GLARING
@@ -100,7 +101,7 @@ class ExposureControl:
         return self._shorter(now, light)
 
     def _shorter(self, now: float, light: Light) -> ExposureOrder:
-        """Return the order for the next shorter exposure, after the last for that of the ground."""
+        """Return the order for the next shorter exposure; after the last, for the ground's."""
         shorter = CLIPPED_STEP * self._amount
         self._turns += 1
         if light.clipped < GLARING or self._turns > SHORTER_TURNS or shorter < self._least:
@@ -109,19 +110,19 @@ class ExposureControl:
         return self._order(now, shorter)
 
     def _back(self, now: float) -> ExposureOrder:
-        """Return the order for the exposure before, which showed the pad when the next was due."""
+        """Return the order for the exposure before the last order: that one showed the pad."""
         self._ground = None
         return self._order(now, self._before)
 
     def _brought(self, now: float, level: float, wanted: float) -> ExposureOrder | None:
-        """Return the order that brings a level to the one wanted; None: it is near enough."""
+        """Return the order that brings a grey level to the desired one; None: near enough."""
         amount = self._wanted(level, wanted)
         if max(amount / self._amount, self._amount / amount) < BAND:
             return None
         return self._order(now, amount)
 
     def _wanted(self, level: float, wanted: float) -> float:
-        """Return what is to be exposed, s at gain 1, for a level to become the one wanted."""
+        """Return the exposure (s at gain 1) that brings a grey level to the desired one."""
         step = CLIPPED_STEP if level >= CLIPPED_LEVEL else wanted / max(level, DARKEST_LEVEL)
         full = self._amount * step
         dim = max(DIM * full, min(full, self._options.short_s))

@@ -8,22 +8,23 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.touchdown import MAX_TILT
 from landerd.pad import Plate
 
-SLOWEST_SINK_MPS = 0.1  # at least so fast it is taken to sink, to tell where it will touch
-RATE_S = 0.5  # over which it is told how fast the feet move across the plate
+SLOWEST_SINK_MPS = 0.1  # least sink rate assumed in predicting where the feet will touch
+RATE_S = 0.5  # time constant of the feet's velocity across the plate
 
-# In steady flight the airframe hangs along what wind and weight come to: its angle to the plate's
-# normal is that at which they pull on the gear once it stands. Half of the weight is carried by the
-# thrust that ArduCopter steers with until it is levelled: rubber (friction 1) slides from 26
-# degrees on then. Flown on days of the field world without this limit: 42 of 52 of 24 to 27 degrees
-# stood, 10 of 25 of 27 to 31; the others slid off the plate or tipped over.
+# Largest angle between the airframe's axis and the plate's normal at which it may touch. In steady
+# flight that axis lies along the sum of weight and wind force, so that this is the angle at which
+# they pull on the gear once it stands. Until it is levelled ArduCopter's thrust carries half of the
+# weight: rubber (friction 1) slides from 26 degrees on. On days of the field world flown without
+# this limit, 42 of 52 with 24 to 27 degrees stood, and 10 of 25 with 27 to 31; the others slid off
+# the plate or tipped over.
 MAX_LEAN = math.radians(27.0)
-# That holds for gears whose half width is at least so much of their height, as the thesis's (0.26
-# m wide, 0.20 m high). One as high as wide tips over first, in a gust after the touch: with 21
-# degrees allowed, in 8 m/s, 7 of 12 did so or slid off, with 17 degrees, in 6 m/s, 2 of 8. It and
-# what is narrower still touches only where half of the weight alone holds it.
+# Half width over height of a gear, from which up it slides before it tips: MAX_LEAN holds, as for
+# the thesis's (0.26 m wide, 0.20 m high). Down from the second value it tips first, in a gust after
+# the touch, and may touch only where half of the weight holds it: gears as high as wide tipped or
+# slid off 7 times in 12 with 21 degrees allowed, in 8 m/s, and 2 in 8 with 17 degrees, in 6 m/s.
 SLIDES_FIRST, TIPS_FIRST = 0.64, 0.5
-# The lowest foot hangs so far down at most, of the commit height, under the feet's middle: lower it
-# would touch before it is committed, and nothing looks for that.
+# How far the lowest foot may be below the feet's centre, as a share of the commit height: lower it
+# would touch before commit, when nothing watches for contact.
 HANGS_SHARE = 0.85
 
 
@@ -31,8 +32,8 @@ def most_lean(vehicle: VehicleSection, commit_height_m: float) -> float:
     """Return the lean against the plate with which the vehicle may touch and still stand, rad.
 
     Args:
-        vehicle: its gear; the middle of its mass is taken to be the autopilot's.
-        commit_height_m: from where on a touch is looked for.
+        vehicle: its gear; the centre of mass is taken to be at the body frame's origin.
+        commit_height_m: height over the pad from which on contact is watched for, m.
     """
     footprint_m, gear_height_m = vehicle.footprint_m, vehicle.gear_height_m
     hangs = math.atan2(HANGS_SHARE * commit_height_m, 0.5 * math.hypot(*footprint_m))
@@ -47,9 +48,9 @@ def most_lean(vehicle: VehicleSection, commit_height_m: float) -> float:
 
 
 class Footprint:
-    """The feet and the plate; where they stand is followed from contact on.
+    """Feet and plate; from contact on the feet are followed across the plate.
 
-    In the air the circle through the feet is to fit onto the plate: that leaves room for errors.
+    In the air the circle through the feet must fit onto the plate, which leaves room for errors.
     """
 
     def __init__(self, plate: Plate, footprint_m: tuple[float, float]) -> None:
@@ -60,12 +61,12 @@ class Footprint:
         self._north = (-plate.south_m, plate.north_m)
         self._east = (-plate.west_m, plate.east_m)
         self._offset = (0.0, 0.0)  # of the feet's centre from the landing point, local, m
-        self._heading: float | None = None
+        self._heading: float | None = None  # of the pad, local, rad; None: not known
         self._yaw: float | None = None  # of the vehicle, local, rad; None: not followed yet
-        self._feet: tuple[float, Vec3] | None = None  # when it was last followed, s; local, m
-        self._rate = (0.0, 0.0)  # of the offset in the last RATE_S, m/s
-        self._followed_s = 0.0  # since contact
-        self._sigma_mps = 0.0  # of the pad's velocity
+        self._feet: tuple[float, Vec3] | None = None  # time of the last `slide`, s; local, m
+        self._rate = (0.0, 0.0)  # of the offset, low-passed, m/s
+        self._followed_s = 0.0  # time over which the offset was followed by velocity, s
+        self._sigma_mps = 0.0  # of the pad's velocity, m/s
 
     def will_miss(
         self, relative: RelativeState, heading: float | None, sink_rate: float, tolerance_m: float
@@ -75,8 +76,8 @@ class Footprint:
         Args:
             relative: pad relative to the vehicle.
             heading: of the pad, local, rad; None: not known.
-            sink_rate: m/s, against the pad.
-            tolerance_m: from the landing point, within which no plate is too small.
+            sink_rate: relative to the pad, m/s.
+            tolerance_m: distance from the landing point within which every plate is large enough.
         """
         t = max(0.0, relative.height) / max(sink_rate, SLOWEST_SINK_MPS)
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
@@ -84,7 +85,7 @@ class Footprint:
         return math.hypot(*offset) > tolerance_m and not self._holds(offset, heading)
 
     def clearance(self, relative: RelativeState, tilt: float) -> float:
-        """Return the height (m) of the lowest foot over the plate, were it tilted the worst way.
+        """Return the height (m) of the lowest foot over the plate for the worst direction of tilt.
 
         Args:
             relative: pad relative to the vehicle.
@@ -94,7 +95,7 @@ class Footprint:
         return relative.height - self._reach_m * math.tan(min(tilt + plate, MAX_TILT))
 
     def touch(self, relative: RelativeState, heading: float | None) -> None:
-        """Note where it touches."""
+        """Note where the feet touch; heading: of the pad, local, rad."""
         self._offset = (-relative.error[0], -relative.error[1])
         self._heading = heading
         self._feet = self._yaw = None
@@ -102,9 +103,11 @@ class Footprint:
         self._sigma_mps = relative.sigma_velocity
 
     def see(self, to_pad: Vec3, heading: float | None) -> None:
-        """Take where the landing point is seen from the feet (local, m): they stand there.
+        """Take the place of the feet from sight.
 
-        The pad's heading (local, rad) may have turned since the touch; None: it is not known.
+        Args:
+            to_pad: from the feet's centre to the landing point, local, m.
+            heading: of the pad, which may have turned since the touch, local, rad; None: not known.
         """
         self._offset = (-to_pad[0], -to_pad[1])
         self._heading = self._heading if heading is None else heading
@@ -113,14 +116,15 @@ class Footprint:
     def slide(
         self, now: float, feet: Vec3, yaw: float, pad_velocity: Vec3, *, stands: bool = False
     ) -> None:
-        """Follow the feet across the plate since it was called last, however long ago that is.
+        """Follow the feet across the plate since the last call, however long ago that was.
 
         Args:
             now: s.
-            feet: their centre, local, m; by positions, as a velocity may be off by a constant.
+            feet: their centre, local, m. Positions are differenced, since the reported velocity may
+                have a constant error.
             yaw: of the vehicle, local, rad.
             pad_velocity: as last seen, local, m/s.
-            stands: they have not moved across it since.
+            stands: the feet have not moved across the plate since the last call.
         """
         last, self._feet, self._yaw = self._feet, (now, feet), yaw
         if last is None or now <= last[0] or stands:
@@ -139,8 +143,8 @@ class Footprint:
     def on_plate(self) -> bool:
         """Whether all feet are on the plate, as last known.
 
-        A pad's velocity that was seen a little wrong looks like a slide that never ends; one that
-        its uncertainty explains was none.
+        A small error of the pad's velocity looks like a slide that never ends: what 2 sigma of it
+        explain is taken out.
         """
         speed = math.hypot(*self._rate)
         k = min(1.0, 2.0 * self._sigma_mps / speed) if speed > 0.0 else 0.0
@@ -152,9 +156,15 @@ class Footprint:
     def _holds(
         self, offset: tuple[float, float], heading: float | None, yaw: float | None = None
     ) -> bool:
-        """Tell whether the feet fit onto the plate there; a circle through them without yaw."""
+        """Tell whether the feet fit onto the plate at an offset (local, m) of their centre.
+
+        Args:
+            offset: from the landing point.
+            heading: of the pad, local, rad; None: it must fit for every heading.
+            yaw: of the vehicle, local, rad; None: the circle through the feet must fit.
+        """
         north, east = offset
-        if heading is None:  # the plate may lie any way round: what fits then always fits
+        if heading is None:
             away = math.hypot(north, east)
             nearest = min(-self._north[0], self._north[1], -self._east[0], self._east[1])
             return away + self._reach_m <= nearest

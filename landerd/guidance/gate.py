@@ -34,7 +34,7 @@ class Gate:
         self._ending = False
 
     def configure(self, rc: RcSection) -> None:
-        """Take the channel and its threshold; another switch must be seen low first."""
+        """Take the switch's channel and thresholds; a changed switch must be seen low first."""
         if rc != self._rc:
             self._rc = rc
             self._channel = rc.gate_channel
@@ -80,11 +80,11 @@ class Gate:
             self._latched = False
 
     def on_clock(self, clock: ClockSync) -> None:
-        """Take how well the autopilot's clock is known: so much older its data may be."""
+        """Take the uncertainty of the autopilot's clock: its data may be older by that much."""
         self._clock_s = clock.uncertainty_s
 
     def on_restart(self) -> None:
-        """The autopilot restarted: what it said before counts no more."""
+        """Forget what the autopilot reported before it restarted, and latch."""
         if self._heartbeat is not None:
             self._heartbeat = replace(self._heartbeat, t=-math.inf)
         self._rc_t = -math.inf
@@ -102,7 +102,7 @@ class Gate:
         """Return what landerd may do at time now, and why not more, in plain words."""
         beat = self._heartbeat
         if beat is None or now - beat.t + self._clock_s > self._freshness.heartbeat_s:
-            # One that was heard may still fly on the last velocity: that is stopped first.
+            # An autopilot that was heard before may fly on with the last velocity: stop it first.
             silent = Authority.SILENT if beat is None else Authority.RELEASED
             return silent, pilot_texts.NO_HEARTBEAT
         if not beat.armed:

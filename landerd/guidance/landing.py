@@ -1,4 +1,4 @@
-"""The landing as a state machine: who flies, which state has its turn, how the landing ends."""
+"""The landing's state machine: steps the states, follows transitions, notes how a landing ends."""
 
 import math
 from dataclasses import replace
@@ -26,21 +26,22 @@ from landerd.guidance.touchdown import Touchdown
 from landerd.messages import Command, Landed, Phase, PressDown, Setpoint, Severity
 from landerd.pad import PadLayout
 
-# A wave-off that nobody watches any more, s: at climb_mps it gains a metre at most (rule 1b).
+# Duration of the wave-off in `last_orders`, s, which is flown without sight: at climb_mps it gains
+# a metre at most (rule 1b).
 BLIND_WAVE_OFF_S = 1.0
-TIPPED = math.radians(30.0)  # of lean on the ground: no pad lies so steep (pad_filter.MAX_TILT)
-# Leaning so far, rad, for so long, s, with its feet no higher over where the pad was seen, m, it
-# turns over on the ground. One that lost a motor 0.11 m up was told to climb for 13 s, and thrown
-# over the plate from one side to the other.
+TIPPED = math.radians(30.0)  # lean on the ground; no pad is as steep (pad_filter.MAX_TILT)
+# A vehicle that leans this far, rad, for this long, s, with its feet no higher over the pad as last
+# seen than this, m, turns over on the ground. One that lost a motor 0.11 m up was told to climb for
+# 13 s, and thrown across the plate from one side to the other.
 TURNS_OVER, TURNS_OVER_S, TURNS_OVER_BELOW_M = math.radians(60.0), 0.1, 0.5
-FALLEN_M = 0.2  # under the pad: more than a build and a height that drifts are off
+FALLEN_M = 0.2  # below the pad: more than build errors and a drifting height explain
 
 
 class Landing:
     """Steps the states of guidance.states.
 
     Attributes:
-        state: that had its turn last.
+        state: the current one.
     """
 
     def __init__(self, config: Config, layout: PadLayout, gate: Gate, estimator: Estimator) -> None:
@@ -69,9 +70,9 @@ class Landing:
             State.ON_PAD: OnPad(context, self._touchdown),
             State.STANDING: Standing(context, self._touchdown),
         }
-        self.state = self._was_state = State.SILENT  # now, and before
+        self.state = self._was_state = State.SILENT  # the current and the previous one
         self._now = -math.inf  # of the last control step, s
-        self._turns_since = math.inf  # it leans as no multicopter flies, just over the pad, s
+        self._turns_since = math.inf  # since when it has been turning over, s
 
     def configure(self, config: Config) -> None:
         """Go on with changed parameters."""
@@ -85,7 +86,7 @@ class Landing:
         self._touchdown.configure(config)
 
     def on_landed_state(self, landed: Landed) -> None:
-        """Take what the autopilot's land detector says; UNDEFINED when nothing is known."""
+        """Take the state of the autopilot's land detector; UNDEFINED when nothing is known."""
         self._context.landed = landed
 
     @property
@@ -141,7 +142,7 @@ class Landing:
 
     @property
     def last_orders(self) -> LastOrders | None:
-        """What is to be streamed should there be no other step; None while nothing is flown."""
+        """What is to be streamed should the core fail now; None while nothing is flown."""
         ordered = [c for c in self._orders.commands if isinstance(c, Setpoint | PressDown)]
         if not ordered:
             return None
@@ -167,8 +168,8 @@ class Landing:
                     return Event.RELEASED_LOW
                 return Event.RELEASED_TOUCHING if self._takes_touch() else Event.RELEASED
             case Authority.SILENT:
-                # ArduCopter says that what it has disarmed is on the ground; a heartbeat alone may
-                # be false.
+                # ArduCopter reports a disarmed vehicle as on the ground; a disarmed heartbeat alone
+                # may be false.
                 on_ground = self._context.landed is Landed.ON_GROUND
                 if self.state is not State.ON_PAD or not (self._gate.disarmed and on_ground):
                     return Event.SILENCED
@@ -178,14 +179,14 @@ class Landing:
                 return Event.DISARMED if on_plate else Event.DISARMED_OFF_PAD
 
     def _takes_touch(self) -> bool:
-        """Take feet that may be down after commit for feet on the pad; tell whether they may."""
+        """Take feet that may be down after commit for contact; tell whether they may be."""
         if self.state is State.COMMITTED:
             return self._committed.takes_touch(self._now)
         stops = self.state is State.RELEASING and self._was_state is State.COMMITTED
         return stops and self._committed.takes_touch_stopped(self._now)
 
     def _turns_over(self) -> bool:
-        """Tell whether it turns over and is given thrust; called at every control step."""
+        """Tell whether it turns over and still has thrust; called at every control step."""
         leans = self._tilt > TURNS_OVER
         vehicle = self._context.estimator.fresh_vehicle(self._now) if leans else None
         turns = (
@@ -197,7 +198,7 @@ class Landing:
 
     @property
     def _tilt(self) -> float:
-        """Of the airframe, as it was told last, rad; 0: not yet."""
+        """Lean of the airframe by the newest attitude, rad; 0 without any."""
         attitude = self._context.estimator.poses.attitude.newest
         return 0.0 if attitude is None else math.hypot(*attitude[1][:2])
 
@@ -207,9 +208,9 @@ class Landing:
 
     @property
     def _has_fallen(self) -> bool:
-        """Whether it stands lower than the pad can be: it has slid off a plate that stands high.
+        """Whether it stands lower than the pad can be: it has slid off a raised plate.
 
-        Not by a position that is stale: carried on by its last velocity it sinks for ever.
+        Judged from a fresh position alone: a stale one is extrapolated, and may sink for ever.
         """
         vehicle = self._context.estimator.fresh_vehicle(self._now)
         below = 0.0 if vehicle is None else vehicle.feet[2] - self._context.below.down(self._now)
@@ -223,11 +224,11 @@ class Landing:
         return self._context.below.is_fast_and_close
 
     def _follow(self, event: Event, step: ControlStep) -> ControlStep:
-        """Go where an event leads; return the control step as the new state begins it."""
+        """Follow an event's transition; return the control step as the new state begins it."""
         state = TRANSITIONS[self.state].get(event)
         if state is None:
             return step
-        if event in LANDED:  # also where that was confirmed late
+        if event in LANDED:  # replaces touchdown_unconfirmed
             self._context.attempts.outcome = OUTCOMES[event]
         elif event in OUTCOMES:
             self._context.attempts.finish(OUTCOMES[event])
@@ -242,7 +243,7 @@ class Landing:
         if event in HAND_BACKS:
             self._hand_back(step.why)
             step = replace(step, granted=False)
-        if state is State.TRACKING:  # nothing of the last landing is left
+        if state is State.TRACKING:
             self._touchdown.begin(step.now)
         self._was_state, self.state = self.state, state
         self._states[state].enter(step)

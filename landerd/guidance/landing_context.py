@@ -1,4 +1,4 @@
-"""What the states of a landing share: the control step, what is seen, and whether to begin."""
+"""What the states of a landing share: the control step, the sight of the pad, may it begin."""
 
 import math
 from dataclasses import dataclass
@@ -21,26 +21,27 @@ from landerd.guidance.states import Event
 from landerd.messages import Landed, Severity
 from landerd.pad import PadLayout
 
-# What ends for less than this, s, breaks off no descent where it is the vehicle's own data: on a
-# lossy link attitude was stale for a tick now and again, each time the landing began anew, and the
-# sixth time it was handed back.
+# Telemetry that is stale for less than this, s, does not break off a descent: on a lossy link the
+# attitude was stale for a tick now and again, each time the landing started afresh, and the sixth
+# time it was handed back.
 MOMENT_S = 0.3
-# Health of the last moments that the pilot is told of. In 38 days of the field (seeds 401 to 440)
-# one window of as many sightings while tracking had a share refused above 0.13 (0.33, and sight was
-# lost then). Pictures older than this share of guidance.lost.after_s are all but out of sight when
-# the next one comes. NIS tells the pilot nothing: the filter learns noise until it is as expected.
+# When the pilot is warned of the sightings' health: at this many sightings in the window of
+# estimation.health, and this share refused. In 38 days of the field world (seeds 401 to 440) one
+# window while tracking had more than 0.13 refused: 0.33, and sight was lost then. And with pictures
+# older than this share of guidance.lost.after_s: sight is all but lost when the next one comes.
+# There is no warning by NIS: the filter adapts its noise until that is as expected.
 LEAST_SIGHTINGS = 15
 MOST_REFUSED, MOST_LATE = 0.25, 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class ControlStep:
-    """One control step, as the gate let it begin."""
+    """One control step."""
 
     now: float  # s
     dt: float  # since the last one, s
     granted: bool  # landerd may fly
-    why: str  # why not, or why the state that has its turn was entered: pilot_texts
+    why: str  # why it may not, or why the current state was entered: a text of pilot_texts
 
 
 class LandingState(Protocol):
@@ -58,18 +59,18 @@ class LandingContext:
 
     Attributes:
         options: `guidance` of the configuration as it is now; parameters may change in flight.
-        guided_timeout_s: after so long without a set-point the autopilot stops, s,
-        braking_mps2: and brakes the descent no harder than this.
+        guided_timeout_s: time without a set-point after which the autopilot stops by itself, s.
+        braking_mps2: deceleration with which a descent is braked then, m/s^2.
         estimator: where vehicle and pad are.
         orders: of this control step.
-        sight: of the pad in this control step, None while it may not be flown on; `watch` looks.
-        attempts: at landing, so far.
+        sight: of the pad in this control step, None while it may not be flown on; see `watch`.
+        attempts: the attempts at landing so far.
         below: the pad under the vehicle.
         footprint: where the feet are on the plate.
-        rest: whether it rests there.
-        landed: what the autopilot's land detector has said since commit.
-        heading: of the vehicle as the autopilot told it last, rad: to stand level with.
-        stops_until: the stop orders before silence last so long, s.
+        rest: whether the vehicle rests on the pad.
+        landed: what the autopilot's land detector has reported since commit.
+        heading: of the vehicle, by the autopilot, rad: to keep while it stands level.
+        stops_until: when the stop orders before silence end, s.
         hold_asked: the pilot asks to hold over the marker and not to land yet.
     """
 
@@ -108,8 +109,8 @@ class LandingContext:
         """Return the sight of the pad, None while it may not be flown on (rules 2 and 5)."""
         pad = self.estimator.pad(step.now)
         age = self.estimator.sight_age(step.now)
-        # The sighting must still be young enough when the next control step comes; one that came
-        # late says nothing of the next.
+        # The sighting must still be fresh at the next control step; MAX_STEP_S, since a step that
+        # came late does not mean that the next one will.
         limit = self.options.lost.after_s - min(step.dt, MAX_STEP_S)
         if vehicle is None or pad is None or not age < limit:
             return None
@@ -119,7 +120,7 @@ class LandingContext:
         return Sight(relative, age, pad.heading, lean, pad.position[2], wrong_climb)
 
     def relative(self, vehicle: VehicleState, pad: PadEstimate) -> RelativeState:
-        """Return the pad relative to the vehicle, both now."""
+        """Return the pad relative to the vehicle, both at the same time."""
         return RelativeState.between(vehicle, pad, self._sigma_bearing)
 
     def why_blind(self, now: float) -> str:
@@ -129,7 +130,7 @@ class LandingContext:
             return pilot_texts.STALE[stale]
         limit = self.options.lost.after_s
         searched_t, frame_t = self.estimator.searched_t, self.estimator.frame_t
-        # The newest picture may show the pad: then none has come that does not.
+        # Where the newest picture shows the pad, sight is lost because no newer one has come.
         is_old = self.estimator.is_shown and self.estimator.sight_age(now) >= limit - MAX_STEP_S
         if is_old or now - frame_t > limit:
             was_late = searched_t - frame_t >= now - searched_t
@@ -142,7 +143,7 @@ class LandingContext:
         return pilot_texts.NOT_IN_SIGHT
 
     def tell_of_health(self) -> None:
-        """Tell the pilot of what still suffices to land, but soon may not."""
+        """Warn the pilot of sightings that still suffice to land, but soon may not."""
         health = self.estimator.health.newest
         if health is None or health.sightings < LEAST_SIGHTINGS:
             return
@@ -157,7 +158,7 @@ class LandingContext:
                 self.orders.say(Severity.WARNING, text, every_s=pilot_texts.REMIND_S)
 
     def watch(self, step: ControlStep) -> None:
-        """See in each control step, whoever flies, whether the vehicle rests on the pad."""
+        """Update the sight of the pad and what follows from it; in each step, whoever flies."""
         vehicle = self.estimator.fresh_vehicle(step.now)
         if vehicle is not None:
             self.heading = vehicle.autopilot_yaw
@@ -169,15 +170,16 @@ class LandingContext:
         self.rest.watch(step.now, step.dt, sight, self.landed)
 
     def may_begin(self, now: float, *, stops: bool = False) -> bool:
-        """Tell whether a landing may begin: it sees the pad, and whether it rests on it is known.
+        """Tell whether a landing may begin: with the pad in sight, and known to rest on it or not.
 
-        Taken to fly low over the pad, what may rest there was told to climb. Where the pilot asks
-        to hold it waits on the pad: his switch may only be on its way from low to high.
+        A vehicle that may rest on the pad is not to be taken for one that flies low over it: that
+        is told to climb. Where the pilot asks to hold, a vehicle on the pad waits there: his switch
+        may only be on its way from low to high.
 
         Args:
             now: s.
-            stops: landerd stops it. By a wrong climb rate it sinks then, where to track the pad
-                holds its height by sight.
+            stops: landerd orders zero velocity now. With a wrong climb rate the vehicle sinks then,
+                while tracking would hold its height by sight.
         """
         sinks = self.sight is not None and self.sight.climb_rate_is_wrong and not stops
         if self.sight is None or sinks:
@@ -187,7 +189,7 @@ class LandingContext:
         return not waits
 
     def why_not_begun(self, now: float) -> str:
-        """Return why no landing begins although it may fly, for the pilot."""
+        """Return why no landing begins although landerd may fly, for the pilot."""
         if self.sight is None:
             return self.why_blind(now)
         if self.sight.climb_rate_is_wrong:
@@ -195,18 +197,19 @@ class LandingContext:
         return pilot_texts.HOLDS_IN_THE_AIR if self.hold_asked else pilot_texts.MAY_STAND
 
     def stands(self, now: float) -> bool:
-        """Tell whether it rests so and was not told to climb: its thrust comes late.
+        """Tell whether the vehicle rests on the pad, and was not told to climb a moment ago.
 
-        A landing that begins so ends there: taken off again, just to land, it tipped over.
+        Thrust comes late, so that a vehicle told to climb may still rest. A landing that begins on
+        the pad ends there: a vehicle that took off again, just to land, tipped over.
         """
         return self.rest.is_seen(now) and not self.orders.climbs
 
     def goes_on(self, now: float) -> bool:
-        """Tell whether nothing but the vehicle's own data is missing, and that for a moment."""
+        """Tell whether tracking goes on: only telemetry is missing, and for less than MOMENT_S."""
         is_seen = self.estimator.sight_age(now) < self.options.lost.after_s
         lately = now - self.attempts.tracked_t < MOMENT_S
         return is_seen and lately and self.attempts.outcome is None
 
     def break_off(self) -> None:
-        """Count an abort: of a descent, where it was low and was to land."""
+        """Count an abort; it counts as a descent's where the vehicle was low and was to land."""
         self.attempts.break_off(is_descent=self.below.low and not self.hold_asked)

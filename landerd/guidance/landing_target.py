@@ -1,4 +1,4 @@
-"""The second output: the pad for the autopilot's own precision landing."""
+"""The output `landing_target`: the pad for the autopilot's own precision landing."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from landerd.messages import LandingTarget
 
 
 def landing_target(estimator: Estimator, seen: Sequence[PadObservation]) -> LandingTarget | None:
-    """Return what one frame shows as LANDING_TARGET wants it; None where a history is missing.
+    """Return one frame's sighting in the body frame; None where a history does not reach.
 
     The autopilot has a filter of its own, so it gets the measurement and not the estimate; the
-    estimate decides between the poses that explain the frame. The angles of gimbal and airframe at
-    exposure are in it already.
+    estimate only decides between a frame's two pose solutions. The angles of gimbal and airframe at
+    exposure are accounted for.
     """
     estimate = estimator.pad(estimator.sighting_t)
     if estimate is None:

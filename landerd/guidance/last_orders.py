@@ -1,4 +1,4 @@
-"""What is still ordered when the core itself has failed: prepared beforehand, at every step."""
+"""The orders still streamed after the core itself has failed; prepared in every control step."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from landerd.messages import PressDown, Setpoint
 class LastOrders:
     """Orders to stream, one after the other (rule 1b)."""
 
-    away: Setpoint | None  # first, for away_s: up from a pad that moves; None: not needed
-    away_s: float
-    then: Setpoint | PressDown  # for then_s: to stop, or to stand level on the pad
-    then_s: float
+    away: Setpoint | None  # first: climb away from a pad that moves; None: not needed
+    away_s: float  # for how long, s
+    then: Setpoint | PressDown  # afterwards: stop, or stand level on the pad
+    then_s: float  # for how long, s
 
     def at(self, elapsed_s: float) -> Setpoint | PressDown | None:
-        """Return the order at a time after the failure, s; None: it is over."""
+        """Return the order at a time after the failure (s); None: nothing more is sent."""
         if self.away is not None:
             if elapsed_s < self.away_s:
                 return self.away

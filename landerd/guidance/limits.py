@@ -14,15 +14,15 @@ STOPPED = Setpoint(ZERO, 0.0)
 # rad/s^2. Chosen by hand, below the 140 degrees/s^2 with which ArduCopter 4.5.7 answered a step of
 # the yaw rate in SITL.
 MAX_YAW_ACCELERATION = math.radians(120.0)
-# A tick that came late is no leave for a larger step, s: the period of the slowest control rate.
-# After 0.1 s in one step the vertical speed went 3 % beyond its limit.
+# Longest time step of the limiter, s: the period of the slowest control rate. With a step of 0.1 s,
+# after a tick that came late, the vertical speed overshot its limit by 3 %.
 MAX_STEP_S = 0.05
 
 
 def flyable_limits(config: Config) -> LimitsSection:
-    """Return the configured limits, but no more acceleration than the autopilot lets pass.
+    """Return the configured limits, with no more acceleration than the autopilot allows.
 
-    It would only fall behind what is ordered, and overshoot.
+    Beyond, the autopilot would fall behind the set-points and overshoot.
     """
     limits, autopilot = config.guidance.limits, config.autopilot
     level = min(limits.acceleration_mps2, autopilot.acceleration_mps2)
@@ -33,19 +33,19 @@ def flyable_limits(config: Config) -> LimitsSection:
 
 
 class Limiter:
-    """Turns wanted velocities into a sequence of set-points within the limits."""
+    """Turns desired velocities into a sequence of set-points within the limits."""
 
     def __init__(self, limits: LimitsSection) -> None:
         self.configure(limits)
         self.reset(ZERO)
 
     def configure(self, limits: LimitsSection) -> None:
-        """Take new limits; the velocity goes over to them within its acceleration."""
+        """Take new limits; the next set-points approach them within the acceleration limits."""
         self._limits = limits
         self._yaw_rate_limit = math.radians(limits.yaw_rate_deg_s)
 
     def reset(self, velocity: Vec3) -> None:
-        """Begin from a velocity already flown, cut to the speed limits, without acceleration."""
+        """Begin at a velocity already flown (local NED, m/s), cut to the limits; acceleration 0."""
         n, e, d = self._capped(velocity)
         self._v = [n, e, d]
         self._a = [0.0, 0.0, 0.0]
@@ -62,17 +62,17 @@ class Limiter:
         return STOPPED
 
     def climb_away(self, north: float, east: float, dt: float) -> Setpoint:
-        """Return a set-point that climbs at once and does not turn: from a pad, to save the feet.
+        """Return a set-point that climbs at once, exempt from the acceleration limits; yaw rate 0.
 
         Args:
             north: velocity, m/s.
-            east: the same. The climb is exempt from the acceleration limits.
+            east: velocity, m/s.
             dt: time since the last set-point, s.
         """
         return self._at_once(north, east, -self._limits.climb_mps, dt)
 
     def end_climb(self, north: float, east: float, dt: float) -> Setpoint:
-        """Return the same, but one that neither climbs nor sinks any more."""
+        """Return the same with zero vertical velocity, at once."""
         return self._at_once(north, east, 0.0, dt)
 
     def _at_once(self, north: float, east: float, down: float, dt: float) -> Setpoint:
@@ -82,13 +82,13 @@ class Limiter:
         return Setpoint(self.velocity, 0.0)
 
     def step(self, wanted: Vec3, yaw_rate: float, dt: float, *, may_descend: bool) -> Setpoint:
-        """Return the next set-point on the way to the wanted one.
+        """Return the next set-point on the way to the desired one.
 
         Args:
             wanted: velocity, local NED, m/s.
-            yaw_rate: rad/s; zero is an order to stop turning, and taken at once.
+            yaw_rate: rad/s; zero is a stop order, and taken at once.
             dt: time since the last set-point, s.
-            may_descend: when False a downward order ends at once, as a stop order.
+            may_descend: if False, a downward order ends at once, like a stop order.
         """
         limits = self._limits
         dt = min(dt, MAX_STEP_S)
@@ -109,7 +109,7 @@ class Limiter:
         rate = clamp(yaw_rate, -self._yaw_rate_limit, self._yaw_rate_limit)
         max_step = MAX_YAW_ACCELERATION * dt
         slewed = self._yaw_rate + clamp(rate - self._yaw_rate, -max_step, max_step)
-        # Not to turn is a stop order: the last rate must not outlive the sight of the pad.
+        # Zero is a stop order: the last rate must not outlive the sight of the pad.
         self._yaw_rate = slewed if rate != 0.0 else 0.0
         return Setpoint(self.velocity, self._yaw_rate)
 
@@ -135,11 +135,12 @@ class Limiter:
 
 
 def _square_root_control(error: float, acceleration: float, jerk: float, dt: float) -> float:
-    """Return the acceleration (m/s^2) to take a velocity error (m/s, not negative) with.
+    """Return the acceleration (m/s^2) that closes a velocity error (m/s, not negative).
 
-    Linear near zero, then such that the jerk limit can still bring it to zero in time; ArduPilot's
-    sqrt_controller with its gain at jerk / acceleration, but no more than takes the whole error in
-    the next step, of dt (s): beyond, the velocity would swing about what is wanted, past its limit.
+    Linear near zero, and beyond that such that the jerk limit can still bring it to zero in time:
+    ArduPilot's sqrt_controller with a gain of jerk / acceleration. The gain is bounded so that one
+    step of dt (s) closes no more than the whole error: else the velocity would oscillate about the
+    desired one, and exceed its limit.
     """
     gain = min(jerk / acceleration, 1.0 / dt)
     knee = jerk / (gain * gain)

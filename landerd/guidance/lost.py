@@ -1,6 +1,6 @@
-"""What is done after the pad went out of sight: hover and look, climb, search, hand back.
+"""The plan after the pad went out of sight: hold, climb, search, hand back.
 
-The camera looks where the pad should be and then sweeps (guidance.aim), whatever is flown.
+Meanwhile the camera looks where the pad should be, and then sweeps (guidance.aim).
 """
 
 from landerd.config.models import LostSection
@@ -9,12 +9,12 @@ from landerd.guidance import pilot_texts
 
 
 class LostPlan:
-    """Hold, then climb to see more, then hand back; every step has its time."""
+    """Hold for a while, climb to see more, hold there, and hand back when the time is over."""
 
     def __init__(self, options: LostSection) -> None:
         self.configure(options)
         self._since = 0.0
-        self._start_down: float | None = None  # local z where that was, m; None: not known yet
+        self._start_down: float | None = None  # local z at the start of the climb, m; None: unknown
         self._hold_s = 0.0
 
     def configure(self, options: LostSection) -> None:
@@ -22,23 +22,25 @@ class LostPlan:
         self._options = options
 
     def begin(self, now: float, *, low: bool = False) -> None:
-        """Start at time now, s; low: climb without holding first.
+        """Start at time now (s); low: climb at once, without holding first.
 
-        Just over a pad that may move or heave a hover without sight is the worst place to wait.
+        Just over a pad that may move or heave is the worst place to hover without sight.
         """
         self._since = now
         self._start_down = None
         self._hold_s = 0.0 if low else self._options.hold_s
 
     def waited_s(self, now: float) -> float:
-        """Return for how long it has been out of sight, s."""
+        """Return how long the plan has run, s."""
         return now - self._since
 
     def step(self, now: float, down_m: float | None) -> tuple[Vec3, str] | None:
-        """Return the velocity to fly (local NED) and the step's name; None: hand back.
+        """Return the velocity to fly (local NED, m/s) and the step's name; None: hand back.
 
-        `down_m` is the vehicle's local z, None while that is not known: it climbs from where it was
-        known first.
+        Args:
+            now: s.
+            down_m: local z of the vehicle, m; None: not known. The climb is measured from the first
+                one that is known.
         """
         o = self._options
         waited = self.waited_s(now)

@@ -11,10 +11,10 @@ from landerd.messages import Phase
 
 
 class Method(Protocol):
-    """Turns errors into velocities; the limits are kept by who sends them."""
+    """Turns the relative state into velocities; guidance.limits keeps them within the limits."""
 
     def configure(self, config: Config) -> None:
-        """Take new gains, limits and what the autopilot has told of itself."""
+        """Take new gains and limits, also those that the autopilot has reported of itself."""
 
     def restart(self) -> None:
         """Begin a landing."""
@@ -28,7 +28,15 @@ class Method(Protocol):
         *,
         widening: float = 1.0,
     ) -> tuple[Vec3, float]:
-        """Return velocity (local NED, m/s) and yaw rate (rad/s)."""
+        """Return velocity (local NED, m/s) and yaw rate (rad/s).
+
+        Args:
+            phase: of the landing.
+            relative: pad relative to vehicle.
+            floor_m: height over the pad to come down to, m.
+            dt: time since the last step, s.
+            widening: factor on the descent region's radius.
+        """
 
 
 def make_method(config: Config) -> Method:

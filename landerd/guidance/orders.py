@@ -1,4 +1,4 @@
-"""What one control step orders and tells, in order."""
+"""The commands of one control step: orders for the autopilot, texts for the pilot."""
 
 import math
 
@@ -8,8 +8,9 @@ from landerd.guidance import pilot_texts
 from landerd.guidance.limits import Limiter
 from landerd.messages import Command, Disarm, Phase, PhaseChange, PressDown, Severity, StatusText
 
-# Set-points go on from the last one if it is not older, s; else they begin at the vehicle's own
-# velocity. Chosen by hand, between a tick (25 ms) and the time in which velocities change.
+# Set-points continue from the last one if it is no older than this, s; else they begin at the
+# vehicle's velocity. Chosen by hand, between a tick (25 ms) and the time in which velocities
+# change.
 CONTINUE_S = 0.5
 
 
@@ -18,8 +19,8 @@ class Orders:
 
     Attributes:
         commands: of this control step so far.
-        phase: of the landing, as the pilot was told last.
-        reason: why that phase.
+        phase: of the landing, as last entered.
+        reason: why that phase, for the pilot.
     """
 
     def __init__(self, limits: LimitsSection) -> None:
@@ -51,18 +52,21 @@ class Orders:
 
     @property
     def climbs(self) -> bool:
-        """Whether the last set-point is new and goes up: what has not answered yet soon will."""
+        """Whether the last set-point is recent and climbs; it may not have been answered yet."""
         return self._now - self._setpoint_t <= CONTINUE_S and self.velocity[2] < 0.0
 
     def go_on_from(self, velocity: Vec3) -> None:
-        """Begin at this velocity (local NED, m/s), unless there was a set-point just now."""
+        """Begin at this velocity (local NED, m/s), unless there was a set-point a moment ago."""
         if self._now - self._setpoint_t > CONTINUE_S:
             self._limiter.reset(velocity)
 
     def fly(self, velocity: Vec3, yaw_rate: float, *, may_descend: bool) -> None:
         """Order a velocity (local NED, m/s) and a yaw rate (rad/s), within the limits.
 
-        Without `may_descend` a downward order ends at once.
+        Args:
+            velocity: local NED, m/s.
+            yaw_rate: rad/s.
+            may_descend: if False, a downward order ends at once.
         """
         self._setpoint_t = self._now
         self.commands.append(
@@ -70,19 +74,19 @@ class Orders:
         )
 
     def climb_away(self, north: float, east: float) -> None:
-        """Order to climb away from the pad at once, with this velocity, m/s."""
+        """Order a climb away from the pad, at once, with this horizontal velocity, m/s."""
         self._setpoint_t = self._now
         self.commands.append(self._limiter.climb_away(north, east, self._dt))
 
     def end_climb(self, north: float, east: float) -> None:
-        """Order not to climb any more, at once, with this velocity, m/s."""
+        """End a climb at once; horizontal velocity in m/s."""
         self._setpoint_t = self._now
         self.commands.append(self._limiter.end_climb(north, east, self._dt))
 
     def stop(self) -> None:
-        """Order zero velocity and yaw rate at once; exempt from the limits of acceleration.
+        """Order zero velocity and yaw rate at once; exempt from the acceleration limits.
 
-        What flies on soon after it has not stopped yet, and goes on from the velocity it has.
+        Set-points that follow begin at the vehicle's velocity: it may not have stopped yet.
         """
         self._setpoint_t = -math.inf
         self.commands.append(self._limiter.stop())
@@ -106,7 +110,7 @@ class Orders:
     # ---- for the pilot -------------------------------------------------------------------------
 
     def enter(self, phase: Phase, reason: str) -> None:
-        """Say that a phase goes on or begins; out of a landing every new reason is told too."""
+        """Set phase and reason; tell the pilot a new phase, and outside a landing a new reason."""
         is_out = phase is Phase.NOT_LANDING
         if phase is not self.phase or (is_out and reason != self.reason):
             self.commands.append(PhaseChange(phase, reason))
@@ -117,7 +121,7 @@ class Orders:
         elif is_out and pilot_texts.asks_for_switch(reason):
             self.say(Severity.WARNING, reason, every_s=pilot_texts.REMIND_S)
         self.phase, self.reason = phase, reason
-        # Told just before, of another time, it is told again when it lasts.
+        # A line that was said a moment ago is not repeated now, but later if it still holds.
         if self._news is not None and self.say(*self._news):
             self._news = None
 
@@ -132,4 +136,5 @@ class Orders:
 
 
 def _line(text: str) -> str:
+    """Return a text as it is sent, cut to the length of a STATUSTEXT."""
     return f"{pilot_texts.PREFIX}{text}"[: pilot_texts.MAX_CHARACTERS]

@@ -1,4 +1,4 @@
-"""The pad under the vehicle: how low it is over what, also once that is out of sight or touched."""
+"""The pad under the vehicle: its height, speed and heave, also once out of sight or touched."""
 
 from landerd.config.models import GuidanceSection
 from landerd.estimation.estimator import Estimator
@@ -8,23 +8,24 @@ from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.sink_rate import LEAD_S
 from landerd.guidance.slip_detector import SlipDetector
 
-# So low over a pad so fast a stop relative to the ground would tip the vehicle over (rule 1b).
+# Below this height over a pad faster than FAST_PAD_MPS a stop relative to the ground would tip the
+# vehicle over (rule 1b), m.
 JUST_OVER_PAD_M = 0.20
-SINKS_ON_S = 0.1  # for so long at least, whatever it is told then
-STOPS_OVER_PAD_M = 0.10  # a foot that leans may hang so low under where sinking ends
 FAST_PAD_MPS = 0.5
-# What stands on a pad and is so much slower than that was, m/s, has slid off, or its pad has
-# braked: it is looked at and followed once more.
+SINKS_ON_S = 0.1  # a descent goes on for this long at least, whatever is ordered
+STOPS_OVER_PAD_M = 0.10  # height at the end of a stop at which a foot of a leaning vehicle touches
+# A vehicle that stands and is slower than the pad was by this, m/s, has slid off, or its pad has
+# braked: the pad is looked for and followed again.
 LEFT_BEHIND_MPS = 1.5
 
 
 class PadBelow:
-    """Keeps what was seen of the pad last; goes with it while the feet are on it.
+    """Keeps what was last seen of the pad; follows its velocity while the feet are on it.
 
     Attributes:
-        low: below the alignment height when the pad was last in sight.
-        may_touch: so low then that a foot that leans may be all but down.
-        velocity: of the pad, as last seen or as it is ridden on, local NED, m/s.
+        low: whether the vehicle was below the alignment height when the pad was last in sight.
+        may_touch: whether it was so low then that a foot of a leaning vehicle may all but touch.
+        velocity: of the pad, as last seen, or as followed from contact on, local NED, m/s.
     """
 
     def __init__(
@@ -41,24 +42,24 @@ class PadBelow:
         self.low = self.may_touch = False
         self._is_just_over = self._sinks_onto = False
         self.velocity = ZERO
-        self._known_velocity = ZERO  # by what was seen before contact
-        self._course_rate = 0.0  # of the velocity, rad/s
-        self._fastest_heave = 0.0  # that it was surely seen to have, low over it, m/s
-        self._seen = 0.0, 0.0  # when it was in sight last, s, and its local z then, m
+        self._known_velocity = ZERO  # of the pad by sight before contact, turned on, m/s
+        self._course_rate = 0.0  # at which that turns, rad/s
+        self._fastest_heave = 0.0  # largest vertical speed of the pad that was certain, m/s
+        self._seen = 0.0, 0.0  # when the pad was last in sight, s, and its local z then, m
 
     def configure(self, options: GuidanceSection, braking_mps2: float) -> None:
-        """Take changed parameters; the autopilot brakes a descent no harder than so many m/s^2."""
+        """Take changed parameters; braking_mps2: with which the autopilot brakes a descent."""
         self._options = options
         self._braking_mps2 = braking_mps2
 
     # ---- in the air ----------------------------------------------------------------------------
 
     def in_sight(self, now: float, down_m: float) -> None:
-        """Keep where it is in a control step that sees it: its local z, m."""
+        """Note the pad's local z (m) in a control step with sight of it."""
         self._seen = now, down_m
 
     def note(self, relative: RelativeState) -> None:
-        """Keep how low it is over what: what to do when sight or authority ends hangs on it."""
+        """Note height and pad's motion: what to do when sight or authority ends depends on them."""
         self.low = relative.height < self._options.descent.alignment_height_m
         sinking = max(0.0, -relative.error_rate[2])
         self.may_touch = relative.height < JUST_OVER_PAD_M
@@ -71,7 +72,7 @@ class PadBelow:
         self._fastest_heave = max(self._fastest_heave, surely) if self.low else 0.0
 
     def leave(self) -> None:
-        """It has climbed away from the pad: what was just under it is so no more."""
+        """Note that the vehicle has climbed away: it is not just over the pad any more."""
         self._is_just_over = self._sinks_onto = False
 
     @property
@@ -81,23 +82,23 @@ class PadBelow:
 
     @property
     def is_fast_and_close(self) -> bool:
-        """Whether it is so low over such a pad that it would touch it."""
+        """Whether the vehicle is just over such a pad."""
         return self._is_just_over and self.is_fast
 
     @property
     def sinks_onto_fast(self) -> bool:
-        """Whether it would touch such a pad while it is stopped."""
+        """Whether the vehicle would touch such a pad before a stop has ended its descent."""
         return self._sinks_onto and self.is_fast
 
     @property
     def heaves(self) -> bool:
-        """Whether the pad was surely seen to heave, low over it."""
+        """Whether the pad certainly heaved while the vehicle was low over it."""
         return self._fastest_heave > 0.0
 
     def heave(self, now: float) -> tuple[float, float]:
-        """Return the pad's vertical velocity as far as it is known, and its sigma, m/s.
+        """Return the pad's vertical velocity and its sigma, m/s.
 
-        A deck that is not seen any more may heave as fast as it did, up or down.
+        A deck out of sight may heave as fast as it ever did, up or down.
         """
         pad = self._estimator.pad(now)
         if pad is None or self._estimator.sight_age(now) > self._options.lost.after_s:
@@ -105,9 +106,9 @@ class PadBelow:
         return pad.velocity[2], pad.sigma_velocity[2]
 
     def down(self, now: float) -> float:
-        """Return local z of the pad, m: where it is not seen, as far down as it may be by now.
+        """Return local z of the pad, m; out of sight, the lowest that it may be by now.
 
-        An autopilot's height that drifts carries down pad and vehicle alike.
+        A drift of the autopilot's height moves pad and vehicle alike.
         """
         t, down = self._seen
         return down + max(2.0 * self._fastest_heave, self.velocity[2]) * (now - t)
@@ -115,12 +116,12 @@ class PadBelow:
     # ---- with feet on it -----------------------------------------------------------------------
 
     def touch(self, now: float) -> None:
-        """Begin to go with the pad: its velocity is what was known of it at the touch."""
+        """Begin to follow the pad at time now (s), with its velocity as known at the touch."""
         self._known_velocity = self.velocity
         self._slip.begin(now)
 
     def ride(self, now: float, dt: float) -> None:
-        """Go with the pad: as it drove and turned when it was seen last, or as what it carries."""
+        """Follow the pad: as it drove and turned when last seen, or as the vehicle it carries."""
         self._known_velocity = rotate(rot_z(self._course_rate * dt), self._known_velocity)
         fix, vehicle = self._estimator.last_fix, self._estimator.fresh_vehicle(now)
         is_new = fix is not None and self._slip.look(fix, self._known_velocity)
@@ -129,7 +130,7 @@ class PadBelow:
             self._footprint.see(fix.to_pad, None if pad is None else pad.heading)
         if not self._slip.is_carried:
             self.velocity = self._known_velocity
-        elif vehicle is not None:  # else as it went last: what was known has proved wrong
+        elif vehicle is not None:  # else the last velocity stands: the known one has proved wrong
             north, east, _ = vehicle.velocity
             self.velocity = (north, east, self._known_velocity[2])
 
@@ -140,7 +141,7 @@ class PadBelow:
 
     @property
     def carries(self) -> bool:
-        """Whether the pad is seen to take the vehicle along, otherwise than it was known to go."""
+        """Whether the pad is seen to carry the vehicle at another velocity than the known one."""
         return self._slip.is_carried
 
     def leaves_behind(self, now: float) -> bool:

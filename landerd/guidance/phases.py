@@ -12,32 +12,34 @@ from landerd.messages import Phase
 
 # Chosen by trial in the simulator where nothing else is said: with them every row of `landerd
 # campaign guidance` reaches what is asked of it.
-PHASE_HYSTERESIS = 1.3  # CLOSE_APPROACH is left backwards so many times its bound away
-COMMITTED_SINK_RATE_MPS = 0.4  # after commit, for the time to touch-down: between 0.3 and 0.6
-# Sight may end at commit: what its age then, the sinking at this speed and the time to notice
-# contact add up to stays within touchdown.MAX_BLIND_S. A slower descent is led by sight to the end.
+PHASE_HYSTERESIS = 1.3  # back to APPROACH at this many times the bound of CLOSE_APPROACH
+COMMITTED_SINK_RATE_MPS = 0.4  # assumed for the time to touch-down; it is between 0.3 and 0.6
+# Sight may end at commit. Its age then, the descent at this rate and the time to notice contact
+# together stay within touchdown.MAX_BLIND_S. A slower descent needs sight to the end.
 BUDGET_SINK_RATE_MPS = 0.3
-ALIGNMENT_MARGIN_M = 0.1  # of the floor over the alignment height, for the height's own error
-# Go-arounds, below the commit height: so many times the region's radius away, or below this part
-# of the commit height and still not fit to commit.
-GO_AROUND_RADII = 1.5
+ALIGNMENT_MARGIN_M = 0.1  # from the alignment height to the floor above it, for height errors
 MAX_EXPONENT = 20.0  # of the descent region: a height of kilometres, as after a jump, overflows
+# A go-around begins below the commit height, at more than this many radii of the region from the
+# landing point, or below this share of the commit height and still not fit to commit.
+GO_AROUND_RADII = 1.5
 GO_AROUND_HEIGHT_SHARE = 0.5
-# What leaves the descent region must stop sinking before it is out, s: the age of sight and the
-# time to answer. A gust carried a vehicle out of it that sank on at 0.4 m/s.
+# A vehicle on its way out of the descent region stops its descent this long before it is out, s: by
+# the age of sight and the time to answer. A gust carried one out that descended on at 0.4 m/s.
 LEAVES_S = 0.2
-# What climbs from the pad faster than noise, m/s, does not commit: by the time that it sinks again
-# it is half a metre higher up, where region, heading and sight bind.
+# A vehicle that climbs from the pad faster than this, m/s (more than noise), does not commit: by
+# the time that it descends again it is half a metre higher, where region, heading and sight bind.
 MAX_CLIMB_MPS = 0.1
-MIN_DISTANCE_M = 0.01  # nearer to the landing point there is no outward
-# The lean against the plate is told over so long, s: a gust passes; and once too much, it must have
-# fallen by so much more, rad, before it lands.
+MIN_DISTANCE_M = 0.01  # nearer to the landing point "outward" has no direction
+# Time constant of the lean against the plate, s, so that gusts pass; and by how much, rad, a lean
+# that was too large must fall below its bound before landing.
 LEAN_S, UPRIGHT = 2.0, math.radians(1.0)
-LEANS_BELOW = 2.0  # alignment heights: room to stop sinking
-# Gusts may keep a vehicle out of the region for most of the time: what has waited in DESCENT for so
-# long, sinking no faster, gets it wider, s and m/s. With 0.12 m on the ground 2 of 115 days of the
-# field did not land in 90 s; with 0.16 from the start all did, but the median error rose from 3.9
-# to 4.3 cm, and with 0.2 after waiting, more than may be committed with, feet touched too soon.
+LEANS_BELOW = 2.0  # alignment heights below which the lean counts: room to end the descent
+# Gusts may keep a vehicle out of the region for most of the time. After WIDENS_AFTER_S in DESCENT
+# with a sink rate below WAITS_MPS the region widens, over WIDENS_S, to
+# guidance.descent.widest_k1_m. With 0.12 m on the ground throughout, 2 of 115 days of the field
+# world did not land in 90 s; with 0.16 from the start all did, but the median error rose from 3.9
+# to 4.3 cm; with 0.2 after waiting, which is more than may be committed with, feet touched too
+# soon.
 WIDENS_AFTER_S, WIDENS_S = 5.0, 10.0
 WAITS_MPS = 0.1
 
@@ -48,24 +50,24 @@ def descent_radius(options: DescentSection, height: float) -> float:
 
 
 def most_widening(options: DescentSection) -> float:
-    """Return how many times as wide the region gets for having waited."""
+    """Return the largest factor on the region's radius after waiting."""
     return max(1.0, options.widest_k1_m / options.k1_m)
 
 
 def region_height(options: DescentSection, radius: float) -> float:
-    """Return the height (m) over the pad at which the region is so wide (m); 0 on the ground."""
+    """Return the height over the pad at which the region has a radius, both in m; 0: the ground."""
     if radius <= options.k1_m:
         return 0.0
     return math.log(radius / options.k1_m) / max(options.k2_per_m, 1e-6)
 
 
 class Phases:
-    """Moves from APPROACH to LANDED, which means committed, by distance, height and heading.
+    """Moves from APPROACH to LANDED (which means committed) by distance, height and heading.
 
     Attributes:
-        phase: that holds now.
-        leans: too far, against the air, to touch the pad.
-        goes_around: it was low over the pad but not so that it could land, and climbs to try again.
+        phase: the current one.
+        leans: the vehicle leans too far, against wind, to touch the pad.
+        goes_around: it was low over the pad, unfit to land, and climbs to try again.
     """
 
     def __init__(
@@ -75,8 +77,8 @@ class Phases:
 
         Args:
             options: bounds.
-            has_heading: the pad has one, and is landed on by it.
-            most_lean: of the airframe, from how it would stand, with which it may touch, rad.
+            has_heading: the pad has a heading, and the vehicle must be aligned with it.
+            most_lean: largest lean from how it would stand on the pad with which it may touch, rad.
         """
         self.configure(options, most_lean)
         self._has_heading = has_heading
@@ -98,12 +100,12 @@ class Phases:
         self._lean: float | None = None  # smoothed, rad
         self.leans = False
         self.goes_around = False
-        self._unfit = ""  # why it did, but for being off, as the pilot is told it
+        self._unfit = ""  # why it goes around, for the pilot; "": because it is off
         self._waited_s = 0.0  # in DESCENT
 
     @property
     def widening(self) -> float:
-        """Of the descent region's radius, for having waited."""
+        """Factor on the descent region's radius, more than 1 after waiting."""
         k = clamp((self._waited_s - WIDENS_AFTER_S) / WIDENS_S, 0.0, 1.0)
         return 1.0 + k * (most_widening(self._options) - 1.0)
 
@@ -111,13 +113,11 @@ class Phases:
         return self.widening * descent_radius(self._options, height)
 
     def may_descend(self, relative: RelativeState, off_m: float = 0.0) -> bool:
-        """Tell whether it is inside the descent region and does not surely leave it.
-
-        Its own uncertainty counts.
+        """Tell whether it is inside the descent region with 2 sigma, and not leaving it.
 
         Args:
             relative: pad relative to vehicle.
-            off_m: so far from there the newest sighting shows the pad: it may have jumped, m.
+            off_m: distance of the newest sighting from the estimate, m: the pad may have jumped.
         """
         radius = self._radius(relative.least_height)
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
@@ -128,14 +128,14 @@ class Phases:
 
     @property
     def floor_m(self) -> float:
-        """Height over the pad not to go below now: the alignment height until aligned."""
+        """Height over the pad not to go below now, m: the alignment height until aligned."""
         if self.goes_around and self._heading_known and not self.leans:
             return self._options.retry_height_m
         may_land = self._aligned and not self.leans
         return 0.0 if may_land else self._options.alignment_height_m + ALIGNMENT_MARGIN_M
 
     def watch(self, lean: float, relative: RelativeState, dt: float) -> None:
-        """See in each step, before `step`, how far the airframe leans, and whether it waits.
+        """Update, in each control step before `step`, the lean and the time spent waiting.
 
         Args:
             lean: of the airframe from how it would stand on the pad, rad.
@@ -147,7 +147,7 @@ class Phases:
         last = lean if self._lean is None else self._lean
         self._lean = last + min(1.0, dt / LEAN_S) * (lean - last)
         leans = self._lean > self._most_lean - (UPRIGHT if self.leans else 0.0)
-        # Higher up it may be braking.
+        # Higher up the lean may be that of braking.
         self.leans = leans and relative.height < LEANS_BELOW * self._options.alignment_height_m
 
     def step(
@@ -162,9 +162,9 @@ class Phases:
 
         Args:
             relative: pad relative to the vehicle.
-            sighting_age: at exposure, s.
-            may_land: False: the pilot asks to hold, and it gets no further than YAW_CORRECTION.
-            arrives: it will stand on the plate before a climb answers, however far off.
+            sighting_age: since the exposure of the last accepted sighting, s.
+            may_land: False: the pilot asks to hold; no phase beyond YAW_CORRECTION.
+            arrives: it will stand on the plate before a climb takes effect, however far off.
         """
         self._update_alignment(relative.heading_error)
         self._move_on(relative, may_land=may_land)
@@ -177,7 +177,7 @@ class Phases:
         return self.phase, self._why(relative)
 
     def _move_on(self, relative: RelativeState, *, may_land: bool) -> None:
-        """Take the phases up to DESCENT that hold; several may be passed in one step."""
+        """Step through the phases up to DESCENT; several may be passed in one control step."""
         close = self._options.close_factor * descent_radius(self._options, relative.height)
         distance = relative.distance
         if self.phase is Phase.APPROACH and distance < close:
@@ -201,15 +201,14 @@ class Phases:
         )
 
     def is_blind(self, relative: RelativeState, sighting_age: float) -> bool:
-        """Tell whether it is too low to sink on, and sight (of that age, s) too old to commit."""
+        """Tell whether it is below the commit height with sight (of this age, s) too old for it."""
         blind_s = sighting_age + relative.height / BUDGET_SINK_RATE_MPS + CONTACT_S
         return relative.height < self._options.commit_height_m and blind_s >= MAX_BLIND_S
 
     def _why_unfit(self, relative: RelativeState, sighting_age: float, *, arrives: bool) -> str:
         """Return why it is not fit to commit, for the pilot; "" where it is.
 
-        It may be blind, or what the error and the speed at touch-down will be is outside of their
-        limits.
+        Either sight is too old, or the predicted error or speed at touch-down is out of bounds.
         """
         o = self._options
         (north, east, _), (v_north, v_east, v_down) = relative.error, relative.error_rate
@@ -227,12 +226,13 @@ class Phases:
         return ""
 
     def _decide_go_around(self, relative: RelativeState, unfit: str) -> None:
-        """Just over the pad is no place to wait: what cannot land climbs and tries again."""
+        """Begin or end a go-around: just over the pad, what cannot land must not wait."""
         o = self._options
         if self.goes_around:
             self.goes_around = relative.height < self.floor_m
         elif not self._heading_known or self.leans:
-            # From higher up the camera sees all markers again; a foot touches early that leans.
+            # From higher up the camera sees all markers; the low foot of a leaning vehicle is
+            # clear.
             self.goes_around = relative.height < o.alignment_height_m
             self._unfit = ""
         elif relative.height < o.commit_height_m:

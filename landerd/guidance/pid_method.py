@@ -61,9 +61,9 @@ class PidMethod:
         Args:
             phase: decides the gains and whether the heading is turned.
             relative: pad relative to vehicle.
-            floor_m: height over the pad to come down to.
+            floor_m: height over the pad to come down to, m.
             dt: time since the last step, s.
-            widening: not used: it sinks whenever it may.
+            widening: not used: this method descends whenever it may.
         """
         error, rate = relative.error, relative.error_rate
         for pid in (self._north, self._east):

@@ -7,19 +7,23 @@ from landerd.estimation.pad_filter import PadEstimate
 from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import Vec3, dot, horizontal, norm, rot_z, rotate, sub, wrap
 
-# From the landing point, m; further away a tilted pad's plane says nothing. From 30 m the plane of
-# a pad tilted by 10 degrees lies 5 m lower: the vehicle took itself to be in the descent region.
+# Distance from the landing point up to which the pad's tilt counts in the height, m. The plane of a
+# pad tilted by 10 degrees lies 5 m lower 30 m away: there a vehicle took itself to be in the
+# descent region.
 PAD_REACH_M = 1.0
-# 1 sigma of the pad's heave of which half is fed forward; chosen by trial in the simulator.
+# 1 sigma of the pad's heave at which half of it is fed forward, m/s; by trial in the simulator.
 HALF_KNOWN_HEAVE_MPS = 0.15
-# Of the camera's place on the airframe as a tape measure tells it, m. Flying over a pad does not
-# show it: what is off there is off in every sighting alike.
+# 1 sigma of the camera's place on the airframe, measured with a tape, m. The filter cannot find
+# this error: it is the same in every sighting.
 CAMERA_PLACE_SIGMA_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class RelativeState:
-    """Errors between pad and vehicle; error = pad minus vehicle. Recorded under these names."""
+    """The pad relative to the vehicle; an error is pad minus vehicle.
+
+    The log records these fields under these names.
+    """
 
     error: Vec3  # landing point minus centre of the feet, local NED, m
     error_rate: Vec3  # pad's velocity minus vehicle's, m/s
@@ -28,9 +32,9 @@ class RelativeState:
     heading_error: float | None  # pad's heading minus vehicle's, rad; None: not known
     yaw_rate: float  # vehicle's, rad/s
     pad_turn_rate: float = 0.0  # of its heading, rad/s
-    pad_coupling: float = 1.0  # of that, what its velocity turns with: 0 to 1
+    pad_coupling: float = 1.0  # share of that rate at which its velocity turns: 0 to 1
     sigma_heave: float = 0.0  # of the pad's vertical velocity, m/s
-    sigma_velocity: float = 0.0  # of its level velocity, m/s
+    sigma_velocity: float = 0.0  # of its horizontal velocity, m/s
     normal: Vec3 = (0.0, 0.0, 1.0)  # unit vector into the pad, local NED
     sigma_height: float = 0.0  # of the error's vertical part, m
 
@@ -43,8 +47,8 @@ class RelativeState:
         Args:
             vehicle: now.
             pad: now.
-            sigma_bearing: of the lens's direction, rad. What the filter makes of that error rests
-                on how the vehicle happened to fly; guidance counts on all of it.
+            sigma_bearing: of the lens's direction, rad. How well the filter knows that error
+                depends on the path flown; guidance therefore counts all of it.
         """
         c = pad.covariance
         error = sub(pad.position, vehicle.feet)
@@ -74,24 +78,24 @@ class RelativeState:
 
     @property
     def height(self) -> float:
-        """Height of the feet over the pad, m: over its plane, as far as there is a pad."""
+        """Height of the feet over the pad's plane, m; that is level beyond PAD_REACH_M."""
         north, east, down = self.error
         k = PAD_REACH_M / max(self.distance, PAD_REACH_M)
         return dot((k * north, k * east, down), self.normal)
 
     @property
     def least_height(self) -> float:
-        """Height of the feet over the pad that may be counted on, m: its own uncertainty counts."""
+        """Height of the feet over the pad minus 2 sigma, m."""
         return self.height - 2.0 * self.sigma_height
 
     @property
     def heave(self) -> float:
-        """Vertical velocity of the pad to go along with, m/s: less of it the less it is known."""
+        """Vertical velocity of the pad to feed forward, m/s: the less of it, the less certain."""
         return self.pad_velocity[2] / (1.0 + (self.sigma_heave / HALF_KNOWN_HEAVE_MPS) ** 2)
 
     @property
     def sure_heave(self) -> float:
-        """Vertical velocity of the pad that may be counted on, m/s: it sinks no slower."""
+        """Vertical velocity of the pad minus 2 sigma, m/s: it sinks no slower than this."""
         return self.pad_velocity[2] - 2.0 * self.sigma_heave
 
     @property
@@ -101,11 +105,11 @@ class RelativeState:
 
     @property
     def course_rate(self) -> float:
-        """How fast the pad's velocity turns, rad/s."""
+        """Turn rate of the pad's velocity vector, rad/s."""
         return self.pad_coupling * self.pad_turn_rate
 
     def pad_velocity_ahead(self, dt: float) -> Vec3:
-        """Return the pad's velocity (m/s) dt from now, if it turns on as it does."""
+        """Return the pad's velocity (m/s) dt (s) from now, at a constant turn rate."""
         if self.course_rate == 0.0:
             return self.pad_velocity
         return rotate(rot_z(self.course_rate * dt), self.pad_velocity)
@@ -120,6 +124,6 @@ class Sight:
     heading: float | None  # of the pad, local, rad; None: not known
     lean: float  # of the airframe from how it would stand on the pad, rad
     pad_down: float  # local z of the landing point, m
-    # The autopilot's height contradicts its climb rate: what it is ordered up or down it flies
-    # otherwise, and a pad that stands seems to rise or to sink.
+    # The autopilot's height contradicts its climb rate: it does not fly the ordered vertical
+    # velocity then, and a standing pad seems to rise or to sink.
     climb_rate_is_wrong: bool

@@ -1,23 +1,24 @@
-"""How fast a vehicle may sink whose companion computer may die at any moment (design rule 2)."""
+"""How fast a vehicle may descend if its companion computer may die at any moment (rule 2)."""
 
 import math
 
-# At the ground, m/s; the rule allows 0.5. The rest is for what is not known of height and heave.
+# Sink rate at the ground, m/s. The rule allows 0.5; the rest is for errors of height and heave.
 TOUCHES_AT_MPS = 0.42
-LATE_S = 0.1  # of the autopilot's answer, which bench/step_response.py measures
-LEAD_S = 0.3  # it is looked so far ahead: the limits let no order follow the height at once
+LATE_S = 0.1  # delay of the autopilot's answer, measured by bench/step_response.py
+LEAD_S = 0.3  # the height is extrapolated by this: the limits delay the order that follows it
 
 
 def safe_sink_rate(height: float, sink_rate: float, timeout_s: float, deceleration: float) -> float:
-    """Return the fastest sinking that the autopilot's own timeout still stops, m/s.
+    """Return the largest sink rate v from which the autopilot's own timeout brakes in time, m/s.
 
-    Without set-points it sinks on for the timeout and is braked then: from v^2 - 2 a (h - v T) =
-    u^2. Where it would reach the ground before that, it may sink at u.
+    Without set-points the vehicle descends on for the timeout and is braked then, to u =
+    TOUCHES_AT_MPS at the ground: v^2 - 2 a (h - v T) = u^2. Where it would reach the ground before
+    the timeout, u.
 
     Args:
         height: h, over the pad, m.
-        sink_rate: that it has, m/s.
-        timeout_s: T, after the last set-point.
+        sink_rate: the present one, m/s.
+        timeout_s: T, after the last set-point, s; LATE_S is added.
         deceleration: a, of the autopilot, m/s^2.
     """
     a, t = deceleration, timeout_s + LATE_S
@@ -27,13 +28,13 @@ def safe_sink_rate(height: float, sink_rate: float, timeout_s: float, decelerati
 
 
 def unstopped_height(timeout_s: float, deceleration: float) -> float:
-    """Return the height below which the autopilot's own timeout stops it on the ground only, m.
+    """Return the height below which the autopilot's own timeout cannot stop it in the air, m.
 
-    Higher up the safe sink rate lets it be stopped in the air; from here down it sinks at
-    TOUCHES_AT_MPS, u: u T + u^2 / (2 a).
+    There the safe sink rate is u = TOUCHES_AT_MPS, and the height that the stop takes is
+    u T + u^2 / (2 a).
 
     Args:
-        timeout_s: T, after the last set-point.
+        timeout_s: T, after the last set-point, s; LATE_S is added.
         deceleration: a, of the autopilot, m/s^2.
     """
     u = TOUCHES_AT_MPS

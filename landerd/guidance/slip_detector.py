@@ -1,8 +1,9 @@
-"""Whether the vehicle goes with the pad that it touches: then its own velocity is the pad's.
+"""Tells whether a touched pad carries the vehicle: then the vehicle's own velocity is the pad's.
 
-A pad that brakes, starts or jerks takes along what stands on it, and what is known of its velocity
-is a picture's delay and a filter old. So does wind with what slides across a pad that drives on.
-Sight tells one from the other, without any filter: in one the pad stays where it is under the feet.
+When the vehicle's velocity departs from the pad's known one, either the pad has changed its
+velocity (it brakes, starts or jerks) and carries the vehicle, or wind pushes the vehicle across a
+pad that drives on. The filter's estimate is too late to tell which; unfiltered sight tells: a pad
+that carries the vehicle stays where it is under the feet.
 """
 
 import math
@@ -10,34 +11,34 @@ import math
 from landerd.estimation.observation import PadFix
 from landerd.geometry import Vec3, horizontal, sub
 
-# The pad is to have moved so far under the feet, by what is known of its velocity, before sight is
-# asked, m. The touch turns the airframe faster than the lens's direction is known: two degrees, at
-# half a metre, are 2 cm.
+# Displacement of the pad under the feet, expected by its known velocity, from which on sight is
+# consulted, m. Less is within the error of sight: the touch turns the airframe faster than the
+# lens's direction is known, and two degrees at half a metre are 2 cm.
 TELLS_M = 0.03
-STAYS_SHARE = 0.5  # of that, by which it may be seen to have moved and stays all the same
-# Seen to move where it should have moved so far, m, it did, by more than those 2 cm. From there on
-# it is looked at afresh: what has slid across a pad that brakes may stand on it now.
+STAYS_SHARE = 0.5  # share of it that the pad may be seen to move and still count as staying
+# Expected displacement after which a pad that is seen to move certainly did, m. The comparison then
+# starts afresh: a vehicle that slid across a braking pad may stand on it now.
 MOVES_M = 0.06
 
 
 class SlipDetector:
-    """Looks at every fix of the pad from contact on.
+    """Compares the fixes of the pad from contact on.
 
     Attributes:
-        is_carried: the vehicle goes with the pad, and not as the pad is known to go.
+        is_carried: the vehicle moves with the pad, at another velocity than the pad's known one.
     """
 
     def __init__(self) -> None:
         self.begin(math.inf)
 
     def begin(self, t: float) -> None:
-        """The feet have touched at time t, s."""
+        """Start when the feet have touched, at time t (s)."""
         self.is_carried = False
         self._touched_t = t
-        self._first: PadFix | None = None  # since then
+        self._first: PadFix | None = None  # the first since then
         self._last: PadFix | None = None
         self._from: PadFix | None = None  # the one that the newest is compared with
-        self._known = (0.0, 0.0)  # by which the pad should have moved under the feet since that, m
+        self._known = (0.0, 0.0)  # expected displacement of the pad under the feet since that, m
 
     @property
     def rise_m(self) -> float:
@@ -51,7 +52,7 @@ class SlipDetector:
 
         Args:
             fix: the newest.
-            pad_velocity: as known, local, m/s.
+            pad_velocity: as known before contact, local, m/s.
         """
         last = self._last
         if fix.t < self._touched_t or (last is not None and fix.t <= last.t):

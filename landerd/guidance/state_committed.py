@@ -24,17 +24,17 @@ from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Landed, Phase, Severity
 
-# After commit, whatever the deck does, m/s. A deck that comes up meets the vehicle: to give way to
-# it would be to hover just over it. Chosen by hand: enough to be a descent.
+# Slowest descent after commit, m/s, in local NED, even over a deck that rises: yielding to that
+# would be to hover just over it. Chosen by hand, just enough to be a descent.
 MIN_DESCENT_MPS = 0.05
 
 
 class Committed:
-    """Flies down onto the pad, led by sight; region and heading no longer bind.
+    """Flies down onto the pad by sight; descent region and heading no longer bind.
 
-    Without sight it goes on with the pad as last known, and breaks off when contact would come
-    later than touchdown.MAX_BLIND_S after it; with sight it breaks off when it would miss the pad.
-    So it does when the pilot asks to hold after all. Leaves at contact.
+    Out of sight it goes on with the pad extrapolated, and breaks off when contact would come later
+    than touchdown.MAX_BLIND_S after the last sighting. It also breaks off when it would miss the
+    pad, or when the pilot asks to hold after all. Ends at contact.
     """
 
     def __init__(self, context: LandingContext, method: Method, touchdown: Touchdown) -> None:
@@ -42,24 +42,24 @@ class Committed:
         self._method = method
         self._touchdown = touchdown
         self._pad: PadEstimate | None = None  # as last known
-        # Where a foot may have been down in the last step, or is before a climb would answer: the
-        # pad relative to it, its heading.
+        # Relative state and pad's heading (rad) in the last step: if a foot may have been down
+        # then, and if one will be down before a climb takes effect. Else None.
         self._touching: tuple[RelativeState, float | None] | None = None
         self._arriving: tuple[RelativeState, float | None] | None = None
         self._misses_since = math.inf
-        self._watched_t = -math.inf  # the last velocity that was looked at
+        self._watched_t = -math.inf  # time of the last velocity passed to the touch-down, s
 
     def enter(self, step: ControlStep) -> None:
         """Begin to watch for contact."""
         self._touchdown.begin(step.now)
         self._watched_t = step.now
-        self._context.landed = Landed.UNDEFINED  # what was said of the air or another landing
+        self._context.landed = Landed.UNDEFINED  # earlier reports are of another landing
         self._pad = self._touching = self._arriving = None
         self._misses_since = math.inf
         self._context.attempts.end()
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order a descent relative to the pad's own vertical motion, and go along with it."""
+        """Order a descent relative to the pad's own motion, or return what ends it."""
         context = self._context
         if self._touchdown.unconfirmed(step.now, context.landed):
             tell_unconfirmed(context)
@@ -73,7 +73,8 @@ class Committed:
         age = context.estimator.sight_age(step.now)
         clearance = least_clearance(context, relative, vehicle, pad)
         self._watch(relative, clearance)
-        # Over a deck that begins to sink a vehicle that answers late is as slow against it.
+        # Fresh sight bounds the height of contact: over a deck that begins to sink, a vehicle that
+        # answers late closes as slowly as one that stands.
         is_seen = age < context.options.lost.after_s
         highest_m = BUILD_ERROR_M if is_seen else MAX_CONTACT_HEIGHT_M
         lowest_m = lowest_foot(relative, vehicle, pad)
@@ -89,8 +90,8 @@ class Committed:
             self._note_contact(relative, pad.heading, lowest_m)
         if event is not None:
             return event
-        # A touch turns the airframe faster than the lens's direction is known: nothing is to be
-        # told of where the pad is then.
+        # From a touch on sight says little: it turns the airframe faster than the direction of the
+        # lens is known.
         if context.hold_asked and not self._touchdown.may_touch:
             return Event.HOLD_ASKED
         in_air = clearance > (BUILD_ERROR_M if self._touchdown.may_touch else 0.0)
@@ -100,7 +101,7 @@ class Committed:
         if age > context.options.lost.after_s:
             yaw_rate = 0.0
         sink_rate = self._touchdown.descent(vehicle.tilt)
-        if relative.height > context.options.descent.commit_height_m:  # it came up once more
+        if relative.height > context.options.descent.commit_height_m:  # the deck has sunk since
             sink_rate = min(sink_rate, TOUCHES_AT_MPS)
         descent = max(heave + sink_rate, MIN_DESCENT_MPS)
         context.orders.fly((north, east, descent), yaw_rate, may_descend=True)
@@ -109,7 +110,7 @@ class Committed:
     def _note_contact(
         self, relative: RelativeState, heading: float | None, lowest_m: float
     ) -> None:
-        """Note where it touches, and tell the pilot if that is where nothing should be."""
+        """Note where it touches; warn the pilot if that is higher than the pad can be."""
         context = self._context
         context.footprint.touch(relative, heading)
         if lowest_m > MAX_CONTACT_HEIGHT_M:
@@ -117,17 +118,16 @@ class Committed:
             context.orders.say(Severity.WARNING, text)
 
     def _blind(self, now: float) -> Event:
-        """Return what it means that data are too old all at once.
+        """Return the event that follows when telemetry is stale or the pad is unknown.
 
-        Feet that are touching are not lifted again for that: half on the pad is no place to climb
-        from, nor to wait for thrust. Nor are those that will be down before thrust answers: told
-        to climb then, vehicles were dragged across the plate.
+        Contact where a foot was touching, or will be down before thrust answers: vehicles that
+        were told to climb then were dragged across the plate. Else sight is lost.
         """
         self._touching = self._touching or self._arriving
         return Event.CONTACT if self.takes_touch(now) else Event.SIGHT_LOST
 
     def takes_touch(self, now: float) -> bool:
-        """Take feet that may have been down in the last step for feet on the pad; tell whether."""
+        """Take feet that may have been down in the last step for contact; tell whether."""
         if self._touching is None:
             return False
         self._touchdown.touch(now)
@@ -135,9 +135,9 @@ class Committed:
         return True
 
     def takes_touch_stopped(self, now: float) -> bool:
-        """Take it for a touch where it is stopped in wind with a foot down; tell whether.
+        """Take a foot that is down, of a vehicle stopped in wind, for contact; tell whether.
 
-        Where nothing is ordered up or down sinking does not tell it: the height alone does.
+        With no descent ordered the sink rate says nothing of contact: the height alone does.
         """
         vehicle, pad = self._context.estimator.fresh_vehicle(now), self._pad_now(now)
         if vehicle is None or pad is None:
@@ -150,9 +150,9 @@ class Committed:
         return self.takes_touch(now)
 
     def _watch(self, relative: RelativeState, clearance: float) -> None:
-        """Show the touch-down each velocity measured since the last control step.
+        """Pass each velocity measured since the last control step to the touch-down.
 
-        After a step that came late, feet that have been down meanwhile are known from them.
+        After a step that came late they show feet that have touched in between.
         """
         heave = relative.pad_velocity[2]
         ordered = self._context.orders.velocity[2]
@@ -162,12 +162,12 @@ class Committed:
             self._watched_t = t
 
     def _misses(self, now: float, relative: RelativeState, heading: float | None) -> bool:
-        """Tell whether, as seen for some time now, it will not stand on the pad.
+        """Tell whether sight has shown for MISSES_S that the vehicle will not stand on the pad.
 
-        A pad that is seen where it cannot be has stopped, started or been moved. Where sightings
-        have agreed to the millimetre, some millimetres are more than their noise explains, as
-        when other markers of the pad come into use; then it must be as far off as a pad that
-        slides away too fast to touch would be by now.
+        Either the feet will miss it or slide across it; or the sightings are inconsistent with the
+        estimate, as of a pad that has stopped, started or been moved. Sightings that have agreed to
+        the millimetre become inconsistent by millimetres when other markers come into use: the pad
+        must be off by as much as one that slides at commit_slip_mps would be by now.
         """
         options, estimator = self._context.options, self._context.estimator
         too_far_m = options.descent.commit_slip_mps * MISSES_S
@@ -185,10 +185,10 @@ class Committed:
         return now - self._misses_since >= MISSES_S
 
     def _pad_now(self, now: float) -> PadEstimate | None:
-        """Return the pad, as last known when the filter has begun anew.
+        """Return the pad; extrapolated from the last estimate where the filter has restarted.
 
         At the touch the airframe turns faster than gimbal and clock are known: sightings are
-        refused until the filter begins anew. After commit that is no reason to climb.
+        refused until the filter restarts. After commit that is no reason to climb.
         """
         pad = self._context.estimator.pad(now)
         if pad is None and self._pad is not None:
@@ -198,7 +198,7 @@ class Committed:
 
 
 def _of_foot(relative: RelativeState, vehicle: VehicleState) -> RelativeState:
-    """Return the same with the rate of the foot that may stand, where that slides less."""
+    """Return the state with the error rate of the foot that sinks slowest, if that slides less."""
     rate = sub(relative.pad_velocity, vehicle.foot_velocity)
     slides_less = horizontal(rate) < horizontal(relative.error_rate)
     return replace(relative, error_rate=rate) if slides_less else relative

@@ -14,63 +14,66 @@ from landerd.guidance.sink_rate import safe_sink_rate
 from landerd.guidance.states import Event
 from landerd.messages import Phase, Severity
 
-# Held over the pad: climbing speed per m below the height asked for, as TrackingMethod sinks above
-# it; and no higher over it the pilot is told that it is there, m.
+# While held over the pad: climb rate per m below the height asked for, 1/s (TrackingMethod descends
+# likewise from above); and how far above that height the pilot is told that it is reached, m.
 HOLD_KP = 1.5
 HOLD_TOLERANCE_M = 0.3
-# With a wrong climb rate it gives way to a pad that seems to rise the less, the higher it is, m:
-# where only what is told of the rate is wrong it would climb for as long.
+# With a wrong climb rate the vehicle yields to a pad that seems to rise, fading out over this
+# height above the one to hold, m: where the vehicle does not really sink it would climb forever.
 GIVES_WAY_M = 1.0
-# Low over the pad without a position it climbs for so long, s: at guidance.lost.climb_mps out of
-# the reach of a deck that heaves. It struck one that hovered 0.3 m over it.
+# Low over the pad without a position the vehicle climbs for this long, s: at
+# guidance.lost.climb_mps out of reach of a heaving deck. One that hovered 0.3 m over a deck was
+# struck by it.
 BLIND_CLIMB_S = 2.0
-# Inside the descent region for so long before it sinks, s: at its edge one picture's error is
-# enough to be taken for inside.
+# Time inside the descent region before the descent begins, s: at its edge one picture's error is
+# enough to look inside.
 SETTLED_S = 0.15
-# A pad known by its ring alone is looked at for so long before it sinks, s: a look-alike is seldom
-# seen for as long without a break.
+# Time that a pad known by its ring alone must be in sight before the descent begins, s: a
+# look-alike is seldom seen for as long without a break.
 RING_ALONE_S = 1.0
-# A pad that was never surely seen to heave may come up faster than it is said to: by so many sigma,
-# but by no more than this, m/s; the rest is sight's. Without it decks that came up while they were
-# said to stand were sunk onto faster than the autopilot's timeout stops; with one sigma, now and
-# then, where the turn of a slow deck had not been seen yet.
+# A pad that was never certain to heave may rise faster than estimated: by this many sigma of its
+# vertical velocity, but by no more than this, m/s, as most of the sigma is that of the sight.
+# Without it the vehicle descended onto decks that rose while the estimate stood still faster than
+# the autopilot's timeout stops; with one sigma it did so now and then, where the reversal of a slow
+# deck had not been seen yet.
 UNSURE_HEAVE_SIGMAS, UNSURE_HEAVE_MPS = 1.5, 0.2
-# The vehicle's velocity may be off what is ordered by such a share, and m/s, for so long, s. The
-# latest that is landed with answers 2.1 s late; ArduCopter with GUID_OPTIONS 32 follows no velocity
-# at all, and in wind a vehicle that may lean no further lags behind.
+# The pilot is warned when the flown velocity differs from the ordered one by this share and by
+# this, m/s, for this long, s. The slowest vehicle that lands answers 2.1 s late; ArduCopter with
+# GUID_OPTIONS 32 follows no velocity at all, and a vehicle at its lean limit lags behind in wind.
 UNFOLLOWED_SHARE, UNFOLLOWED_MPS, UNFOLLOWED_S = 0.5, 1.5, 5.0
 
 
 class Tracking:
-    """Flies to the pad and down, as phase and method say; climbs where it could not land.
+    """Flies to the pad and down, by phase and method; goes around where it could not land.
 
-    While the pilot asks to hold it stays over the pad at guidance.hold.height_m, for as long as he
-    does, and climbs there from below. Leaves when sight is lost, to commit, or to hand back: after
-    too many refused descents, or when the pad's heading stays unseen, or it leans too far for long.
+    While the pilot asks to hold, the vehicle stays over the pad at guidance.hold.height_m, climbing
+    there from below. Ends when sight is lost, at commit, or with a hand-back: after too many
+    refused descents, or when for too long the pad's heading is not seen or the vehicle leans too
+    far to land.
     """
 
     def __init__(self, context: LandingContext, phases: Phases, method: Method) -> None:
         self._context = context
         self._phases = phases
         self._method = method
-        # When the landing last waited neither for the pad's heading nor for a lull, s.
+        # Last time that the landing waited neither for the pad's heading nor for a lull, s.
         self._heading_t = 0.0
         self._holds = False  # where the pilot asked to, and he was told
-        self._outside_t = -math.inf  # when it was last seen outside the descent region, s
-        self._seen_from = 0.0  # in sight without a break since then, s
-        self._followed_t = 0.0  # when the vehicle last flew as it was ordered, s
-        # Over the pad when the climb rate was found to be wrong, m; None: it is right.
+        self._outside_t = -math.inf  # last time outside the descent region, s
+        self._seen_from = 0.0  # since when the pad has been in sight without a break, s
+        self._followed_t = 0.0  # last time that the vehicle flew as ordered, s
+        # Height over the pad when the climb rate was found to be wrong, m; None: it is right.
         self._held_m: float | None = None
 
     def enter(self, step: ControlStep) -> None:
-        """Begin a landing, from the velocity that the vehicle has, or go on with it."""
+        """Begin a landing from the vehicle's own velocity, or go on with one (`goes_on`)."""
         context = self._context
         if context.goes_on(step.now):
             return
         vehicle = context.estimator.fresh_vehicle(step.now)
         if vehicle is not None:
             north, east, down = vehicle.velocity
-            # What stands on the pad does not climb, whatever noise says: it was lifted by that.
+            # A vehicle that stands does not climb: velocity noise taken for a climb lifted one.
             down = max(down, 0.0) if context.stands(step.now) else down
             context.orders.go_on_from((north, east, down))
         self._heading_t = self._seen_from = self._followed_t = step.now
@@ -90,7 +93,7 @@ class Tracking:
         context.attempts.tracked_t = step.now
         rests = sight.climb_rate_is_wrong and context.rest.is_seen(step.now)
         if rests and context.orders.climbs and not context.hold_asked:
-            # Its climb rate is wrong: that it was told to climb does not say that it will.
+            # With a wrong climb rate an order to climb does not mean that it climbs.
             north, east, _ = context.below.velocity
             context.orders.end_climb(north, east)
             return None
@@ -105,7 +108,7 @@ class Tracking:
         return event
 
     def _fly(self, step: ControlStep, sight: Sight) -> None:
-        """Order the method's velocity, and to climb where it is to be higher up."""
+        """Order the method's velocity, or a climb where the vehicle has to be higher."""
         context, phases, relative = self._context, self._phases, sight.relative
         o = context.options
         hold_m = o.hold.height_m if context.hold_asked else 0.0
@@ -115,21 +118,21 @@ class Tracking:
         )
         climbs, heave = phases.goes_around, relative.heave
         if self._held_m is not None:
-            # Low over it is no place to wait. It stays over the pad: one that stood still meanwhile
-            # came down half beside it.
+            # It waits higher up, and over the pad: one that waited in place came down half beside
+            # it.
             hold_m = max(self._held_m, o.descent.retry_height_m)
             down = heave = _given_way(relative, hold_m)
             climbs = relative.height < o.descent.retry_height_m
         if climbs:
-            # From a deck that comes up it climbs as fast.
+            # Relative to a deck that rises.
             down = min(0.0, heave) - o.lost.climb_mps
         elif relative.height < hold_m:
             down = heave - min(HOLD_KP * (hold_m - relative.height), o.lost.climb_mps)
         may_descend = self._may_descend(step.now, sight, floor_m)
-        # A foot that leans may be all but down; but not where pictures show the pad elsewhere.
+        # A foot of a leaning vehicle may all but touch, unless pictures show the pad elsewhere.
         seen_m = relative.height + context.estimator.inconsistency.off_m
         if climbs and seen_m < o.descent.commit_height_m:
-            # With the pad: a deck that comes up may have its feet, and they would be dragged.
+            # At the pad's velocity: a rising deck may touch the feet, and would drag them.
             north, east, _ = relative.pad_velocity
             context.orders.climb_away(north, east)
         else:
@@ -139,23 +142,23 @@ class Tracking:
     def _fastest_sinking(self, relative: RelativeState) -> float:
         """Return the fastest downward velocity to order, m/s."""
         context = self._context
-        # Were this the last order, the autopilot's own timeout must stop the vehicle in time, also
-        # where it is lower than it seems.
+        # Were this the last order, the autopilot's own timeout would have to stop the vehicle in
+        # time, also where it is lower than estimated.
         safe = safe_sink_rate(
             relative.least_height,
             -relative.error_rate[2],
             context.guided_timeout_s,
             context.braking_mps2,
         )
-        # For want of knowing a deck that heaves it waits, and does not climb. A pad that was never
-        # seen to heave all but stands: what is not known of its velocity is mostly sight's.
+        # While a deck's heave is uncertain the vehicle waits, but does not climb for that. A pad
+        # that was never certain to heave stands still, or nearly so.
         unsure = min(UNSURE_HEAVE_SIGMAS * relative.sigma_heave, UNSURE_HEAVE_MPS)
         comes_up = min(0.0, relative.pad_velocity[2] - unsure)
         least = comes_up if context.below.heaves else comes_up + safe
         return max(relative.sure_heave + safe, least)
 
     def _may_descend(self, now: float, sight: Sight, floor_m: float) -> bool:
-        """Tell whether it may sink, to a height over the pad, m; called at every control step."""
+        """Tell whether it may descend, to floor_m over the pad; called at every control step."""
         context, phases, relative = self._context, self._phases, sight.relative
         if not phases.may_descend(relative, context.estimator.inconsistency.off_m):
             self._outside_t = now
@@ -166,7 +169,7 @@ class Tracking:
         return may_descend and not sight.climb_rate_is_wrong
 
     def _tell_if_unfollowed(self, now: float, relative: RelativeState) -> None:
-        """Tell the pilot of an autopilot that does not fly what it is ordered."""
+        """Warn the pilot of an autopilot that does not fly the ordered velocity."""
         ordered = self._context.orders.velocity
         flown = relative.vehicle_velocity
         off = norm(sub(ordered, flown))
@@ -175,14 +178,14 @@ class Tracking:
         elif now - self._followed_t > UNFOLLOWED_S:
             text = pilot_texts.UNFOLLOWED.format(flown=norm(flown), ordered=norm(ordered))
             self._context.orders.say(Severity.WARNING, text)
-            self._followed_t = now  # its figures change: it is told again when it has lasted
+            self._followed_t = now  # as the figures change `say` would repeat it at once
 
     def _event(self, step: ControlStep, sight: Sight) -> Event | None:
         """Step the phases; return the event that ends tracking, None to go on."""
         context, phases = self._context, self._phases
         relative = sight.relative
         context.below.note(relative)
-        # Nor is it stopped just over a pad that moves: it lands or goes around first.
+        # Not just over a pad that moves, where a stop is dangerous: it lands or goes around first.
         if context.attempts.takes_too_long(step.now) and not context.below.is_fast_and_close:
             return Event.TOOK_TOO_LONG
         went_around = phases.goes_around
@@ -209,12 +212,12 @@ class Tracking:
         return Event.COMMITS if phase is Phase.LANDED else None
 
     def _arrives(self, now: float, sight: Sight) -> bool:
-        """Tell whether it will stand on the plate before a climb answers.
+        """Tell whether it will stand on the plate before an order to climb takes effect.
 
-        A deck that came up had its feet, and it stood there told to climb until the deck sank away.
+        A vehicle that a rising deck had touched stood there, told to climb, until the deck sank.
         """
         context, relative, o = self._context, sight.relative, self._context.options.descent
-        if relative.height >= o.commit_height_m:  # far from it, and in most steps
+        if relative.height >= o.commit_height_m:  # saves the rest in most steps
             return False
         vehicle, sinking = context.estimator.fresh_vehicle(now), -relative.error_rate[2]
         if vehicle is None or not is_arriving(relative, vehicle, sinking):
@@ -223,7 +226,7 @@ class Tracking:
         return not context.footprint.will_miss(relative, sight.heading, sinking, tolerance)
 
     def _wait_out(self, sight: Sight) -> bool:
-        """Tell whether a wrong climb rate is waited out; count the abort, once."""
+        """Tell whether to wait until the climb rate is right again; count the abort, once."""
         if not sight.climb_rate_is_wrong:
             self._held_m = None
             return False
@@ -237,7 +240,7 @@ class Tracking:
         return True
 
     def _tell_of_hold(self, phase: Phase, relative: RelativeState) -> None:
-        """Tell the pilot, once, that it is where he asked to hold and waits for him."""
+        """Tell the pilot, once, that the vehicle holds where he asked and waits for him."""
         context, held = self._context, self._holds
         is_there = relative.height < context.options.hold.height_m + HOLD_TOLERANCE_M
         is_over = context.hold_asked and phase is Phase.YAW_CORRECTION
@@ -249,24 +252,24 @@ class Tracking:
 
 
 def _given_way(relative: RelativeState, hold_m: float) -> float:
-    """Return the vertical velocity, m/s, that keeps a height where the climb rate is wrong.
+    """Return the downward velocity that holds a height although the climb rate is wrong, m/s.
 
-    What is ordered is not what is flown then: sight alone shows how it sinks. A pad that seems to
-    rise is given way to, for it is the vehicle that sinks; one that seems to sink is not followed.
+    The flown climb rate is not the ordered one then, and only sight shows it: a pad that seems to
+    rise means that the vehicle sinks, and is yielded to; one that seems to sink is not followed.
 
     Args:
         relative: pad relative to vehicle.
-        hold_m: the height over the pad.
+        hold_m: height over the pad to hold, m.
     """
     share = clamp((hold_m + GIVES_WAY_M - relative.height) / GIVES_WAY_M, 0.0, 1.0)
     return share * min(0.0, relative.pad_velocity[2])
 
 
 class Searching:
-    """Hovers, then climbs as guidance.lost says, and never turns or sinks (rule 1d).
+    """Hovers, then climbs by the plan of guidance.lost, and never turns or sinks (rule 1d).
 
-    Just over the pad it climbs at once. The camera is swept meanwhile (guidance.aim). Leaves when
-    the pad is back in sight, or hands back when the plan has ended or too many descents were
+    Just over the pad it climbs at once. The camera sweeps meanwhile (guidance.aim). Ends when the
+    pad is back in sight, or with a hand-back when the plan has ended or too many descents were
     broken off.
     """
 
@@ -279,7 +282,7 @@ class Searching:
         self._plan.begin(step.now, low=self._context.below.low)
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order what the plan says, without turning; count the abort, once, if it is one."""
+        """Order the plan's velocity without turning; count the abort, once, unless it goes on."""
         context = self._context
         if context.attempts.tracked_t > -math.inf and not context.goes_on(step.now):
             context.break_off()
@@ -293,12 +296,12 @@ class Searching:
             return Event.TOOK_TOO_LONG
         if planned is None:
             return Event.PAD_NOT_FOUND
-        # Climbing needs a position to know when to stop, or a time.
+        # A climb must be ended by height or, without a position, by time.
         climbs_blind = context.below.low and self._plan.waited_s(step.now) < BLIND_CLIMB_S
         may_climb = vehicle is not None or climbs_blind
         velocity, what = planned if may_climb else (ZERO, pilot_texts.HOLDING)
         why = pilot_texts.BLIND.format(why=context.why_blind(step.now), what=what)
-        # That its own data are stale for a moment is no news: the landing goes on.
+        # The pilot is not told of telemetry that is stale for a moment: the landing goes on.
         if vehicle is not None or not context.goes_on(step.now):
             context.orders.enter(Phase.NOT_LANDING, why)
         context.orders.fly(velocity, 0.0, may_descend=False)

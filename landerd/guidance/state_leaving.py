@@ -11,24 +11,26 @@ from landerd.guidance.rest import RESTS_MPS, RESTS_S
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 
-# Told to climb, it may lift after so long, s: levelled at 0.6 and 0.7 s it hopped, and fell.
-# It has lifted after so long, if it ever does: 1.1 and 1.5 s were flown.
+# Time from the order to climb until thrust may lift the vehicle, s: levelled at 0.6 and 0.7 s it
+# hopped, and fell. And until it has lifted if it ever does, s: 1.1 and 1.5 s were flown.
 THRUST_BACK_S, LIFTED_S = 0.45, 2.5
-# Told to climb, with its feet down as far as is known, what rests so long is on the pad, s. Known
-# later than THRUST_BACK_S it went on climbing, and was stopped before it had lifted: of 19 field
-# days with a pad of 1 or 5 m/s and RC lost 0.3 s after commit 5, of which one tipped over. With
-# this none; two hopped, levelled as their thrust was coming.
+# A vehicle that was told to climb, with its feet down by what is known, is on the pad if it rests
+# for this long, s. Where that was known later than THRUST_BACK_S the climb went on, and ended in a
+# stop before the vehicle had lifted: on 5 of 19 field days with a pad of 1 or 5 m/s and RC lost
+# 0.3 s after commit, and one of these tipped over. With this, on none; two hopped, as they were
+# levelled while their thrust was coming back.
 RESTS_DOWN_S = 0.15
 
 
 class Leaving:
     """Climbs away from the pad, because landerd may not fly on or the descent is broken off.
 
-    Pressed down on it, thrust takes a second to come back. What stands still before that stays
-    there: it would be stopped just as it lifts, and tip over. What is told to climb and rests is on
-    the pad, also where contact had not been noticed yet. Where landerd may fly on, it is pressed
-    down once more, not levelled: levelled just as they lifted, vehicles were thrown 0.4 and 0.7 m
-    high, and down beside the pad.
+    The autopilot has taken thrust away from a vehicle pressed onto the pad, and takes a second to
+    give it back. A vehicle that stands still before that stays on the pad: it would be stopped just
+    as it lifts, and tip over. One that rests although told to climb is on the pad, even if contact
+    had not been noticed. Where landerd may fly on, such a vehicle is pressed down again and not
+    levelled: vehicles levelled just as they lifted were thrown 0.4 and 0.7 m high, and came down
+    beside the pad.
     """
 
     def __init__(
@@ -38,9 +40,10 @@ class Leaving:
 
         Args:
             context: of the landing.
-            touchdown: of the descent.
-            flies_on: landerd may. Then it stands only where it is seen to: it may just be turning,
-                from sinking to climbing, over a pad that slides away.
+            touchdown: of the landing.
+            flies_on: landerd may fly on (WAVING_OFF). Then only sight decides that the vehicle
+                stands: at rest it may just be reversing from descent to climb, over a pad that
+                slides away.
         """
         self._context = context
         self._touchdown = touchdown
@@ -48,7 +51,7 @@ class Leaving:
         self._climb = ClimbAway(context)
         self._began = -math.inf
         self._thrust_back_s = 0.0
-        self._rests_since = math.inf  # goes with the pad
+        self._rests_since = math.inf  # since when it has moved with the pad, s
 
     def enter(self, step: ControlStep) -> None:
         """Begin to climb."""
@@ -75,17 +78,18 @@ class Leaving:
         if stands and waited_s < self._thrust_back_s:
             return self._stay(step.now)
         event = self._climb.step(step)
-        # What may not fly on is stopped as it lifts: levelled then, a pad of 5 m/s threw it off.
+        # Where landerd may not fly on, the climb ends in a stop even if it stands: vehicles
+        # levelled then were thrown off a pad of 5 m/s.
         if not (self._flies_on and stands and event is Event.CLEAR_OF_PAD):
             return event
-        # Its thrust has not come: it is not clear of the pad. It waits for it.
+        # Thrust has not come back: the vehicle is not clear of the pad, and waits for it.
         if waited_s >= LIFTED_S:
             return self._stay(step.now)
         self._climb.order()
         return None
 
     def _stay(self, now: float) -> Event | None:
-        """Leave it on the pad; where it is pressed down the climb ends at once."""
+        """Keep the vehicle on the pad: end the climb, then press down or leave it standing."""
         if not self._flies_on:
             return Event.STANDS
         orders = self._context.orders
@@ -97,7 +101,7 @@ class Leaving:
         return Event.STANDS
 
     def _may_rest(self, now: float, vehicle: VehicleState) -> bool:
-        """Tell whether it goes with the pad as last known: neither up nor down nor across."""
+        """Tell whether it moves with the pad as last known: neither up nor down nor across."""
         pad = self._context.estimator.pad(now)
         below = pad.velocity if pad is not None else self._context.below.velocity
         over = sub(vehicle.velocity, below)
@@ -105,6 +109,7 @@ class Leaving:
         return abs(over[2]) < RESTS_MPS and not slides
 
     def _note_contact(self, now: float, vehicle: VehicleState, highest_m: float) -> None:
+        """Note contact if the lowest foot may be no higher over the pad than highest_m."""
         context = self._context
         pad = context.estimator.pad(now)
         if pad is None or (self._flies_on and not context.rest.is_seen(now)):

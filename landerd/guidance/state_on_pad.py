@@ -15,38 +15,38 @@ from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Phase
 
-# What was taken for contact was a gust where the feet are seen to have risen by so much since, m,
-# and to be clear of the pad: it was pressed down in the air, and with the pad's velocity as its own
-# it was carried off. The touch turns the lens less than that.
+# Contact was a false one, caused by a gust, where the feet have since risen by this, m, and are
+# clear of the pad: such a vehicle was pressed down in the air and, its own velocity taken for the
+# pad's, carried off. The turn of the lens at a real touch shows less than this.
 RISES_M = 0.05
 
 
 class OnPad:
-    """Goes with the pad and presses down until the autopilot knows that it has landed.
+    """Moves with the pad and presses down until the autopilot knows that it has landed.
 
-    Once the vehicle stands still, level without thrust instead; then disarms. Until it stands
-    still pictures are looked at: seen to rise from the pad, it was not on it. Otherwise only the
-    gate ends this state. When the land detector stays silent, the pilot is told, the outcome is
-    `touchdown_unconfirmed`, and the orders go on.
+    Once the vehicle stands still it is ordered level without thrust instead, and then disarmed.
+    Until it stands still pictures are still searched: a vehicle that is seen to rise was not on the
+    pad. Otherwise only the gate ends this state. When the land detector stays silent, the pilot is
+    told, the outcome is `touchdown_unconfirmed`, and the orders go on.
     """
 
     def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
         self._context = context
         self._touchdown = touchdown
-        self._clear_since = math.inf  # of the pad
+        self._clear_since = math.inf  # since when it has been clear of the pad, s
 
     def enter(self, step: ControlStep) -> None:
-        """Begin to go with the pad; contact was noted when it was found.
+        """Begin to move with the pad; contact was noted when it was found.
 
-        Released and granted again as it stood there, the landing goes on: how is yet to be told.
+        The outcome is open again: released and granted again while it stands, the landing goes on.
         """
         self._context.attempts.outcome = None
-        self._context.stops_until = -math.inf  # an earlier stop is no part of the next one
+        self._context.stops_until = -math.inf  # the next release gets its full time
         self._context.below.touch(step.now)
         self._clear_since = math.inf
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order disarming when it is due; and to press down, or to stand level."""
+        """Order a disarm when it is due; and to press down, or to stand level."""
         context, orders, now = self._context, self._context.orders, step.now
         context.below.ride(now, step.dt)
         self._clear_since = min(self._clear_since, now) if self._is_clear(now) else math.inf
@@ -59,16 +59,15 @@ class OnPad:
             tell_unconfirmed(context)
         if not _stand_level(context, self._touchdown, step):
             north, east, _ = context.below.velocity
-            # It presses down on a deck that sinks, and as hard on one that comes up.
+            # Relative to a deck that sinks; a deck that rises presses by itself.
             down = self._touchdown.descent(0.0) + max(0.0, context.below.heave(now)[0])
             orders.fly((north, east, down), 0.0, may_descend=True)
         return None
 
     def _is_clear(self, now: float) -> bool:
-        """Tell whether it is seen over the pad: to have risen, or as the pad slides away.
+        """Tell whether it is seen to be clear of the pad: it has risen, or the pad slides away.
 
-        Risen higher than contact is believed; or with no foot down, and no contact either where the
-        pad goes on without it.
+        Risen: higher than contact is possible. The pad slides away: no foot can be down then.
         """
         context = self._context
         vehicle, pad = context.estimator.fresh_vehicle(now), context.estimator.pad(now)
@@ -85,9 +84,9 @@ class OnPad:
 
 
 class Standing:
-    """Stands level without thrust when landerd may not fly on, then leaves the vehicle there.
+    """Stands level without thrust when landerd may not fly on, then falls silent.
 
-    Until it stands still it stops: level on an edge it would slide off.
+    Until the vehicle stands still the order is to stop: level on an edge it would slide off.
     """
 
     def __init__(self, context: LandingContext, touchdown: Touchdown) -> None:
@@ -95,7 +94,7 @@ class Standing:
         self._touchdown = touchdown
 
     def enter(self, step: ControlStep) -> None:
-        """Begin the time of the orders, or go on with that of the stop it comes from."""
+        """Start the time of the orders, or go on with that of a stop that was under way."""
         if step.now >= self._context.stops_until:
             self._context.stops_until = step.now + self._context.options.release_s
 
@@ -119,7 +118,7 @@ def _stand_level(
         context: of the landing.
         touchdown: that has noticed contact.
         step: of the control task.
-        released: landerd may not fly on: what stands is pressed down no longer.
+        released: landerd may not fly on: a vehicle that stands is not pressed down any more.
     """
     vehicle = context.estimator.fresh_vehicle(step.now)
     if vehicle is None:

@@ -14,11 +14,11 @@ class Silent:
         self._context = context
 
     def enter(self, step: ControlStep) -> None:
-        """Begin to wait: while others fly no landing is under way."""
+        """Begin to wait; a landing that was under way is over."""
         self._context.attempts.end()
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order nothing, and say why."""
+        """Order nothing and say why, or begin a landing."""
         context = self._context
         why = step.why
         if step.granted:
@@ -40,16 +40,16 @@ class Releasing:
         self._began = -math.inf  # s
 
     def enter(self, step: ControlStep) -> None:
-        """Begin the time of the stop orders."""
+        """Start the time of the stop orders."""
         self._context.stops_until = step.now + self._context.options.release_s
         self._began = step.now
 
     def order(self, step: ControlStep) -> Event | None:
-        """Order zero velocity until the time is over, or it may fly and sees the pad.
+        """Order zero velocity until the time is over, or landerd may fly and sees the pad.
 
-        While it may fly again but sees nothing, the time does not run: nobody else flies then. But
-        not for ever, nor where RC is stale now and then: stop orders would hold against a ground
-        station that flies it to the pad.
+        While landerd may fly but sees no pad the time does not run: nobody else flies then. It ends
+        after guidance.lost.give_up_s all the same, also where RC is stale now and then: stop orders
+        would fight a ground station that flies the vehicle to the pad.
         """
         context, why = self._context, step.why
         if step.granted:

@@ -1,11 +1,13 @@
-"""The states of a landing, and which event leads where: the table to read first.
+"""The states of a landing, its events, and which event leads to which state: read this first.
 
-Each control step the gate says who flies, and the state says what is ordered or which event has
-happened; the table below says where that leads, and the new state has its turn in the same step.
+In each control step the gate says who flies, as an event. If the table below has a transition for
+it, that is followed. Then the current state either makes its orders or returns an event of its own;
+the state that this leads to has its turn in the same step.
+
 What a state orders is in its class (`state_silent`, `state_flying`, `state_committed`,
-`state_on_pad`, `state_leaving`), what the pilot is told in `pilot_texts`. The thesis's phases
-(`phases`, messages.Phase) are what the pilot and the log see: APPROACH to DESCENT while TRACKING,
-LANDED while COMMITTED and ON_PAD, else NOT_LANDING.
+`state_on_pad`, `state_leaving`), what the pilot is told in `pilot_texts`. The pilot and the log see
+the thesis's phases (`phases`, messages.Phase): APPROACH to DESCENT while TRACKING, LANDED while
+COMMITTED and ON_PAD, else NOT_LANDING.
 """
 
 from collections.abc import Mapping
@@ -13,51 +15,55 @@ from enum import Enum
 
 
 class State(Enum):
-    """What landerd is doing about the landing; beside each what it orders."""
+    """What landerd is doing; the comment beside each state says what it orders."""
 
     SILENT = "silent"  # nothing: the pilot or a ground station flies
-    RELEASING = "releasing"  # zero velocity for guidance.release_s: its last order must not live on
-    # to the pad and down, as phase and guidance.method say; while the pilot asks to hold, at
-    # guidance.hold.height_m over it and not down
+    # Zero velocity for guidance.release_s: the autopilot would go on flying the last order.
+    RELEASING = "releasing"
+    # To the pad and down, by phase and guidance.method. While the pilot asks to hold: no lower than
+    # guidance.hold.height_m over the pad.
     TRACKING = "tracking"
     SEARCHING = "searching"  # hover, then climb (guidance.lost), without turning or sinking
-    COMMITTED = "committed"  # down onto the pad, no longer bound by region and heading
+    COMMITTED = "committed"  # down onto the pad, no longer bound by descent region and heading
     WAVING_OFF = "waving off"  # up from the pad at the pad's velocity, for a moment
-    LEAVING = "leaving"  # the same when landerd may not fly on: a stop would tip the vehicle over
-    ON_PAD = "on the pad"  # with the pad and down; once still, level without thrust; then disarm
-    STANDING = "standing"  # level without thrust for guidance.release_s, as it may not fly on
+    # The same, when landerd may not fly on but a stop would tip the vehicle over.
+    LEAVING = "leaving"
+    # Down, at the pad's velocity; once the vehicle stands still, level without thrust; then disarm.
+    ON_PAD = "on the pad"
+    # Level without thrust for guidance.release_s, because landerd may not fly on.
+    STANDING = "standing"
 
 
 class Event(Enum):
-    """What leads from one state to another."""
+    """What leads from one state to another; the value says when it happens."""
 
-    # From the gate (guidance.gate), in every control step one of these:
+    # From the gate (guidance.gate) and what is known of vehicle and pad: one in every control step.
     GRANTED = "armed, GUIDED, switch high: landerd may fly"
     RELEASED = "switch low, RC or heartbeat stale, autopilot restarted, latched, about to end"
-    RELEASED_LOW = "the same, just over a pad that moves, or touching it but not standing yet"
-    RELEASED_TOUCHING = "the same, as feet seem to touch a slower one, or do while it is stopped"
-    TURNS_OVER = "either, but it leans as no multicopter flies, just over the pad"
+    RELEASED_LOW = "RELEASED just over a pad that moves, or touching it but not standing yet"
+    RELEASED_TOUCHING = "RELEASED as the feet seem to touch a pad slow enough to stop on"
+    TURNS_OVER = "not SILENCED, but the vehicle leans as none flies, just over the pad"
     SILENCED = "not armed or not GUIDED"
-    DISARMED = "silenced because disarmed, all feet on the pad as last seen"
-    DISARMED_OFF_PAD = "the same, a foot beside the pad as last seen"
-    DISARMED_TIPPED = "the same, leaning more than any pad does"
+    DISARMED = "SILENCED because disarmed, all feet on the pad as last seen"
+    DISARMED_OFF_PAD = "SILENCED because disarmed, a foot beside the pad as last seen"
+    DISARMED_TIPPED = "SILENCED because disarmed, leaning more than any pad"
     # From the states:
-    RELEASE_OVER = "stop orders were streamed for long enough"
-    PAD_IN_SIGHT = "pad confirmed, last sighting and telemetry young"
+    RELEASE_OVER = "stop orders were streamed for guidance.release_s"
+    PAD_IN_SIGHT = "pad confirmed, last sighting and telemetry fresh"
     SIGHT_LOST = "last sighting or telemetry too old"
-    SIGHT_LOST_LOW = "the same, just over a pad that moves, not committed yet"
-    PAD_MISSED = "would touch beside the pad, or slide across it"
-    HOLD_ASKED = "the pilot asks to hold after all, not touching yet"
+    SIGHT_LOST_LOW = "SIGHT_LOST just over a pad that moves, before commit"
+    PAD_MISSED = "the feet would touch beside the pad, or slide across it"
+    HOLD_ASKED = "the pilot asks to hold after commit, before the feet touch"
     CLEAR_OF_PAD = "climbed away from the pad"
-    STANDS = "stands still on the pad, whatever was ordered"
-    COMMITS = "just over the pad, and the touch-down will be good, or it stands there already"
-    CONTACT = "feet on the pad, or ON_GROUND said since commit"
-    NO_CONTACT = "seen to rise from the pad: what was taken for contact was none"
-    # Hand-backs to the pilot, who must have the switch low before landerd flies again:
+    STANDS = "the vehicle stands still on the pad although told to climb"
+    COMMITS = "just over the pad with a good touch-down ahead, or standing on it already"
+    CONTACT = "feet on the pad, or ON_GROUND reported since commit"
+    NO_CONTACT = "the vehicle is seen to rise from the pad: the contact was a false one"
+    # Hand-backs: the pilot must put the switch low before landerd flies again.
     PAD_NOT_FOUND = "searched for guidance.lost.give_up_s"
     NO_LANDING_POSSIBLE = "too many descents were refused or broken off, or none may begin"
     HEADING_NOT_SEEN = "waited over the pad for its heading for guidance.lost.give_up_s"
-    TOOK_TOO_LONG = "did not come to commit within guidance.lost.total_s"
+    TOOK_TOO_LONG = "no commit within guidance.lost.total_s"
 
 
 HAND_BACKS = (
@@ -69,13 +75,13 @@ HAND_BACKS = (
 
 LANDED = (Event.DISARMED, Event.DISARMED_OFF_PAD, Event.DISARMED_TIPPED)
 
-# Whatever it flies: released, it stops first, where need be after leaving the pad; silenced, not
-# even that may be sent (rule 1a).
+# From every state that flies: once released the vehicle is stopped, where need be after it has left
+# the pad; once silenced not even a stop may be sent (rule 1a).
 _FLYING = {
     Event.RELEASED: State.RELEASING,
     Event.RELEASED_LOW: State.LEAVING,
     Event.SILENCED: State.SILENT,
-    Event.TURNS_OVER: State.ON_PAD,  # thrust would throw it about
+    Event.TURNS_OVER: State.ON_PAD,  # with thrust it would be thrown about
 }
 
 # An event that is not in its state's row changes nothing.
@@ -87,13 +93,13 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     State.RELEASING: {
         Event.RELEASE_OVER: State.SILENT,
         Event.SILENCED: State.SILENT,
-        # RC was only stale, and it sees the pad. Else it goes on stopping for as long as it may
-        # fly: a moment of fresh RC is no reason to fall silent.
+        # RC was only stale, and the pad is in sight. Without sight of it stop orders go on while
+        # landerd may fly: a moment of fresh RC is no reason to fall silent.
         Event.PAD_IN_SIGHT: State.TRACKING,
-        # Nor for longer than a search lasts.
+        # But for no longer than a search lasts: handed back, it is released for the last time.
         Event.PAD_NOT_FOUND: State.RELEASING,
         Event.NO_LANDING_POSSIBLE: State.RELEASING,
-        # Released just over the pad it came down on while it was stopped.
+        # Released just over the pad, it came down on the pad while it was stopped.
         Event.RELEASED_TOUCHING: State.STANDING,
         Event.TURNS_OVER: State.STANDING,
     },
@@ -102,7 +108,7 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
         Event.COMMITS: State.COMMITTED,
         # No sighting for guidance.lost.after_s, or position or attitude stale.
         Event.SIGHT_LOST: State.SEARCHING,
-        Event.SIGHT_LOST_LOW: State.WAVING_OFF,  # to hover would be to touch it, stopped
+        Event.SIGHT_LOST_LOW: State.WAVING_OFF,  # a hover would touch the moving pad
         Event.NO_LANDING_POSSIBLE: State.RELEASING,
         Event.HEADING_NOT_SEEN: State.RELEASING,
         Event.TOOK_TOO_LONG: State.RELEASING,
@@ -116,34 +122,34 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     },
     State.COMMITTED: {
         **_FLYING,
-        # Before contact was sure: stopped there for good it would stand with thrust.
+        # Before contact was certain: with zero velocity ordered it would stand there with thrust.
         Event.RELEASED_TOUCHING: State.STANDING,
         Event.CONTACT: State.ON_PAD,
-        # No sighting for so long that contact would come too late (until then it sinks on with the
+        # No sighting for so long that contact would come too late (until then it descends to the
         # pad as last known), or position or attitude stale.
         Event.SIGHT_LOST: State.WAVING_OFF,
-        # A pad that stops, starts, jerks or is carried away under it.
+        # The pad stops, starts, jerks or is carried away under the vehicle.
         Event.PAD_MISSED: State.WAVING_OFF,
         Event.HOLD_ASKED: State.WAVING_OFF,
     },
     State.WAVING_OFF: {
         **_FLYING,
-        # From there on to TRACKING in the same step if it sees the pad. Counts as a descent broken
-        # off (guidance.lost.retries).
+        # From SEARCHING on to TRACKING in the same step if the pad is in sight. Counts as a descent
+        # broken off (guidance.lost.retries).
         Event.CLEAR_OF_PAD: State.SEARCHING,
-        # Its data were stale as it touched.
+        # It touched while its data were stale.
         Event.STANDS: State.ON_PAD,
     },
     State.LEAVING: {
         Event.CLEAR_OF_PAD: State.RELEASING,
-        # Before its thrust came back to climb with.
+        # Thrust had not come back for the climb.
         Event.STANDS: State.STANDING,
         Event.SILENCED: State.SILENT,
         Event.TURNS_OVER: State.STANDING,
     },
     State.ON_PAD: {
         **_FLYING,
-        # Before it stands, which ends sight: no picture is even searched then.
+        # Only before it stands still: then pictures are not searched any more.
         Event.NO_CONTACT: State.COMMITTED,
         Event.RELEASED: State.STANDING,
         Event.DISARMED: State.SILENT,
@@ -158,9 +164,9 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     },
 }
 
-# How a landing ends by an event. The first outcome of a landing is kept: what follows (after a
-# hand-back the release) is its consequence. `touchdown_unconfirmed` is no end (see OnPad): it may
-# be confirmed yet.
+# The outcome that an event gives a landing. The first one is kept: what follows (the release after
+# a hand-back) is its consequence. `touchdown_unconfirmed` (see OnPad) is not final: touch-down may
+# still be confirmed.
 OUTCOMES: Mapping[Event, str] = {
     Event.DISARMED: "landed",
     Event.DISARMED_OFF_PAD: "landed_off_pad",

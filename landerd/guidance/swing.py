@@ -1,46 +1,46 @@
-"""Tells that the vehicle swings over the pad: it is slower than its gain takes it for.
+"""Detects that the vehicle oscillates over the pad: it answers later than its gain allows for.
 
-An error that closes as it is to falls to nothing within seconds. One that stays as large, and
-changes as fast as the gain would close it or faster, is a swing: in a steady offset nothing moves,
-and gusts move it less.
+A well-damped error decays within seconds. One that does not decay, and whose rate is as large as
+the gain times the error, is an oscillation: in a steady offset nothing moves, and gusts move the
+vehicle more slowly.
 """
 
 import math
 
 from landerd.geometry import Vec3, horizontal
 
-NEAR_M = 1.0  # farther off it is on its way
-WINDOW_S = 2.0  # a swing of vehicles that swung had 1.6 s
-LEAST_M = 0.07  # rms: smaller swings do no harm
-LASTS = 0.7  # of the window before
-FAST = 0.9  # of the gain times the error
+NEAR_M = 1.0  # farther off the vehicle is still on its way to the pad
+WINDOW_S = 2.0  # the oscillations that were flown had a period of 1.6 s
+LEAST_M = 0.07  # rms error; smaller oscillations do no harm
+LASTS = 0.7  # least rms error that does not decay, over that of the window before
+FAST = 0.9  # least rms error rate of an oscillation, over the gain times the rms error
 
 
 class Swing:
-    """Looks at the error over one window after another.
+    """Judges the error in consecutive windows.
 
     Attributes:
-        size: rms of the error in the last one, m.
+        size: rms error of the last window, m; infinite before the first one is full.
     """
 
     def __init__(self) -> None:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what was seen."""
+        """Start afresh."""
         self.size = math.inf
         self._begin()
 
     def _begin(self) -> None:
-        self._t = self._error = self._rate = 0.0  # s, m^2 s, (m/s)^2 s
+        self._t = self._error = self._rate = 0.0  # integrals over the window: s, m^2 s, (m/s)^2 s
 
     def step(self, error: Vec3, error_rate: Vec3, gain: float, dt: float) -> bool:
-        """Take an error; tell, once for each window, whether it swings.
+        """Take an error; tell, at the end of a window, whether the vehicle oscillated in it.
 
         Args:
-            error: pad relative to vehicle, level as far as it counts, m.
+            error: pad relative to vehicle, m; its horizontal part counts.
             error_rate: its rate, m/s.
-            gain: that closes the error, 1/s.
+            gain: of the position controller, 1/s.
             dt: time since the last step, s.
         """
         if horizontal(error) > NEAR_M:

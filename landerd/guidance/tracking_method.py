@@ -1,11 +1,11 @@
 """Landing controller on the pad filter's state: one set of gains for still and moving pads.
 
-The pad's velocity is flown and a closing speed added to it, as large as can still be braked:
-ArduPilot's own square-root controller, on the error that will be there when the vehicle answers.
-Approach, turn and descent overlap: it sinks towards the lowest height at which the descent region
-is as wide as the error, and turns as soon as the camera keeps the pad whatever the heading.
+The order is the pad's velocity plus a closing speed, as large as can still be braked: ArduPilot's
+own square-root controller, on the error extrapolated to when the vehicle answers. Approach, turn
+and descent overlap: the vehicle descends towards the lowest height at which the descent region is
+as wide as the error, and turns as soon as the camera keeps the pad in sight at any heading.
 
-Constants without another origin were chosen by trial in the simulator, like the gains of
+Constants without a stated source were chosen by trial in the simulator, like the gains of
 guidance.tracking: with them every row of `landerd campaign guidance` reaches what is asked of it.
 """
 
@@ -21,66 +21,69 @@ from landerd.guidance.swing import LASTS, Swing
 from landerd.messages import Phase
 
 # ---- horizontal --------------------------------------------------------------------------------
-MIN_LEAD_S = 0.35  # the airframe, the link and what is seen are late too
-MAX_KP_LEAD = 1.25  # of gain times lead: with it SITL's ArduCopter (0.5 s) is flown at 2.5 per s
-# 1/s per m/s^2: a vehicle of 1.4 m/s^2 swung over the pad for ever at a gain of 1.8, not at 1.4.
+MIN_LEAD_S = 0.35  # delay of airframe, link and sight, beside the shaper's lag
+# Largest gain times lead; by it SITL's ArduCopter (lag 0.5 s) is flown with a gain of 2.5 per s.
+MAX_KP_LEAD = 1.25
+# Largest gain per acceleration limit, 1/s per m/s^2: a vehicle with 1.4 m/s^2 oscillated over the
+# pad forever at a gain of 1.8, and not at 1.4.
 MAX_KP_PER_ACCELERATION = 1.0
-# The error from which on a swing about the pad asks for no more jerk than there is, m. With 1 m
-# vehicles of 2 m/s^3 overshot a pad by 1 to 2 m from 6 m away, with 2 m by 0.2.
+# Amplitude, m, up to which an oscillation about the pad stays within the jerk limit. With 1 m
+# vehicles with 2 m/s^3 overshot a pad by 1 to 2 m coming from 6 m away, with 2 m by 0.2.
 LINEAR_ERROR_M = 2.0
-# Time constant of the attitude at which the gain is 1 per s at most; it goes with its square. The
-# later the attitude follows, the less damped is ArduCopter's own velocity loop: in SITL it overshot
-# by 3 % with 0.15 s, ArduPilot's default, and with 0.5 s by 21 %, at 1.7 rad/s. So tuned it swung
-# over the pad for ever at a gain of 2.5, and landed in 14 s at 1.0; with 0.6 s in 22 to 45 s at
-# 0.67, in 17 to 20 s at 0.44.
+# Time constant of the attitude, s, at which the gain is 1 per s at most; the bound falls with its
+# square. The later the attitude follows, the less damped is ArduCopter's own velocity loop: in SITL
+# it overshot by 3 % with 0.15 s, ArduPilot's default, and by 21 % with 0.5 s, at 1.7 rad/s. With
+# 0.5 s it oscillated over the pad forever at a gain of 2.5, and landed in 14 s at 1.0; with 0.6 s
+# it landed in 22 to 45 s at 0.67, and in 17 to 20 s at 0.44.
 ATTITUDE_AT_KP_1_S = 0.4
-MAX_KI_SHARE = 0.2  # of the gain's square: an integral that is faster swings
-# What the gain is lowered to where the vehicle swings for all that, at a time and in all, as long
-# as that helps. That is the vehicle's, so it is kept from landing to landing.
+MAX_KI_SHARE = 0.2  # largest integral gain over the square of kp: a faster one oscillates
+# Factor by which the gains are lowered when the vehicle oscillates for all that, and its lower
+# bound in total. The total belongs to the vehicle, so it is kept from landing to landing.
 CALMER, LEAST_CALMED = 0.75, 0.35
-MORE = 1.1  # of a swing, has grown: in gusts it doubled within a step or two
-BRAKE_SHARE = 0.6  # of the acceleration there is, counted on for braking
-# The integral is for velocities that are wrong by so much, m/s: what is farther off than that
-# explains is still to be closed. Run from 1 m on, it was wound up by the way to the pad, overshot
-# it by 10 cm, and was still 4 cm off at touch-down 6 s later.
+MORE = 1.1  # an oscillation has grown by this factor: in gusts it doubled within a step or two
+BRAKE_SHARE = 0.6  # share of the acceleration limit counted on for braking
+# The integral corrects velocities that are wrong by up to this, m/s: errors larger than it explains
+# are still being closed. Run from 1 m on, it was wound up on the way to the pad, overshot by 10 cm,
+# and was still 4 cm off at touch-down 6 s later.
 INTEGRATED_MPS = 0.5
-MAX_INTEGRAL_MPS = 0.5  # of the integral's share
-# Of the pad's velocity before it is flown, s, and in leads: what is slow need not hurry.
+MAX_INTEGRAL_MPS = 0.5  # largest output of the integral, m/s
+# Time constant of the low-pass on the pad's velocity, s, and in leads for slow vehicles.
 PAD_VELOCITY_TIME_CONSTANT_S, PAD_VELOCITY_LEADS = 0.7, 1.4
-# By so much at most, m/s: a pad that stops or starts is no swinging airframe. Nor by more than
-# noise and the airframe make of it: a standard deviation, and this share of the airframe's own
-# swing, which counts for a while, s. What is more is the pad's own acceleration, m/s^2, of which so
-# much counts; and with so much of it, what the vehicle is off tells nothing of its gains.
+# What that low-pass may take away: no more than noise (1 sigma of the velocity) and a swinging
+# airframe explain (this share of the vehicle's fastest speed beside the pad, decaying over
+# SWING_KEPT_S), and no more than this, m/s. The rest is acceleration of the pad. It is flown, up to
+# MAX_PAD_ACCELERATION_MPS2; above PAD_ACCELERATES_MPS2 an oscillation is the pad's own, and the
+# gains are not lowered for it.
 MAX_SMOOTHED_MPS, SHOWN_OF_SWING, SWING_KEPT_S = 0.3, 0.15, 1.0
 MAX_PAD_ACCELERATION_MPS2, PAD_ACCELERATES_MPS2 = 0.5, 0.25
 
 # ---- vertical ----------------------------------------------------------------------------------
-# Lag of the answer to a vertical order, s: at least, and what it is beyond the shaper's. ArduCopter
-# 4.5.7 in SITL was half there after 0.43 s, with 0.2 s of the shaper's (bench/step_response.py).
+# Lag of the answer to a vertical order, s: its least value, and the part beyond the shaper's lag.
+# ArduCopter 4.5.7 in SITL was at one half after 0.43 s, the shaper's lag being 0.2 s
+# (bench/step_response.py).
 VERTICAL_LAG_S, VERTICAL_LATE_S = 0.35, 0.15
-SINK_RATE_KP = 1.5  # m/s per m of height, near where it is to stop
-SINK_LOOKS_AHEAD_S = 0.5  # at the error then: farther ahead the pad's velocity is mostly noise
-# Height over distance under which a pad that drives away is not to be seen by the time that it is
-# caught up with: 20 m away a ring of 1 m is 6 pixels wide then, and not found below 4 or 5.
+SINK_RATE_KP = 1.5  # m/s per m of height over the floor, near it
+SINK_LOOKS_AHEAD_S = 0.5  # longest extrapolation of the error: beyond, velocity noise prevails
+# Least height over distance to a pad that drives away. Flatter, it is lost before the vehicle has
+# caught up: 20 m away a ring of 1 m is 6 pixels high then, and none is found below 4 or 5.
 LEAST_STEEPNESS = 0.3
 
 # ---- heading -----------------------------------------------------------------------------------
-# Height over distance from which on the camera looks down on the pad (50 degrees below level), and
-# a turn, rad, so small that the pad stays in the picture in any case.
+# Least height over distance for a turn (the camera looks 50 degrees down then), and the turn, rad,
+# that is small enough to keep the pad in the picture in any case.
 MIN_TURN_STEEPNESS = 1.2
 SMALL_TURN = math.radians(30.0)
 # Lag of the answer to a yaw rate, s: ArduCopter 4.5.7 in SITL was at 63 % after 0.26 s.
 YAW_LAG_S = 0.3
-# Of gain times that lag at most. The measured airframe, told 0.075 s late, comes to rest with 0.42
-# and swings by 7 degrees for ever with 0.51: it never landed. One well damped takes 1.5.
+# Largest yaw gain times that lag. The measured airframe, with orders 0.075 s late, settles with
+# 0.42, and oscillates by 7 degrees forever with 0.51: it never landed. A well damped one takes 1.5.
 MAX_YAW_KP_LAG = 0.4
-# Of the pad's turn rate before it is turned with, s; pads turn as steadily as they drive.
-TURN_RATE_TIME_CONSTANT_S = 0.7
+TURN_RATE_TIME_CONSTANT_S = 0.7  # of the low-pass on the pad's turn rate, s
 YAW_BRAKE = math.radians(30.0)  # rad/s^2 that a turn is braked with: a quarter of the limiter's
-# A yaw rate that is wrong by so much at most, rad/s, is learned like a velocity that is: a vehicle
-# that turned by 5 degrees a second beside its order stood 5 degrees off, over the pad, for ever.
+# Largest output of the yaw integral, rad/s: a vehicle that turned by 5 deg/s beside its order stood
+# 5 degrees off, over the pad, forever.
 MAX_INTEGRAL_TURN = math.radians(8.0)
-TURN_KI_SHARE = 0.4  # of the gain's square: turning, nothing sways
+TURN_KI_SHARE = 0.4  # integral gain over the square of the yaw gain
 
 
 class TrackingMethod:
@@ -93,12 +96,12 @@ class TrackingMethod:
         self.restart()
 
     def configure(self, config: Config) -> None:
-        """Take new gains and limits, and how the autopilot shapes velocities.
+        """Take new gains and limits, and those of the autopilot's velocity shaper.
 
-        ArduPilot's shaper asks for an acceleration of jerk / acceleration times what is missing of
-        the velocity: a first-order lag of acceleration / jerk. Where the jerk suffices for a
-        quicker answer, a lead compensator makes it one; what lag is left the errors are led by. It
-        bounds the gain, and the gain that of the integral.
+        ArduPilot's shaper asks for an acceleration of jerk / acceleration times the missing
+        velocity: a first-order lag of acceleration / jerk. Where the jerk limit allows a quicker
+        answer, a lead compensator shortens the lag; errors are extrapolated by the lag that is left
+        (the lead). The lead bounds the gain, and the gain bounds that of the integral.
         """
         options, vehicle = config.guidance, config.autopilot
         acceleration = flyable_limits(config).acceleration_mps2
@@ -128,11 +131,11 @@ class TrackingMethod:
     def restart(self) -> None:
         """Begin a landing."""
         self._swing.restart()
-        self._calms = True  # a swing lowers the gains
-        self._swung_m = math.inf  # the last swing
-        self._integral = (0.0, 0.0)
+        self._calms = True  # an oscillation lowers the gains
+        self._swung_m = math.inf  # size of the last oscillation, m
+        self._integral = (0.0, 0.0)  # north and east, m/s
         self._pad_velocity: tuple[float, float] | None = None  # smoothed, north and east, m/s
-        self._swung_mps = 0.0  # vehicle beside the pad lately
+        self._swung_mps = 0.0  # fastest speed beside the pad lately, m/s
         self._turn_rate: float | None = None  # the pad's, smoothed, rad/s
         self._turn_integral = 0.0  # rad/s
 
@@ -148,11 +151,11 @@ class TrackingMethod:
         """Return velocity (local NED, m/s) and yaw rate (rad/s).
 
         Args:
-            phase: not used: this method turns and sinks whenever it may.
+            phase: not used: this method turns and descends whenever it may.
             relative: pad relative to vehicle.
-            floor_m: height over the pad to come down to.
+            floor_m: height over the pad to come down to, m.
             dt: time since the last step, s.
-            widening: of the descent region's radius.
+            widening: factor on the descent region's radius.
         """
         gains = self._gains
         relative = self._smoothed(relative, dt)
@@ -172,10 +175,10 @@ class TrackingMethod:
         return self._compensated(velocity, relative), self._yaw_rate(relative, dt)
 
     def _calm(self, relative: RelativeState, dt: float) -> None:
-        """Lower the gains of a vehicle that swings over the pad: it is slower than it was said.
+        """Lower the gains of a vehicle that oscillates over the pad: it is slower than configured.
 
-        Where it swings more with less, or still with the least, gusts move it: it gets its gains
-        back, and keeps them until it swings more with those.
+        Where it oscillates more with lower gains, or still with the lowest, gusts are the cause: it
+        gets its gains back, and keeps them until it oscillates more with those.
         """
         if not self._swing.step(relative.error, relative.error_rate, self._calmed * self._kp, dt):
             return
@@ -186,9 +189,9 @@ class TrackingMethod:
         self._calmed = max(CALMER * self._calmed, LEAST_CALMED) if self._calms else 1.0
 
     def _compensated(self, velocity: Vec3, relative: RelativeState) -> Vec3:
-        """Return the order that a vehicle slower than it need be answers as one that is not.
+        """Return the order by which a slow shaper answers like a quick one: a lead compensator.
 
-        It asks for more of what is missing of the velocity, but not for a faster approach.
+        It amplifies the missing velocity, but asks for no faster approach than configured.
         """
         north, east, down = velocity
         pad_north, pad_east, _ = relative.pad_velocity
@@ -200,11 +203,11 @@ class TrackingMethod:
         return pad_north + k * north, pad_east + k * east, down
 
     def _smoothed(self, relative: RelativeState, dt: float) -> RelativeState:
-        """Return the same with the pad's level velocity to fly with, and its turn rate smoothed.
+        """Return the state with the pad's horizontal velocity and turn rate smoothed.
 
-        A swinging airframe lets the pad seem to move a little (a lens or a clock a little late).
-        What flies after that at once swings on. A pad that sways itself by more than that is flown
-        after by its velocity when the vehicle answers.
+        A swinging airframe makes the pad seem to move a little (through a small delay of gimbal or
+        clock), and following that at once keeps it swinging. A pad that sways by more than that is
+        followed, with its velocity extrapolated to when the vehicle answers.
         """
         north, east, down = relative.pad_velocity
         if self._pad_velocity is None:
@@ -218,7 +221,7 @@ class TrackingMethod:
         off = (k * (was_north - north), k * (was_east - east))
         shown = SHOWN_OF_SWING * self._swings(relative, dt) + relative.sigma_velocity
         size = math.hypot(*off)
-        # What it accelerated by long ago counts no more once it has stopped.
+        # Bounded, so that an earlier acceleration is soon forgotten once it has ended.
         lags = min(size, shown + time_s * MAX_PAD_ACCELERATION_MPS2)
         kept = lags / size if size > 0.0 else 0.0
         off = (kept * off[0], kept * off[1])
@@ -237,13 +240,13 @@ class TrackingMethod:
         )
 
     def _swings(self, relative: RelativeState, dt: float) -> float:
-        """Return the vehicle's fastest level speed beside the pad's lately, m/s."""
+        """Return the vehicle's fastest horizontal speed relative to the pad lately, m/s."""
         beside = horizontal(relative.error_rate)
         self._swung_mps = max(beside, self._swung_mps * math.exp(-dt / SWING_KEPT_S))
         return self._swung_mps
 
     def _smooth_turn_rate(self, relative: RelativeState, dt: float) -> float:
-        """Return the pad's turn rate smoothed, rad/s; 0 while its heading is not known."""
+        """Return the pad's turn rate, low-passed while its heading is known, rad/s."""
         if relative.heading_error is None:
             self._turn_rate = None
             return relative.pad_turn_rate
@@ -253,7 +256,7 @@ class TrackingMethod:
         return self._turn_rate
 
     def _integrate(self, relative: RelativeState, dt: float) -> None:
-        """Let the integral run on an error that stays: not on what closes as it is to."""
+        """Integrate the part of the error that does not close as fast as the gain asks for."""
         distance = relative.distance
         kp, ki = self._calmed * self._kp, self._calmed * self._calmed * self._ki
         if not 0.0 < distance <= INTEGRATED_MPS * (1.0 / kp + self._lead_s):
@@ -286,9 +289,9 @@ class TrackingMethod:
         return min(speed, self._limits.descent_mps)
 
     def _too_low_m(self, relative: RelativeState) -> float:
-        """Return how much too low it is for the pad to stay in sight while it drives away, m."""
+        """Return how much too low the vehicle is to keep a pad that drives away in sight, m."""
         (north, east, _), (v_north, v_east, _) = relative.error, relative.error_rate
-        leaves = north * v_north + east * v_east  # times the distance, m^2/s
+        leaves = north * v_north + east * v_east  # speed away times distance, m^2/s
         if leaves <= 0.0:
             return 0.0
         leaves /= relative.distance
@@ -320,11 +323,17 @@ class TrackingMethod:
 
 
 def _quickest_lag(jerk: float, limits: LimitsSection, shaper_s: float) -> float:
-    """Return the shortest lag, s, of a first order that the jerk suffices for.
+    """Return the shortest first-order lag (s) that the jerk limit allows.
 
-    With errors led by the lag, a gain of MAX_KP_LEAD over it makes poles of magnitude w =
-    sqrt(MAX_KP_LEAD) / lag; a swing of LINEAR_ERROR_M at w takes a jerk of w^3 times it. Set-points
-    within the limit of acceleration ask for no more than that over the shaper's own lag.
+    With errors extrapolated by the lag, a gain of MAX_KP_LEAD / lag gives poles of magnitude w =
+    sqrt(MAX_KP_LEAD) / lag; an oscillation of amplitude LINEAR_ERROR_M at w takes a jerk of w^3
+    LINEAR_ERROR_M. Set-points within the acceleration limit ask for no more jerk than that limit
+    over the shaper's own lag.
+
+    Args:
+        jerk: of the autopilot, m/s^3.
+        limits: of our own set-points.
+        shaper_s: lag of the autopilot's shaper, s.
     """
     jerk = min(jerk, limits.acceleration_mps2 / shaper_s)
     return math.sqrt(MAX_KP_LEAD) * math.cbrt(LINEAR_ERROR_M / jerk)
@@ -336,14 +345,14 @@ def _error_ahead(relative: RelativeState, lead_s: float) -> tuple[float, float]:
 
 
 def _stays(error: float, closing: float, kp: float) -> float:
-    """Return which part of an error stays: 0 where it closes as fast as the gain has it."""
+    """Return the share of an error (m or rad) that stays: 0 where it closes at kp times it."""
     return clamp(1.0 - closing / (kp * error), 0.0, 1.0)
 
 
 def _braking_speed(distance: float, kp: float, deceleration: float) -> float:
-    """Return the speed to cover a distance with: kp times it, no more than can be braked.
+    """Return the speed (m/s) for a distance (m): kp (1/s) times it, no more than can be braked.
 
-    ArduPilot's sqrt_controller: linear near zero, beyond that v^2 / (2 a).
+    ArduPilot's sqrt_controller: linear near zero, beyond that by v^2 / (2 a).
     """
     knee = deceleration / (kp * kp)
     if distance <= knee:

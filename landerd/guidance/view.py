@@ -1,4 +1,4 @@
-"""Which point of the pad the camera is to look at, and in which direction it will lie."""
+"""The direction for the camera: to which point of the pad, and where that will be."""
 
 import math
 from collections.abc import Sequence
@@ -11,17 +11,20 @@ from landerd.estimation.vehicle_state import VehicleState
 from landerd.geometry import Vec3, add, dot, rot_z, rotate, scale, sub, transpose, unit
 from landerd.pad import Marker, PadLayout, Ring, size_m
 
-# Markers seen within this angle, rad, fit into the picture: chosen by hand for the thesis's camera
-# (78 by 63 degrees), with room for a gimbal that lags.
+# Largest angle between markers, rad, at which they count as in one picture: chosen by hand for the
+# thesis's camera (78 by 63 degrees), with room for a gimbal that lags.
 MAX_GROUP_ANGLE = math.radians(50.0)
-# What was seen once is looked at for so long, s: until a slow computer has searched the pictures
-# that it is in the middle of.
+# The camera stays on what may be a pad for this long after its last sighting, s: until a slow
+# computer has searched the pictures with it in the centre.
 GLANCE_S = 1.0
 MIN_RANGE_M = 0.05  # nearer than this the pad has no direction
 
 
 class View:
-    """Keeps as many of the pad's markers in the picture as fit; at the end those that tell most."""
+    """Keeps as many of the pad's markers in the picture as fit.
+
+    Near the pad first the rings are given up, then all but the smallest marker.
+    """
 
     def __init__(self, layout: PadLayout) -> None:
         telling: list[Marker] = [m for m in layout.markers if not isinstance(m, Ring)]
@@ -30,18 +33,15 @@ class View:
         self._groups = [_corners(group) for group in groups]
 
     def ahead(self, estimator: Estimator, now: float, options: AimSection) -> Vec3 | None:
-        """Return the direction to look in when the gimbal has got there, None to search for it.
+        """Return the direction (as of `direction`) for the gimbal's lead time; None: search.
 
         Args:
             estimator: where vehicle and pad are.
             now: s.
-            options: how late the gimbal is, and how long a pad out of sight is remembered.
-
-        Returns:
-            as `direction`.
+            options: the gimbal's lead, and how long a pad out of sight is remembered.
         """
         attitude = estimator.poses.attitude.newest
-        # From stale data the lens would be led away from a pad that is still in the picture.
+        # Stale data would turn the lens away from a pad that is still in the picture.
         if attitude is None or not estimator.has_fresh_vehicle(now):
             return None
         then = now + options.lead_s
@@ -53,12 +53,15 @@ class View:
         return self.direction(estimator.poses, pad, then - attitude[0]) if pad else None
 
     def direction(self, poses: PoseHistory, pad: PadEstimate, ahead_s: float) -> Vec3 | None:
-        """Return the direction to look in, unit vector in the frame the gimbal is measured in.
+        """Return the direction to look in, a unit vector in the gimbal's base frame.
 
         Args:
             poses: where vehicle and gimbal are.
-            pad: as it will be when the gimbal has got there.
-            ahead_s: how long after the newest attitude that is.
+            pad: predicted to when the gimbal will have turned.
+            ahead_s: how long after the newest attitude that is, s.
+
+        Returns:
+            None without position or attitude, or nearer than MIN_RANGE_M.
         """
         base = poses.gimbal_base(ahead_s)
         if base is None:
@@ -71,7 +74,12 @@ class View:
         return rotate(transpose(R_local_base), unit(look))
 
     def _look(self, to_pad: Vec3, heading: float) -> Vec3:
-        """Return the middle of the largest group of markers that fits into the picture."""
+        """Return the vector to the centre of the largest group of markers that fits the picture.
+
+        Args:
+            to_pad: from the gimbal's pivot to the landing point, local, m.
+            heading: of the pad, local, rad.
+        """
         R = rot_z(heading)
         middle = to_pad
         for corners in self._groups:
@@ -85,10 +93,10 @@ class View:
 
 
 def _flies_away(vehicle: VehicleState | None, pad: PadEstimate | None) -> bool:
-    """Tell whether the vehicle is flown away from what may be a pad: pilots fly to theirs.
+    """Tell whether the vehicle flies away from what may be a pad: pilots fly towards theirs.
 
-    Boards of others, passed on the way and refused again and again, kept the camera turned back
-    while the pad ahead came and went.
+    Other boards, passed on the way and refused again and again, kept the camera turned back while
+    the pad ahead came and went.
     """
     if pad is None or vehicle is None or vehicle.course is None:
         return False
