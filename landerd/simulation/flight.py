@@ -16,7 +16,6 @@ from hw.autopilots.tlog import TlogEncoder
 from hw.links.memory import MemoryLink
 from hw.links.tapped import TappedLink
 from hw.sim.faults.bench import Bench, Vehicle
-from hw.sim.gimbals.mount import SimMount
 from hw.sim.judge.feasible import infeasible
 from hw.sim.options import PadOptions, RenderOptions
 from hw.sim.physics.world import World, as_built, stream
@@ -28,14 +27,14 @@ from hw.sim.picture.renderer import Renderer
 from hw.sim.picture.view import Frustum
 from hw.sim.stand_in.autopilot import SimAutopilot
 from landerd.analysis.picture import write_picture
-from landerd.camera_model import CameraModel, load_camera
+from landerd.camera_model import load_camera
 from landerd.config.files import Loaded
 from landerd.config.parameters import ParameterSet
 from landerd.devices import make_autopilot, sim_options, simulated_camera, simulated_gimbal
 from landerd.flightlog.contents import Head
 from landerd.flightlog.disk import later_flight
 from landerd.flightlog.recorder import Recorder
-from landerd.pad import PadLayout, load_pad
+from landerd.pad import load_pad
 from landerd.ports import ByteLink
 from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
@@ -68,7 +67,7 @@ class Simulation:
 
     Attributes:
         over: set it to end the flight.
-        has_pictures: the camera's show something; else sight is modelled.
+        has_pictures: pictures are rendered and searched; else sight is modelled.
         timed_out: the flight took longer than it may.
         gimbal_model: the device below a real gimbal's driver, where it has a life of its own.
     """
@@ -103,97 +102,109 @@ class Simulation:
             CalibrationError: the camera's calibration cannot be used.
             PadError: the pad's layout cannot be used.
         """
-        config = self.config = loaded.config
-        layout = self.layout = load_pad(config.pad.layout)
-        camera_model = self.camera_model = load_camera(config.camera.calibration)
+        self._loaded, self._options, self._seed = loaded, sim_options(loaded), seed
+        self._realtime = realtime
+        self.config = loaded.config
+        self.layout = load_pad(self.config.pad.layout)
+        self.camera_model = load_camera(self.config.camera.calibration)
+        # The daemon goes by calibration and layout. The world's lens is not quite the calibrated
+        # one, nor its pad quite what the layout says.
+        self._lens = true_camera(self.camera_model, self._options.camera.calibration_error)
+        self._pad = printed(self.layout, self._options.pad, seed)
         self.over = self.timed_out = False
-        self.has_pictures = sim_options(loaded).sight == "pictures"
+        self.has_pictures = self._options.sight == "pictures"
         self._beside: list[Callable[[], Awaitable[None]]] = []  # what runs, all but the daemon
-        around = surroundings or self._with_stand_in(loaded, seed, realtime=realtime)
-        world = self.world = around.world
-        self._vehicle = around.vehicle
+        around = surroundings or self._with_stand_in()
+        self.world, self._vehicle = around.world, around.vehicle
         self.ground_station = around.ground_station
         self.ends_at_contact = around.ends_at_contact
 
-        self._companion = Companion(sim_options(loaded).companion, stream(seed, "companion"))
-        # The world's lens is its own, even where it is the one that was calibrated.
-        lens = true_camera(camera_model, sim_options(loaded).camera.calibration_error)
-        # Neither is its pad quite what the file says, by which the daemon goes.
-        pad = printed(layout, sim_options(loaded).pad, seed)
-        self._judge = Judge(loaded, pad, lens, around)
+        self._judge = Judge(loaded, self._pad, self._lens, around)
         self._judge.listen()
         self.score, self.rules = self._judge.score, self._judge.rules
         self.monitor = self._judge.monitor
 
-        self.recorder = self._make_recorder(log, realtime=realtime) if log is not None else None
-        link: ByteLink = around.link
-        if self.recorder is not None:
-            link = TappedLink(link, self.recorder.raw)
-        self.camera = simulated_camera(loaded, pad, lens, world, seed, self._judge.on_delivered)
-        options = sim_options(loaded)
+        self.recorder = self._make_recorder(log) if log is not None else None
+        self._companion = Companion(self._options.companion, stream(seed, "companion"))
         self._computer = Computer()
-        if options.faults:
-            link = BreakableLink(link, self._computer)
-        autopilot = self._make_autopilot(link)
-        flown_by = self.autopilot if surroundings is None else None
-        gimbal = simulated_gimbal(loaded, world, seed, autopilot, flown_by, realtime=realtime)
-        self.gimbal, self.gimbal_model = gimbal.driver, gimbal.model
-        self._judge.watch(gimbal.mount)
+        self._link: ByteLink = around.link
+        if self.recorder is not None:
+            self._link = TappedLink(self._link, self.recorder.raw)
+        if self._options.faults:
+            self._link = BreakableLink(self._link, self._computer)
+        autopilot = self._make_autopilot()
+        self._make_devices(autopilot, self.autopilot if surroundings is None else None)
         ekf = self.stand_in.ekf if surroundings is None else None
-        self.drawn = {**loaded.world, **seed_draws(world, gimbal.mount, ekf)}
-        if gimbal.model is not None:
-            self._beside.append(gimbal.model.run)
+        self.drawn = {**loaded.world, **seed_draws(self.world, self._mount, ekf)}
 
-        self.recording = Recording(
-            world, self.score, camera_model, gimbal.true_angles, has_pictures=self.has_pictures
-        )
         recorders = (self.recorder,) if self.recorder else ()
-        disks = (FaultyDisk(self._computer),) if options.faults else ()
-        watching: tuple[Observer, ...] = (self.recording, *recorders, *disks, *observers)
-        drivers = [autopilot]  # a process that is started again has a new one
-
-        def start() -> Daemon:
-            return BreakableDaemon(
-                config,
-                layout,
-                camera_model,
-                Devices(
-                    self.camera,
-                    self.gimbal,
-                    drivers.pop() if drivers else self._make_autopilot(link),
-                ),
-                vision_latency_s=None if realtime else self._companion.vision_latency_s,
-                detectors=self._modelled(loaded, pad, lens, seed),
-                observers=watching,
-                computer=self._computer,
-            )
-
-        self.process = self._computer.process = Process(
-            start, self._companion, self.rules.on_death, restarts=bool(options.faults)
+        disks = (FaultyDisk(self._computer),) if self._options.faults else ()
+        self.process = self._computer.process = self._make_process(
+            autopilot, (self.recording, *recorders, *disks, *observers)
         )
-        self.faults = Faults(
-            options.faults,
-            lambda number: self._bench(number, gimbal.mount, pad, lens, seed),
-            lambda: self.daemon.lander.phase,
+        faults = self.faults = Faults(
+            self._options.faults, self._bench, lambda: self.daemon.lander.phase
         )
-        faults = self.faults
-        self.reach = self._judge.watch_reach(lambda: not faults.lasts) if options.faults else None
+        self.reach = self._judge.watch_reach(lambda: not faults.lasts) if faults.happened else None
 
     @property
     def daemon(self) -> Daemon:
         """The daemon that runs, or ran last."""
         return self.process.daemon
 
-    def _make_autopilot(self, link: ByteLink) -> MavlinkAutopilot:
-        autopilot = make_autopilot(self.config, link, ParameterSet(self.config))
+    def _make_autopilot(self) -> MavlinkAutopilot:
+        autopilot = make_autopilot(self.config, self._link, ParameterSet(self.config))
         assert isinstance(autopilot, MavlinkAutopilot)  # what the stand-in speaks
         return autopilot
 
-    def _bench(
-        self, number: int, mount: SimMount, pad: PadLayout, lens: CameraModel, seed: int
-    ) -> Bench:
-        """Return what a fault lays hands on."""
+    def _make_devices(self, autopilot: MavlinkAutopilot, flown_by: SimAutopilot | None) -> None:
+        """Make camera and gimbal, and the recording that watches the gimbal's true angles.
+
+        Args:
+            autopilot: the daemon's driver, which some gimbals are spoken to through.
+            flown_by: the stand-in's autopilot, which drives some gimbals; None: SITL flies.
+        """
+        loaded, world, seed = self._loaded, self.world, self._seed
+        self.camera = simulated_camera(
+            loaded, self._pad, self._lens, world, seed, self._judge.on_delivered
+        )
+        gimbal = simulated_gimbal(loaded, world, seed, autopilot, flown_by, realtime=self._realtime)
+        self.gimbal, self.gimbal_model = gimbal.driver, gimbal.model
+        self._mount = gimbal.mount
+        self._judge.watch(gimbal.mount)
+        if gimbal.model is not None:
+            self._beside.append(gimbal.model.run)
+        self.recording = Recording(
+            world, self.score, self.camera_model, gimbal.true_angles, has_pictures=self.has_pictures
+        )
+
+    def _make_process(
+        self, autopilot: MavlinkAutopilot, observers: tuple[Observer, ...]
+    ) -> Process:
+        """Return the process; its first daemon has this autopilot driver, later ones a new one."""
+        companion = self._companion
+        drivers = [autopilot]
+
+        def start() -> Daemon:
+            driver = drivers.pop() if drivers else self._make_autopilot()
+            return BreakableDaemon(
+                self.config,
+                self.layout,
+                self.camera_model,
+                Devices(self.camera, self.gimbal, driver),
+                vision_latency_s=None if self._realtime else companion.vision_latency_s,
+                detectors=self._modelled_detectors(),
+                observers=observers,
+                computer=self._computer,
+            )
+
+        restarts = bool(self._options.faults)
+        return Process(start, companion, self.rules.on_death, restarts=restarts)
+
+    def _bench(self, number: int) -> Bench:
+        """Return what the fault of this number may change."""
         assert self._vehicle is not None, "faults need it, see SitlFlight.fly"
+        pad, lens, seed = self._pad, self._lens, self._seed
 
         def renderer(render: RenderOptions, print_: PadOptions) -> Renders:
             if not self.has_pictures:
@@ -204,7 +215,7 @@ class Simulation:
             world=self.world,
             camera=self.camera,
             gimbal=self.gimbal,
-            mount=mount,
+            mount=self._mount,
             vehicle=self._vehicle,
             computer=self._computer,
             plate=pad.plate,
@@ -213,26 +224,30 @@ class Simulation:
             rng=stream(seed, f"fault {number}"),
         )
 
-    def _modelled(
-        self, loaded: Loaded, pad: PadLayout, lens: CameraModel, seed: int
-    ) -> Detectors | None:
-        """Return what sees without pictures; None: the camera makes some."""
+    def _modelled_detectors(self) -> Detectors | None:
+        """Return the detectors that see without pictures; None: the camera makes pictures."""
         pictures = self.camera.pictures
         if not isinstance(pictures, NumberedPictures):
             return None
-        options = sim_options(loaded)
-        return ModelledDetectors(self.layout, pad, self.camera_model, lens, options, pictures, seed)
+        return ModelledDetectors(
+            self.layout,
+            self._pad,
+            self.camera_model,
+            self._lens,
+            self._options,
+            pictures,
+            self._seed,
+        )
 
-    def _with_stand_in(self, loaded: Loaded, seed: int, *, realtime: bool) -> Surroundings:
-        config = loaded.config
-        options = sim_options(loaded)
+    def _with_stand_in(self) -> Surroundings:
+        config, options, seed = self.config, self._options, self._seed
         built = as_built(config.vehicle, options.build)
         world = World(options, built, self.layout.plate, seed)
         stand_in = self.stand_in = StandIn(world, config, seed)
         self.autopilot = stand_in.autopilot
         self.link, self.autopilot_end = stand_in.link, stand_in.autopilot_end
         self._beside += stand_in.jobs
-        jitter_s = WALL_JITTER_S if realtime else 0.0
+        jitter_s = WALL_JITTER_S if self._realtime else 0.0
         return Surroundings(
             world,
             stand_in.link,
@@ -249,7 +264,7 @@ class Simulation:
             guid_timeout_s=world.options.autopilot.guid_timeout_s,
         )
 
-    def _make_recorder(self, path: Path, *, realtime: bool) -> Recorder:
+    def _make_recorder(self, path: Path) -> Recorder:
         _remove_logs(path)
         options = self.config.log
         if not self.has_pictures:
@@ -258,7 +273,7 @@ class Simulation:
             Head(self.config, self.layout, self.camera_model),
             options,
             path,
-            background=realtime,
+            background=self._realtime,
             mavlink=TlogEncoder,
         )
 
@@ -266,6 +281,8 @@ class Simulation:
     def logs(self) -> list[str]:
         """The flight logs: one more for each time that landerd was started again."""
         return [] if self.recorder is None else [str(path) for path in self.recorder.logs]
+
+    # ---- the flight ----------------------------------------------------------------------------
 
     async def run(
         self,
