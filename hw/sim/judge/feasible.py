@@ -18,7 +18,7 @@ THESIS_STEADY_MPS = 1.4  # of it
 # refusal (footprint.MAX_LEAN): of 24 to 27 degrees 42 of 52 stood, of 27 to 31 10 of 25.
 TIPS_AT = math.radians(27.0)
 # A deck's vertical acceleration against the vehicle's: half is for braking the descent
-# (docs/how-it-lands.md, heaving decks).
+# (docs/how-it-lands.md, "Heaving decks").
 HEAVE_SHARE = 0.5
 
 
