@@ -1,4 +1,4 @@
-"""What faults may lay hands on, and what a fault is."""
+"""What faults act on (the bench), what a fault is, and helpers for faults that overlap."""
 
 import asyncio
 from collections import ChainMap
@@ -89,7 +89,7 @@ def stand_in(bench: Bench) -> SimAutopilot:
 
 @contextmanager
 def changed(target: object, **values: Any) -> Iterator[None]:
-    """Give an object's attributes these values; of faults that overlap any may end first."""
+    """Give an object's attributes these values; overlapping faults may end in any order."""
     layers = _CHANGED.setdefault(id(target), _Layers(target))
     layers.begin(values)
     try:
@@ -100,7 +100,7 @@ def changed(target: object, **values: Any) -> Iterator[None]:
 
 
 class _Layers:
-    """The values of an object's attributes, one fault's upon the other's."""
+    """Values of an object's attributes by overlapping faults; the newest is on top."""
 
     def __init__(self, target: object) -> None:
         self._target = target
@@ -132,7 +132,7 @@ _CHANGED: dict[int, _Layers] = {}  # by the object's id: some cannot be keys
 def held(
     device: object, what: str, put: Callable[[], None], free: Callable[[], None]
 ) -> Iterator[Callable[[], bool]]:
-    """Hold what a device has in one place; of faults that overlap the newest one says where.
+    """Hold a part of a device in place; of overlapping faults the newest one says where.
 
     Args:
         device: the same object for all of them.
@@ -141,7 +141,7 @@ def held(
         free: lets it go once nobody holds it.
 
     Yields:
-        What tells whether no newer fault holds it.
+        A function that tells whether this fault is the newest that holds it.
     """
     hold = _Hold(put)
     holds = _HELD.setdefault((id(device), what), [])
@@ -169,7 +169,7 @@ _HELD: dict[tuple[int, str], list[_Hold]] = {}  # by the device's id; the newest
 
 @contextmanager
 def goes_on(work: Coroutine[None, None, None]) -> Iterator[None]:
-    """Do work that has no end of its own for as long as a fault lasts."""
+    """Run an endless coroutine for as long as a fault lasts."""
     task = asyncio.create_task(work)
     yield
     task.cancel()

@@ -1,7 +1,8 @@
-"""What the judge has seen so far: the facts that the rules are about.
+"""The facts that the rules are judged by.
 
-From the bytes at both ends of the link, the pictures and gimbal angles that were delivered, and
-the truth at landerd's orders. Times are those of the measurements, never landerd's for them.
+They come from the bytes at both ends of the link, the pictures and gimbal angles that were
+delivered, and the truth at the time of landerd's orders. Data have the time of their measurement by
+truth, never the one that landerd assigns to them.
 """
 
 import math
@@ -14,30 +15,32 @@ from hw.sim.judge.bounds import ZERO, RuleBounds
 from hw.sim.judge.truth import Truth
 from landerd.geometry import Vec3, add, horizontal, scale, sub, wrap
 
-BOUNCE_S = 0.2  # feet up for longer than this end a contact
-_STILL_MPS, STILL_S = 0.2, 1.0  # on its feet, no faster across the pad, and for so long: it stands
-# A deck that falls away leaves what is committed higher than the commit height by so much, m.
+BOUNCE_S = 0.2  # a contact ends when the feet are up for longer than this
+# A vehicle stands when it has been on its feet, no faster across the pad than this, for this long.
+_STILL_MPS, STILL_S = 0.2, 1.0
+# How far above the commit height a falling deck may leave a committed vehicle, m.
 _FALLS_AWAY_M = 0.1
-_SINKS_ON_S = 0.1  # for so long what sinks goes on, whatever it is told
-# Set-points are led to the pad's velocity within the limits: for so long, s, after the release.
+_SINKS_ON_S = 0.1  # a descent goes on for this long, whatever is ordered
+# After the release set-points may take this long to reach the pad's velocity, as they are limited.
 _LED_S = 0.5
-_NEAR_M = 3.0  # further from the landing point there is no plate below, nor soon
-_KEEP_S, _COURSE_S = 2.0, 0.1  # orders are kept for; and the pad's velocity is told from
-_RESTART_S = 1.0  # the boot clock going back by so much
+_NEAR_M = 3.0  # farther from the landing point the plate is not below, nor will be soon
+_KEEP_S = 2.0  # how long orders are kept
+_COURSE_S = 0.1  # over which the pad's velocity is differenced
+_RESTART_S = 1.0  # step back of the boot clock that shows a restart
 _WRAP_S = 2.0**32 / 1e3  # of time_boot_ms
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One set-point, or an order to be level and without thrust, with the truth at that time."""
+    """One set-point, or an order to stand level without thrust, with the truth at that time."""
 
     t: float
     velocity: Vec3  # local NED, m/s; zero for a level order
     yaw_rate: float  # rad/s
     truth: Truth
     level: bool = False  # SET_ATTITUDE_TARGET
-    sound: bool = True  # level it is level and without thrust, else a velocity with a yaw rate
-    in_body_frame: bool = False  # as it was sent
+    sound: bool = True  # False: a SET_ATTITUDE_TARGET that is not level, or has thrust
+    in_body_frame: bool = False  # the set-point was sent in the body's frame
 
     @property
     def zero(self) -> bool:
@@ -64,14 +67,14 @@ class Order:
 
 @dataclass(frozen=True)
 class _Release:
-    """When landerd's authority ended."""
+    """The state when landerd's authority ended."""
 
     t: float  # s
     height: float  # over the pad, m
-    bound: bool  # it has to climb away: a stop would tip the vehicle over
-    low: bool  # it may climb away: it is so low over a pad that moves
+    bound: bool  # it must climb away: a stop would tip the vehicle over
+    low: bool  # it may climb away: it is just over a pad that moves
     slides: bool  # it may climb away: it slides across the pad
-    aside_mps: float  # how fast the order went across the pad
+    aside_mps: float  # speed of the order across the pad, m/s
 
 
 class Evidence:
@@ -79,37 +82,37 @@ class Evidence:
 
     Attributes:
         armed: by the last heartbeat.
-        guided: likewise.
-        authority_lost_t: since when it is not both, or was not.
+        guided: by the last heartbeat.
+        authority_lost_t: when it last ceased to be armed and GUIDED.
         latched: the gate must be seen low before landerd may fly.
-        gate_low_t: since when the gate is low.
-        hold_since: since when the pilot asks to hold over the marker.
+        gate_low_t: since when the gate has been low.
+        hold_since: since when the pilot has asked to hold over the marker.
         sighting_t: exposure of the newest delivered picture with a marker really in it.
-        texts: what the pilot was told.
+        texts: what the pilot was told, with the times.
         asked_t: when a configured ground station last asked landerd for something.
-        flown_t: the last order under granted authority.
-        last_order_t: the last order.
-        stops_since: since when all orders are to stop, or to stand level.
+        flown_t: time of the last order under granted authority.
+        last_order_t: time of the last order.
+        stops_since: since when all orders have been to stop, or to stand level.
         free_t: the last time that landerd did not have to stream orders.
-        barred_t: the last time that landerd might not fly, or did not: silent for the release time.
+        barred_t: the last time that landerd might not fly, or had been silent for release_s.
         touched: a foot was down, and the vehicle has not climbed away since.
-        touched_t: when a foot was last seen down.
-        touching_since: since when but for bounces, whether orders came meanwhile or not.
+        touched_t: when a foot was last down.
+        touching_since: since when a foot has been down but for bounces, with orders or without.
         touches_now: this order is the first one since the touch.
         levelled: landerd has ordered to stand level since the touch.
-        on_ground_t: since when the autopilot says ON_GROUND.
-        disarm_t: the last order to disarm.
-        blind_since: since when sight or data are too old to fly on.
+        on_ground_t: since when the autopilot has reported ON_GROUND.
+        disarm_t: time of the last order to disarm.
+        blind_since: since when sight or data have been too old to fly on.
         stale_t: when data were last too old to fly on, or frozen.
-        missing_since: since when it sinks onto a pad that it will miss.
-        released_t: the last order while landerd might not fly on.
-        aside_since: since when all orders go across the pad, not with it.
-        climbs_since: since when all orders climb.
-        landing_since: since when it flies without having come to commit.
-        low_since: since when its lowest foot is below the commit height.
-        committed: it was told to go down below the commit height, and has been since.
-        hidden_heading: by which the pad's heading shows too large, as gimbal and camera are mounted
-            askew, rad.
+        missing_since: since when it has been descending onto a pad that it will miss.
+        released_t: time of the last order while landerd might not fly on.
+        aside_since: since when all orders have gone across the pad, not with it.
+        climbs_since: since when all orders have climbed.
+        landing_since: since when it has flown without coming to commit.
+        low_t: last time that its lowest foot was below the commit height.
+        committed: it was ordered down below the commit height, and at every order since.
+        hidden_heading: error of the pad's heading that sight cannot show, by the mounting of gimbal
+            and camera, rad; positive: the heading shows too large.
     """
 
     def __init__(self, bounds: RuleBounds) -> None:
@@ -139,7 +142,7 @@ class Evidence:
         self.aside_since: float | None = None
         self.climbs_since: float | None = None
         self.landing_since: float | None = None
-        self.low_since: float | None = None
+        self.low_t: float | None = None
         self.committed = False
         self.hidden_heading = 0.0
         self._beat_t = self._rc_t = -math.inf
@@ -157,7 +160,7 @@ class Evidence:
     # ---- what the autopilot says ---------------------------------------------------------------
 
     def on_heartbeat(self, t: float, message: mavlink.MAVLink_message) -> None:
-        """It has no time of its own: that of its arrival, t, counts."""
+        """Take a heartbeat; it has no time of its own, and counts from its arrival, t."""
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         guided = message.custom_mode == mavlink.COPTER_MODE_GUIDED
         if (self.armed and not armed) or (self.guided and not guided):
@@ -165,13 +168,12 @@ class Evidence:
         if self.armed and self.guided and not (armed and guided):
             self.authority_lost_t = t
         if armed and not self.armed:
-            # The next flight is judged afresh; an order on its way when the motors stopped is not
-            # of it.
+            # A new flight: an order that was on its way when the motors stopped is none of it.
             self.touched, self.levelled, self.on_ground_t = False, False, None
         self.armed, self.guided, self._beat_t = armed, guided, t
 
     def on_rc(self, t: float, measured_t: float, message: mavlink.MAVLink_message) -> None:
-        """The receiver's channels arrive at t, measured earlier; dropped if before the last."""
+        """Take the receiver's channels, which arrive at t; dropped if measured before the last."""
         if measured_t < self._rc_t:
             return
         pulse = getattr(message, f"chan{self._b.gate_channel}_raw")
@@ -191,10 +193,10 @@ class Evidence:
         self._rc_t = measured_t
 
     def on_boot_time(self, t: float, boot_s: float, *, is_answer: bool = False) -> bool:
-        """The autopilot says how long it has run: one that restarted says less than before.
+        """Take the autopilot's time since boot; tell whether it is believed.
 
-        That may be wrong once; two in a row are believed, and an answer to TIMESYNC. Returns
-        whether it is.
+        After a restart it is less than before. A single such report may be wrong: two in a row are
+        believed, and any answer to TIMESYNC.
         """
         boot_s = boot_s if is_answer else self._unwrapped(t, boot_s)
         is_back = boot_s < self._boot_s - _RESTART_S
@@ -213,8 +215,8 @@ class Evidence:
     def _unwrapped(self, t: float, boot_s: float) -> float:
         """Return the boot time (s) that 32 bits of ms stand for: the nearest to the expected one.
 
-        What TIMESYNC says does not wrap. A clock that goes back over its own wrap has gone back,
-        and not by 49 days ahead; no boot began before zero.
+        TIMESYNC's time does not wrap. A clock that steps back over its own wrap has stepped back,
+        not 49 days ahead; but no boot time is negative.
         """
         if self._boot_s == -math.inf:
             return boot_s
@@ -223,44 +225,45 @@ class Evidence:
         return nearest if nearest >= 0.0 else boot_s
 
     def on_feet(self, t: float, *, down: bool) -> None:
-        """The world has gone on to t, with a foot down or without."""
+        """Take whether a foot is down at time t of the world."""
         if down:
             if t - self.touched_t > BOUNCE_S:
                 self.touching_since = t
             self.touched_t = t
 
     def held_back_s(self, kind: int, boot_s: float) -> float:
-        """Return how long a message was held back before it left, s: others had passed it by then.
+        """Return how long a message was held back before it left, by others that passed it, s.
 
         Args:
             kind: id of the message; those of one kind come in order.
-            boot_s: its time. Where it is older than a restart takes, the clock was set back.
+            boot_s: its time since boot. Later by more than _RESTART_S it was not held back: the
+                clock was set back.
         """
         newest = max((s for k, s in self._boot_of.items() if k != kind), default=-math.inf)
         self._boot_of[kind] = boot_s
         return newest - boot_s if 0.0 < newest - boot_s <= _RESTART_S else 0.0
 
     def on_measured(self, what: str, t: float, content: object) -> None:
-        """A measurement of time t is delivered; one that is equal to the bit is the old one."""
+        """Take a measurement of time t; one that is equal to the bit is the old one again."""
         if content != self._content.get(what):
             self._content[what] = content
             self._measured[what] = max(t, self._measured.get(what, -math.inf))
 
     def on_landed_state(self, t: float, *, on_ground: bool) -> None:
-        """The autopilot says ON_GROUND, or takes it back."""
+        """Take whether the autopilot reports ON_GROUND."""
         if not on_ground:
             self.on_ground_t = None
         elif self.on_ground_t is None:
             self.on_ground_t = t
 
     def tell(self, t: float, text: str) -> None:
-        """The pilot is told something; with the words "take over" landerd's flying ends."""
+        """Take a text to the pilot; with the words "take over" landerd's authority ends."""
         self.texts.append((t, text))
         if "take over" in text:
             self._ended_t = min(self._ended_t, t)
 
     def on_death(self, t: float) -> None:
-        """landerd's process is killed; an order may be on its way."""
+        """Note that landerd's process is killed; an order may still be on its way."""
         self.latched, self.authority_lost_t = True, t
         self.flown_t = self.stops_since = self.landing_since = None
         self.blind_since = self.missing_since = self.aside_since = self.climbs_since = None
@@ -280,12 +283,12 @@ class Evidence:
         return self.armed and self.guided and not self.latched and t < self.closed_t
 
     def owes_landing(self, t: float) -> bool:
-        """Tell whether landerd may fly and knows it: it may take data for stale a little early."""
+        """Tell whether landerd may fly and must know it: it may judge data stale a little early."""
         return self.granted(t) and t < self.closed_t - self._b.early_s
 
     @property
     def lands_since(self) -> float:
-        """Since when it touches and landerd flies: what contact asks for is owed from then."""
+        """Since when a foot is down with landerd flying: the duties of rule 4 run from then."""
         return max(self.touching_since, self.barred_t)
 
     def stale(self, order: Order) -> bool:
@@ -295,8 +298,8 @@ class Evidence:
     def stale_at(self, t: float, sighting_s: float) -> bool:
         """Tell whether attitude, position or gimbal angles are too old to fly on, or frozen.
 
-        Without new gimbal angles the sightings of before may be flown on, for as long as sightings
-        may. A gimbal that has never reported has nothing to say: servos, a bolted camera.
+        Without new gimbal angles earlier sightings may be flown on, for as long as any sighting. A
+        gimbal that never reports (servos, a bolted camera) does not count.
 
         Args:
             t: s.
@@ -310,9 +313,10 @@ class Evidence:
         )
 
     def surprise_m(self, order: Order, noticed_s: float) -> float:
-        """Return how far the pad is from where it would be had it gone straight on, level, m.
+        """Return the horizontal distance of the pad from where landerd can expect it, m.
 
-        From noticed_s before the exposure of the last sighting, as landerd can know of it.
+        That is where it would be had it gone straight on since noticed_s before the exposure of the
+        last sighting.
         """
         course = self._course(noticed_s)
         if course is None:
@@ -324,7 +328,7 @@ class Evidence:
         return horizontal(sub(order.truth.landing_point, add(point, ahead)))
 
     def surprise_rad(self, order: Order, noticed_s: float) -> float:
-        """Return how far the pad is from the heading it would have had it turned on so, rad."""
+        """Return the same of its heading, had it gone on turning at a constant rate, rad."""
         course = self._course(noticed_s)
         if course is None:
             return 0.0
@@ -335,16 +339,17 @@ class Evidence:
         return abs(wrap(order.truth.pad_heading - heading - ahead))
 
     def _course(self, noticed_s: float) -> tuple[Order, Order] | None:
-        """Return two orders: noticed_s before the exposure of the last sighting, and before that.
+        """Return two orders by whose truth the pad's velocity and turn rate are known.
 
-        None: it has not flown for so long.
+        The second is the last one noticed_s before the exposure of the last sighting, the first
+        _COURSE_S earlier. None: there were no orders then.
         """
         seen = [each for each in self._lately if each.t <= self.sighting_t - noticed_s]
         before = [each for each in seen if each.t <= seen[-1].t - _COURSE_S]
         return (before[-1], seen[-1]) if before else None
 
     def sighting_limit_s(self, truth: Truth) -> float:
-        """Return how old the last sighting may be."""
+        """Return how old the last sighting may be, s."""
         low = truth.height < self._b.commit_height_m
         return self._b.blind_commit_s if low else self._b.sighting_s
 
@@ -376,7 +381,7 @@ class Evidence:
         )
 
     def _most_aside_mps(self, released: _Release, t: float) -> float:
-        """Return how fast a wave-off may go across the pad at t, m/s."""
+        """Return how fast the orders of a wave-off may go across the pad at t, m/s."""
         is_led = t - released.t < _LED_S
         return max(self._b.ride_mps, released.aside_mps) if is_led else self._b.ride_mps
 
@@ -393,17 +398,17 @@ class Evidence:
         )
 
     def waves_off(self, order: Order) -> bool:
-        """Tell whether an order climbs from just over the pad: that need not begin gently."""
-        if self.low_since is None or not order.climbs:
+        """Tell whether an order climbs from just over the pad: exempt from acceleration limits."""
+        if self.low_t is None or not order.climbs:
             return False
         b = self._b
         near = order.truth.height <= b.commit_height_m + b.wave_off_m
-        return near and order.t - self.low_since <= b.wave_off_s
+        return near and order.t - self.low_t <= b.wave_off_s
 
     # ---- orders --------------------------------------------------------------------------------
 
     def note(self, order: Order) -> None:
-        """Take note of what an order means before the rules look at it."""
+        """Update the facts by an order, before the rules are applied to it."""
         self._note_contact(order)
         self._note_release(order)
         self._note_sight(order)
@@ -420,7 +425,7 @@ class Evidence:
         high = truth.height >= b.commit_height_m + _FALLS_AWAY_M
         self.committed = goes_down and not high and (low or self.committed)
         if truth.height - truth.lean_m < b.commit_height_m:
-            self.low_since = t
+            self.low_t = t
         if low or self.touched or self.hold_since is not None or not self.granted(t):
             self.landing_since = None
         elif self.landing_since is None:
@@ -474,7 +479,7 @@ class Evidence:
             near = truth.distance < _NEAR_M
             fast = horizontal(truth.pad_velocity) > b.wave_off_pad_mps
             flies = fast and not self.stands(t) and self.flown_t is not None
-            # What has not come down to where it commits stops in time.
+            # Above its own commit height a vehicle can be stopped in time.
             committed = truth.height < b.commits_at_m or self.touched
             self._released = _Release(
                 closed_t,

@@ -1,6 +1,6 @@
-"""Watches for danger that no single message breaks a rule with: from truth and the wire alone.
+"""Watches truth and wire for dangers that are no breach of a rule by any single message.
 
-The rules (hw.sim.judge.table) say what landerd may order. This says what must not come of it, and
+The rules (hw.sim.judge.table) say what landerd may order. The monitor checks what comes of it, and
 that what the pilot is told comes true.
 """
 

@@ -76,36 +76,36 @@ class Rules:
         return self._evidence.texts
 
     def on_mounted(self, hidden_heading: float) -> None:
-        """Gimbal and camera are mounted so that the pad's heading shows as much too large, rad."""
+        """Take by how much the pad's heading shows too large through the mounting, rad."""
         self._evidence.hidden_heading = hidden_heading
 
     def on_death(self, t: float) -> None:
-        """landerd's process is killed: it owes nothing more, and what follows it is latched."""
+        """Note that landerd's process is killed: its duties end, and its successor is latched."""
         self._evidence.on_death(t)
 
     # ---- what the judge sees -------------------------------------------------------------------
 
     def on_feet(self, t: float, *, down: bool) -> None:
-        """The world has gone on to t, with a foot down or without."""
+        """Take a step of the world: whether a foot is down at t."""
         self._evidence.on_feet(t, down=down)
-        # Not only when something arrives at landerd: over a link that is dead nothing does.
+        # Here too, since nothing arrives over a dead link.
         self._check_time(t)
 
     def on_sighting(self, exposure_t: float) -> None:
-        """A frame with a marker really in it was delivered."""
+        """Take a delivered frame with a marker really in it."""
         self._evidence.sighting_t = max(self._evidence.sighting_t, exposure_t)
 
     def on_gimbal(self, measured_t: float) -> None:
-        """Gimbal angles were delivered that the gimbal in the world measured then."""
+        """Take gimbal angles that were delivered, measured by the world's gimbal at a time."""
         self._evidence.on_measured("gimbal", measured_t, measured_t)
 
     def from_autopilot(self, t: float, data: bytes) -> None:
-        """Bytes leave the autopilot for landerd."""
+        """Take bytes that leave the autopilot for landerd."""
         self._departures.sent(t, data)
 
     def to_landerd(self, t: float, data: bytes) -> None:
-        """Bytes of the autopilot arrive at landerd."""
-        self._check_time(t)  # by what was known before them
+        """Take bytes that arrive at landerd."""
+        self._check_time(t)  # by what was known before they came
         for message in self._wire.messages(data):
             system = message.get_srcSystem()
             if system == self._b.system_id:
@@ -119,7 +119,7 @@ class Rules:
         evidence, kind = self._evidence, m.get_msgId()
         if "time_boot_ms" in m.fieldnames:
             if not evidence.on_boot_time(t, 1e-3 * m.time_boot_ms):
-                return  # it is flown on by nobody
+                return  # landerd must not fly on it
             left_t -= evidence.held_back_s(kind, 1e-3 * m.time_boot_ms)
         if kind == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             evidence.on_heartbeat(t, m)
@@ -139,7 +139,7 @@ class Rules:
             evidence.on_landed_state(t, on_ground=on_ground)
 
     def from_landerd(self, t: float, data: bytes) -> None:
-        """Bytes of landerd leave for the autopilot."""
+        """Take bytes that landerd sends."""
         for kind, _ in frames(data):
             if kind not in allowed.MESSAGES:
                 self._break(t, f"1: sent {allowed.message_name(kind)}")
@@ -229,13 +229,13 @@ class Rules:
         evidence, b = self._evidence, self._b
         release_s = b.release_s - b.early_s
         is_over = t >= evidence.closed_t + release_s
-        # It may have stopped for another reason before: stale RC comes back when it restarts.
+        # The stop may have begun earlier for another reason, such as stale RC.
         since, last_t = evidence.stops_since, evidence.last_order_t
         if t >= evidence.closed_t and since is not None and last_t is not None:
             is_over = is_over or last_t - since >= release_s
         if not (evidence.armed and evidence.guided) or is_over:
             evidence.free_t = t
-        # Left standing there and released, it is silent until it sees the pad (1c).
+        # Released while it stood there, it is silent until it sees the pad (rule 1c).
         if not evidence.granted(t) or last_t is None or t - last_t > b.release_s:
             evidence.barred_t = t
         for text, is_broken in TIME_RULES:
@@ -247,6 +247,6 @@ class Rules:
 
 
 def _measured(evidence: Evidence, what: str, t: float, numbers: tuple[float, ...]) -> None:
-    """Take a report of time t (s), unless it is one that nobody can calculate with."""
+    """Take a report of time t (s), unless its numbers are impossible."""
     if all(abs(x) < _MOST for x in numbers):
         evidence.on_measured(what, t, numbers)

@@ -1,9 +1,9 @@
-"""The safety rules, one after the other as docs/safety.md has them, each with its number there.
+"""The safety rules in the order of docs/safety.md, each with its number there.
 
-`ORDER_RULES` are looked at for every order to fly, `TIME_RULES` at every step of the world and when
-anything arrives at landerd. What may be sent at all is in hw.sim.judge.allowed, the limits of
-set-points (3) in hw.sim.judge.limits; what a STATUSTEXT or a disarm order breaks in
-hw.sim.judge.rules.
+`ORDER_RULES` are applied to every order to fly, `TIME_RULES` at every step of the world and when
+anything arrives at landerd. Each function tells whether its rule is broken. Elsewhere are what may
+be sent at all (hw.sim.judge.allowed), the limits of set-points (rule 3: hw.sim.judge.limits), and
+what a STATUSTEXT or a disarm order may break (hw.sim.judge.rules).
 """
 
 import math
@@ -14,19 +14,19 @@ from hw.sim.judge.bounds import ZERO, RuleBounds
 from hw.sim.judge.evidence import BOUNCE_S, STILL_S, Evidence, Order
 from landerd.geometry import horizontal, wrap
 
-CONTACT_LATE_S = 0.6  # truth's first contact to the time landerd must behave as on the pad
-CONTACT_S = 0.3  # that something is contact is known only after this
-# For so long after contact it may not go with the pad, nor with one that brakes or starts under it:
-# that is seen late, and rule 3 lets no order end at once.
+CONTACT_LATE_S = 0.6  # from true contact until landerd must behave as on the pad
+CONTACT_S = 0.3  # from true contact until it can be known
+# Time after contact in which orders need not go with the pad yet, also with one that brakes or
+# starts under the feet: it is seen late, and the limits (rule 3) change no order at once.
 RIDES_S = 1.0
-LEVEL_AFTER_S = 0.5  # for so long the vehicle goes with the pad before it may stand level
-HOVER_MPS = 0.02  # an order of less, horizontally, is one to hover
-TOLD_S = 1.0  # before an abort or after it the pilot is told of it
-MISS_S = 0.25  # that it will miss the pad must be noticed in
-# Pressed down on a deck, a vehicle that is told to climb lifts so long after, at most: its
-# autopilot has taken the thrust away, and gives it back as gently. Flown: 1.1 and 1.5 s.
+LEVEL_AFTER_S = 0.5  # least time of going with the pad before the vehicle may be levelled
+HOVER_MPS = 0.02  # an order with a smaller horizontal velocity is one to hover
+TOLD_S = 1.0  # within which, before or after an abort, the pilot must be told of it
+MISS_S = 0.25  # within which it must be noticed that the pad will be missed
+# Longest time from an order to climb until a vehicle pressed onto a deck lifts: its autopilot has
+# taken the thrust away, and gives it back as gently. Flown: 1.1 and 1.5 s.
 THRUST_BACK_S = 1.6
-DISARMS_S = 1.0  # after ON_GROUND landerd disarms in
+DISARMS_S = 1.0  # within which landerd must disarm after ON_GROUND
 _PHASE_NEWS = ("approach:", "yaw correction:", "descent:", "landed:")
 _LOSS_NEWS = ("not in sight", "stale", "no pictures")
 _UNCONFIRMED = "not confirmed"
@@ -78,7 +78,7 @@ def _gets_up(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _latched(e: Evidence, o: Order, b: RuleBounds) -> bool:
     may_fly = e.armed and e.guided and o.t < e.closed_t
-    # What was on its way when authority was lost is judged by rule 1a.
+    # Orders that were on their way when authority was lost are judged by rule 1a.
     late = o.t - e.authority_lost_t > b.tick_s
     return e.latched and not o.zero and may_fly and late
 
@@ -92,7 +92,7 @@ def _out_of_sight(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _blind_for_s(e: Evidence, o: Order) -> float:
-    """Return for how long landerd has flown without sight or fresh data, s; -1: it has both."""
+    """Return how long landerd has flown without sight or fresh data, s; -1: it has both."""
     if o.zero or e.touched or e.blind_since is None:
         return -1.0
     return o.t - e.blind_since
@@ -107,7 +107,7 @@ def _sinks_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _wanders_blind(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    # Full braking, and the last of it fading out with the jerk limit.
+    # Full braking, and its end, which the jerk limit draws out.
     braking_s = b.speed_mps / b.braking_mps2 + 5.0 * b.braking_mps2 / b.jerk_mps3
     too_long = _blind_for_s(e, o) > braking_s + b.tick_s
     return too_long and horizontal(o.velocity) > HOVER_MPS
@@ -137,24 +137,24 @@ def _outside_region(e: Evidence, o: Order, b: RuleBounds) -> bool:
     radius = b.k1_m * math.exp(b.k2_per_m * o.truth.height)
     if e.committed or not (_sinks(e, o) and o.truth.distance > radius):
         return False
-    # What a pad that brakes or starts has done since the last picture of it nobody can know, nor
-    # at once of what that picture shows.
+    # landerd cannot know what a braking or starting pad has done since the last picture, nor at
+    # once what that picture shows.
     return o.truth.distance - e.surprise_m(o, MISS_S) > radius
 
 
 def _heading_off(e: Evidence, o: Order, b: RuleBounds) -> bool:
     low = not e.committed and o.truth.height < b.alignment_height_m
-    # What gimbal and camera are mounted askew by no sight shows (docs/safety.md).
+    # Sight cannot show an error of the mounting of gimbal and camera (docs/safety.md).
     shown = wrap(o.truth.heading_error - e.hidden_heading)
     off = min(abs(o.truth.heading_error), abs(shown))
     if not (_sinks(e, o) and low and b.has_heading and off > b.heading):
         return False
-    # As of a pad that moves on otherwise, so of one that turns.
+    # As in _outside_region: landerd cannot know at once that a pad turns otherwise.
     return off - e.surprise_rad(o, MISS_S) > b.heading
 
 
-def _dies_hard(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    """Were this the last order, the vehicle would go on with it until the autopilot brakes it."""
+def _too_fast_for_timeout(e: Evidence, o: Order, b: RuleBounds) -> bool:
+    """Tell whether the autopilot's timeout would brake too late, were this the last order."""
     high = o.truth.height >= b.commit_height_m
     if b.guid_timeout_s is None or not (_sinks(e, o) and high):
         return False
@@ -167,14 +167,14 @@ def _dies_hard(e: Evidence, o: Order, b: RuleBounds) -> bool:
 def _sinks_below_hold(e: Evidence, o: Order, b: RuleBounds) -> bool:
     if e.hold_since is None:
         return False
-    # Just over the pad it may be taking contact for made.
+    # Just over the pad landerd may take it for contact for a moment.
     late_s = b.tick_s + (CONTACT_S if o.truth.height < b.commit_height_m else 0.0)
     low = o.truth.height < b.least_hold_height_m
     return _sinks(e, o) and low and o.t - e.hold_since > late_s
 
 
 def _misses(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    # By the pictures that were delivered, of whatever time.
+    # By pictures exposed since: with none landerd cannot know.
     return e.missing_since is not None and e.sighting_t - e.missing_since > MISS_S
 
 
@@ -197,17 +197,18 @@ def _too_seldom(e: Evidence, t: float, b: RuleBounds) -> bool:
 def _pressed(e: Evidence, o: Order) -> bool:
     """Tell whether landerd has to press the vehicle down and go with the pad.
 
-    Of contact on stale data it cannot know; and a climb away from a pad that was touched when it
-    might not fly on does not end at once.
+    Not at once after stale data, with which it cannot know of contact; nor after a release, when a
+    climb away from the touched pad does not end at once.
     """
     known = o.t - max(e.lands_since, e.stale_t, e.released_t) > CONTACT_LATE_S
     return bool(o.truth.feet_down) and known and e.on_ground_t is None and e.owes_landing(o.t)
 
 
 def _goes_around(e: Evidence, o: Order) -> bool:
-    """Tell whether it was told to climb before it could know of the touch, and its thrust comes.
+    """Tell whether it was ordered to climb before it could know of the touch, and has to lift yet.
 
-    Until then it brushes the pad. Told to sink meanwhile, it would hop, and fall.
+    Until its thrust is back it brushes the pad; ordered to descend meanwhile it would hop, and
+    fall.
     """
     since = e.climbs_since
     if since is None or since >= max(e.touching_since, e.stale_t):
@@ -217,7 +218,7 @@ def _goes_around(e: Evidence, o: Order) -> bool:
 
 def _no_descent(e: Evidence, o: Order, b: RuleBounds) -> bool:
     waiting = _pressed(e, o) and o.t - e.lands_since < b.settle_s
-    # What is blown off the pad, its feet brushing it, is to climb away (2).
+    # A vehicle that is blown off the pad while its feet brush it must climb away (rule 2).
     away = (o.climbs and o.truth.misses) or _goes_around(e, o) or e.ends_climb(o)
     return waiting and not away and not o.level and o.velocity[2] <= ZERO
 
@@ -238,8 +239,8 @@ def _level_in_air(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    # Released it may not go with the pad any more; and what was levelled for that stays level. What
-    # is dragged across the plate on which it lies would soon be off it.
+    # A released vehicle may not go with the pad any more, and once levelled stays level. One that
+    # is dragged across the plate, lying flat, would soon be off it.
     is_dragged = o.truth.slip > b.ride_mps and o.truth.lean_m <= b.rocks_m
     may_level = e.released_t >= e.touching_since or is_dragged
     rides = o.t - e.touched_t <= BOUNCE_S and not may_level
@@ -247,9 +248,9 @@ def _level_at_once(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _level_sliding(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    # What falls from an edge onto its other feet turns about a foot that stands. What slides flat
-    # on all of them, or rocks there, is levelled: half lifted by the thrust it steers with it would
-    # slide on.
+    # The slower of centre and foot: a vehicle that falls from an edge onto its other feet turns
+    # about a foot that stands. One that slides flat on all feet, or rocks there, may be levelled:
+    # its steering thrust would carry half of its weight, and let it slide on.
     slip = min(o.truth.slip, o.truth.foot_slip)
     stands_on_edge = 0 < o.truth.feet_down < 4 and o.truth.lean_m > b.rocks_m
     return o.level and stands_on_edge and slip > b.ride_mps
@@ -261,7 +262,7 @@ def _not_level(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 def _never_disarms(e: Evidence, t: float, b: RuleBounds) -> bool:
     said_t = e.on_ground_t
-    # While it may not fly it may not disarm either, whatever was said meanwhile (1).
+    # While it may not fly it may not disarm either (rule 1).
     waits = said_t is not None and t - max(said_t, e.lands_since) > DISARMS_S
     return waits and e.touched and e.granted(t) and e.disarm_t < e.touching_since
 
@@ -285,7 +286,7 @@ def _wanders_stale(e: Evidence, o: Order, b: RuleBounds) -> bool:
 
 
 def _untold(e: Evidence, o: Order, b: RuleBounds) -> bool:
-    # Nothing new is to be told of a marker that came in sight and went without being taken.
+    # A marker that came in sight and went, unaccepted, is no news: the pilot knows of the loss.
     since = e.blind_since
     if _blind_for_s(e, o) <= TOLD_S or since is None:
         return False
@@ -338,7 +339,7 @@ ORDER_RULES = (
     OrderRule("2: contact too long after the last sighting", _blind_budget),
     OrderRule("2: a downward set-point outside the descent region", _outside_region),
     OrderRule("2: a downward set-point with the heading off", _heading_off),
-    OrderRule("2: sinking faster than the autopilot's timeout allows", _dies_hard),
+    OrderRule("2: sinking faster than the autopilot's timeout allows", _too_fast_for_timeout),
     OrderRule("2: descending below the height to hold at", _sinks_below_hold),
     OrderRule("2: descending to a pad that will be missed", _misses),
     OrderRule("4: no descent ordered after contact", _no_descent),
