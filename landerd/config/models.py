@@ -49,9 +49,9 @@ class VehicleSection(Section):
 class MeteringSection(Section):
     """How pictures are exposed where landerd does it (`camera.exposure: pad`)."""
 
-    shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4  # the exposure is never shorter
-    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008  # against blur: gain before a longer one
-    longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # once there is no more gain
+    shortest_s: Annotated[float, Field(gt=0, le=0.1)] = 1e-4  # shortest exposure
+    short_s: Annotated[float, Field(gt=0, le=0.1)] = 0.008  # above it gain is raised first: blur
+    longest_s: Annotated[float, Field(gt=0, le=0.1)] = 0.015  # longest exposure, at full gain
     gain_max: Annotated[float, Field(ge=1, le=64)] = 4.0  # times the lowest gain
 
     @model_validator(mode="after")
@@ -69,7 +69,7 @@ class CameraSection(Section):
     exposure: Literal["fixed", "auto", "pad"] = "pad"
     metering: MeteringSection = MeteringSection()
     calibration: Path = Path("cameras/thesis.yaml")  # ROS camera_info: landerd calibrate camera
-    # How much later a picture is stamped than its middle row was exposed; earlier: negative.
+    # time stamp of a picture minus exposure of its middle row; positive: stamped late
     clock_offset_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
 
 
@@ -79,9 +79,9 @@ class GimbalSection(Section):
     driver: str = "sim"
     yaw_limits_deg: tuple[Angle, Angle] = (-90.0, 90.0)  # positive right
     pitch_limits_deg: tuple[Angle, Angle] = (-180.0, 0.0)  # positive up; -90 is straight down
-    # How the camera sits turned on the last axis: roll right, pitch up, yaw right.
+    # rotation of the camera on the last axis: roll right, pitch up, yaw right
     camera_rotation_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
-    # Behind its orders; used where a gimbal does not measure its angles.
+    # time constant behind its orders; used where a gimbal does not measure its angles
     lag_s: Annotated[float, Field(gt=0, le=0.5)] = 0.08
 
     @field_validator("yaw_limits_deg", "pitch_limits_deg")
@@ -99,15 +99,17 @@ class AutopilotSection(Section):
     url: str = "memory:"  # of the link: serial:DEVICE?baud=N, udpin:HOST:PORT, tcp:HOST:PORT, ...
     setpoint_frame: Literal["local_ned", "body_ned"] = "local_ned"  # body_ned: as the thesis
     system_id: Annotated[int, Field(ge=1, le=255)] = 1  # SYSID_THISMAV (4.7: MAV_SYSID)
-    # ArduPilot's GUID_TIMEOUT, until the autopilot tells it itself
+    # the autopilot's GUID_TIMEOUT, until it reports its own
     guided_timeout_s: Annotated[float, Field(ge=0.1, le=3600)] = 1.0
-    # how it shapes velocities (WPNAV_ACCEL, WPNAV_ACCEL_Z, PSC_JERK_XY, PSC_JERK_Z), until it tells
-    # that too
+    # the autopilot's WPNAV_ACCEL, until it reports its own
     acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
+    # the autopilot's WPNAV_ACCEL_Z, until it reports its own
     vertical_acceleration_mps2: Annotated[float, Field(ge=0.3, le=5)] = 1.0
+    # the autopilot's PSC_JERK_XY, until it reports its own
     jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
+    # the autopilot's PSC_JERK_Z, until it reports its own
     vertical_jerk_mps3: Annotated[float, Field(ge=1, le=50)] = 5.0
-    # time constant of its attitude (ATC_INPUT_TC), until it tells that too
+    # the autopilot's ATC_INPUT_TC (time constant of its attitude), until it reports its own
     attitude_time_constant_s: Annotated[float, Field(ge=0.01, le=2)] = 0.15
     # whose parameter changes and commands are taken
     ground_stations: tuple[Annotated[int, Field(ge=1, le=255)], ...] = (255,)
@@ -116,22 +118,24 @@ class AutopilotSection(Section):
 
     @property
     def shaper_lag_s(self) -> float:
-        """How late its shaper answers: it asks for jerk / acceleration times the error, 1/s."""
+        """Lag of the velocity shaper, s: it asks for jerk / acceleration (1/s) times the error."""
         return self.acceleration_mps2 / self.jerk_mps3
 
     @property
     def vertical_shaper_lag_s(self) -> float:
-        """The same up and down, s."""
+        """The same of the vertical shaper, s."""
         return self.vertical_acceleration_mps2 / self.vertical_jerk_mps3
 
 
 class RcSection(Section):
     """The pilot's gate."""
 
-    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11  # landerd flies only while it is high,
-    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500  # above this pulse width
-    # Of a switch with three positions: above this it lands, between the two it holds over the
-    # marker (guidance.hold). 0: there is no position between.
+    gate_channel: Annotated[int, Field(ge=5, le=18)] = 11  # landerd flies only while it is high
+    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = (
+        1500  # the switch is high above this
+    )
+    # of a switch with three positions: above this it lands, between the two thresholds it holds
+    # over the marker (guidance.hold); 0: a switch with two positions
     land_threshold_us: Annotated[int, Field(ge=0, le=1800)] = 0
 
     @model_validator(mode="after")
@@ -156,25 +160,25 @@ class VisionSection(Section):
 
     min_ring_px: Positive = 10.0  # smallest outer diameter of a ring that is searched for
     max_sigma_m: Positive = 1.0  # poses less certain than this are not reported
-    # By which share the lens may be longer or shorter than calibrated, 1 sigma: what a chessboard
-    # by hand is good for, and what focus and warmth move.
+    # relative error of the calibrated focal length, 1 sigma: of a hand-held chessboard, and of
+    # changes by focus and temperature
     focal_sigma: Annotated[float, Field(ge=0, le=0.1)] = 0.005
-    # From the exposure of the first row to that of the last: 10 to 33 ms for ordinary cameras, 0
-    # for a global shutter. In flight no wider than it is: what an image of a moving pad may err by
-    # hides that the pad has stopped (with 0.02 a wave-off came a tenth of a second later).
+    # from the exposure of the first row to that of the last: 10 to 33 ms for ordinary cameras, 0
+    # for a global shutter. No more than it really is: the error that it allows the image of a
+    # moving pad hides that the pad has stopped (with 0.02 a wave-off came 0.1 s later)
     readout_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
 
 
 class EstimationSection(Section):
     """Noise the pad filter assumes."""
 
-    pad_acceleration_mps2: Positive = 0.3  # how a pad may change its velocity, to begin with
-    gimbal_sigma_deg: NotNegative = 1.0  # error of the lens's direction, slowly varying
-    bearing_noise_deg: NotNegative = 0.05  # and from frame to frame
+    pad_acceleration_mps2: Positive = 0.3  # process noise of a new pad; then it is adapted
+    gimbal_sigma_deg: NotNegative = 1.0  # slowly varying error of the lens's direction
+    bearing_noise_deg: NotNegative = 0.05  # noise of that direction from frame to frame
     gimbal_late_s: NotNegative = 0.002  # jitter of the times of attitude and gimbal angles
-    clock_sigma_s: NotNegative = 0.02  # of the pictures' time against the telemetry's
-    position_sigma_m: Positive = 0.002  # of the autopilot's position from frame to frame
-    # innovations beyond this are not accepted
+    clock_sigma_s: NotNegative = 0.02  # of the pictures' clock against the telemetry's
+    position_sigma_m: Positive = 0.002  # noise of the autopilot's position from frame to frame
+    # innovations beyond this many standard deviations are refused
     gate_sigma: Annotated[float, Field(ge=1, le=20)] = 4.0
 
 
@@ -199,45 +203,49 @@ class PidSection(Section):
     final: PidGains = PidGains(kp=0.8, ki=0.3, kd=0.4)  # YAW_CORRECTION and DESCENT
     up: PidGains = PidGains(kp=0.9, kd=0.5)
     yaw: PidGains = PidGains(kp=1.5, kd=0.1)
-    integral_limit_mps: Annotated[float, Field(ge=0, le=5)] = 1.0  # of the integral's share
-    speed_mps: Annotated[float, Field(gt=0, le=20)] = 5.0  # of the output
+    integral_limit_mps: Annotated[float, Field(ge=0, le=5)] = 1.0  # limit on the integral output
+    speed_mps: Annotated[float, Field(gt=0, le=20)] = 5.0  # limit on the horizontal output
 
 
 class TrackingSection(Section):
     """The controller on the pad filter's state."""
 
     kp: Annotated[float, Field(gt=0, le=5)] = 2.5  # closing speed per m of distance, near the pad
-    ki: Annotated[float, Field(ge=0, le=2)] = 0.6  # of the distance that stays
-    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.0  # later than ArduPilot's shaper
-    approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest towards the pad
-    brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration it counts on
-    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45  # the same of the descent
+    ki: Annotated[float, Field(ge=0, le=2)] = 0.6  # integral gain on a distance that does not close
+    lead_s: Annotated[float, Field(ge=0, le=2)] = 0.0  # the vehicle's lag beyond ArduPilot's shaper
+    approach_mps: Annotated[float, Field(gt=0, le=15)] = 6.0  # fastest closing speed
+    brake_mps2: Annotated[float, Field(gt=0, le=5)] = 1.5  # deceleration counted on for braking
+    descent_brake_mps2: Annotated[float, Field(gt=0, le=5)] = 0.45  # to brake the descent
     yaw_kp: Annotated[float, Field(gt=0, le=5)] = 1.0  # rad/s per rad
 
 
-MAX_HEADING_DEG = 5.0  # by which the heading may be off below the alignment height
+MAX_HEADING_DEG = 5.0  # largest heading error allowed below the alignment height
 
 
 class DescentSection(Section):
     """Where descent is allowed (thesis eq. 2.3) and when it is committed."""
 
-    k1_m: Annotated[float, Field(gt=0, le=1)] = 0.12  # down within k1 exp(k2 height) of the pad
+    k1_m: Annotated[float, Field(gt=0, le=1)] = 0.12  # descent within k1 exp(k2 height) of the pad
     k2_per_m: Annotated[float, Field(ge=0, le=1)] = 0.36
-    widest_k1_m: Annotated[float, Field(gt=0, le=1)] = 0.16  # k1 grows to it in gusts
-    close_factor: Annotated[float, Field(gt=1, le=10)] = 3.0  # CLOSE_APPROACH in this times delta
-    # not below this while the heading is off
+    widest_k1_m: Annotated[float, Field(gt=0, le=1)] = 0.16  # k1 grows to this in gusts
+    # CLOSE_APPROACH begins at this many radii of the descent region
+    close_factor: Annotated[float, Field(gt=1, le=10)] = 3.0
+    # no lower than this while the heading is off
     alignment_height_m: Annotated[float, Field(gt=0, le=10)] = 2.0
-    align_deg: Positive = 1.2  # the heading counts as aligned within this,
-    # and as off again beyond this; what is left to the most is for gimbal and mounting, which sight
-    # does not show
+    align_deg: Positive = 1.2  # the heading counts as aligned within this
+    # the heading counts as off again beyond this; the rest up to 5 degrees is for errors of gimbal
+    # and mounting, which sight does not show
     realign_deg: Positive = 2.5
-    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16  # below: carried through
-    # committed only if at touch-down these will be kept; else it climbs to the last and tries again
+    commit_height_m: Annotated[float, Field(gt=0, le=0.2)] = 0.16  # below, a landing is committed
+    # largest predicted distance from the landing point at touch-down to commit with
     commit_miss_m: Annotated[float, Field(gt=0, le=1)] = 0.2
-    commit_slip_mps: Annotated[float, Field(gt=0, le=2)] = 0.3  # against the pad, horizontal
+    # largest horizontal speed relative to the pad to commit with
+    commit_slip_mps: Annotated[float, Field(gt=0, le=2)] = 0.3
+    # largest sink rate relative to the pad to commit with
     commit_sink_mps: Annotated[float, Field(ge=0.5, le=2)] = 0.8
+    # unfit to commit, the vehicle climbs to this height and tries again
     retry_height_m: Annotated[float, Field(ge=0.3, le=10)] = 1.0
-    # where descent is allowed it is not slower than this
+    # method pid: slowest descent where descent is allowed
     slowest_mps: Annotated[float, Field(gt=0, le=0.5)] = 0.15
 
     @model_validator(mode="after")
@@ -248,14 +256,14 @@ class DescentSection(Section):
 
 
 class LimitsSection(Section):
-    """What is ever asked of the vehicle."""
+    """Limits of all set-points, whatever is flown."""
 
     speed_mps: Annotated[float, Field(ge=0.5, le=20)] = 20.0
     climb_mps: Annotated[float, Field(ge=0.3, le=5)] = 1.0
     descent_mps: Annotated[float, Field(gt=0, le=3)] = 1.5
-    # With less it would not stop before the pad is out of sight, or before the ground.
+    # with less than 0.5 it would not stop before the pad is out of sight
     acceleration_mps2: Annotated[float, Field(ge=0.5, le=10)] = 2.5
-    # With 0.3 a deck that came up was touched at 0.7 m/s.
+    # with 0.3 a rising deck was touched at 0.7 m/s
     vertical_acceleration_mps2: Annotated[float, Field(ge=0.5, le=5)] = 1.0
     jerk_mps3: Annotated[float, Field(ge=2, le=50)] = 15.0
     yaw_rate_deg_s: Annotated[float, Field(gt=0, le=180)] = 30.0
@@ -264,20 +272,20 @@ class LimitsSection(Section):
 class LostSection(Section):
     """What is done after the pad went out of sight."""
 
-    after_s: Annotated[float, Field(gt=0, le=0.5)] = 0.5  # thesis: abort time
-    hold_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # hover and look
+    after_s: Annotated[float, Field(gt=0, le=0.5)] = 0.5  # without a sighting (thesis: abort time)
+    hold_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # hover before the climb
     climb_mps: Annotated[float, Field(ge=0.2, le=3)] = 0.5
-    climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # at most this far up; 0: do not climb
-    give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # then hand back to the pilot
-    # handed back, too, when a landing has not come to commit in this time
+    climb_m: Annotated[float, Field(ge=0, le=50)] = 5.0  # height to climb; 0: do not climb
+    give_up_s: Annotated[float, Field(gt=0, le=600)] = 30.0  # of search, then hand back
+    # a landing that has not come to commit in this time is handed back
     total_s: Annotated[float, Field(gt=0, le=3600)] = 120.0
-    retries: Annotated[int, Field(ge=0, le=100)] = 5  # descents that may be broken off before that
+    retries: Annotated[int, Field(ge=0, le=100)] = 5  # more broken-off descents are handed back
 
 
 class HoldSection(Section):
     """Where the vehicle is held while the pilot asks for it (rc.land_threshold_us)."""
 
-    height_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0  # of the feet over the pad
+    height_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0  # of the feet above the pad
 
 
 class GuidanceSection(Section):
@@ -293,9 +301,10 @@ class GuidanceSection(Section):
     lost: LostSection = LostSection()
     hold: HoldSection = HoldSection()
     release_s: Annotated[float, Field(ge=0.5, le=3)] = 1.0  # zero velocity after the gate closed
-    touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # after commit
-    # Then: disarm by hand. With less that was told in the air: feet are down a second or two after
-    # commit, and ArduCopter knows it two seconds later.
+    touchdown_descent_mps: Annotated[float, Field(ge=0.1, le=0.6)] = 0.3  # sink rate after commit
+    # without ON_GROUND for this long the pilot is told to disarm by hand. With less than 3 he is
+    # told in the air: the feet are down one or two seconds after commit, and ArduCopter knows it
+    # two seconds later
     touchdown_timeout_s: Annotated[float, Field(ge=3, le=5)] = 5.0
 
 
@@ -303,11 +312,11 @@ class AimSection(Section):
     """How the gimbal is pointed (thesis 2.3.4)."""
 
     method: Literal["predicted", "increment"] = "predicted"  # increment: the thesis's law
-    lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: how late the gimbal answers
+    lead_s: Annotated[float, Field(ge=0, le=0.5)] = 0.1  # predicted: the gimbal's lag
     gain: Annotated[float, Field(gt=0, le=1)] = 0.5  # increment: k of eq. 2.1
     idle_yaw_deg: Finite = 0.0  # where the camera looks while no pad is known
-    idle_pitch_deg: Finite = -50.0  # a pad that the flight begins near is in the picture
-    # without a sighting: sweep down and up
+    idle_pitch_deg: Finite = -50.0  # by it a flight that begins near the pad has it in the picture
+    # without a sighting for this long the gimbal sweeps down and up
     search_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
 
 
@@ -324,17 +333,17 @@ class LogSection(Section):
     images: Literal["none", "jpeg", "lossless"] = "jpeg"  # vision replays from lossless only
     every_nth: Annotated[int, Field(ge=1)] = 3  # of the frames searched
     disarmed_images: bool = False  # also while the vehicle is disarmed
-    most_file_mb: Annotated[float, Field(ge=1)] = 500.0  # then a flight goes on in another file
-    # of all logs together but the file that is written: then the oldest are deleted
+    most_file_mb: Annotated[float, Field(ge=1)] = 500.0  # a longer flight goes on in another file
+    # all logs together, without the one being written; beyond, the oldest are deleted
     most_mb: Positive = 8000.0
-    keep_free_mb: NotNegative = 200.0  # with less room on the disk images are no longer recorded
+    keep_free_mb: NotNegative = 200.0  # with less free space on the disk no images are recorded
 
 
 class WebSection(Section):
     """Status page and Foxglove (docs/status-page.md)."""
 
     listen: str | None = None  # ADDRESS:PORT; None: there is no page
-    token_file: Path | None = None  # with the word that opens it; needed beyond this computer
+    token_file: Path | None = None  # file with the page's token; needed beyond this computer
     foxglove: str | None = None  # ADDRESS:PORT of this computer only; None: nothing for Foxglove
 
     @field_validator("listen", "foxglove", mode="before")
