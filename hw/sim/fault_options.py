@@ -19,16 +19,18 @@ class FaultKind(NamedTuple):
 
     device: str
     does: str  # what severity 0 to 1 makes of it, for docs/faults.md
-    ends: bool = True  # false: it is done in a moment, `for_s` is of no matter
-    # Beginnings of rules and findings that nobody can keep while it lasts, and shortly after.
+    ends: bool = True  # false: it takes a moment, and `for_s` is ignored
+    # Beginnings of the rules and findings that no landerd can keep during it and shortly after.
     excuses: tuple[str, ...] = ()
     lands: bool = True  # false: no landing is to be expected any more
     in_sitl: bool = True  # false: only the stand-in and its world have it
-    stays: bool = False  # what it has done is there until the flight ends
+    stays: bool = False  # its effect lasts until the flight ends
 
 
-# A process that stands still, is gone or cannot send, sends nothing. The vehicle sinks on until the
-# autopilot's timeout stops it, just over the pad onto it; and nobody has seen how it got there.
+# ---- what excuses broken rules ------------------------------------------------------------------
+
+# A process that stands still, is gone or cannot send, sends nothing. The vehicle descends until the
+# autopilot's timeout stops it (just over the pad: onto the pad), and without having seen the pad.
 _SILENT = (
     "3: set-points less often",
     "1b: silent without stop orders",
@@ -38,34 +40,34 @@ _SILENT = (
     "4: a climb ordered while standing",
 )
 
-# Once it stands on the pad nothing is looked at any more; what is pulled away from under the first
-# foot leaves it on the ground.
+# Once the vehicle stands, pictures are not searched any more; a pad pulled away from under its
+# first foot leaves it on the ground.
 _UNDER_ITS_FEET = (
     "6: said to have landed",
     "4: not going with",
     "4: level and without thrust while it slides",
     "descends below",
 )
-# Until it is seen that the pad rises, the vehicle sinks onto it as fast as it did.
+# Until sight shows that the pad rises, the vehicle descends onto it as before.
 _COMES_UP = ("2: sinking faster than the autopilot",)
-# To go along with what is no place to land on any more is as good as to leave it.
+# On a pad that is carried away, to go with it is as good as to leave it.
 _CARRIED = (*_COMES_UP, "4: no descent", "4: not going with", "4: a climb ordered")
-# Where the lens looks is what the gimbal says: some degrees off show the pad as far aside, and a
-# drift is a pad that drives.
+# A gimbal whose angles are wrong shows the pad aside by as much; a drift of them looks like a pad
+# that drives.
 _SEEN_ASIDE = ("2: a downward set-point outside the descent region",)
-# So is its heading, through a gimbal that says other angles than it has: of its yaw by as much, of
-# its pitch where the airframe leans.
+# It also shows the pad's heading wrong: by the error of its yaw, and, where the airframe leans, by
+# a part of the error of its pitch.
 _SEEN_TURNED = (*_SEEN_ASIDE, "2: a downward set-point with the heading off")
-# Nothing that is ordered arrives: it goes on as it was told last until the autopilot's timeout
-# stops it, also with its feet on a pad that drives.
+# No order arrives: the vehicle flies the last one until the autopilot's timeout stops it, also with
+# its feet on a pad that drives.
 _UNHEARD = ("ground contact off the pad", "tipped over 30 degrees")
-# Another mode begins to fly off a pad that drives with a stop, which tips over what stands there.
+# Another flight mode begins with a stop, which tips over a vehicle standing on a pad that drives.
 _LED_AWAY = ("tipped over in the hands of others",)
-# To go with what carries it is, by velocities that are wrong, to go aside.
+# With wrong velocities, orders that go with the pad go across it in truth.
 _GOES_BY_WRONG_VELOCITIES = ("4: not going with",)
-# Nobody may fly: what has come down on a pad that drives is stopped there by the autopilot.
+# landerd may not fly: the autopilot stops a vehicle that has come down on a pad that drives.
 _LEFT_THERE = ("tipped over",)
-# What the wind does to the airframe at once, whatever is ordered.
+# A gust accelerates the airframe at once, whatever is ordered.
 _BLOWN = ("accelerates more than the limits",)
 
 FAULTS: Mapping[str, FaultKind] = {

@@ -39,11 +39,11 @@ class StartOptions(Section):
     bearings: Annotated[int, Field(ge=1, le=360)] = 1  # seeds start from so many sides in turn
     spread_m: NotNegative = 0.0  # each seed starts up to this far away north and east
     heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 0.0
-    # Behind a pad this fast or faster it starts on the pad's course and at its velocity, as a drone
-    # that follows its truck; heading_deg then counts from the course.
+    # behind a pad this fast or faster it starts on the pad's course and at its velocity, as a drone
+    # that follows its truck; heading_deg then counts from the course
     follow_from_mps: NotNegative = 5.0
-    follow_m: NotNegative = 15.0  # so far behind
-    overtake_mps: NotNegative = 0.0  # the ground station flies it so much faster than that pad
+    follow_m: NotNegative = 15.0  # distance behind such a pad at the start
+    overtake_mps: NotNegative = 0.0  # speed of the vehicle beyond that of such a pad
 
 
 class WindOptions(Section):
@@ -70,15 +70,16 @@ class PadOptions(Section):
     heave_hz: Annotated[float, Field(ge=0, le=2)] = 0.2
     sway_m: Annotated[float, Field(ge=0, le=3)] = 0.0  # amplitude, to the pad's east
     sway_hz: Annotated[float, Field(ge=0, le=2)] = 0.2
-    brake_mps2: Annotated[float, Field(ge=0, le=10)] = 0.0  # it brakes to a stand so hard,
-    brake_after_s: NotNegative = 10.0  # so long after the start
+    brake_mps2: Annotated[float, Field(ge=0, le=10)] = 0.0  # deceleration to a stand; 0: none
+    brake_after_s: NotNegative = 10.0  # when it begins to brake, from the start
     tilt_deg: Annotated[float, Field(ge=0, le=30)] = 0.0
     tilt_azimuth_deg: Finite | None = 0.0  # where it slopes down, from pad north; null: by seed
-    # The print as it is, against what the pad file says; the landing point stays the file's.
-    print_scale: Annotated[float, Field(ge=0.8, le=1.2)] = 1.0  # of markers and their distances
-    marker_error_m: Annotated[float, Field(ge=0, le=0.2)] = 0.0  # each is misplaced, way by seed
-    # The plate is folded between its outermost markers: the part without the landing point slopes
-    # down by so much, negative up. The vehicle's feet do not feel it.
+    # the true print's scale over the pad file's, of markers and their distances; the landing point
+    # stays the file's
+    print_scale: Annotated[float, Field(ge=0.8, le=1.2)] = 1.0
+    marker_error_m: Annotated[float, Field(ge=0, le=0.2)] = 0.0  # of each marker, direction by seed
+    # the plate is folded between its outermost markers: slope of the part without the landing
+    # point, positive down. The vehicle's feet do not feel it
     bend_deg: Annotated[float, Field(ge=-15, le=15)] = 0.0
     black: Annotated[float, Field(ge=0.02, le=0.5)] | None = None  # share of white; null: 0.12
     dirt: Annotated[float, Field(ge=0, le=0.6)] = 0.0  # share of the plate covered
@@ -97,13 +98,13 @@ class LinkOptions(Section):
 class AutopilotOptions(Section):
     """The stand-in's clock, rates, radio and parameters."""
 
-    timesync_delay_s: Annotated[float, Field(ge=0, le=1)] = 0.0  # of its answers, on top
-    telemetry_hz: Annotated[float, Field(gt=0, le=100)] | None = None  # most it sends of states
+    timesync_delay_s: Annotated[float, Field(ge=0, le=1)] = 0.0  # extra delay of its answers
+    telemetry_hz: Annotated[float, Field(gt=0, le=100)] | None = None  # highest rate; null: any
     boot_age_s: Annotated[float, Field(ge=0, lt=2**32)] = 60.0  # on its clock at the start
     rc_channels: Annotated[int, Field(ge=4, le=18)] = 16  # of the receiver
     gate: Literal["radio", "override"] = "radio"  # how the pilot's switch reaches it
-    # The pilot asks to hold, and gives the go so long after it was told that it does; 0: never.
-    # Needs rc.land_threshold_us.
+    # the pilot asks to hold, and lets it land this long after he was told that it holds; 0: he does
+    # not ask. Needs rc.land_threshold_us
     hold_s: NotNegative = 0.0
     guid_timeout_s: Annotated[float, Field(ge=0.1, le=5)] = 3.0  # GUID_TIMEOUT
 
@@ -123,7 +124,7 @@ class AirframeOptions(Section):
 
     mass_kg: Annotated[float, Field(ge=0.3, le=30)] = 3.0
     angle_max_deg: Annotated[float, Field(ge=10, le=80)] | None = None  # null: the vehicle's
-    # Share by which the ground raises the thrust of a standing vehicle; it fades with the height.
+    # share by which the ground raises the thrust of a standing vehicle; it fades with the height
     ground_effect: Annotated[float, Field(ge=0, le=0.5)] = 0.0
 
 
@@ -138,8 +139,8 @@ class CompanionOptions(Section):
     """The computer that landerd runs on."""
 
     vision_factor: Annotated[float, Field(ge=0.1, le=20)] = 1.0  # on the time of a search
-    stall_s: Annotated[float, Field(ge=0, le=3)] = 0.0  # the event loop stands still so long,
-    stall_every_s: Annotated[float, Field(gt=0)] = 10.0  # so often on average
+    stall_s: Annotated[float, Field(ge=0, le=3)] = 0.0  # how long the event loop stands still
+    stall_every_s: Annotated[float, Field(gt=0)] = 10.0  # mean time between two stalls
 
 
 class MountOptions(Section):
@@ -163,7 +164,7 @@ class SimGimbalOptions(Section):
     scale_error: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0  # of reported angles
     backlash_deg: Annotated[float, Field(ge=0, le=5)] = 0.0  # of the gears before the encoders
     mount: MountOptions = MountOptions()
-    pitch_feedback: bool = True  # false: a servo without an encoder, reported is what was ordered
+    pitch_feedback: bool = True  # false: a servo without an encoder, which reports its set-point
 
 
 class RenderOptions(Section):
@@ -186,8 +187,8 @@ class RenderOptions(Section):
     vehicle_shadow: bool = True
     legs: bool = True
     shadow_edge: bool = False  # something tall keeps the sun off one side of the pad
-    shadow_edge_m: float = 0.0  # its shadow begins so far from the landing point,
-    shadow_edge_heading_deg: float = 90.0  # and covers what lies beyond in this pad direction
+    shadow_edge_m: float = 0.0  # distance of that shadow's edge from the landing point
+    shadow_edge_heading_deg: float = 90.0  # direction from the pad's north of the shaded side
     shadow_softness_m: Annotated[float, Field(ge=0, le=5)] = 0.02  # sd of its penumbra
     leaf_shade: Annotated[float, Field(ge=0, le=0.9)] = 0.0  # share of the light lost under leaves
     leaf_m: Annotated[float, Field(ge=0.05, le=5)] = 0.2  # size of flecks
@@ -200,21 +201,21 @@ class EkfOptions(Section):
     delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.008
     position_noise_m: NotNegative = 0.002
     velocity_noise_mps: NotNegative = 0.002
-    velocity_bias_mps: tuple[NotNegative, NotNegative] = (0.01, 0.03)  # size, drawn in between
+    velocity_bias_mps: tuple[NotNegative, NotNegative] = (0.01, 0.03)  # magnitude, drawn in between
     attitude_noise_deg: NotNegative = 0.02
-    position_wander_m_per_min: NotNegative = 0.0  # level; standard deviation after a minute
-    position_jump_m: NotNegative = 0.0  # level; the longest of the jumps
-    jump_every_s: Positive = 20.0  # on average
-    vertical_bias_mps: Annotated[float, Field(ge=-1, le=1)] = 0.0  # of the velocity down
-    heading_error_deg: Annotated[float, Field(ge=-30, le=30)] = 0.0  # at the start,
-    heading_drift_deg_per_min: Annotated[float, Field(ge=-30, le=30)] = 0.0  # and then
+    position_wander_m_per_min: NotNegative = 0.0  # horizontal; standard deviation after a minute
+    position_jump_m: NotNegative = 0.0  # horizontal; the longest of the jumps
+    jump_every_s: Positive = 20.0  # mean time between two jumps
+    vertical_bias_mps: Annotated[float, Field(ge=-1, le=1)] = 0.0  # of the downward velocity
+    heading_error_deg: Annotated[float, Field(ge=-30, le=30)] = 0.0  # at the start
+    heading_drift_deg_per_min: Annotated[float, Field(ge=-30, le=30)] = 0.0
     height_scale_max: Annotated[float, Field(ge=-0.2, le=0.2)] = 0.05  # barometer reads too high
 
 
 class SimOptions(Section):
     """The whole simulated world."""
 
-    # modelled: no picture is made; what vision would have seen is drawn from the truth.
+    # modelled: no picture is made; what vision would have seen is drawn from the truth
     sight: Literal["pictures", "modelled"] = "pictures"
     vehicle: Literal["reference", "fast"] = "reference"
     yaw_response: Literal["measured", "damped"] = "measured"

@@ -131,9 +131,7 @@ class RcSection(Section):
     """The pilot's gate."""
 
     gate_channel: Annotated[int, Field(ge=5, le=18)] = 11  # landerd flies only while it is high
-    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = (
-        1500  # the switch is high above this
-    )
+    gate_threshold_us: Annotated[int, Field(ge=1200, le=1800)] = 1500  # it is high above this
     # of a switch with three positions: above this it lands, between the two thresholds it holds
     # over the marker (guidance.hold); 0: a switch with two positions
     land_threshold_us: Annotated[int, Field(ge=0, le=1800)] = 0

@@ -1,8 +1,8 @@
 """The asyncio tasks that join camera, gimbal and autopilot with vision and the core.
 
-Four tasks: one a device, one for control. The control task never waits for vision: on the wall's
-clock a frame is searched in one worker thread (OpenCV lets go of the interpreter's lock), on a
-virtual clock inline, and the result is taken in after a modelled latency.
+There are four tasks: one for each device, one for control. The control task never waits for vision:
+on the wall's clock a frame is searched in a worker thread (OpenCV releases the interpreter's lock);
+on a virtual clock inline, and the core gets the result after a modelled latency.
 """
 
 import asyncio
@@ -56,16 +56,17 @@ log = logging.getLogger("landerd")
 
 HEARTBEAT_S = 1.0
 PLOT_S = 0.2
-HEALTH_PLOT_S = 1.0  # what changes slowly: a telemetry radio carries 5 kB/s
+HEALTH_PLOT_S = 1.0  # for slowly changing figures: a telemetry radio carries 5 kB/s
 FUTURE_S = 0.05  # a time stamp farther ahead than this is false
 OLDEST_FRAME_S = 1.0  # a frame exposed longer ago is not worth searching
-IDLE_S = 0.1  # how often it is looked whether pictures are needed again
+IDLE_S = 0.1  # between two checks whether pictures are needed again
 LAST_ORDERS_S = 4.5  # longest that landerd takes to end: a wave-off (1 s), then stop orders (3 s)
-SEARCH_S = 1.0  # a search that takes longer hangs; what it found would be too old long before
+SEARCH_S = 1.0  # a search that takes longer hangs; its result would be too old to use
 BACK_OFF_S = (0.1, 0.5)  # first and longest wait before a lost device is opened again
 ARRIVALS_HZ = 300.0  # no device sends more messages
-CATCH_UP_S = 3.0  # what came before that is of no use any more
-# A camera that hangs does not let go; with LAST_ORDERS_S less than systemd waits (TimeoutStopSec).
+CATCH_UP_S = 3.0  # messages that are older are of no use any more
+# Longest wait for a device to close, as a camera may hang; CLOSE_S and LAST_ORDERS_S together are
+# less than systemd waits (TimeoutStopSec).
 CLOSE_S = 1.0
 
 
@@ -74,8 +75,8 @@ class Devices:
     """What the daemon drives.
 
     Attributes:
-        strangers: what came of others on the autopilot's UDP port and was dropped before its
-            driver, by kind, and heartbeats of other autopilots by their "system 2".
+        strangers: counts of what came from others on the autopilot's UDP port, and was dropped
+            before its driver saw it: by kind, and heartbeats of other autopilots as "system N".
     """
 
     camera: Camera
@@ -93,8 +94,8 @@ class Daemon:
 
     Attributes:
         lander: the core; a new one for each flight.
-        monitor: what holds the event loop up.
-        faults: bad input, lost devices and what failed, counted by kind.
+        monitor: of what holds up the event loop.
+        faults: counts by kind of bad input, lost devices and failures.
     """
 
     def __init__(
@@ -115,12 +116,12 @@ class Daemon:
             layout: the pad to land on.
             camera_model: intrinsics of the camera's images.
             devices: opened and closed by the daemon.
-            vision_latency_s: None: search frames in a worker thread; else inline, taking the
-                result in this much later.
-            detectors: what of vision looks at pixels; None: the real ones.
+            vision_latency_s: None: frames are searched in a worker thread; else inline, and the
+                core gets the result after this time, s.
+            detectors: the part of vision that looks at pixels; None: the real one.
             observers: see everything.
         """
-        # Vision has one core; OpenCV's own threads would take that of the control task.
+        # One processor core is for vision; OpenCV's own threads would take the control task's too.
         cv2.setNumThreads(1)
         self._config = config
         self._devices = devices
@@ -203,7 +204,7 @@ class Daemon:
                 await serve()
             except DeviceLost as e:
                 self._fault_log.lose(name, str(e))
-            except Exception as e:  # of a driver, that nobody foresaw: not the flight's end
+            except Exception as e:  # a driver's defect must not end the flight
                 log.debug("%s", name, exc_info=e)
                 self._fault_log.lose(name, f"{type(e).__name__}: {e}")
             finally:
@@ -253,7 +254,7 @@ class Daemon:
             self._take(sightings)
 
     async def _search(self, frame: Frame) -> tuple[Prior, Sightings] | None:
-        """Return what vision was told and what it saw; None: the frame is lost."""
+        """Return a frame's prior and the sightings in it; None: the search failed."""
         try:
             prior = self.lander.prior(frame.t)
             search = partial(self._vision.process, frame, prior)
@@ -264,7 +265,7 @@ class Daemon:
                 sightings = await self._worker.run(search, SEARCH_S)
         except JobHangs:
             self._fault_log.add("search of an image hangs", f"given up after {SEARCH_S:g} s")
-        except Exception as e:  # whatever a picture brings about, it must not end the flight
+        except Exception as e:  # a picture must not end the flight
             self._fault_log.add("image not searched", f"{type(e).__name__}: {e}")
         else:
             return prior, sightings
@@ -299,7 +300,7 @@ class Daemon:
                 self._send(lambda: self._devices.autopilot.plot(health_figures(self.lander)))
 
     async def _end_flight(self, period: float) -> None:
-        """Stream the orders prepared before the core failed, while the vehicle takes any."""
+        """Stream the orders prepared before the core failed, while armed and GUIDED."""
         loop = asyncio.get_running_loop()
         autopilot, orders = self._devices.autopilot, self._last_orders
         self._send(lambda: autopilot.tell(StatusText(Severity.CRITICAL, FAILED)))
@@ -313,7 +314,7 @@ class Daemon:
             await asyncio.sleep(period)
 
     def _take(self, message: Input) -> None:
-        """Give the core a message and carry out what it orders; a failed core takes none."""
+        """Give the core a message and carry out its commands; after a failure do nothing."""
         if self._failure is not None:
             return
         try:
@@ -331,7 +332,7 @@ class Daemon:
         self._observe(lambda observer: observer.on_step(now, message, commands))
 
     def _observe(self, tell: Callable[[Observer], None]) -> None:
-        """Tell the observers; what goes wrong there is no reason to end a flight."""
+        """Tell the observers; an observer's failure does not end the flight."""
         for observer in self._observers:
             name = type(observer).__name__
             try:
@@ -344,7 +345,7 @@ class Daemon:
         self._send(lambda: self._give(command))
 
     def _send(self, send: Callable[[], None]) -> None:
-        """Send something; a driver that raises loses what was to be sent."""
+        """Call a driver's method; if it raises, what was to be sent is lost and counted."""
         try:
             send()
         except Exception as e:
@@ -391,7 +392,7 @@ class Daemon:
 
     def _repeats(self, message: Input) -> bool:
         if isinstance(message, GimbalState) and not self._is_measured:
-            return False  # what is modelled or ordered may well stay the same
+            return False  # modelled and ordered angles may well stay the same
         return self._frozen.repeats(message)
 
     def _watch_arming(self, heartbeat: Heartbeat) -> None:
@@ -436,9 +437,9 @@ class Daemon:
 
 
 async def _catch_up(gap_s: float) -> None:
-    """Let the device tasks take what has arrived while the loop was held up for so long.
+    """Let the device tasks take what has arrived while the loop was held up for gap_s.
 
-    What came in meanwhile is fresh: the core must not find it stale, and stop or climb for it. The
+    Fresh data may be waiting: without it the core would find its own stale, and stop or climb. The
     loop may take no more than one datagram of a link in each of its turns.
     """
     for _ in range(math.ceil(min(gap_s, CATCH_UP_S) * ARRIVALS_HZ)):

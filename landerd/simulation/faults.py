@@ -11,12 +11,12 @@ from hw.sim.faults.table import EFFECTS
 from landerd.messages import Phase
 
 LOOKS_S = 0.01
-EXCUSED_S = 3.0  # what a fault has broken may show so long after it,
-LASTING_S = 6.0  # and after the moment of one that is done at once: a stall, a restart
+EXCUSED_S = 3.0  # how long after its end a fault still excuses broken rules
+LASTING_S = 6.0  # the same after a fault that takes a moment: a stall, a restart
 
 
 def fault_kinds() -> Mapping[str, FaultKind]:
-    """Return what can go wrong, by name; for those who do not see `hw`."""
+    """Return what can go wrong, by name; for modules that may not import `hw`."""
     return FAULTS
 
 
@@ -26,9 +26,9 @@ class Happened:
 
     fault: str
     severity: float
-    lasts_s: float | None  # as it was to last
+    lasts_s: float | None  # as configured
     lands: bool  # a landing is to be expected all the same
-    began: float | None = None  # None: it never came to it
+    began: float | None = None  # None: its onset never came
     ended: float | None = None  # None: it lasted until the end of the flight
     phase: str = ""  # at the onset
     height_m: float | None = None  # likewise
@@ -51,7 +51,7 @@ class Faults:
 
         Args:
             options: the faults.
-            bench: returns what one of them, by number, lays hands on.
+            bench: returns what the fault of a number acts on.
             phase: of the landing now.
         """
         self.happened = [
@@ -69,7 +69,7 @@ class Faults:
         return any(n.began is not None and n.ended is None for n in self.happened)
 
     async def run(self) -> None:
-        """Let them happen, for ever."""
+        """Let them happen; ends with the flight's tasks."""
         self._began = asyncio.get_running_loop().time()
         async with asyncio.TaskGroup() as tasks:
             for number, (fault, note) in enumerate(zip(self._options, self.happened, strict=True)):
@@ -99,7 +99,7 @@ class Faults:
         """Tell whether no landerd could have kept a rule, first broken at t, for a fault."""
         for note in self.happened:
             kind = FAULTS[note.fault]
-            # The world is reckoned on in steps: what begins in one may show at its beginning.
+            # A fault that begins within a step of the world may show at the beginning of the step.
             if note.began is None or t < note.began - LOOKS_S:
                 continue
             after_s = EXCUSED_S if kind.ends else LASTING_S
