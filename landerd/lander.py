@@ -1,4 +1,4 @@
-"""The core's door: timestamped messages in, commands out. No I/O, no clock, no randomness.
+"""The core's interface: timestamped messages in, commands out. No I/O, clock or randomness.
 
 `step` is called with every message in the order the daemon took it; ticks at the control rate make
 the set-points. It only routes: where things are is decided in `estimation`, who flies in

@@ -1,4 +1,4 @@
-"""What flows between devices, vision and the core.
+"""The messages between devices, vision and the core.
 
 SI units and radians. Every message carries the time of exposure or measurement on the event
 loop's clock, never that of arrival. All are immutable; vectors are plain tuples of floats so that

@@ -1,4 +1,4 @@
-"""What all blocks of typed YAML share: those of the configuration, of drivers, pads and the world.
+"""The base of all typed YAML blocks: of the configuration, drivers, pads and simulated world.
 
 Unlike `landerd.config` this may be imported by `hw`.
 """

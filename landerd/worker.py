@@ -1,4 +1,4 @@
-"""Threads beside the event loop, which may be given up when a job hangs."""
+"""Worker threads beside the event loop, which are abandoned when a job hangs."""
 
 import asyncio
 import contextlib

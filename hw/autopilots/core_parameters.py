@@ -1,4 +1,4 @@
-"""What the core needs to know of the autopilot's parameters, and under which of their names."""
+"""Which of the autopilot's parameters the core uses, under their names in each firmware."""
 
 from collections.abc import Collection
 
@@ -28,7 +28,7 @@ _PARAMETERS: dict[str, tuple[float, tuple[str, float, float]]] = {
 
 
 def change_of(name: str, value: float, now: float) -> ParameterChange | None:
-    """Return what a parameter, told at now (s), changes for the core; None: nothing."""
+    """Return the core's change by a parameter reported at now (s); None: of no use to it."""
     if name not in _PARAMETERS or not value > 0.0:
         return None
     unit, (key, least, most) = _PARAMETERS[name]
@@ -36,6 +36,6 @@ def change_of(name: str, value: float, now: float) -> ParameterChange | None:
 
 
 def untold(told: Collection[str]) -> list[str]:
-    """Return the names of what has not been told under any name."""
+    """Return the names of the parameters that have not been reported yet."""
     keys = {_PARAMETERS[name][1] for name in told if name in _PARAMETERS}
     return [name for name, (_, key) in _PARAMETERS.items() if key not in keys]

@@ -1,4 +1,4 @@
-"""MAVLink's file transfer: landerd has no files, and says so.
+"""MAVLink's file transfer protocol: landerd has no files, and refuses requests.
 
 https://mavlink.io/en/services/ftp.html. Ground stations that would fetch the parameters as a file
 turn to the parameter protocol when they are refused; unanswered they ask again for 10 s and more.

@@ -1,4 +1,4 @@
-"""The vehicle's heading for velocities in its own frame: one that does not jump with the noise."""
+"""The vehicle's heading, low-passed, to turn set-points into its own frame (body_ned)."""
 
 import math
 

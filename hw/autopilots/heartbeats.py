@@ -1,4 +1,4 @@
-"""Which bytes come from the configured autopilot: by them a UDP link knows its peer."""
+"""Recognises the configured autopilot's heartbeats, by which a UDP link knows its peer."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from hw.autopilots.signing import Signing
 def heartbeat_of(
     system_id: int, signing: Signing | None, strangers: Counter[str] | None = None
 ) -> Callable[[bytes], bool]:
-    """Return what tells whether a datagram has a heartbeat of a system's autopilot.
+    """Return a function that tells whether a datagram has a heartbeat of a system's autopilot.
 
     Args:
         system_id: of the vehicle.

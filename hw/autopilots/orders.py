@@ -1,4 +1,4 @@
-"""The core's orders as messages to ArduCopter; what no vehicle could fly is refused."""
+"""The core's orders as messages to ArduCopter; impossible ones are refused."""
 
 import math
 from typing import Literal

@@ -1,4 +1,4 @@
-"""landerd's own parameters for ground stations: the side of MAVLink's protocol that has them.
+"""The server side of MAVLink's parameter protocol: landerd's own parameters for ground stations.
 
 https://mavlink.io/en/services/parameter.html. All are sent as REAL32: for it the two ways in which
 ground stations read whole numbers, by value and by bytes, are the same.

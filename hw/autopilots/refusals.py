@@ -1,4 +1,4 @@
-"""What the autopilot refuses to do, in words, each told once."""
+"""Texts for commands that the autopilot refuses; each is told once."""
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 

@@ -1,4 +1,4 @@
-"""Whether the autopilot has begun anew, by the boot times that it says."""
+"""Detects a restart of the autopilot by its time since boot."""
 
 import math
 from enum import Enum, auto
@@ -11,7 +11,7 @@ _RESTART_S = 1.0
 
 
 class Boot(Enum):
-    """What a boot time says of the boot that it is of."""
+    """What a time since boot says of the boot that it counts from."""
 
     SAME = auto()
     WRAPPED = auto()  # the same, whose stamps had begun anew before any was heard
@@ -20,7 +20,7 @@ class Boot(Enum):
 
 
 class RestartDetector:
-    """Looks at every boot time that is heard."""
+    """Judges every time since boot that is received."""
 
     def __init__(self) -> None:
         self._last_s = -math.inf  # the newest boot time of this boot

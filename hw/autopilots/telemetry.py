@@ -1,4 +1,4 @@
-"""ArduCopter's telemetry as the core's messages; what cannot be true is refused."""
+"""ArduCopter's telemetry as the core's messages; impossible values are refused."""
 
 import math
 
@@ -25,7 +25,7 @@ _CHANNELS = 18
 
 
 class BadMessage(Exception):
-    """A message says what cannot be; the text names the kind of fault."""
+    """A message has an impossible value; the text names the kind of fault."""
 
 
 def heartbeat(m: Message, t: float) -> Heartbeat:

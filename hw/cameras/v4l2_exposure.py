@@ -1,4 +1,4 @@
-"""Orders of exposure as the controls of V4L2 cameras have them."""
+"""Sets exposure and gain by the controls of V4L2 cameras."""
 
 import errno
 import math
@@ -15,7 +15,7 @@ EXPOSURE_UNIT_S = 1e-4
 
 
 class Taken(NamedTuple):
-    """What a camera made of an order."""
+    """The exposure and gain that a camera took after an order."""
 
     exposure_s: float
     remark: str | None  # what it refused

@@ -1,4 +1,4 @@
-"""What gimbals have in common that the autopilot drives: orders and reports pass through its link.
+"""What gimbals driven by the autopilot have in common: orders and reports over its link.
 
 Pitch and roll are against the horizon, yaw against the airframe.
 """
@@ -41,7 +41,7 @@ class BehindAutopilotOptions(MountOptions):
 
 
 class BehindAutopilotGimbal(ABC):
-    """A Gimbal; what is said to the autopilot and by it is the drivers'."""
+    """A Gimbal; the messages to and from the autopilot are left to the derived drivers."""
 
     def __init__(
         self, options: BehindAutopilotOptions, autopilot: MavlinkAutopilot, report: int

@@ -1,4 +1,4 @@
-"""The talk with a gimbal on a byte link that answers when it is asked."""
+"""Request and response with a gimbal on a byte link that only answers requests."""
 
 import asyncio
 import logging

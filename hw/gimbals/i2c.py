@@ -18,7 +18,7 @@ DEADLINE_S = 0.2  # for one exchange: shorter than gimbal angles may be old (fre
 
 
 class Bus(Protocol):
-    """An open bus (smbus2.SMBus); what else a driver calls of it, it says itself."""
+    """The part of an open bus (smbus2.SMBus) that all drivers use; each adds what it needs."""
 
     def close(self) -> None: ...  # noqa: D102
 
@@ -40,7 +40,7 @@ KERNELS = I2c(SMBus, in_thread=True)
 
 
 class I2cDevice(Generic[B]):
-    """One device on a bus. What hangs is given up, and not opened again before it has come back."""
+    """One device on a bus. A call that hangs is given up; until it returns the bus stays closed."""
 
     def __init__(self, name: str, number: int, i2c: I2c[B]) -> None:
         """Make it, not open. Name: for the pilot; number: of the bus."""

@@ -40,7 +40,7 @@ class MavlinkOptions(BehindAutopilotOptions):
 
 
 class MavlinkGimbal(BehindAutopilotGimbal):
-    """GIMBAL_MANAGER_SET_PITCHYAW, and the device's attitude; one of no use is told once."""
+    """GIMBAL_MANAGER_SET_PITCHYAW, and the device's attitude; unusable reports are told once."""
 
     _options: MavlinkOptions
 

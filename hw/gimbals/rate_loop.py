@@ -18,7 +18,7 @@ class RateLoopOptions(Section):
 
 
 class RateLoop:
-    """PID of an axis with stops: it never goes the short way round, through them.
+    """PID of an axis with stops: it never turns the short way round through them.
 
     The derivative is the measurement's. While the output is at its limit the integral may only
     shrink, so that after a long turn it does not carry the axis past its target.

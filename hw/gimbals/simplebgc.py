@@ -109,7 +109,7 @@ def encode(command: int, payload: bytes = b"") -> bytes:
 
 
 def frame_scanner() -> FrameScanner:
-    """Return what finds the frames of version 2, whose header has a checksum of its own."""
+    """Return a scanner for frames of version 2, whose header has a checksum of its own."""
 
     def size(header: bytes) -> int | None:
         is_header = header[3] == (header[1] + header[2]) & 0xFF

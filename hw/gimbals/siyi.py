@@ -136,7 +136,7 @@ def encode(control: int, number: int, command: int, data: bytes) -> bytes:
 
 
 def frame_scanner() -> FrameScanner:
-    """Return what finds the frames."""
+    """Return a scanner for the frames."""
 
     def size(header: bytes) -> int | None:
         start, _, length, _, _ = HEADER.unpack(header)

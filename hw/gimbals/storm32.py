@@ -99,7 +99,7 @@ def encode(start: bytes, command: int, payload: bytes) -> bytes:
 
 
 def frame_scanner(starts: bytes) -> FrameScanner:
-    """Return what finds the frames that begin with one of these bytes."""
+    """Return a scanner for frames that begin with one of these bytes."""
 
     def size(header: bytes) -> int | None:
         return _HEADER + header[1] + _CRC if header[1] <= _LONGEST_PAYLOAD else None

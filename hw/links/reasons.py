@@ -6,7 +6,7 @@ import socket
 
 
 def in_words(e: OSError) -> str:
-    """Return the system's own reason; asyncio's texts have numbers and calls in it."""
+    """Return the system's own reason, without the numbers and calls of asyncio's texts."""
     if isinstance(e, socket.gaierror):
         return e.strerror or "this name is not known"
     number = e.errno

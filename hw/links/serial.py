@@ -147,7 +147,7 @@ def _close(port: serial.Serial) -> None:
 
 
 def _aside(work: Callable[[], None]) -> threading.Thread:
-    """Do it in a thread that nobody has to wait for, not even the end of the process.
+    """Call it in a daemon thread: not even the end of the process waits for it.
 
     A driver may hold up who closes a port, and who opens it in the meantime.
     """

@@ -1,4 +1,4 @@
-"""A link that somebody listens to."""
+"""A link whose bytes are passed to a listener as well, such as the recorder."""
 
 import asyncio
 from typing import Protocol

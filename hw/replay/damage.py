@@ -1,4 +1,4 @@
-"""What of a recorded file cannot be used."""
+"""Counts the unusable parts of a recorded file."""
 
 _RECORD = 512  # bytes: no record is longer
 

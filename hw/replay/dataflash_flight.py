@@ -40,7 +40,7 @@ _Reader = Callable[[Record], None]
 
 
 def read_dataflash(data: bytes) -> Recorded:
-    """Return what a DataFlash log says."""
+    """Return the flight in a DataFlash log."""
     flight = _Flight()
     log = DataFlash(data, list(flight.readers))
     for record in log:

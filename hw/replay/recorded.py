@@ -1,4 +1,4 @@
-"""What the readers of both kinds of log find, before it is chosen from."""
+"""All sources that the readers of both kinds of log find, before the best are chosen."""
 
 import math
 from collections import deque
@@ -25,7 +25,7 @@ def position_track() -> Track:
 
 @dataclass
 class Recorded:
-    """All that one log, or one vehicle's part of it, says."""
+    """Everything read from one log, or from one vehicle's part of it."""
 
     attitude: Track = field(default_factory=attitude_track)
     positions: dict[str, Track] = field(default_factory=dict)  # by source, the best one first
@@ -40,7 +40,7 @@ class Recorded:
 
 
 class FromPlaces:
-    """Makes a local track of latitudes and longitudes, about the first of them."""
+    """Turns latitudes and longitudes into a local track about the first of them."""
 
     def __init__(self, track: Track) -> None:
         self._track = track

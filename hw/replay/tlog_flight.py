@@ -25,7 +25,7 @@ _Reader = Callable[[float, Message], None]  # time, s since boot; the message
 
 
 def read_tlog(data: bytes) -> Recorded | None:
-    """Return what a telemetry log says of the vehicle it has most of; None: it is none."""
+    """Return the flight of the vehicle that a telemetry log has most of; None: not such a log."""
     damage = Damage(len(data))
     systems: dict[int, _System] = {}
     heard = False
@@ -38,7 +38,7 @@ def read_tlog(data: bytes) -> Recorded | None:
 
 
 def _chosen(systems: "Mapping[int, _System]", damage: Damage) -> Recorded:
-    """Return the longest part of the vehicle that is in it most, and say what else there is."""
+    """Return the longest boot of the vehicle with most messages, and note what else there is."""
     vehicles = {number: system for number, system in systems.items() if system.is_vehicle}
     if not vehicles:
         return Recorded(damage=damage.in_words())
@@ -56,7 +56,7 @@ def _chosen(systems: "Mapping[int, _System]", damage: Damage) -> Recorded:
 
 
 class _System:
-    """One system's messages, apart for each start of its autopilot.
+    """One system's messages, separated by starts of its autopilot.
 
     Attributes:
         boots: of each start.

@@ -1,4 +1,4 @@
-"""The cable between landerd and a real autopilot, where faults can lay hands on it."""
+"""The link between landerd and a real autopilot, with simulated link faults in it."""
 
 import asyncio
 from functools import partial

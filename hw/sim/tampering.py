@@ -1,4 +1,4 @@
-"""What faults make of the autopilot's messages on their way to landerd."""
+"""Lets faults change, delay or drop the autopilot's messages on their way to landerd."""
 
 from collections.abc import Callable
 from functools import partial
@@ -10,7 +10,7 @@ Tamper = Callable[[Message, Send], None]  # called with a message and what sends
 
 
 class Tampering:
-    """Who tampers with messages, by their id; what begins first need not end first."""
+    """The active changes by message id; they may end in any order."""
 
     def __init__(self) -> None:
         self._tampers: dict[int, list[Tamper]] = {}

@@ -1,4 +1,4 @@
-"""What a flight log says of a landing, as numbers and in sentences."""
+"""A landing from its flight log, as time series and in sentences."""
 
 import math
 from bisect import bisect_right
@@ -174,7 +174,7 @@ class _Budgeting:
 
 
 def sentences(flight: Flight) -> list[str]:
-    """Tell what happened: first of the whole, then each event in its order, then how it ended."""
+    """Return sentences: on the whole landing, on each event in order, and on how it ended."""
     log = flight.log
     seen = len([s for s in flight.sightings if s.pad])
     rate = len(flight.sightings) / flight.end if flight.end > 0.0 else 0.0

@@ -8,7 +8,7 @@ from landerd.analysis.page import Block, Heading, Table, Text
 
 
 def section(flights: Sequence[Flight]) -> list[Block]:
-    """Return the table of all flights, and what they came to together."""
+    """Return the table of all flights, with the rates and means of them together."""
     rows = [_row(flight) for flight in flights]
     landed = [flight for flight in flights if _landed(flight)]
     share = in_percent(wilson(len(landed), len(flights)))

@@ -1,4 +1,4 @@
-"""How true the sightings of flights were, from their logs alone: real flights as simulated ones.
+"""Errors of the sightings of flights, from their logs alone, real or simulated.
 
 The truth is where the marker was seen from nearby, at the end: a sighting from far is judged by
 what the same flight knew later. The thesis had its simulator's truth (3.3, 3.4). Only flights onto

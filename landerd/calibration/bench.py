@@ -1,4 +1,4 @@
-"""A vehicle that stands still with its gimbal and camera: what is heard of it, and orders to it."""
+"""Gimbal, camera and autopilot of a vehicle that stands still: their data, and orders to them."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -16,7 +16,7 @@ _HEARD_WITHIN_S = 5.0  # until autopilot and gimbal must have been heard
 
 
 class Refused(Exception):
-    """It cannot be done like this; the text is one line and says why."""
+    """The calibration cannot be done like this; the text says why in one line."""
 
 
 class Bench:

@@ -1,4 +1,4 @@
-"""What the views and swings of a gimbal come to, and whether it can be trusted."""
+"""The calibration of a gimbal from views and swings, and whether it can be trusted."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""How a gimbal is built in, from views of a pad that lies still and level.
+"""Fits a gimbal's mounting to views of a pad that lies still and level.
 
 Sought are the true angle of each axis behind the angle that the gimbal reports, and how the camera
 sits turned on the last axis. Where the pad lies, and how far the lens is from the axes, comes out
@@ -64,7 +64,7 @@ class View:
 
 @dataclass(frozen=True)
 class Axis:
-    """What is sought of an axis.
+    """What is to be found of an axis.
 
     shift: true = sign * reported + zero, one value. table: the true angles at the reported ones
     given, a straight line in between. none: it is as reported.

@@ -50,7 +50,7 @@ def schema(kind: type) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return what json cannot write as something it can."""
+    """Return a value that json cannot write in a form that it can."""
     if isinstance(value, Enum):
         return value.value
     if dataclasses.is_dataclass(value):
@@ -59,7 +59,7 @@ def _plain(value: Any) -> Any:
 
 
 def _spelled(value: Any) -> Any:
-    """Return a message as plain lists and dicts with the numbers that are none spelled out."""
+    """Return a message as plain lists and dicts, with NaN and infinities as text."""
     if isinstance(value, float) and not math.isfinite(value):
         return "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
     if isinstance(value, (list, tuple)):

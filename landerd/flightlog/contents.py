@@ -37,7 +37,7 @@ VERSIONS = "versions"  # metadata
 
 @dataclass(frozen=True)
 class Head:
-    """What was fixed before the flight."""
+    """What a flight begins with, and does not change: configuration, pad, calibration."""
 
     config: Config
     layout: PadLayout

@@ -1,4 +1,4 @@
-"""What happens in a flight as messages of the log's topics; where they go, a derived class says."""
+"""Turns what happens in a flight into messages of the log's topics; derived classes write them."""
 
 import json
 import math

@@ -53,7 +53,7 @@ class LogWriter(TopicWriter):
 
 
 def versions() -> dict[str, str]:
-    """Return what a replay elsewhere may differ by."""
+    """Return the versions that a replay elsewhere may differ by."""
     return {
         "landerd": __version__,
         "python": platform.python_version(),

@@ -1,4 +1,4 @@
-"""What an upgrade changes in the configuration, which itself is left alone."""
+"""Tells which configuration keys an upgrade changes; the configuration itself is left alone."""
 
 import json
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""The core and vision over a recording: what would have been ordered; nothing hears it."""
+"""Runs the core and vision over a recording; the orders go nowhere."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What goes wrong while the daemon runs: counted, and told in the log now and again."""
+"""Counts what goes wrong while the daemon runs, and logs it at a bounded rate."""
 
 import asyncio
 import logging

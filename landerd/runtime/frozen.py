@@ -1,4 +1,4 @@
-"""Notices input that is the old one with a new time stamp (rule 5)."""
+"""Detects frozen input: old data with a new time stamp (rule 5)."""
 
 from dataclasses import fields
 from operator import attrgetter
@@ -24,7 +24,7 @@ SOME_ROWS = 32  # pictures are compared in one row of so many first
 
 
 class FrozenInput:
-    """Tells what repeats itself to the bit: no sensor in the air does."""
+    """Detects data that repeat to the bit, as no sensor's in the air do."""
 
     def __init__(self) -> None:
         self._reports: dict[type, _Reports] = {}
@@ -56,7 +56,7 @@ class FrozenInput:
 
 
 class _Reports:
-    """Of one kind."""
+    """The reports of one kind."""
 
     def __init__(self, may_be_coarse: bool) -> None:
         self._last: object = None

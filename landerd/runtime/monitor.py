@@ -1,4 +1,4 @@
-"""Watches that nothing holds up the event loop, and says what did."""
+"""Detects what holds up the event loop."""
 
 import asyncio
 import logging
@@ -75,7 +75,7 @@ class LoopMonitor:
 
 
 class _Block:
-    """Tells of a block that held up the loop; made for every message, so no generator."""
+    """Times a block of code; made for every message, so it is no generator."""
 
     __slots__ = ("_began", "_loop", "_note", "_place")
 
@@ -93,7 +93,7 @@ class _Block:
 
 
 class _Onlooker(threading.Thread):
-    """Looks at the loop's thread when the loop has not turned for longer than GAP_S.
+    """Samples the stack of the loop's thread when the loop has not turned for GAP_S.
 
     Attributes:
         over: set it to end the thread.

@@ -1,4 +1,4 @@
-"""Who may look on while the daemon flies."""
+"""The interface of those who watch the daemon: flight log, status page, simulator."""
 
 from typing import Protocol
 

@@ -43,7 +43,7 @@ def log_to_stderr() -> None:
 
 
 class ServiceNotifier(Observer):
-    """Fed by the control task: when that hangs, so does the watchdog's food.
+    """Feeds systemd's watchdog from the control task, so that it fires when that hangs.
 
     Frames do not matter here: a daemon without a camera is alive.
     """

@@ -1,4 +1,4 @@
-"""What this computer can do: the daemon searches a simulated landing's pictures in real time.
+"""Benchmark of this computer: the daemon searches a simulated landing's pictures in real time.
 
 The landing is flown once, as fast as it goes, and kept. Then its pictures, telemetry and gimbal
 angles are played to a new daemon on the wall's clock, so that drawing the pictures does not count.
@@ -87,7 +87,7 @@ def measure(loaded: Loaded) -> Budget:
 async def _play(
     kept: "_Kept", simulation: Simulation, traits: GimbalTraits, times: "_Times"
 ) -> float:
-    """Let a new daemon fly by what was kept; return the longest gap of its loop, s."""
+    """Run a new daemon on the recorded input; return the longest gap of its loop, s."""
     begin = kept.frames[0][0].t - 3.0  # until it knows where it is and may fly
     shift = asyncio.get_running_loop().time() + 0.5 - begin
     frames = [frame for frame, _ in kept.frames]
@@ -139,7 +139,7 @@ class _Kept(Observer):
 
 @dataclass
 class _Times(Observer):
-    """How long after its coming each picture was followed by a set-point."""
+    """Measures the time from each picture's arrival to the set-point that used it."""
 
     after: list[float] = field(default_factory=list)
     _came: float | None = None
@@ -156,7 +156,7 @@ class _Times(Observer):
 
 
 class _Played(Generic[T]):
-    """Gives things out when their time has come, and after the last one nothing more."""
+    """Hands out recorded items at their times; after the last one it waits forever."""
 
     def __init__(
         self, things: list[T], shift: float, due: Callable[[T], float], *, newest: bool = False

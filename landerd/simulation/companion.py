@@ -14,7 +14,7 @@ RUNS_S = 0.1
 
 
 class Companion:
-    """What the options make of the computer."""
+    """The simulated companion computer's timing."""
 
     def __init__(self, options: CompanionOptions, rng: Random) -> None:
         self._options = options

@@ -8,7 +8,7 @@ from hw.sim.stand_in.ekf import Ekf
 
 
 def seed_draws(world: World, mount: SimMount, ekf: Ekf | None) -> dict[str, float]:
-    """Return it by key, `drawn.…`: for the result's `world`.
+    """Return the drawn values by key, `drawn.…`, for the result's `world`.
 
     Args:
         world: at the start, the vehicle has not moved.

@@ -422,7 +422,7 @@ def simulate(
 
 
 def _remove_logs(path: Path) -> None:
-    """Remove what a run before has recorded there, in whatever many flights."""
+    """Remove the logs that an earlier run has recorded there, of all its flights."""
     old, number = path, 1
     while number == 1 or old.exists():
         old.unlink(missing_ok=True)
@@ -432,5 +432,5 @@ def _remove_logs(path: Path) -> None:
 
 
 async def as_coroutine(work: Awaitable[None]) -> None:
-    """Do it: tasks are made of coroutines only."""
+    """Await it: a task can only be made of a coroutine."""
     await work

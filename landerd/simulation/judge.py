@@ -1,4 +1,4 @@
-"""Who judges a simulated flight, and how the judges hear of it."""
+"""Connects score, rules and safety monitor with the simulated world and the link."""
 
 import asyncio
 import math
@@ -29,7 +29,7 @@ FOLLOWED_SHARE = 0.25
 
 
 class Judge:
-    """Shows score and rules the truth, the wire, and which pictures and angles were delivered."""
+    """Passes truth, link bytes, delivered pictures and gimbal angles to score and rules."""
 
     def __init__(
         self, loaded: Loaded, layout: PadLayout, camera_model: CameraModel, around: Surroundings

@@ -1,4 +1,4 @@
-"""What is noted of a simulated flight while it is flown, for its result and its picture."""
+"""Records a simulated flight for its result and its picture."""
 
 import math
 from collections.abc import Callable

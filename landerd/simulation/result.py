@@ -1,4 +1,4 @@
-"""What a simulated landing came to: the object that is printed, and the drawing."""
+"""The result of a simulated landing: the object that is printed, and the drawing."""
 
 import math
 from collections.abc import Mapping

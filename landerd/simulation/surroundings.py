@@ -1,4 +1,4 @@
-"""What a flight takes place in: the world, the vehicle's link, and who sends it on its way."""
+"""The surroundings of a flight: world, vehicle's link, ground station and pilot."""
 
 import asyncio
 import math

@@ -86,7 +86,7 @@ def when_free(
     fails: tuple[type[Exception], ...],
     what: str,
 ) -> _T | None:
-    """Return what serves as soon as its address can be had; None: the end came first.
+    """Return a server as soon as its address is free; None: the end came first.
 
     Args:
         serve: begins to serve.

@@ -56,7 +56,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """How everything stands at one time; nothing in it changes any more."""
+    """Everything that the page shows, at one time; immutable."""
 
     t: float  # loop time, s
     config: Config

@@ -1,4 +1,4 @@
-"""What the page is told of a view, as plain values for JSON; made in the server's threads."""
+"""A view as plain values for the page's JSON; made in the server's threads."""
 
 import base64
 import math
@@ -33,7 +33,7 @@ class Fixed:
 
 
 def shown(view: View, fixed: Fixed) -> dict[str, Any]:
-    """Return all of a view but its picture; numbers that are none are null."""
+    """Return all of a view but its picture; NaN and infinities are null."""
     relative = view.relative
     shows: dict[str, Any] = {
         "t": view.t,

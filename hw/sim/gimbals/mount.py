@@ -1,4 +1,4 @@
-"""The gimbal in the world as its electronics know it, whatever device they are."""
+"""The simulated gimbal as its electronics drive and measure it, for all device models."""
 
 import asyncio
 import math

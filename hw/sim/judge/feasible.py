@@ -1,4 +1,4 @@
-"""Whether a vehicle could land on a day at all: from the drawn world alone, before it is flown."""
+"""Whether any vehicle could land in a drawn world at all; told before the flight."""
 
 import math
 
@@ -23,7 +23,7 @@ HEAVE_SHARE = 0.5
 
 
 def infeasible(options: SimOptions) -> str | None:
-    """Return why the vehicle cannot follow the pad in that air; None if it can."""
+    """Return why the vehicle cannot follow the pad in this wind; None if it can."""
     pad, response = options.pad, options.response
     curving = pad.speed_mps * math.radians(abs(pad.turn_rate_deg_s))
     swaying = _harmonic_acceleration(pad.sway_m, pad.sway_hz)
@@ -54,7 +54,7 @@ def _drag(factor: float, airspeed: float) -> float:
 
 
 def _airspeed(options: SimOptions) -> float:
-    """Return the most air that passes a vehicle that keeps pace with the pad, m/s."""
+    """Return the largest airspeed of a vehicle that keeps pace with the pad, m/s."""
     wind, pad = options.wind, options.pad
     if wind.model == "thesis":
         return pad.speed_mps + THESIS_WIND_MPS

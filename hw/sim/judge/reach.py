@@ -1,4 +1,4 @@
-"""Whether a pad has driven out of the camera's reach while nobody could go along with it.
+"""Detects that the pad left the camera's reach while landerd could not follow it.
 
 While landerd may not fly, or knows too little to, the vehicle stops (docs/safety.md, 1b and 1d) and
 the pad drives on. Where it cannot be seen any more from there, or not until it is caught up with,

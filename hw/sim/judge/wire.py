@@ -68,7 +68,7 @@ def frames(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 class Departures:
-    """When the frames left that are still under way: the age of what is in them counts from then.
+    """Times at which frames still under way left: the age of their data counts from then.
 
     Where nobody listens at the far end, at a real autopilot, it counts from arrival.
     """

@@ -1,4 +1,4 @@
-"""The pilot's hand on the switch that lets landerd fly, and a pilot who does as he is told."""
+"""The pilot's gate switch, and a pilot who moves it when landerd asks for it."""
 
 import asyncio
 from collections.abc import Callable, Sequence

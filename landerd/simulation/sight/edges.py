@@ -1,4 +1,4 @@
-"""The edges of a marker's print, cut into short straight pieces: all that its pose hangs on."""
+"""The edges of a marker's print, cut into short straight pieces, from which its pose is fitted."""
 
 import itertools
 import math

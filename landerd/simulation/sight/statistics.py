@@ -1,4 +1,4 @@
-"""What vision finds, and how truly: measured on pictures by `python -m bench.sight`.
+"""Detection rates and errors of vision, measured on pictures by `python -m bench.sight`.
 
 The pose's errors follow from `edge_fit` and the day's grey levels. What that does not tell is here:
 how often a marker that is in the picture is found, and by how much vision's errors are larger than
