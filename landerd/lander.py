@@ -19,9 +19,9 @@ from landerd.guidance.gate import Gate
 from landerd.guidance.landing import Landing
 from landerd.guidance.landing_target import landing_target
 from landerd.guidance.last_orders import LastOrders
+from landerd.guidance.look_direction import LookDirection
 from landerd.guidance.relative_state import RelativeState
 from landerd.guidance.states import State
-from landerd.guidance.view import View
 from landerd.messages import (
     Attitude,
     AutopilotRestarted,
@@ -53,7 +53,7 @@ class Lander:
         self._gate = Gate(config.rc, config.freshness)
         self._landing = Landing(config, layout, self._gate, self._estimator)
         self._aim = Aim(config.aim, config.gimbal)
-        self._view = View(layout)
+        self._look_direction = LookDirection(layout)
         is_metered = config.camera.exposure == "pad"
         self._exposure = ExposureControl(config.camera.metering) if is_metered else None
         self._tick_t: float | None = None
@@ -200,4 +200,4 @@ class Lander:
         options = self._config.aim
         if options.method == "increment":
             return None
-        return self._view.ahead(self._estimator, now, options)
+        return self._look_direction.ahead(self._estimator, now, options)

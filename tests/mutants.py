@@ -133,24 +133,24 @@ MUTANTS = [
     ),
     Mutant(
         "5: flies on frozen angles",
-        "landerd/runtime/frozen.py",
+        "landerd/runtime/frozen_input.py",
         "return self._is_restless and not self._is_coarse",
         "return False",
         "test_5_frozen_gimbal_angles_stop_the_landing",
     ),
     Mutant(
         "5: flies on frozen pictures",
-        "landerd/runtime/frozen.py",
+        "landerd/runtime/frozen_input.py",
         "return even < EVEN_SHARE * image.size",
         "return False",
         "simulation/test_sight.py::test_frozen_pictures_are_noticed",
     ),
     Mutant(
         "5: takes pictures that are blown out for frozen ones",
-        "landerd/runtime/frozen.py",
+        "landerd/runtime/frozen_input.py",
         "return even < EVEN_SHARE * image.size",
         "return even >= 0",
-        "runtime/test_frozen.py"
+        "runtime/test_frozen_input.py"
         "::test_pictures_that_are_all_white_or_black_are_new_ones_whatever_pixels_are_dead",
     ),
     Mutant(
@@ -719,10 +719,10 @@ MUTANTS = [
     ),
     Mutant(
         "5: flies on a frozen position",
-        "landerd/runtime/frozen.py",
+        "landerd/runtime/frozen_input.py",
         "Report = Attitude | LocalPosition | GimbalState",
         "Report = Attitude | GimbalState",
-        "runtime/test_frozen.py::test_what_was_never_still_and_repeats_itself_is_frozen[LocalPosition]",
+        "runtime/test_frozen_input.py::test_what_was_never_still_and_repeats_itself_is_frozen[LocalPosition]",
     ),
     Mutant(
         "6: says landed although only a heartbeat says disarmed",
@@ -1070,7 +1070,7 @@ MUTANTS = [
     ),
     Mutant(
         "4: climbs from a pad on which it only seems not to stand",
-        "landerd/guidance/rest.py",
+        "landerd/guidance/rest_detector.py",
         "low_s >= RESTS_S or higher_s >= RESTS_HIGHER_S",
         "low_s >= RESTS_S",
         "guidance/test_landing.py::"
@@ -1267,7 +1267,7 @@ MUTANTS = [
     ),
     Mutant(
         "5: told to climb as it stands on the pad with a wrong climb rate",
-        "landerd/guidance/rest.py",
+        "landerd/guidance/rest_detector.py",
         "up = abs(changes if sight.climb_rate_is_wrong else relative.error_rate[2])",
         "up = abs(relative.error_rate[2])",
         "guidance/test_health.py::test_what_stands_on_the_pad_with_a_wrong_climb_rate_stays_there",

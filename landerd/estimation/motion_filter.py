@@ -9,15 +9,15 @@ The state has four blocks of three:
        of the autopilot's heading (rad)
 
 estimation.observation says what each bias does to a measurement. Process model: constant velocity
-that turns with the pad's heading as far as estimation.coupling says, driven by white acceleration;
-the biases are first-order Gauss-Markov. The 12x12 covariance is kept as 3x3 blocks named after the
-two they relate (Ppv, Pbg, ...), in plain floats: the same bits on every machine.
+that turns with the pad's heading as far as estimation.turn_coupling says, driven by white
+acceleration; the biases are first-order Gauss-Markov. The 12x12 covariance is kept as 3x3 blocks
+named after the two they relate (Ppv, Pbg, ...), in plain floats: the same bits on every machine.
 """
 
 import math
 from dataclasses import dataclass
 
-from landerd.estimation.coupling import Coupling
+from landerd.estimation.turn_coupling import TurnCoupling
 from landerd.geometry import (
     ZERO,
     Mat3,
@@ -96,7 +96,7 @@ class MotionFilter:
         self._time_constants_s = time_constants_s
         self.t = -math.inf
         self.turn_rate = 0.0  # of the heading, rad/s
-        self._coupling = Coupling()
+        self._coupling = TurnCoupling()
         self.position = self.velocity = ZERO
         self.Ppp = self.Ppv = self.Pvv = ZEROS
         self._Ppb = self._Ppg = self._Pvb = self._Pvg = ZEROS
@@ -145,7 +145,7 @@ class MotionFilter:
         self.Ppv = self._Pvb = self._Pvg = ZEROS
         self.Pvv = diagonal(*(sigma * sigma for sigma in sigma_velocity))
         self._Ppb, self._Ppg = matscale(by_b, -1.0), matscale(by_g, -1.0)
-        self._coupling = Coupling()
+        self._coupling = TurnCoupling()
 
     def sigma_velocity(self, dt: float) -> Vec3:
         """Return the velocity's standard deviations along the axes, dt (s) after `t`, m/s."""

@@ -16,7 +16,7 @@ from landerd.guidance.limits import MAX_STEP_S, flyable_limits
 from landerd.guidance.orders import Orders
 from landerd.guidance.pad_below import PadBelow
 from landerd.guidance.relative_state import RelativeState, Sight
-from landerd.guidance.rest import Rest
+from landerd.guidance.rest_detector import RestDetector
 from landerd.guidance.states import Event
 from landerd.messages import Landed, Severity
 from landerd.pad import PadLayout
@@ -84,7 +84,7 @@ class LandingContext:
         self.attempts = Attempts(self.options.lost)
         self.footprint = Footprint(layout.plate, config.vehicle.footprint_m)
         self.below = PadBelow(self.options, self.braking_mps2, estimator, self.footprint)
-        self.rest = Rest(self.options, self.footprint)
+        self.rest = RestDetector(self.options, self.footprint)
         self.landed = Landed.UNDEFINED
         self.heading = 0.0
         self.stops_until = -math.inf

@@ -18,7 +18,7 @@ from landerd.guidance.contact import (
 from landerd.guidance.landing_context import ControlStep, LandingContext
 from landerd.guidance.method import Method
 from landerd.guidance.relative_state import RelativeState
-from landerd.guidance.rest import BUILD_ERROR_M
+from landerd.guidance.rest_detector import BUILD_ERROR_M
 from landerd.guidance.sink_rate import TOUCHES_AT_MPS
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown

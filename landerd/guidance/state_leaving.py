@@ -7,7 +7,7 @@ from landerd.geometry import horizontal, sub
 from landerd.guidance.climb_away import ClimbAway
 from landerd.guidance.contact import least_clearance, level_due
 from landerd.guidance.landing_context import ControlStep, LandingContext
-from landerd.guidance.rest import RESTS_MPS, RESTS_S
+from landerd.guidance.rest_detector import RESTS_MPS, RESTS_S
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 

@@ -10,7 +10,7 @@ from landerd.guidance.contact import (
     tell_unconfirmed,
 )
 from landerd.guidance.landing_context import ControlStep, LandingContext
-from landerd.guidance.rest import BUILD_ERROR_M
+from landerd.guidance.rest_detector import BUILD_ERROR_M
 from landerd.guidance.states import Event
 from landerd.guidance.touchdown import MAX_CONTACT_HEIGHT_M, Touchdown
 from landerd.messages import Phase

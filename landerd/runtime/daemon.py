@@ -45,7 +45,7 @@ from landerd.messages import (
 from landerd.pad import PadLayout
 from landerd.ports import Autopilot, Camera, DeviceLost, ExposureControl, Feedback, Gimbal
 from landerd.runtime.fault_log import FaultLog
-from landerd.runtime.frozen import FrozenInput
+from landerd.runtime.frozen_input import FrozenInput
 from landerd.runtime.monitor import LoopMonitor
 from landerd.runtime.observer import Observer
 from landerd.runtime.plots import health_figures, landing_figures

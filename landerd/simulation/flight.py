@@ -40,7 +40,6 @@ from landerd.runtime.clock import run_realtime, run_virtual
 from landerd.runtime.daemon import Daemon, Devices
 from landerd.runtime.observer import Observer
 from landerd.simulation.companion import Companion
-from landerd.simulation.drawn import seed_draws
 from landerd.simulation.faults import Faults
 from landerd.simulation.judge import Judge
 from landerd.simulation.path import path_of
@@ -53,6 +52,7 @@ from landerd.simulation.process import (
 )
 from landerd.simulation.recording import Recording
 from landerd.simulation.result import Flown, result_of, trace_of
+from landerd.simulation.seed_draws import seed_draws
 from landerd.simulation.sight.detectors import ModelledDetectors
 from landerd.simulation.surroundings import WALL_JITTER_S, StandIn, Surroundings
 from landerd.vision import Detectors

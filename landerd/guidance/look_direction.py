@@ -20,7 +20,7 @@ GLANCE_S = 1.0
 MIN_RANGE_M = 0.05  # nearer than this the pad has no direction
 
 
-class View:
+class LookDirection:
     """Keeps as many of the pad's markers in the picture as fit.
 
     Near the pad first the rings are given up, then all but the smallest marker.

@@ -29,7 +29,7 @@ LEAST_SIGMA = 0.2
 FilterState = tuple[Vec3, Vec3, Vec3, Vec3]
 
 
-class Coupling:
+class TurnCoupling:
     """The coupling of one pad.
 
     Attributes:

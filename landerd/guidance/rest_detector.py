@@ -23,7 +23,7 @@ RESTS_S, RESTS_HIGHER_S = 0.35, 1.0
 HEIGHT_CHANGES_S = 0.3
 
 
-class Rest:
+class RestDetector:
     """Tells from sight of the pad whether the vehicle rests on it.
 
     Attributes:

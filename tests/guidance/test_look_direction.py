@@ -8,7 +8,7 @@ from landerd.estimation.camera_pose import PoseHistory
 from landerd.estimation.estimator import Estimator
 from landerd.estimation.pad_filter import PadEstimate
 from landerd.geometry import IDENTITY, Vec3
-from landerd.guidance.view import View
+from landerd.guidance.look_direction import LookDirection
 from landerd.messages import Attitude, LocalPosition
 from landerd.pad import PadLayout, Plate, Ring
 from tests.estimation.hovering import BELOW, hear, shown
@@ -39,7 +39,7 @@ def looked(layout: PadLayout, below: float, heading: float | None, *, pitch: flo
         turn_rate=0.0,
         normal=(0.0, 0.0, 1.0),
     )
-    direction = View(layout).direction(poses, pad, 0.0)
+    direction = LookDirection(layout).direction(poses, pad, 0.0)
     assert direction is not None
     return direction
 
@@ -70,12 +70,12 @@ def test_what_was_seen_once_is_looked_at_for_a_second() -> None:
     estimator = Estimator(Config())
     for i in range(30):
         hear(estimator, 0.05 * i)
-    assert View(PAD).ahead(estimator, 1.45, AimSection()) is None
+    assert LookDirection(PAD).ahead(estimator, 1.45, AimSection()) is None
     aside = replace(BELOW, position=(2.0, 0.0, 5.0))
     estimator.on_sightings(shown(1.45, aside))
     for i in range(30, 60):
         hear(estimator, 0.05 * i)
-        direction = View(PAD).ahead(estimator, 0.05 * i, AimSection())
+        direction = LookDirection(PAD).ahead(estimator, 0.05 * i, AimSection())
         if i < 47:
             assert direction is not None
             assert math.atan2(direction[1], direction[2]) == pytest.approx(0.4, abs=0.05)
@@ -92,7 +92,7 @@ def test_so_is_what_was_seen_once_after_another_was_lost() -> None:
     assert estimator.pad(1.5) is not None
     estimator.on_sightings(shown(5.95, replace(BELOW, position=(2.0, 0.0, 5.0))))
     hear(estimator, 6.0)
-    direction = View(PAD).ahead(estimator, 6.0, AimSection())
+    direction = LookDirection(PAD).ahead(estimator, 6.0, AimSection())
     assert direction is not None
     assert math.atan2(direction[1], direction[2]) == pytest.approx(0.4, abs=0.05)
 
@@ -105,4 +105,4 @@ def test_what_was_seen_once_is_not_looked_back_at_on_the_way(speed: float, looks
         hear(estimator, 0.05 * i, "attitude", "gimbal")
         estimator.on_telemetry(LocalPosition(0.05 * i, (0.0, 0.0, -5.0), (0.0, speed, 0.0)))
     estimator.on_sightings(shown(1.45, replace(BELOW, position=(2.0, 0.0, 5.0))))  # to the east
-    assert (View(PAD).ahead(estimator, 1.46, AimSection()) is not None) is looks
+    assert (LookDirection(PAD).ahead(estimator, 1.46, AimSection()) is not None) is looks

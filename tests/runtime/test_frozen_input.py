@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from landerd.messages import Attitude, GimbalState, LocalPosition, Reference
-from landerd.runtime.frozen import RESTLESS_ESTIMATES, RESTLESS_REPORTS, FrozenInput
+from landerd.runtime.frozen_input import RESTLESS_ESTIMATES, RESTLESS_REPORTS, FrozenInput
 
 REPORTS = [
     Attitude(0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0)),
