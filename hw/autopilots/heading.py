@@ -4,16 +4,16 @@ import math
 
 from landerd.geometry import clamp, wrap
 
-# In which it follows the measured heading, s, beside what the rate says at once. The rate is a
-# gyro's and quiet; half a tenth of a degree of noise in the heading is a jerk of 10 m/s^3 at 5 m/s.
+# Time constant in which the integrated yaw rate follows the measured heading, s. The rate is a
+# gyro's and quiet; 0.05 degrees of noise in the heading are a jerk of 10 m/s^3 at 5 m/s.
 TIME_CONSTANT_S = 0.5
-SLEW = 0.025  # rad/s of that at most: no gyro drifts so fast, and noise of degrees is as bad
-GAP_S = 0.3  # after so long without a measurement the next one is taken as it is
-# One so far off, rad, is taken when it has been off by as much for so long, s: the autopilot's
-# filter has begun anew then. Until nothing was off for so long the rate alone is gone by: spikes
-# turned the velocities of a fast vehicle with them.
+SLEW = 0.025  # fastest correction, rad/s: no gyro drifts so fast, and noise may be of degrees
+GAP_S = 0.3  # after a longer gap the next measurement is taken as it is
+# A heading that is off by more than STEP, rad, is taken once it has been off by the same for
+# STEP_S: then the autopilot has reset its filter. Until no heading was off for STEP_S the rate
+# alone is integrated: spikes turned the velocities of a fast vehicle.
 STEP, STEP_S = math.radians(5.0), 0.2
-AHEAD_S = 0.2  # how far a turn is carried on from the last attitude
+AHEAD_S = 0.2  # longest extrapolation from the last attitude
 
 
 class Heading:
@@ -23,8 +23,8 @@ class Heading:
         self._t = -math.inf
         self._yaw: float | None = None  # rad
         self._rate = 0.0  # rad/s
-        self._off, self._off_t = 0.0, -math.inf  # the last step off, rad, and since when, s
-        self._sound_t = -math.inf  # since when nothing is a step off, s
+        self._off, self._off_t = 0.0, -math.inf  # the last step, rad, and since when, s
+        self._sound_t = -math.inf  # since when no heading has been a step off, s
 
     def measured(self, t: float, yaw: float, rate: float) -> None:
         """Take heading (rad) and yaw rate (rad/s) of time t, s."""

@@ -5,8 +5,9 @@ from enum import Enum, auto
 
 from hw.autopilots.boot_clock import WRAP_S
 
-# Boot time going back by more than this is a restart, and one so far off fits no other: a stamp may
-# be wrong once. Two in a row are believed, and a TIMESYNC that answers us.
+# A time since boot that steps back by more than this shows a restart; one this far off either way
+# is suspect, as a single stamp may be wrong. Two in a row that agree are believed, and any answer
+# to our own TIMESYNC.
 _RESTART_S = 1.0
 
 
@@ -14,31 +15,31 @@ class Boot(Enum):
     """What a time since boot says of the boot that it counts from."""
 
     SAME = auto()
-    WRAPPED = auto()  # the same, whose stamps had begun anew before any was heard
+    WRAPPED = auto()  # the same boot; its 32-bit stamps had wrapped before the first was received
     NEW = auto()  # the autopilot has restarted
-    UNKNOWN = auto()  # the boot time does not fit
+    UNKNOWN = auto()  # it does not fit, and is not believed yet
 
 
 class RestartDetector:
     """Judges every time since boot that is received."""
 
     def __init__(self) -> None:
-        self._last_s = -math.inf  # the newest boot time of this boot
-        self._last_t = -math.inf  # when that was heard
-        self._suspected: float | None = None  # boot time less loop time, that did not fit; s
+        self._last_s = -math.inf  # the newest time since this boot, s
+        self._last_t = -math.inf  # when that was received, s
+        self._suspected: float | None = None  # the last one that did not fit, minus loop time, s
 
     def hear(self, boot_s: float, now: float, *, is_answer: bool = False) -> Boot:
-        """Take a boot time; tell what it says.
+        """Take a time since boot; tell what it says.
 
         Args:
-            boot_s: that is heard.
-            now: s.
-            is_answer: to our own TIMESYNC.
+            boot_s: time since boot, s.
+            now: loop time, s.
+            is_answer: it answers our own TIMESYNC, and is believed.
         """
         boot = Boot.SAME
         expected = self._last_s + now - self._last_t
         if is_answer and math.isfinite(expected):
-            # Stamps of 32 bits that had begun anew before any was heard: only an answer says so.
+            # Stamps of 32 bits had wrapped before the first was received: only an answer shows it.
             wraps = round((boot_s - expected) / WRAP_S)
             if wraps > 0 and abs(boot_s - expected - wraps * WRAP_S) < _RESTART_S:
                 boot = Boot.WRAPPED

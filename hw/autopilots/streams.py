@@ -1,4 +1,4 @@
-"""Which messages are asked of the autopilot, how often, and whether they come that often."""
+"""The message streams asked of the autopilot, and whether they come at the rates asked for."""
 
 import logging
 import math
@@ -11,7 +11,7 @@ log = logging.getLogger(__name__)
 
 # Asked of the autopilot, Hz.
 STREAMS_HZ = {
-    # Armed and mode come with it alone: at its usual 1 Hz three lost in a row make it stale.
+    # The only message with armed and mode: at its usual 1 Hz three lost in a row make it stale.
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 4.0,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0,
@@ -20,14 +20,14 @@ STREAMS_HZ = {
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 2.0,
 }
 _WINDOW_S = 1.0  # rates are measured over this long
-_LEAST_SHARE = 0.75  # of its rate, below which a stream is asked for again
+_LEAST_SHARE = 0.75  # share of its rate below which a stream is asked for again
 
 
 class Streams:
     """Asks for the streams, measures them, and asks again for those that are too slow."""
 
     def __init__(self, ask: Callable[[int, float], None]) -> None:
-        """Ask: orders a message by its id at a rate in Hz."""
+        """Make one; ask: requests a message, by its id, at a rate in Hz."""
         self._ask = ask
         self._wanted = dict(STREAMS_HZ)
         self._received: Counter[int] = Counter()  # in this window, by message id
@@ -35,11 +35,11 @@ class Streams:
         self.restart()
 
     def add(self, message_id: int, rate_hz: float) -> None:
-        """Want one more message."""
+        """Ask for one more message."""
         self._wanted[message_id] = rate_hz
 
     def restart(self) -> None:
-        """Take it that none was asked for: the link or the autopilot is new."""
+        """Ask for all streams again: the link or the autopilot is new."""
         self._window_start = -math.inf
 
     def received(self, message_id: int) -> None:
@@ -47,12 +47,12 @@ class Streams:
         self._received[message_id] += 1
 
     def request_missing(self, now: float) -> None:
-        """Ask for what does not come; called often."""
+        """Ask again for streams that are too slow; called often."""
         window = now - self._window_start
         if window < _WINDOW_S:
             return
         for message_id, wanted in self._wanted.items():
-            # One may have come just before or after the window.
+            # One message may have come just before or after the window.
             if self._received[message_id] + 1 < _LEAST_SHARE * wanted * window:
                 self._ask(message_id, wanted)
                 self._tell(message_id, self._received[message_id] / window, wanted)

@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 
 from landerd.messages import Attitude, GimbalState, Input, LocalPosition
 
-# Reports in a row that all differ: what never repeated itself for so long is frozen when it does.
-# Coarse angles repeat themselves before, and may then for ever.
+# Number of reports in a row that all differ, after which a repetition means that the source is
+# frozen. Coarsely quantised angles repeat earlier, and are never taken for frozen then.
 RESTLESS_REPORTS = 100
-# Attitude and position are an estimator's floats. They repeat themselves while it does not run yet,
-# or stands still without noise: no reason to take them for coarse once they were restless.
+# The same for attitude and position. These are an estimator's floats, never coarse: they repeat
+# only while it does not run yet, or stands still without noise.
 RESTLESS_ESTIMATES = 20
 Report = Attitude | LocalPosition | GimbalState
-EVEN_SHARE = 0.99  # of a picture's pixels at one level: it is blown out, or black
+EVEN_SHARE = 0.99  # share of pixels at one level from which on a picture is blown out, or black
 _CONTENTS = {  # all of a report but its time
     kind: attrgetter(*(f.name for f in fields(kind) if f.name != "t"))
     for kind in (Attitude, LocalPosition, GimbalState)
 }
-SOME_ROWS = 32  # pictures are compared in one row of so many first
+SOME_ROWS = 32  # pictures are compared in every 32nd row first
 
 
 class FrozenInput:
@@ -31,17 +31,17 @@ class FrozenInput:
         self._picture: NDArray[np.uint8] | None = None
 
     def repeats(self, message: Input) -> bool:
-        """Tell whether a message is the last of its kind with another time."""
+        """Tell whether a message is the last of its kind again, with another time."""
         if not isinstance(message, Report):
             return False
         is_coarse = isinstance(message, GimbalState)
         return self._reports.setdefault(type(message), _Reports(is_coarse)).repeats(message)
 
     def picture_repeats(self, image: NDArray[np.uint8]) -> bool:
-        """Tell whether a picture is the last one; the camera may use its memory again.
+        """Tell whether a picture is the last one again; the camera may reuse its memory.
 
-        Those in which all is white, or black, are alike and yet new, a dead pixel or two aside:
-        they must be seen for the exposure to be mended.
+        Pictures that are all white or black, but for a dead pixel or two, may be alike and still be
+        new: they must be seen for the exposure to be corrected.
         """
         last, self._picture = self._picture, image.copy()
         if last is None or not np.array_equal(last[::SOME_ROWS], image[::SOME_ROWS]):
@@ -61,7 +61,7 @@ class _Reports:
     def __init__(self, may_be_coarse: bool) -> None:
         self._last: object = None
         self._may_be_coarse = may_be_coarse
-        self._differed = 0  # so many in a row
+        self._differed = 0  # number of reports in a row that differed
         self._is_restless = self._is_coarse = False
 
     def repeats(self, message: Report) -> bool:
@@ -72,6 +72,6 @@ class _Reports:
             self._is_restless = self._is_restless or self._differed >= most
             return False
         self._differed = 0
-        # It has repeated itself before it was known to be restless.
+        # A repetition before it was known to be restless: its values are coarse.
         self._is_coarse = self._is_coarse or (self._may_be_coarse and not self._is_restless)
         return self._is_restless and not self._is_coarse

@@ -12,8 +12,8 @@ from types import FrameType
 
 log = logging.getLogger("landerd")
 
-GAP_S = 0.05  # without the loop for longer than this a set-point is late (rule 3)
-LOG_EVERY_S = 1.0  # each place is logged at most so often
+GAP_S = 0.05  # a longer gap of the loop makes a set-point late (rule 3)
+LOG_EVERY_S = 1.0  # shortest time between two log lines on one place
 BUSY = "elsewhere, or the computer was busy"
 _LOOKS_S = 0.5 * GAP_S
 _ROOT = Path(__file__).resolve().parents[2]  # where landerd and hw are
@@ -23,19 +23,19 @@ class LoopMonitor:
     """Counts and logs gaps of the loop with the place where they arose.
 
     Attributes:
-        gaps: longer than GAP_S, by place.
-        longest_s: of them.
+        gaps: number of gaps longer than GAP_S, by place.
+        longest_s: the longest gap, s.
     """
 
     def __init__(self) -> None:
         self.gaps: Counter[str] = Counter()
         self.longest_s = 0.0
-        self._told_t = 0.0  # until then all gaps are counted
+        self._told_t = 0.0  # end of the last gap that was counted, s
         self._logged: dict[str, float] = {}
         self._onlooker: _Onlooker | None = None
 
     def look_on(self) -> None:
-        """Let a thread look, while the loop is held up, at what the loop's thread is doing."""
+        """Start a thread that samples what the loop's thread is doing while the loop is held up."""
         self._onlooker = _Onlooker(asyncio.get_running_loop())
         self._onlooker.start()
 
@@ -46,14 +46,14 @@ class LoopMonitor:
             self._onlooker = None
 
     def at(self, place: str) -> "_Block":
-        """Watch what is done in the block, in which nothing may be awaited."""
+        """Return a context manager that times a block, in which nothing may be awaited."""
         return _Block(self.note, place)
 
     def woke(self, due: float) -> float:
-        """Say that a task that was due then (loop time, s) has its turn now.
+        """Note that a task due at a loop time (s) runs now.
 
         Returns:
-            The gap, s; 0 if there was none.
+            how late it is, s; 0 if by no more than GAP_S.
         """
         now = asyncio.get_running_loop().time()
         seen = self._onlooker.turned(now) if self._onlooker is not None else None
@@ -109,13 +109,13 @@ class _Onlooker(threading.Thread):
         self._seen: str | None = None
 
     def turned(self, now: float) -> str | None:
-        """Say that the loop turns now (s); return where it was seen since the last time."""
+        """Note that the loop turns now (s); return where it was held up since the last turn."""
         seen, self._seen = self._seen, None
         self._turned_t = now
         return seen
 
     def run(self) -> None:
-        """Look again and again until it is over."""
+        """Sample until `over` is set."""
         while not self.over.wait(_LOOKS_S):
             if self._loop.time() - self._turned_t > GAP_S:
                 self._seen = _place(sys._current_frames().get(self._watched)) or self._seen

@@ -1,4 +1,4 @@
-"""Rule 3: what one set-point may be, and how far the next one may be from it."""
+"""Rule 3: limits of each set-point, and of the change from one to the next."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -6,20 +6,20 @@ from collections.abc import Callable, Sequence
 from hw.sim.judge.bounds import ZERO, RuleBounds
 from landerd.geometry import Vec3, horizontal
 
-_TOLERANCE = 1.02  # of every limit: the set-points travel as 32-bit floats
-# Added to it: rounding makes 1e-5 m/s^2 and 5e-4 m/s^3 of set-points of 5 m/s 25 ms apart; these
-# are chosen, well above that and well below any sensible limit.
+_TOLERANCE = 1.02  # factor on every limit: set-points travel as 32-bit floats
+# Added to the limits of acceleration and jerk. Rounding makes 1e-5 m/s^2 and 5e-4 m/s^3 of
+# set-points of 5 m/s 25 ms apart; chosen well above that and well below any sensible limit.
 _ACCELERATION_MARGIN_MPS2, _JERK_MARGIN_MPS3 = 0.02, 0.2
-# What is told to stop has not stopped yet: told to fly again it may go on from what it flies, as
-# near to that as it is told its velocity, which faults have off by 2 m/s, and nearer than standing
-# but for bias and delay of the EKF's (0.15 m/s on a day of the field). To begin at zero would brake
-# it for nothing.
+# A vehicle that was ordered to stop has not stopped yet: set-points may go on from its velocity, as
+# to begin at zero would brake it for nothing. They must then be within the first value of that
+# velocity (faults make its report wrong by 2 m/s), and nearer to it than to zero, but for bias and
+# delay of the EKF's (0.15 m/s on a day of the field world).
 _AS_FLOWN_MPS, _FLOWN_ERROR_MPS = 2.5, 0.2
-# How well the heading is known at the moment of sending, rad: a set-point in the body's frame is
-# turned by as much, and the next one otherwise. On days of the field up to 0.1 degrees at 8 m/s,
-# 0.5 as a turn ended: nothing can be told of the jerk then.
+# How well the heading is known when a set-point is sent in the body's frame, rad: it is turned by
+# this error, and the next one by another. On days of the field world up to 0.1 degrees at 8 m/s,
+# and 0.5 as a turn ended: nothing can be told of the jerk then.
 _HEADING_ERROR = math.radians(0.15)
-_GAP_S = 0.5  # after so long without set-points the next one is a first one
+_GAP_S = 0.5  # after a longer gap without set-points the next one counts as the first
 
 
 class SetpointLimits:
@@ -30,7 +30,7 @@ class SetpointLimits:
     """
 
     def __init__(self, bounds: RuleBounds, broken: Callable[[float, str], None]) -> None:
-        """Broken: is told the time and the rule."""
+        """Make one; broken: called with the time (s) and the rule that is broken."""
         self.last_t: float | None = None
         self._b = bounds
         self._broken = broken
@@ -55,9 +55,9 @@ class SetpointLimits:
             t: when it comes, s.
             velocity: that it asks for, local NED, m/s.
             yaw_rate: likewise, rad/s.
-            waves_off: just over the pad it may begin to climb at once.
-            flown: the velocity that the vehicle has, m/s; None: not known.
-            in_body_frame: it was sent in the frame of the body.
+            waves_off: it climbs from just over the pad, which may begin at once.
+            flown: true velocity of the vehicle, m/s; None: not known.
+            in_body_frame: it was sent in the body's frame.
         """
         self._in_body_frame = in_body_frame
         self._check_size(t, velocity, yaw_rate)
@@ -74,10 +74,10 @@ class SetpointLimits:
         self.last_t, self._velocity = t, velocity
 
     def levelled(self) -> None:
-        """Take note of an order to stand level, in place of a set-point.
+        """Note an order to stand level in place of a set-point.
 
-        The autopilot takes velocities up afresh after it, from the one that it has: the next
-        set-point is a first one. On a pad that moves it must go with that at once (rule 4).
+        After it the autopilot starts from the vehicle's own velocity, and the next set-point counts
+        as the first: on a pad that moves it must go with the pad at once (rule 4).
         """
         self.last_t = None
 
@@ -99,8 +99,8 @@ class SetpointLimits:
         )
         was = self._acceleration or a
         stops = _stops(velocity)
-        # What was left out, on a link that was cut, may have been an order to stop. It is a mean
-        # then, from which no jerk can be told.
+        # Set-points may be missing, as on a link that was cut, and one may have been an order to
+        # stop. The acceleration is a mean over the gap then, which says nothing of the jerk.
         gap = dt > 1.5 * b.control_period_s
         was = a if gap else was
         if not stops[0]:
@@ -115,14 +115,14 @@ class SetpointLimits:
             jerk = (min(change, abs(a[2])) if self._stopped[1] else change) / dt
             size = min(abs(a[2]), abs(velocity[2]) / dt) if gap else abs(a[2])
             self._check_axes("vertical", t, dt, size, jerk, b.vertical_acceleration_mps2)
-        # What follows an order to stop may begin afresh, or go on if zero was only passed.
+        # After an order to stop the next may start afresh, or go on if zero was only passed.
         self._acceleration, self._stopped = None if gap else a, stops
 
     def _check_axes(
         self, axes: str, t: float, dt: float, acceleration: float, jerk: float, limit: float
     ) -> None:
         """Judge a change within dt (s); limit: of the acceleration, m/s^2."""
-        # What the jitter of the wall's clock makes of differences between set-points.
+        # Allowance for the jitter of the wall's clock in the differences.
         loose = 2.0 * self._b.jitter_s / dt
         wobble = 2.0 * loose / dt
         if acceleration > limit * (_TOLERANCE + loose) + _ACCELERATION_MARGIN_MPS2:
@@ -132,11 +132,11 @@ class SetpointLimits:
 
 
 def _is_as_flown(velocity: Sequence[float], flown: Sequence[float]) -> bool:
-    """Tell whether a velocity goes on from the one that is flown, m/s; some axes of both."""
+    """Tell whether an ordered velocity goes on from the flown one, m/s; the same axes of both."""
     most = min(_AS_FLOWN_MPS, math.hypot(*flown) + _FLOWN_ERROR_MPS)
     return math.dist(velocity, flown) < most
 
 
 def _stops(velocity: Vec3) -> tuple[bool, bool]:
-    """Tell whether it is an order to stop, horizontally and vertically."""
+    """Tell whether a velocity (m/s) is an order to stop, horizontally and vertically."""
     return horizontal(velocity) < ZERO, abs(velocity[2]) < ZERO

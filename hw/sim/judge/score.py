@@ -8,7 +8,7 @@ from hw.sim.physics.world import World
 from landerd.geometry import horizontal, norm, sub
 
 WITHIN_M = 18.0  # the thesis counts from the first sighting; it saw the pad from 18 m on
-CLEAR_M = 0.2  # over the pad: who touched it and is so high has climbed away
+CLEAR_M = 0.2  # height over the pad from which on a vehicle that touched has climbed away
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What the judge needs of the world, and where the vehicle's feet are in it."""
+"""The simulated truth that the judge goes by, and the vehicle's feet on the plate."""
 
 import math
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ from landerd.geometry import (
 )
 from landerd.pad import Plate
 
-PLATE_M = 1.0  # from the landing point; further away the plane of a tilted plate says nothing
-STANDS_M = 0.01  # so close to the plate a foot stands on it: gusts take the load off some by turns
-_SLOWEST_SINK_MPS = 0.1  # and so fast it is taken to sink, to tell where it will touch
+PLATE_M = 1.0  # distance from the landing point up to which the plate's tilt counts in heights
+STANDS_M = 0.01  # height up to which a foot counts as standing: gusts unload feet by turns
+_SLOWEST_SINK_MPS = 0.1  # least sink rate assumed in predicting where it will touch
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +33,18 @@ class Truth:
 
     t: float
     distance: float  # centre of the feet to the landing point, horizontal, m
-    height: float  # of the feet's centre over the plate's plane, as far as there is a plate, m
+    height: float  # of the feet's centre over the plate's plane, level beyond PLATE_M, m
     heading_error: float  # vehicle minus pad, rad
     yaw: float  # rad
     pad_velocity: Vec3  # of the plate where the feet's centre is over it, m/s
     feet_down: int
     slip: float = 0.0  # speed of the vehicle across the plate, m/s
     foot_slip: float = 0.0  # of its lowest foot, about which it may turn meanwhile, m/s
-    misses: bool = False  # going on like this it touches with a foot beside the plate
-    on_plate: bool = False  # all four feet stand on it
+    misses: bool = False  # at its present velocity it will touch with a foot beside the plate
+    on_plate: bool = False  # all four feet stand on the plate
     landing_point: Vec3 = (0.0, 0.0, 0.0)  # local, m
     velocity: Vec3 = (0.0, 0.0, 0.0)  # of the vehicle, m/s
-    lean_m: float = 0.0  # by which the lowest foot is lower than the feet's centre
+    lean_m: float = 0.0  # how far the lowest foot is below the feet's centre, pad frame
 
     @property
     def pad_heading(self) -> float:
@@ -93,7 +93,7 @@ class Feet:
     def truth(self) -> Truth:
         """Return what the rules need of the world as it is now."""
         world, vehicle = self._world, self._world.vehicle
-        # Asked for at every order: what several of these hang on is worked out once.
+        # Called at every order: common terms are computed once.
         pad, centre = world.pad, world.footprint_centre
         R = rot_zyx(vehicle.yaw, vehicle.pitch, vehicle.roll)
         surface = pad.velocity_at(centre)
@@ -106,7 +106,7 @@ class Feet:
         aside = (rotate(R, (x, y, 0.0)) for x, y, _ in self._arms)
         touches_in_s = max(0.0, height) / max(_SLOWEST_SINK_MPS, across[2])
         ahead = scale((across[0], across[1], 0.0), touches_in_s)
-        # What has come down beside the plate does not slide for the pad's driving on.
+        # A vehicle beside the plate does not slide because the pad drives on.
         on_ground = any(vehicle.feet) and not vehicle.on_pad
         slip = horizontal(vehicle.velocity if on_ground else across)
         return Truth(
