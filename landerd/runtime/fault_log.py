@@ -7,15 +7,15 @@ from collections import Counter
 
 log = logging.getLogger("landerd")
 
-EVERY_S = 1.0  # each kind is logged at most so often
-AWAY_S = 60.0  # how often it is said again that a device is away
+EVERY_S = 1.0  # shortest time between two log lines of a kind
+AWAY_S = 60.0  # the same on a device that stays lost for the same reason
 
 
 class FaultLog:
-    """Counts faults by kind; knows which devices were said to be lost.
+    """Counts faults by kind, and knows which devices are lost.
 
     Attributes:
-        counts: by kind.
+        counts: number of faults by kind.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class FaultLog:
             log.info("%s is back", device)
 
     def _is_due(self, what: str, every_s: float) -> bool:
-        """Tell whether it was not logged in so long; it is now then."""
+        """Tell whether a kind is to be logged: not within every_s; then it counts as logged now."""
         now = asyncio.get_running_loop().time()
         is_due = now - self._logged.get(what, -math.inf) >= every_s
         if is_due:

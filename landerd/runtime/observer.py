@@ -7,14 +7,14 @@ from landerd.messages import Command, Frame, Input, Prior, Sightings
 
 
 class Observer(Protocol):
-    """Sees all that happens and changes nothing: the flight log, a progress line.
+    """Sees everything that happens and changes nothing, as the flight log does.
 
-    Whoever derives from it writes only the methods that it has a use for; the others do nothing
-    (they return: to mypy a protocol's empty methods would be abstract).
+    A derived class overrides the methods that it needs; the others do nothing. (They return, since
+    to mypy a protocol's empty methods would be abstract.)
     """
 
     def on_flight(self, lander: Lander) -> None:
-        """A flight begins, with a core that knows of no other."""
+        """A flight begins, with a new core."""
         return
 
     def on_frame(self, frame: Frame, prior: Prior, sightings: Sightings) -> None:
@@ -22,11 +22,11 @@ class Observer(Protocol):
         return
 
     def on_vision_reset(self) -> None:
-        """Vision begins anew: a search failed, or hung."""
+        """Vision was replaced by a new one: a search failed, or hung."""
         return
 
     def on_last_orders(self, now: float) -> None:
-        """The core has failed; one of the orders that it had prepared goes out at time now, s."""
+        """One of the orders prepared before the core failed is sent at time now, s."""
         return
 
     def on_step(self, now: float, message: Input, commands: list[Command]) -> None:

@@ -38,7 +38,7 @@ from landerd.runtime.observer import Observer
 M = TypeVar("M", bound=Input)
 
 VIEW_S = 0.2  # a new view as often as an eye can use
-LOOKED_AT_S = 2.0  # who has not asked for so long looks no more
+LOOKED_AT_S = 2.0  # how long after a request views are still made
 MOST_LINES = 12
 RATED = (Tick, Sightings, Attitude, LocalPosition, GimbalState, RcChannels, Heartbeat)
 _WINDOW = 11  # views over which rates are taken: 2 s
@@ -89,8 +89,8 @@ class LiveView(Observer):
     """An observer that keeps the newest view while it is looked at.
 
     Attributes:
-        newest: the last view, None while there was none.
-        armed: as far as is known: an unknown vehicle may be flying.
+        newest: the last view, None before the first.
+        armed: by the last heartbeat; True before the first, as the vehicle may be flying.
     """
 
     def __init__(self, daemon: Daemon) -> None:
