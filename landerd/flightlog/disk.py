@@ -132,8 +132,11 @@ def part(path: Path, number: int) -> Path:
 
 
 def later_flight(path: Path, number: int) -> Path:
-    """Return the file of a later flight (from 2) of a run that was to be recorded in one file."""
-    return path.with_stem(f"{path.stem}-{number}")
+    """Return the file of a later flight (from 2) of a run that was to be recorded in one file.
+
+    Its name is one that people do not give: what a run before left there is removed.
+    """
+    return path.with_stem(f"{path.stem}.restart-{number}")
 
 
 def _number(path: Path) -> int | None:

@@ -119,7 +119,10 @@ def test_what_nobody_could_have_kept_for_a_fault_is_told_as_excused(
 def test_each_log_of_a_flight_with_a_restart_is_named_and_none_is_left_of_a_run_before(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log, second = tmp_path / "k.mcap", tmp_path / "k-2.mcap"
+    log, second = tmp_path / "k.mcap", tmp_path / "k.restart-2.mcap"
+    mine = [tmp_path / "k-2.mcap", tmp_path / "k-2.tlog"]  # as of one seed a log
+    for path in mine:
+        path.write_bytes(b"another flight")
     near = ["--log", str(log)]
     near += [
         word for setting in (*ABOVE, "sim.start.altitude_m=1.0") for word in ("--set", setting)
@@ -133,3 +136,4 @@ def test_each_log_of_a_flight_with_a_restart_is_named_and_none_is_left_of_a_run_
     assert re.findall(r"flight log: (\S+)", capsys.readouterr().out) == [str(log)]
     assert not second.exists()
     assert not second.with_suffix(".tlog").exists()
+    assert [path.read_bytes() for path in mine] == 2 * [b"another flight"]

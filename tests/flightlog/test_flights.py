@@ -42,7 +42,7 @@ def test_each_arming_begins_a_core_and_a_log_with_the_parameters_changed_before(
 
     run_virtual(fly())
     recorder.close()
-    second = read_log(tmp_path / "a-2.mcap")
+    second = read_log(tmp_path / "a.restart-2.mcap")
     assert isinstance(second.steps[0].message, Heartbeat)
     assert config_of(second, [])[0].guidance.pid.up.kp == 0.6
     before = read_log(tmp_path / "a.mcap")

@@ -204,7 +204,7 @@ def test_what_one_flight_lost_is_not_said_of_the_next(tmp_path: Path) -> None:
         flight.run(seconds)
         flight.recorder.on_flight(flight.lander)
     flight.recorder.close()
-    lost = [read_log(tmp_path / name).dropped for name in ("a.mcap", "a-2.mcap")]
+    lost = [read_log(tmp_path / name).dropped for name in ("a.mcap", "a.restart-2.mcap")]
     assert [dropped.errors if dropped else 0 for dropped in lost] == [1, 1]
 
 
