@@ -25,6 +25,11 @@ def read_text(path: Path) -> str:
     return data.decode("utf-8")
 
 
+def as_bytes(text: str) -> bytes:
+    """Return a text in UTF-8, in which names of files that are none have escapes."""
+    return text.encode("utf-8", errors="backslashreplace")
+
+
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file, or leave the one that was there as it is.
 

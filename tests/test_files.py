@@ -1,5 +1,6 @@
 """Files of other people, and a disk that is full: one line, and nothing half-written."""
 
+import re
 import resource
 import subprocess
 import sys
@@ -12,6 +13,8 @@ import pytest
 
 from landerd.cli import main
 from landerd.files import read_text, write_whole
+from landerd.pad import load_pad
+from tests.recordings import write_tlog
 
 ROOT = Path(__file__).resolve().parents[1]
 CAMERA = ROOT / "config" / "cameras" / "thesis.yaml"
@@ -124,12 +127,20 @@ def test_a_picture_of_more_pixels_than_there_can_be_is_refused(
     assert line == f"{file}: not an image that can be read\n"
 
 
-def test_pictures_are_drawn_whatever_their_folder_is_called(tmp_path: Path) -> None:
-    """OpenCV's own writer died of names that are no text."""
-    folder = Path(f"{tmp_path}/b\udcff")
-    code = f"from landerd.cli import main; raise SystemExit(main(['detect', '--camera', {str(CAMERA)!r}, '--pad', 'thesis', {str(PICTURE)!r}, '--draw', {str(folder)!r}]))"  # noqa: E501
+NO_TEXT = "b\udcff"  # a name of bytes that are no UTF-8, as old disks have them
+
+
+def run_alone(*arguments: object) -> None:
+    """Run landerd in a process of its own, which may die of it; expect that all is well."""
+    code = f"from landerd.cli import main; raise SystemExit(main({[str(a) for a in arguments]!r}))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_pictures_are_drawn_whatever_their_folder_is_called(tmp_path: Path) -> None:
+    """OpenCV's own writer died of names that are no text."""
+    folder = tmp_path / NO_TEXT
+    run_alone("detect", "--camera", CAMERA, "--pad", "thesis", PICTURE, "--draw", folder)
     assert [p.suffix for p in folder.iterdir()] == [".png"]
 
 
@@ -141,3 +152,36 @@ def test_a_terminal_that_cannot_show_a_name_is_told_it_all_the_same(tmp_path: Pa
     assert (done.returncode, done.stderr) == (0, "")
     assert "p\\xe4.pdf" in done.stdout
     assert file.exists()
+
+
+def test_a_video_may_be_called_whatever_it_likes(tmp_path: Path) -> None:
+    """OpenCV died of names that are no text, without a word."""
+    telemetry, film = write_tlog(tmp_path / "a.tlog"), tmp_path / f"{NO_TEXT}.mp4"
+    dry_run = ("dry-run", "--telemetry", telemetry, "--to", "3")
+    run_alone(*dry_run, "--fps", "2", "--draw", film)
+    assert film.stat().st_size > 10_000
+    run_alone("detect", "--camera", CAMERA, "--pad", "thesis", film)
+    run_alone(*dry_run, "--video", film, "--offset", "0", "--gimbal", "0,-90")
+
+
+def test_pages_and_pad_files_name_what_is_no_text(tmp_path: Path) -> None:
+    log, pad = (tmp_path / f"{NO_TEXT}{suffix}" for suffix in (".mcap", ".yaml"))
+    log.write_bytes(LOG.read_bytes())
+    page, mine = tmp_path / "page.html", tmp_path / "mine.yaml"
+    assert main(["report", str(log), "-o", str(page)]) == 0
+    assert "b\\udcff.mcap" in page.read_text()
+    pad.write_bytes((ROOT / "config" / "pads" / "nested.yaml").read_bytes())
+    assert main(["pad", str(pad), "--measured", "ruler=99mm", "-o", str(mine)]) == 0
+    assert load_pad(mine).markers
+
+
+def test_a_configuration_in_a_folder_whose_name_is_no_text_is_refused_with_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / NO_TEXT
+    folder.mkdir()
+    (folder / "cam.yaml").write_bytes(CAMERA.read_bytes())
+    config = folder / "mine.yaml"
+    config.write_text("include: [default.yaml]\ncamera: {calibration: cam.yaml}\n")
+    line = refused(["sim", "-c", config], capsys)
+    assert re.search(r"mine.yaml:2: camera.calibration: found .*, expected a name in UTF-8", line)

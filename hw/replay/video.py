@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,7 +37,8 @@ def read_video(path: Path) -> Iterator[Frame]:
         raise VideoError(f"{path}: no such file or folder")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    capture = cv2.VideoCapture(str(path))
+    name: Any = os.fsencode(path)  # in a str a name that is no UTF-8 ends the process
+    capture = cv2.VideoCapture(name)
     try:
         if not capture.isOpened():
             raise VideoError(f"{path}: not a video that can be read")

@@ -1,7 +1,9 @@
 """A video with what vision saw and what the core ordered drawn over its pictures."""
 
 import math
+import os
 from pathlib import Path
+from typing import Any
 
 import cv2
 
@@ -27,10 +29,11 @@ class OrdersVideo(Observer):
             VideoNotWritten: it cannot be made.
         """
         self._camera, self._layout = camera, layout
-        self._path, self._frames = path, 0
+        self._frames = 0
         size = (camera.width, camera.height)
         code = cv2.VideoWriter.fourcc(*("VP80" if path.suffix == ".webm" else "mp4v"))
-        self._writer = cv2.VideoWriter(str(path), code, fps, size)
+        name: Any = os.fsencode(path)  # in a str a name that is no UTF-8 ends the process
+        self._writer, self._name = cv2.VideoWriter(name, code, fps, size), name
         if not self._writer.isOpened():
             raise VideoNotWritten(f"{path}: this video cannot be written")
         self._lander: Lander | None = None
@@ -70,7 +73,7 @@ class OrdersVideo(Observer):
     def close(self) -> bool:
         """Finish the file; return whether it can be played: its index is what comes last."""
         self._writer.release()
-        capture = cv2.VideoCapture(str(self._path))
+        capture = cv2.VideoCapture(self._name)
         can_be_played = capture.isOpened() or self._frames == 0
         capture.release()
         return can_be_played

@@ -20,7 +20,7 @@ from landerd.analysis.flight import Flight, sentences
 from landerd.analysis.page import drawing, html_of, page
 from landerd.analysis.picture import COLOURS
 from landerd.estimation.health import NIS_EXPECTED
-from landerd.files import write_whole
+from landerd.files import as_bytes, write_whole
 from landerd.flightlog.reader import read_images
 from landerd.geometry import Vec3
 from landerd.messages import Frame, Sightings
@@ -332,4 +332,4 @@ def write_report(flights: list[Flight], path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    write_whole(path, report(flights).encode())
+    write_whole(path, as_bytes(report(flights)))

@@ -37,6 +37,7 @@ from landerd.commands.shared import (
     whole_number,
 )
 from landerd.config.files import ConfigError, Loaded, config_files
+from landerd.files import as_bytes
 from landerd.pad import PadError, load_pad
 
 
@@ -85,7 +86,7 @@ class _Part:
 
 def _settings(name: str, loaded: Iterable[Loaded]) -> str:
     """Return what tells a campaign's configuration from every other."""
-    digest = hashlib.sha256(name.encode())
+    digest = hashlib.sha256(as_bytes(name))
     for each in loaded:
         digest.update(each.config.model_dump_json().encode())
         for section in sorted(each.options):

@@ -14,7 +14,7 @@ from landerd.commands.fault_runs import settings_of
 from landerd.commands.shared import InputError, refusing
 from landerd.config.files import ConfigError, default_config
 from landerd.drivers import read_configuration
-from landerd.files import write_whole
+from landerd.files import as_bytes, write_whole
 
 TITLE = "Results"
 SECTION = "== "  # begins a line that is a heading, in tables as they stand
@@ -41,7 +41,7 @@ def write_campaigns(paths: Sequence[Path], output: Path) -> None:
         blocks += found
     is_text = output.suffix == ".md"
     text = as_markdown(blocks) if is_text else as_html(f"landerd: {TITLE}", blocks)
-    write_whole(output, text.encode())
+    write_whole(output, as_bytes(text))
 
 
 def _made_of(paths: Sequence[Path], output: Path) -> str:

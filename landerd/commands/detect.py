@@ -248,7 +248,8 @@ def _frames(source: str) -> Iterator[Picture]:
     if not is_camera and "://" not in source and not Path(source).is_file():
         raise SourceError(f"{source}: no such file or folder")
     number = int(source) if source.isdecimal() else -1
-    capture = cv2.VideoCapture(number if 0 <= number < _MOST_CAMERAS else source)
+    name: Any = os.fsencode(source)  # in a str a name that is no UTF-8 ends the process
+    capture = cv2.VideoCapture(number if 0 <= number < _MOST_CAMERAS else name)
     try:
         if not capture.isOpened():
             what = "no camera that opens" if is_camera else "neither an image nor a video"
@@ -263,8 +264,9 @@ def _frames(source: str) -> Iterator[Picture]:
                 break
             t = time.perf_counter() - start if is_camera else number / rate
             grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-            name = f"{source}#{number}"
-            yield Picture(name, t, np.asarray(grey, dtype=np.uint8), number > 0, False)
+            yield Picture(
+                f"{source}#{number}", t, np.asarray(grey, dtype=np.uint8), number > 0, False
+            )
             number += 1
         if number == 0:
             raise SourceError(f"{source}: no frames in it")

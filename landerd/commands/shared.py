@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from landerd.files import write_whole
+from landerd.files import as_bytes, write_whole
 
 if TYPE_CHECKING:
     from landerd.config.files import Loaded
@@ -285,7 +285,7 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    write_bytes(path, text.encode())
+    write_bytes(path, as_bytes(text))
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -234,7 +234,7 @@ def _with_options(
 def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
     """Return the tree as a model; None if it is not one, and the faults added."""
     schema = schema_of(model)
-    plain = json.dumps(_with_paths(tree, schema, ()).plain())
+    plain = json.dumps(_with_paths(tree, schema, (), faults).plain())
     try:
         # Strict JSON: a list may be a tuple and text a path, but nothing else is converted.
         return model.model_validate_json(plain, strict=True)
@@ -259,15 +259,20 @@ def _validated(model: type[M], tree: Node, faults: list[Fault]) -> M | None:
     return None
 
 
-def _with_paths(node: Node, schema: Schema, loc: Loc) -> Node:
-    """Return the tree with relative paths made absolute."""
+def _with_paths(node: Node, schema: Schema, loc: Loc, faults: list[Fault]) -> Node:
+    """Return the tree with relative paths made absolute; text that is no UTF-8 is a fault."""
     value = node.value
     if isinstance(value, dict):
-        value = {key: _with_paths(inner, schema, (*loc, key)) for key, inner in value.items()}
+        value = {key: _with_paths(v, schema, (*loc, key), faults) for key, v in value.items()}
     elif isinstance(value, list):
-        value = [_with_paths(inner, schema, (*loc, i)) for i, inner in enumerate(value)]
-    elif isinstance(value, str) and schema.is_path(loc, value):
-        value = str(own_or(node.folder / value, value))
+        value = [_with_paths(v, schema, (*loc, i), faults) for i, v in enumerate(value)]
+    elif isinstance(value, str):
+        if schema.is_path(loc, value):
+            value = str(own_or(node.folder / value, value))
+        if any("\ud800" <= letter <= "\udfff" for letter in value):  # of the name of a file
+            text = f"found {value_in_words(value)}, expected a name in UTF-8"
+            faults.append(Fault(node.place, dotted(loc), text))
+            value = ""
     return Node(node.place, node.folder, value)
 
 
