@@ -7,11 +7,12 @@ imported when it is called, so that --help does not wait for numpy and OpenCV.
 import argparse
 import errno
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from io import TextIOWrapper
-from typing import NamedTuple, NoReturn, Protocol, cast
+from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 from landerd import __version__
 from landerd.commands.shared import InputError
@@ -122,6 +123,11 @@ _COMMANDS: Mapping[str, _Command] = {
 
 
 class _Parser(argparse.ArgumentParser):
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        # A place that begins with a minus, as -35.36,149.17, is a value and no option.
+        self._negative_number_matcher = re.compile(r"-[0-9.]")
+
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 

@@ -53,6 +53,15 @@ def test_version() -> None:
     assert (done.returncode, done.stdout) == (0, f"landerd {__version__}\n")
 
 
+@pytest.mark.parametrize("command", ["check", "run", "bench-test pose --height 1 --mark -2,0"])
+def test_a_configuration_named_by_an_empty_variable_is_refused(
+    command: str, capsys: Printed
+) -> None:
+    """As of -c "$CONFIGURATION" in a script, where it is not set; a place may begin with minus."""
+    lines = wrong_input(capsys, *command.split(), "-c", "")
+    assert lines == [".: cannot be read: Is a directory"]
+
+
 def test_help_lists_every_command_and_each_has_an_example(capsys: Printed) -> None:
     listed = re.findall(r"^    ([\w-]+)", landerd("--help").stdout, re.MULTILINE)
     assert {"sim", "detect", "campaign", "run"} <= set(listed)

@@ -151,7 +151,8 @@ def saved_file(config: Path) -> Path:
     """Return where saved parameters are kept, unless --overlay says so: as the unit has it."""
     if config.absolute().parent == _SERVICE and config.stem.startswith("landerd"):
         return service_folder(config) / "saved.yaml"
-    return config.with_suffix(".saved.yaml")
+    # A folder, as "" is, has no suffix; that it is no configuration is told where it is read.
+    return config.parent / f"{config.stem}.saved.yaml"
 
 
 def service_folder(config: Path) -> Path:
