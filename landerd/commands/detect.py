@@ -5,10 +5,10 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -34,6 +34,8 @@ _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".w
 _OTHER_IMAGES = {".heic", ".heif", ".avif", ".jxl", ".dng"}  # which OpenCV does not read
 # However the camera was held: a calibration is of the pixels as the sensor has them.
 _READ_AS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+_TIFF: Mapping[bytes, Literal["little", "big"]] = {b"II*\0": "little", b"MM\0*": "big"}
+_ORIENTATION, _NO_TURN = 274, 1  # a TIFF's tag, and its value
 _BITS = 8  # of a pixel here
 
 
@@ -221,7 +223,7 @@ def pictures(source: str, refuse: Refuse) -> Iterator[Picture]:
 
 def _still(path: Path) -> Picture:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        data = np.frombuffer(_without_turn(path.read_bytes()), np.uint8)
     except OSError as e:
         raise SourceError(f"{path}: cannot be read: {e.strerror}") from None
     try:
@@ -235,6 +237,18 @@ def _still(path: Path) -> Picture:
     if image is None:
         raise SourceError(f"{path}: not an image that can be read")
     return Picture(str(path), 0.0, np.asarray(image, dtype=np.uint8), False, True)
+
+
+def _without_turn(data: bytes) -> bytes:
+    """Return a file; of a TIFF without the turn, which OpenCV makes there all the same."""
+    order = _TIFF.get(data[:4])
+    if order is None:
+        return data
+    tags = int.from_bytes(data[4:8], order) + 2
+    for at in range(tags, tags + 12 * int.from_bytes(data[tags - 2 : tags], order), 12):
+        if int.from_bytes(data[at : at + 2], order) == _ORIENTATION:
+            return data[: at + 8] + _NO_TURN.to_bytes(2, order) + data[at + 10 :]
+    return data
 
 
 def _of_depth(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -94,7 +94,7 @@ def _ways(
     part = work.part
     if part in (Part.WHOLE, Part.MOST):
         yield any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough))
-        yield is_whole and search.find_cut(parts[0], _WIDE)
+        yield is_whole and any(search.find_cut(level, _WIDE) for level in parts[:1])
     if part is Part.MOST:
         is_dear = any(search.is_textured(*_look(level)) for level in parts[-2:-1])
         if thorough:

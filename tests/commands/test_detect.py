@@ -2,6 +2,7 @@
 
 import json
 import math
+import struct
 from pathlib import Path
 
 import cv2
@@ -71,6 +72,35 @@ def test_a_camera_that_was_held_another_way_has_the_same_calibration(
     assert main(["detect", str(file), *FILES, "--json"]) == 0
     pad = json.loads(capsys.readouterr().out)["pad"]
     assert math.dist(pad["position_m"], VIEW.position) < 0.02
+
+
+def tiff(image: np.ndarray, orientation: int) -> bytes:
+    """Return a grey picture as a TIFF that tells how it was held."""
+    height, width = image.shape
+    values = {256: width, 257: height, 258: 8, 259: 1, 262: 1, 273: 200, 274: orientation}
+    values |= {277: 1, 278: height, 279: image.size}
+    tags = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in values.items())
+    head = b"II*\0" + struct.pack("<IH", 8, len(values)) + tags
+    return head.ljust(200, b"\0") + image.tobytes()
+
+
+def test_a_tiff_is_not_turned_either(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """OpenCV turns a TIFF, whatever it is told."""
+    file = tmp_path / "held.tif"
+    file.write_bytes(tiff(picture(), orientation=3))
+    assert main(["detect", str(file), *FILES, "--json"]) == 0
+    pad = json.loads(capsys.readouterr().out)["pad"]
+    assert math.dist(pad["position_m"], VIEW.position) < 0.02
+
+
+def test_a_picture_of_a_few_pixels_does_not_end_the_search(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = np.array([[0, 255, 0, 255], [255, 0, 255, 0], [0, 0, 255, 255]], np.uint8)
+    cv2.imwrite(str(folder / "a-small.png"), few)
+    assert main(["detect", str(folder), *FILES]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert ["nothing found" in line for line in said] == [True, False, True]
 
 
 def test_another_pad_is_named_by_its_tag(
