@@ -1,6 +1,7 @@
 """Frames with times from a video file or a folder of images."""
 
 import csv
+import math
 import os
 from collections.abc import Iterator
 from itertools import islice
@@ -9,10 +10,13 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from landerd.messages import Frame
 
 TIMES = "times.csv"  # in a folder of images: NAME,SECONDS a line
+# However the camera was held: a calibration is of the pixels as the sensor has them.
+_READ_AS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 _RATE_FRAMES = 31  # that tell the rate of a video
 _IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"}
 
@@ -74,25 +78,41 @@ def rate_hz(path: Path) -> float | None:
 def _folder(path: Path) -> Iterator[Frame]:
     times = _times(path)
     first = times[0][0]
+    size: tuple[int, int] | None = None
     for seq, (t, image_path) in enumerate(times):
-        data = np.fromfile(image_path, np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-        if image is None:
-            raise VideoError(f"{image_path}: not an image that can be read")
-        yield Frame(t - first, seq, np.asarray(image, dtype=np.uint8))
+        image = _image(image_path)
+        size = size or (image.shape[0], image.shape[1])
+        if image.shape != size:
+            found, before = (f"{w}x{h}" for h, w in (image.shape, size))
+            raise VideoError(f"{image_path}: {found}, and those before it {before}")
+        yield Frame(t - first, seq, image)
+
+
+def _image(path: Path) -> NDArray[np.uint8]:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        image = cv2.imdecode(data, _READ_AS) if data.size else None
+    except OSError as e:
+        raise VideoError(f"{path}: cannot be read: {e.strerror}") from None
+    except cv2.error:  # more pixels than it takes
+        image = None
+    if image is None:
+        raise VideoError(f"{path}: not an image that can be read")
+    return np.asarray(image, dtype=np.uint8)
 
 
 def _times(path: Path) -> list[tuple[float, Path]]:
     listed = path / TIMES
     found: list[tuple[float, Path]] = []
     if listed.exists():
-        with listed.open(newline="", encoding="utf-8") as file:
-            for number, row in enumerate(csv.reader(file), start=1):
-                try:
-                    found.append((float(row[1]), path / row[0]))
-                except (ValueError, IndexError):
-                    if number > 1:  # the first line may be a heading
-                        raise VideoError(f"{listed}:{number}: expected NAME,SECONDS") from None
+        for number, row in enumerate(_rows(listed), start=1):
+            if not row:
+                continue
+            try:
+                found.append((_seconds(row[1]), path / row[0]))
+            except (ValueError, IndexError):
+                if number > 1:  # the first line may be a heading
+                    raise VideoError(f"{listed}:{number}: expected NAME,SECONDS") from None
         for _, image in found:
             if not image.is_file():
                 raise VideoError(f"{image}: named in {TIMES} and not there")
@@ -100,7 +120,7 @@ def _times(path: Path) -> list[tuple[float, Path]]:
         for image in sorted(p for p in path.iterdir() if p.suffix.lower() in _IMAGES):
             digits = image.stem.rpartition("-")[2].rpartition("_")[2]
             try:
-                found.append((float(digits), image))
+                found.append((_seconds(digits), image))
             except ValueError:
                 raise VideoError(
                     f"{image}: expected its time in s at the end of its name, or {TIMES}"
@@ -108,3 +128,20 @@ def _times(path: Path) -> list[tuple[float, Path]]:
     if not found:
         raise VideoError(f"{path}: no images in this folder")
     return sorted(found)
+
+
+def _rows(path: Path) -> list[list[str]]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return list(csv.reader(file))
+    except OSError as e:
+        raise VideoError(f"{path}: cannot be read: {e.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise VideoError(f"{path}: cannot be read: not text") from None
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not math.isfinite(seconds):
+        raise ValueError(text)
+    return seconds
