@@ -185,3 +185,41 @@ def test_a_configuration_in_a_folder_whose_name_is_no_text_is_refused_with_its_l
     config.write_text("include: [default.yaml]\ncamera: {calibration: cam.yaml}\n")
     line = refused(["sim", "-c", config], capsys)
     assert re.search(r"mine.yaml:2: camera.calibration: found .*, expected a name in UTF-8", line)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "tune thesis-pid -c {0} -o {0}",
+        "tune {0} -o {0}",
+        "calibrate gimbal -c {0} -o {0}",
+        "bench-test pose -c {0} --height 1.5 --mark 3,0 -o {0}",
+        "dry-run --telemetry a.tlog --video {0} --draw {0}",
+    ],
+)
+def test_what_a_command_reads_it_does_not_write_over(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / ("mine.mp4" if "--draw" in command else "mine.yaml")
+    # A camera that is not there: nothing is moved in a test.
+    text = "include: [default.yaml]\ncamera: {driver: v4l2, v4l2: {device: /dev/none}}\n"
+    mine.write_text(text)
+    line = refused(command.format(mine).split(), capsys)
+    assert line.endswith(f"{mine}: is read, too, and would be lost; name another file\n")
+    assert mine.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("argument", "told"),
+    [
+        ("--from nan", "argument --from: found 'nan', expected seconds"),
+        ("--to inf", "argument --to: found 'inf', expected seconds"),
+        ("--draw a.avi", "--draw a.avi: expected a .webm or .mp4"),
+    ],
+)
+def test_a_dry_run_says_what_it_expects(
+    argument: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises((SystemExit, AssertionError)):
+        assert main(["dry-run", "--telemetry", "a.tlog", *argument.split()]) != 2
+    assert told in capsys.readouterr().err

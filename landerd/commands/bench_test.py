@@ -29,6 +29,7 @@ from landerd.commands.shared import (
     ask,
     check_folder,
     check_gimbal_alone,
+    check_not_read,
     load_with_saved,
     metres,
     print_json,
@@ -151,6 +152,7 @@ def run(args: argparse.Namespace) -> int:
     """Test; return 0, or 1 if landerd should not fly with it."""
     loaded, overlay = load_with_saved(args)
     check_folder(args.output)
+    check_not_read(args.output, args.config)
     config = loaded.config
     is_simulated = config.camera.driver == "sim"
     if args.test == "gimbal" and config.gimbal.driver == "fixed":

@@ -25,6 +25,7 @@ from landerd.commands.shared import (
     ask,
     check_folder,
     check_gimbal_alone,
+    check_not_read,
     load_with_saved,
     print_json,
     refusing,
@@ -112,6 +113,7 @@ def _check(args: argparse.Namespace, loaded: Loaded) -> None:
     if args.yes and args.places > 1:
         raise InputError("--places needs somebody to move the pad: not with --yes")
     check_folder(args.output)
+    check_not_read(args.output, args.config)
     if args.without_autopilot:
         check_gimbal_alone(loaded)
     with refusing(PadError):

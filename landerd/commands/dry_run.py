@@ -26,6 +26,7 @@ from landerd.commands.shared import (
     InputError,
     add_config,
     add_json,
+    check_not_read,
     check_output,
     load_config,
     print_json,
@@ -47,6 +48,7 @@ GOOD_RATE_HZ = 20.0
 BELIEVED_MPS = 60.0  # no copter flies faster
 SEEN_FROM_M = 20.0  # from farther away pads of a metre are not seen
 IN_THE_AIR_M = 2.0
+_FILMS = (".webm", ".mp4")  # that browsers play, and others
 _OUTCOMES = {  # in words; others are words
     None: "the recording ends before the landing does",
     "landed": "landed: on the pad when it was disarmed",
@@ -85,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--offset",
-        type=float,
+        type=_seconds,
         metavar="S",
         help="the video begins so long after the telemetry; without: found by their motion",
     )
@@ -103,9 +105,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--pad-at", type=_numbers(2), metavar="LAT,LON", help="the same in degrees")
     parser.add_argument("--fps", type=_positive, default=10.0, help="of drawn pictures (10)")
-    parser.add_argument("--from", dest="start", type=float, default=0.0, metavar="S")
+    parser.add_argument("--from", dest="start", type=_seconds, default=0.0, metavar="S")
     parser.add_argument(
-        "--to", dest="end", type=float, metavar="S", help="part of the telemetry, s from its start"
+        "--to",
+        dest="end",
+        type=_seconds,
+        metavar="S",
+        help="part of the telemetry, s from its start",
     )
     parser.add_argument(
         "--draw",
@@ -123,8 +129,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print what would have been ordered; return 0."""
     loaded = load_config(args)
-    is_for_browsers = args.draw is not None and args.draw.suffix == ".webm"
-    check_output(args.draw, ".webm" if is_for_browsers else ".mp4", "--draw")
+    if args.draw is not None:
+        if args.draw.suffix not in _FILMS:
+            raise InputError(f"--draw {args.draw}: expected a {' or '.join(_FILMS)}")
+        check_output(args.draw, args.draw.suffix, "--draw")
+        check_not_read(args.draw, args.video, "--draw")
     check_output(args.log, ".mcap", "--log")
     with refusing(TelemetryError, VideoError, VideoNotWritten, CalibrationError, PadError):
         telemetry = _telemetry(args.telemetry)
@@ -428,6 +437,16 @@ def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:
         return values
 
     return parse
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds")
+    return value
 
 
 def _positive(text: str) -> float:

@@ -269,6 +269,18 @@ def check_folder(path: Path | None) -> None:
     _try_to_write(path, f"-o {path}")
 
 
+def check_not_read(path: Path | None, read: Path | None, flag: str = "-o") -> None:
+    """Refuse a file that is to be written, if it is one that is read.
+
+    Raises:
+        InputError: what it holds would be lost.
+    """
+    if path is None or read is None or not (path.exists() and read.exists()):
+        return
+    if path.samefile(read):
+        raise InputError(f"{flag} {path}: is read, too, and would be lost; name another file")
+
+
 def _try_to_write(path: Path, where: str) -> None:
     """Open a file for writing, and leave all as it was: what `access` says is not always so."""
     try:

@@ -30,6 +30,7 @@ from landerd.commands.shared import (
     InputError,
     add_config,
     add_json,
+    check_not_read,
     check_output,
     check_stand_in_flies,
     config_path,
@@ -75,6 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Search and write; return 0, or 1 if the winner does not hold on fresh seeds."""
     check_output(args.out, ".yaml", "-o")
+    for read in (args.config, args.name and Path(args.name)):
+        check_not_read(args.out, read)
     check_output(args.report, ".html", "--report")
     if (args.name is None) == (args.flights is None):
         raise InputError("expected NAME, or --from FLIGHT.mcap")
