@@ -215,9 +215,12 @@ def _layout(args: argparse.Namespace, view: View) -> PadLayout:
     lengths_m = dict(args.measured)
     if len(lengths_m) < len(args.measured):
         raise InputError("--measured: one thing is given twice; give the mean")
+    printed_m = {name: size_m(marker) for name, marker in marker_names(layout).items()}
+    printed_m[RULER] = RULER_MM / 1e3
     layout = measured(layout, lengths_m)
-    if abs(1e3 * lengths_m.get(RULER, RULER_MM / 1e3) / RULER_MM - 1.0) > _SCALED:
-        tell("ruler: 3 % and more off; was it printed at 100 %? It is taken as measured")
+    for what, length in lengths_m.items():
+        if abs(length / printed_m[what] - 1.0) > _SCALED:
+            tell(f"{what}: 3 % and more off; was it printed at 100 %? It is taken as measured")
     return layout
 
 

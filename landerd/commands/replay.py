@@ -106,7 +106,8 @@ def _in_words(
     if what_if or not _is_good(logic):
         lines += ["  phases as flown:", *_timeline([(s.now, s.commands) for s in log.steps])]
         lines += ["  phases now:", *_timeline(replayed.steps)]
-        lines.append(f"  outcome now: {replayed.outcome}, pad lost {replayed.aborts} times")
+        outcome = replayed.outcome or "none"
+        lines.append(f"  outcome now: {outcome}, pad lost {replayed.aborts} times")
         lines.append("  (the vehicle moves as it was recorded, whatever is ordered now)")
     return "\n".join(lines)
 

@@ -290,12 +290,17 @@ def test_in_words_it_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFi
     assert f"wrote {tmp_path / 'pad.pdf'}" in out
 
 
-def test_a_ruler_that_no_printer_makes_is_asked_about(
+def test_a_length_that_no_printer_makes_is_asked_about(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = str(tmp_path / "mine.yaml")
-    for length, told in (("98.2mm", ""), ("94mm", "was it printed at 100 %?")):
-        assert main(["pad", "nested", "--measured", f"ruler={length}", "-o", file]) == 0
+    for what, told in (
+        ("whycon=982mm", ""),
+        ("whycon=1.1m", "whycon: 3 % and more off; was it printed at 100 %?"),
+        ("ruler=98.2mm", ""),
+        ("ruler=94mm", "ruler: 3 % and more off; was it printed at 100 %?"),
+    ):
+        assert main(["pad", "nested", "--measured", what, "-o", file]) == 0
         said = capsys.readouterr()
         assert told in said.err
         assert bool(told) == bool(said.err)

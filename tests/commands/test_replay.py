@@ -61,6 +61,12 @@ def test_what_if_says_what_would_have_changed(capsys: pytest.CaptureFixture[str]
     assert "phases now:" in capsys.readouterr().out
 
 
+def test_a_flight_without_an_outcome_has_none(capsys: pytest.CaptureFixture[str]) -> None:
+    closed = str(GOLDEN.with_name("gate-closed.mcap"))
+    assert main(["replay", closed, "--set", "guidance.limits.speed_mps=2"]) == 0
+    assert "outcome now: none, pad lost 0 times" in capsys.readouterr().out
+
+
 def test_wrong_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
     for arguments, says in (
