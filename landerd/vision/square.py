@@ -22,24 +22,31 @@ _MIN_CELL_PX = 1.2
 # Samples along a cell, and the share of them at its either end that does not count. Where a cell is
 # hardly larger than the corners' error they are the next cell's: of 802 tags in photographs all
 # four of OpenCV's own along a cell show 719, the middle one of three 765.
-_CELL_SAMPLES, _CELL_MARGIN = 3, 0.34
+_CELL_MIDDLE = 3, 0.34
+# Where cells are large: all of a cell, of which dirt may hide the middle.
+_WHOLE_CELL = 4, 0.13
 # Sides of the threshold's window, in turn until all squares are seen. Where a pad is known to be
 # the first mostly shows them.
 _WINDOW_MEANS_PX = (7, 21)
 # Of a whole image, one a search in turn, and the first in each that is not full of texture. Alone
 # it shows 743 of those 802 tags.
-_WHOLE_MEANS_PX = (23, 3, 13, 17)
+_WHOLE_MEANS_PX = ((23, _CELL_MIDDLE), (3, _CELL_MIDDLE), (13, _WHOLE_CELL), (17, _WHOLE_CELL))
 # Outlines follow whole pixels: those of small tags are nearer in an image that is enlarged. A
 # quarter of it so takes no longer than the whole: between two looks at this, each in turn. Together
 # they show 792 of the 802, and all but one of the 791 that OpenCV or the AprilTag 3 library shows.
 _ENLARGED, _QUARTER_MEANS_PX = 2.0, (23, 5)
 _ENLARGED_CELL_PX = 2.0  # instead of `_MIN_CELL_PX`
+# One more in turn, in light made even over so many pixels: else an arm's shadow across a square, a
+# drop on the lens or a flickering lamp's band takes a part of its black and white for each other.
+# Of cells so large only: dim texture, made even, is full of outlines. Of 32 pads of one square that
+# no other look showed, 1 to 8 m off in shadow, gloss, grass and leaves, it shows 9.
+_EVEN_LIGHT_PX, _EVEN_LIGHT_MEANS_PX, _EVEN_LIGHT_CELL_PX = 51, (13,), 4.0
 _OVERLAP_PX = 16  # by which a quarter reaches beyond the middle of the image
 # Share of an image's pixels at which black meets white under a threshold by a mean over such a
 # side: the time goes with it. Above it the image is full of texture.
 _MAX_EDGE_SHARE, _EDGE_MEAN_PX = 0.04, 17
 _THRESHOLD_OFFSET = 7  # grey levels: OpenCV's own
-_EVENED_LEVEL, _DARKEST = 110.0, 4.0  # grey levels: of a mean made even, and added against noise
+_EVENED_LEVEL, _DARKEST = 110.0, 4  # grey levels: of a mean made even, and added against noise
 
 
 @dataclass(frozen=True)
@@ -50,11 +57,14 @@ class _Look:
     scale: float  # `_quickly_made`
     means_px: tuple[int, ...]  # sides of the threshold's window
     min_cell_px: float = _MIN_CELL_PX  # in the enlarged part
+    cell: tuple[int, float] = _CELL_MIDDLE  # what of a cell tells it
+    evened_px: int | None = None  # as `SquareFinder.find` takes it
 
     def part(self, image: Image) -> Image:
-        """Return the part of an image, enlarged."""
+        """Return the part of an image, enlarged and made even; may be empty."""
         w = self.window
-        return _scaled(image[w.y0 : w.y1, w.x0 : w.x1], self.scale)
+        part = _scaled(image[w.y0 : w.y1, w.x0 : w.x1], self.scale)
+        return part if self.evened_px is None or part.size == 0 else _evened(part, self.evened_px)
 
     def in_whole(self, corners: F64) -> F64:
         """Return where corners (4, 2) of the enlarged part are in the whole image, px."""
@@ -116,7 +126,8 @@ class SquareFinder:
         if window is None:
             looks = self._whole_looks(image)
         else:
-            looks = [_Look(window, _quickly_made(scale), _WINDOW_MEANS_PX)]
+            scale = _quickly_made(scale)
+            looks = [_Look(window, scale, _WINDOW_MEANS_PX, evened_px=evened_px)]
         found: list[FoundSquare] = []
         for look in looks:
             if len({f.square for f in found}) == self._count:
@@ -124,8 +135,6 @@ class SquareFinder:
             part = look.part(image)
             if min(part.shape) < MIN_SIDE_PX:
                 continue
-            if evened_px is not None:
-                part = _evened(part, evened_px)
             for means_px in look.means_px:
                 found += self._looked(look, part, means_px, smallest_px, {f.square for f in found})
         return found
@@ -140,7 +149,7 @@ class SquareFinder:
                 continue
             cells = detector.getDictionary().markerSize + 2
             side_px = max(smallest_px, look.min_cell_px * cells)
-            parameters = _parameters(4.0 * side_px / max(part.shape), means_px)
+            parameters = _parameters(4.0 * side_px / max(part.shape), means_px, look.cell)
             for number, corners in _detected(detector, parameters, part):
                 if squares[number] not in known:
                     px = look.in_whole(corners)[first]
@@ -181,7 +190,11 @@ class SquareFinder:
         self._whole_searches += 1
         height, width = image.shape
         whole = Window(0, 0, width, height)
-        first, *others = (_Look(whole, 1.0, (means_px,)) for means_px in _WHOLE_MEANS_PX)
+        first, *others = (
+            _Look(whole, 1.0, (means_px,), cell=cell) for means_px, cell in _WHOLE_MEANS_PX
+        )
+        means_px, cell_px = _EVEN_LIGHT_MEANS_PX, _EVEN_LIGHT_CELL_PX
+        others.append(_Look(whole, 1.0, means_px, cell_px, _WHOLE_CELL, _EVEN_LIGHT_PX))
         is_even = not is_textured(image)
         wholes = others if is_even else [first, *others]
         turn, is_quarter = divmod(search, 2)
@@ -242,9 +255,9 @@ def _scaled(image: Image, scale: float) -> Image:
 
 def _evened(image: Image, width_px: int) -> Image:
     """Return an image over its mean of so many pixels, which becomes a middle grey."""
-    grey = image.astype(np.float32) + _DARKEST
-    even = grey * (_EVENED_LEVEL / cv2.blur(grey, (width_px, width_px)))
-    return np.asarray(np.clip(even, 0.0, 255.0), dtype=np.uint8)
+    grey = np.minimum(image, 255 - _DARKEST) + np.uint8(_DARKEST)
+    even = cv2.divide(grey, cv2.blur(grey, (width_px, width_px)), scale=_EVENED_LEVEL)
+    return np.asarray(even, dtype=np.uint8)
 
 
 def _detected(
@@ -275,14 +288,17 @@ def _turns(name: str) -> int:
     return 2 if name.upper().startswith("APRILTAG") else 0
 
 
-def _parameters(perimeter_rate: float, means_px: int) -> cv2.aruco.DetectorParameters:
+def _parameters(
+    perimeter_rate: float, means_px: int, cell: tuple[int, float] = _CELL_MIDDLE
+) -> cv2.aruco.DetectorParameters:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.minMarkerPerimeterRate = perimeter_rate
     parameters.minDistanceToBorder = 1
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = means_px
-    parameters.perspectiveRemovePixelPerCell = _CELL_SAMPLES
-    parameters.perspectiveRemoveIgnoredMarginPerCell = _CELL_MARGIN
+    samples, margin = cell
+    parameters.perspectiveRemovePixelPerCell = samples
+    parameters.perspectiveRemoveIgnoredMarginPerCell = margin
     return parameters
 
 

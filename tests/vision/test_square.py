@@ -11,6 +11,7 @@ from landerd.config.models import VisionSection
 from landerd.messages import Frame, Prior
 from landerd.pad import PadLayout, Plate, Square
 from landerd.vision import Vision
+from landerd.vision.arrays import U8
 from landerd.vision.pose import Pose, vec3
 from landerd.vision.square import SquareFinder, is_textured, printed_cells
 from landerd.vision.square_fit import SquarePrint
@@ -77,6 +78,35 @@ def test_tags_of_twelve_pixels_are_found_within_eight_searches_of_a_whole_image(
             count += 1
             assert np.abs(found[0].corners - corners_px(view, square)).max() < 1.5
     assert count >= 8
+
+
+def searched_thrice_each_way(square: Square, image: U8) -> bool:
+    finder = SquareFinder(pad_of(square))
+    return any(finder.find(image) for _ in range(24))
+
+
+def test_the_shadow_of_an_arm_across_a_square_hides_it_from_no_search() -> None:
+    """Nothing else is on the pad that would tell where to look for it."""
+    square, count = tag("4X4_50", 7, 0.6), 0
+    for k in range(12):
+        view = look(THESIS_CAMERA, 1.8, 0.3, pixel=(320, 240), heading=0.5 * k)
+        image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(1), pad_of(square))
+        light = np.ones(image.shape)
+        light[:, 283 + 30 * (k % 3) : 298 + 30 * (k % 3)] = 0.55
+        shaded = image * cv2.GaussianBlur(light, (0, 0), 1.0)
+        count += searched_thrice_each_way(square, np.rint(shaded).astype(np.uint8))
+    assert count >= 10
+
+
+def test_dirt_on_the_middles_of_large_cells_hides_no_square() -> None:
+    square = tag("4X4_50", 7, 0.6)
+    view = look(THESIS_CAMERA, 1.5, 0.2, pixel=(320, 240), heading=0.7)
+    image = render(view, THESIS_CAMERA, Optics(), np.random.default_rng(1), pad_of(square))
+    middles = 0.1 * (np.stack(np.meshgrid(np.arange(4), np.arange(4)), axis=-1) - 1.5)
+    points = np.array(view.position) + middles.reshape(-1, 2) @ view.R_camera_pad[:, :2].T
+    for x, y in THESIS_CAMERA.pixels(points):
+        cv2.circle(image, (round(x), round(y)), 4, 90, -1)
+    assert searched_thrice_each_way(square, image)
 
 
 def test_other_ids_are_not_reported() -> None:
