@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from landerd.commands.shared import add_json, add_set, print_json, refusing, tell
+from landerd.commands.shared import InputError, add_json, add_set, print_json, refusing, tell
 from landerd.config.files import ConfigError, from_record
 from landerd.config.models import Config
 from landerd.drivers import options_models
@@ -21,6 +21,9 @@ from landerd.flightlog.replay import (
 )
 from landerd.messages import Command
 
+# What the log holds itself: files of these names may have changed since.
+_HELD = ("pad.layout", "camera.calibration")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
@@ -31,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print how the replay compares; return 0, or 1 if it differs."""
+    for key in (option.partition("=")[0].strip() for option in args.set):
+        if key in _HELD:
+            raise InputError(f"--set {key}: the log's own is replayed; no other can be given")
     with refusing(LogError, ConfigError):
         log = read_log(args.log)
         config, unknown = config_of(log, args.set)

@@ -74,6 +74,7 @@ def test_wrong_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[s
         ([str(tmp_path / "a.mcap")], "the attachment config.json is missing"),
         ([str(GOLDEN), "--set", "guidance.sped=1"], "nearest known key"),
         ([str(GOLDEN), "--set", "guidance.limits.speed_mps=fast"], "expected a number"),
+        ([str(GOLDEN), "--set", "pad.layout=pads/nested.yaml"], "the log's own is replayed"),
     ):
         assert main(["replay", *arguments]) == 2
         (line,) = capsys.readouterr().err.splitlines()
