@@ -14,6 +14,7 @@ from landerd.geometry import Vec3
 from landerd.messages import BESIDE, Light, MarkerSighting, PoseSolution
 from landerd.pad import PadLayout, Ring, Square
 from landerd.vision.arrays import Image
+from landerd.vision.concentric import Concentric
 from landerd.vision.expected import Expected
 from landerd.vision.metering import Meter
 from landerd.vision.other_ids import OtherIds
@@ -160,6 +161,7 @@ class PixelDetectors:
         self._camera = camera
         self._meter = Meter(camera, layout.plate)
         self._plates = {ring: PlateSearch(layout, ring) for ring in layout.rings}
+        self._concentric = {ring: Concentric(layout, ring, camera) for ring in layout.rings}
         self._plate_headings = {
             ring: PlateHeading(layout, ring) for ring in layout.rings if has_beside(layout, ring)
         }
@@ -218,7 +220,7 @@ class PixelDetectors:
     ) -> list[MarkerSighting]:
         """See `whycon.find_rings`."""
         vouches = _known if vouched else self._plate.voucher(image, ring)
-        return find_rings(
+        found = find_rings(
             image,
             ring,
             self._camera,
@@ -230,6 +232,13 @@ class PixelDetectors:
             response=self._response,
             beside=Beside(refuses, vouches, self._plates[ring], self._on_plates.get(ring)),
         )
+
+        def track(position: F64, normal: F64) -> MarkerSighting | None:
+            tracked = self.track_ring(image, ring, position, normal, down, vouched=vouched)
+            is_another = tracked is not None and refuses is not None and refuses(tracked)
+            return None if is_another else tracked
+
+        return self._concentric[ring].sorted_out(image, found, track)
 
     def ring_on_plate(
         self, image: Image, ring: Ring, expected: F64, down: Vec3

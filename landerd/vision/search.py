@@ -1,14 +1,13 @@
 """Searches images for a pad's rings and squares, as `search_policy` decides."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from landerd.camera_model import F64, CameraModel, Window
 from landerd.geometry import Vec3, dot
 from landerd.messages import MarkerSighting
-from landerd.pad import PadLayout, Ring, Square, WhyCode
+from landerd.pad import PadLayout, Ring, Square
 from landerd.vision import search_policy as policy
 from landerd.vision.arrays import Image
 from landerd.vision.detectors import Detectors
@@ -226,30 +225,8 @@ class Search:
                 work=work,
                 refuses=self._refusal(image, ring),
             )
-            found += self._behind_others(image, ring, found, down)
             rings += [(ring, s) for s in self._large_enough(found)]
         return rings
-
-    def _behind_others(
-        self, image: Image, ring: Ring, found: Sequence[MarkerSighting], down: Vec3 | None
-    ) -> list[MarkerSighting]:
-        """Return the ring where it is if an outline found is another round marker's.
-
-        Rings about one centre, and a WhyCode that is not read yet, look alike but for their size:
-        the outline of one is that of the other nearer or farther. `choice` takes the pose that
-        shows more of them.
-        """
-        others = []
-        rounds: tuple[Ring | WhyCode, ...] = (*self._layout.rings, *self._layout.whycodes)
-        concentric = [m for m in rounds if m != ring and m.position_m == ring.position_m]
-        for sighting in found:
-            best = sighting.solutions[0]
-            for marker in concentric:
-                at = np.array(best.position) * (marker.radius_m / ring.radius_m)
-                other = self._detectors.track_ring(image, ring, at, np.array(best.normal), down)
-                if other is not None and not self._refusal(image, ring)(other):
-                    others.append(other)
-        return others
 
     def _large_enough(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
         large = [
