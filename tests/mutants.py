@@ -304,8 +304,8 @@ MUTANTS = [
     Mutant(
         "4: stands level as soon as it touches",
         TOUCHDOWN,
-        "stands and (released or still_s >= LEVEL_STILL_S)",
-        "waited > 0.0",
+        "stands and (released or now - self._still_since >= LEVEL_STILL_S)",
+        "self._pressed_s(now) > 0.0",
         "test_4_without_on_ground_it_keeps_pressing_and_tells_the_pilot",
     ),
     Mutant(
@@ -573,15 +573,15 @@ MUTANTS = [
     Mutant(
         "4: stays without thrust while it sinks",
         TOUCHDOWN,
-        "self._level = due and now - self._slow_since >= CONTACT_S",
-        "self._level = due",
+        "self._level = is_due and not self._sinks(now)",
+        "self._level = is_due",
         "guidance/test_touchdown.py::test_thrust_comes_back_as_soon_as_it_sinks_without",
     ),
     Mutant(
         "4: levelled while it sinks as it would in the air",
         TOUCHDOWN,
-        "is_pressed = released or told_up or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps",
-        "is_pressed = True",
+        "return told_up or held_up_mps > PRESSED_DOWN_SHARE * self._descent_mps",
+        "return True",
         "guidance/test_touchdown.py"
         "::test_what_answers_late_over_a_deck_that_begins_to_sink_is_not_levelled_in_the_air",
     ),

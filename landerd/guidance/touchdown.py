@@ -1,7 +1,9 @@
-"""From commit to disarmed motors (design rule 4).
+"""The touch-down, from commit until the motors are disarmed (design rule 4).
 
-"Measured" below is ArduCopter 4.5.7 in SITL, whose step responses bench/step_response.py has.
-What was tried in wind is the campaign `guidance` with its rows wind-8 and wind-12.
+Tells how fast to descend, what counts as contact, when to stand level without thrust, and when to
+disarm. "Measured" is said of ArduCopter 4.5.7 in SITL, whose step responses
+bench/step_response.py prints. "Chosen by trial in wind" refers to the campaign `guidance`, rows
+wind-8 and wind-12.
 """
 
 import math
@@ -13,128 +15,140 @@ from landerd.guidance.states import Event
 from landerd.messages import Landed
 
 # ---- contact -----------------------------------------------------------------------------------
-# A sink rate below this part of the order is contact. Measured: in the air it is above this from
-# 0.4 s after the order on, on the ground it is below, and the vehicle rebounds 0.2 s later.
+# Contact is a sink rate below this share of the ordered one. Measured: from 0.4 s after the order
+# on the share is larger in the air and smaller on the ground, where the vehicle rebounds 0.2 s
+# later.
 CONTACT_SINK_SHARE = 0.4
-# Where a foot may be down by its height, more of it is contact: by what is not known of the pad's
-# heave; and while the airframe turns as an edge that touches turns it, about which its middle goes
-# on sinking. But no more than this part: in the air it sinks faster.
+# Where a foot may be down by its height, the limit grows by the uncertainty of the pad's heave, but
+# no further than to this share of the order: in the air the vehicle sinks faster.
 MAX_CONTACT_SINK_SHARE = 0.7
-CONTACT_S = 0.2  # for so long: shorter slow moments are gusts
-# After commit before contact is looked for, s, and so long an order must have stood: measured, a
-# vehicle that hovered sinks at 0.6 of the order by then. Without it contact was called 0.25 s after
-# commit, 11 cm up; and 9 cm up of a slow vehicle that was to sink quicker for its lean.
+CONTACT_S = 0.2  # how long the sink rate must be that low: shorter slow moments are gusts
+# Time after commit from which on that is looked for, and time that an order must have stood to
+# count, s. Measured: a vehicle that hovered sinks at 0.6 of the order by then. Without the wait
+# contact was called 0.25 s after commit, 11 cm up; and 9 cm up with a slow vehicle that was to sink
+# faster because it leaned.
 ANSWER_S = 0.4
-# Before that, what it would sink at in the air by now counts, once it is so much of the gentle
-# descent: a deck that came up met the feet 0.06 s after commit, and was climbed away from.
+# Earlier than that the limit is taken of the sink rate that the vehicle would have in the air by
+# now, once that exceeds this share of the gentle descent. A deck that came up met the feet 0.06 s
+# after commit; not noticing that, the vehicle climbed away.
 ANSWERED_SHARE = 0.5
-# From the last sighting until contact is noticed, s; the rule allows 1.0.
+# Longest time from the last sighting until contact is noticed, s; the rule allows 1.0.
 MAX_BLIND_S = 0.97
-# No contact is believed with the lowest foot higher over the pad than this, m (design rule 4): a
-# gust or the air cushion over the plate slows the sinking too.
+# Greatest height of the lowest foot over the pad at which contact is believed, m (design rule 4):
+# a gust, or the air cushion over the plate, slows the descent too.
 MAX_CONTACT_HEIGHT_M = 0.10
-# But where gear or camera were measured wrong: what is so slow for so long, s, is held up, and
-# sooner if the land detector says so as well. With gear 10 cm longer than configured vehicles stood
-# under thrust, climbed off again, or tipped over, and the pilot never heard why.
+# Up to this height, m, contact is believed after HELD_UP_S of low sink rate, s, or SAID_HELD_UP_S
+# if the land detector says ON_GROUND: something holds the vehicle up, and gear or camera were
+# measured wrong. With gear 10 cm longer than configured, vehicles stood under thrust, climbed off
+# again or tipped over, and the pilot was not told why.
 WRONG_BUILD_M = 0.20
 HELD_UP_S, SAID_HELD_UP_S = 1.2, 0.6
-# ON_GROUND is believed so long after contact, s: ArduCopter's land detector takes 1 s at least.
-# What says it sooner is wrong, and to disarm on its word would be to fall.
+# Time after contact from which on ON_GROUND is believed, s. ArduCopter's land detector takes at
+# least 1 s: an earlier report is wrong, and a vehicle disarmed by it would fall.
 CONFIRMED_S = 0.5
 
 # ---- the descent onto the pad ------------------------------------------------------------------
-# From the first foot's touch to the last one's, in wind, s; and the fastest descent for that, m/s.
-# Chosen by trial in wind: touching slower, a vehicle leaning against 8 m/s slid half a metre.
+# Time from the touch of the first foot to that of the last one, in wind, s; and the fastest descent
+# ordered to keep it, m/s. Chosen by trial in wind: with a slower touch a vehicle that leaned
+# against 8 m/s slid half a metre.
 EDGE_TO_EDGE_S = 0.1
 MAX_DESCENT_MPS = 0.6
-MAX_TILT = 1.0  # rad: of more only this counts; no multicopter flies so
+MAX_TILT = 1.0  # rad, the largest tilt that is counted: no multicopter flies with more
+# Delay of the vehicle's answer beyond that of ArduPilot's shaper, s. Measured with a shaper's delay
+# of 0.2 s: a vehicle that hovered sinks at 0.6 of the order 0.4 s after it.
+LATE_S = 0.2
 
 # ---- standing level without thrust -------------------------------------------------------------
-# After contact, s: at the earliest; once it has stood still for so long; at the latest. Chosen by
-# trial in wind: levelled earlier, on an edge and with thrust left, it was blown off the pad. What
-# was taken for contact may have been the air cushion, 4 cm up: from the touch on it stands still.
+# Time after contact at which the vehicle is levelled, s: at the earliest, and at the latest; and
+# how long it must have stood still before the latest. Chosen by trial in wind: levelled earlier, on
+# one edge and with thrust left, vehicles were blown off the pad. What was taken for contact may
+# have been the air cushion, 4 cm up: a vehicle stands still from the real touch on only.
 LEVEL_AFTER_S = 0.6
 LEVEL_STILL_S = 0.55
 LEVEL_AT_LATEST_S = 2.5
-# Or as soon as it has lain flat for STILL_S, where it slides, no faster than this, m/s, and may not
-# fly on, or leaned by more than this before the touch, rad: while as much is asked for ArduCopter
-# keeps half of the thrust of hover to steer with (measured), and what that carries slides in the
-# wind that it leaned against, ever faster.
+
+# What counts as standing still; chosen by trial in wind together with the times above.
+STILL_S = 0.3  # how long
+MAX_SLIP_MPS = 0.1  # speed across the pad: a faster vehicle is still carried by thrust and wind
+PAD_SPEED_ERROR_SHARE = 0.05  # share of a fast pad's speed that may be an error of it
+MAX_ROLL_PITCH_RATE = 0.3  # rad/s: in a faster turn one foot may be down, but not all
+# Sinking since it lies flat, m: on an air cushion a vehicle sinks slower than 0.1 m/s, but sinks.
+SETTLES_M = 0.01
+
+# What counts as pressed down: sinking slower than it would in the air, by this share of the gentle
+# descent. A vehicle that answers late hovers for a second over a deck that begins to sink: neither
+# its height nor its sink rate relative to the deck distinguish it from one that stands, but 4 cm up
+# it sank as fast as in the air to within 0.03 m/s.
+PRESSED_DOWN_SHARE = 0.3
+
+# A vehicle that has lain flat for STILL_S but slides, no faster than this, m/s, is levelled if it
+# leaned by more than this before the touch, rad, or if landerd may not fly on. Measured: while more
+# lean is asked for, ArduCopter keeps half of the thrust of hover to steer with, and a vehicle so
+# lightened slides ever faster in the wind that it leaned against.
 SLIDES_MPS, STEERS = 0.45, math.radians(15.0)
-# What leaned and slides faster than this, m/s, is dragged off the plate within a second: levelled
-# up to this speed, m/s, so soon after contact, once it has lain within so much of the plate, rad,
-# for so long, s. By its attitude: it rocks on its gear, and its rates, which come late, fall below
-# MAX_ROLL_PITCH_RATE 0.2 to 0.6 s after it lies there; waiting for that, one tipped over beside the
-# plate and one was left with a foot off it.
+# A vehicle that leaned and slides faster than this, m/s, would be dragged off the plate within a
+# second. Up to the second speed, m/s, it is levelled this long after contact, s, once it has lain
+# within this angle of the plate, rad, for this long, s. Its attitude decides, not its turn rates:
+# these arrive late, and as it rocks on its gear they fall below MAX_ROLL_PITCH_RATE only 0.2 to
+# 0.6 s after it lies there. Waiting for that, one vehicle tipped over beside the plate and one came
+# to rest with a foot off it.
 DRAGGED_MPS = 0.3
 MOST_DRAGGED_MPS, DRAGGED_AFTER_S = 0.8, 0.3
 LIES_FLAT, DRAGGED_FLAT_S = math.radians(6.0), 0.1
-# Pressed down, what stands sinks slower by so much of the gentle descent than it would in the air.
-# What answers late hovers for a second over a deck that begins to sink, where neither height nor
-# sinking against the deck tell it from what stands: 4 cm up it was within 0.03 m/s of the air's.
-PRESSED_DOWN_SHARE = 0.3
-# A vehicle answers so much later than ArduPilot's shaper, s. Measured with 0.2 s of that: one that
-# hovered sinks at 0.6 of the order 0.4 s after it.
-LATE_S = 0.2
-# Or so soon, where it leans by so much more than in the air, rad, on a pad that is seen to take it
-# along: an autopilot that holds its velocity against a pad that brakes tips over on it. Or where it
-# is to stop and leaned: turned level by the pad, and with the thrust that it had against the wind,
-# one was dragged off its pad, and tipped over.
+# A vehicle that its thrust tips over is levelled this long after contact, s. Either it leans by
+# this much more than in the air, rad, on a pad that is seen to carry it: an autopilot that keeps
+# its velocity against a braking pad tips over on it. Or it leaned, and is to stop: one that the pad
+# turned level, with the thrust that it had against the wind, was dragged off and tipped over.
 LEVEL_TIPPING_S, TIPS = 0.3, math.radians(5.0)
-# What counts as standing still, and for how long, s; chosen by trial with these.
-STILL_S = 0.3
-MAX_SLIP_MPS = 0.1  # across the pad: faster, thrust and wind still carry it;
-# meanwhile it has sunk by no more than this, m: on an air cushion it sinks slower than 0.1 m/s;
-SETTLES_M = 0.01
-PAD_SPEED_ERROR_SHARE = 0.05  # of a fast pad's speed may be an error
-MAX_ROLL_PITCH_RATE = 0.3  # rad/s: faster, not all feet are down yet, but one may be
-# No deck that can be landed on sinks faster, m/s. What sinks faster without thrust falls.
+# Fastest sinking of a deck that can be landed on, m/s: a faster vehicle without thrust falls.
 FASTEST_HEAVE_MPS = 0.6
 
-# Told to climb, what is on the pad may lift after so long, s, and what it was pressed down before,
-# and what the autopilot takes from sinking to climbing as fast: of two that were told to climb as
-# they touched, one of 2.2 m/s^2 lifted after 0.5 s, one of 0.9 m/s^2 after 1.5 s.
+# ---- thrust that comes back --------------------------------------------------------------------
+# Told to climb, a vehicle on the pad may lift after this time, s, plus the time for which it was
+# pressed down, plus the autopilot's time to turn from sinking to climbing as fast. Of two vehicles
+# that were told to climb as they touched, one of 2.2 m/s^2 lifted after 0.5 s, one of 0.9 m/s^2
+# after 1.5 s.
 LIFTS_S = 0.15
-
-# Levelled as its thrust was coming back, it lifts all the same, and falls beside the pad: where it
-# has risen so far since, m, and rises so fast, m/s, it is to fly. Telemetry that is wrong in height
-# alone does not say so, and a deck that was seen to heave may carry it up.
+# A vehicle levelled just as its thrust came back lifts all the same, and would fall beside the pad.
+# One that has risen by this since it was levelled, m, and rises faster than this, m/s, flies on.
+# Telemetry whose height alone is wrong does not show both, and a deck that was seen to heave may
+# carry the vehicle up.
 LIFTED_M, LIFTS_MPS = 0.08, 0.15
 
-DISARM_EVERY_S = 0.5  # the command is repeated: one may be lost
+DISARM_EVERY_S = 0.5  # until the vehicle is disarmed: one command may be lost
 
 
 @dataclass(frozen=True, slots=True)
 class ContactMotion:
     """How vehicle and pad move in a control step from contact on."""
 
-    feet_down: float  # local z, m
-    pad_down: float  # as far down as it may be by now, local z, m
-    sink_rate: float  # measured, m/s, downward; infinity: not known
-    slip: float  # measured speed across the pad, m/s; infinity: not known
-    lean: float  # of the airframe from the plate as last seen, rad; infinity: never seen
-    roll_pitch_rate: float  # measured, rad/s; infinity: not known
-    pad_speed: float  # horizontal, against which slip is measured, m/s
-    heave: float  # of the pad, downward, as far as is known, m/s
+    feet_down: float  # local z of the feet, m
+    pad_down: float  # local z of the pad, m: the lowest that it may have by now
+    sink_rate: float  # measured, m/s, downward positive; infinity: unknown
+    slip: float  # horizontal speed relative to the pad, measured, m/s; infinity: unknown
+    lean: float  # angle of the airframe to the plate as last seen, rad; infinity: never seen
+    roll_pitch_rate: float  # measured, rad/s; infinity: unknown
+    pad_speed: float  # the pad's horizontal speed, relative to which slip is measured, m/s
+    heave: float  # the pad's vertical velocity as last known, downward positive, m/s
     sigma_heave: float  # m/s
 
     @property
     def slip_error(self) -> float:
-        """What of the slip may be an error of the pad's speed, m/s."""
+        """How much of the slip may be an error of the pad's speed, m/s."""
         return PAD_SPEED_ERROR_SHARE * self.pad_speed
 
 
 class Touchdown:
-    """Watches for contact, for the land detector, and for the time that each may take.
+    """Decides on contact, levelling and disarming, from measured motion and the land detector.
 
     Attributes:
         stands: the vehicle stands still on the pad, as far as is known.
-        turned_over: it has turned over there, however it lies now.
+        turned_over: it has turned over on the ground, whatever its attitude is now.
     """
 
     def __init__(self, config: Config) -> None:
-        """Make one that has not begun."""
-        self._reach_m = 0.5 * max(config.vehicle.footprint_m)  # of the furthest edge
+        """Make a touch-down that has not begun."""
+        self._reach_m = 0.5 * max(config.vehicle.footprint_m)  # from the middle to an edge, at most
         self.configure(config)
         self.begin(-math.inf)
 
@@ -147,17 +161,20 @@ class Touchdown:
         self._lag_s = autopilot.vertical_shaper_lag_s + LATE_S
 
     def begin(self, now: float) -> None:
-        """Start with a landing and at commit, at time now."""
+        """Start afresh, with a landing and again at commit, at time now (s)."""
         self._began = now
         self._watch_from = now + ANSWER_S
-        self._ordered: list[tuple[float, float]] = []  # in the last ANSWER_S: when, m/s
-        self._slow_since = math.inf
-        self._lies_since = math.inf  # on the plate, by its attitude
-        self._flat_since = self._still_since = math.inf  # nor turns; and does not slide
-        self._flat_at = (0.0, 0.0)  # local z of feet and pad then, m
+        # Orders of the last ANSWER_S: time, s, and sink rate relative to the pad, m/s.
+        self._ordered: list[tuple[float, float]] = []
+        self._slow_since = math.inf  # since when it has sunk too slowly to be in the air, s
+        self._lies_since = math.inf  # since when it has lain on the plate, by its attitude, s
+        self._flat_since = math.inf  # since when it has not turned or settled either, s
+        self._flat_at = (0.0, 0.0)  # local z of feet and pad at that time, m
+        self._still_since = math.inf  # since when it has not slid either, s
         self._contact_t: float | None = None
-        self._in_air: tuple[float, float] | None = None  # when, how fast it would sink then, m/s
-        self._flew_t = -math.inf  # last seen to sink as it would in the air, s
+        # Time, s, and sink rate that the vehicle would have in the air at that time, m/s.
+        self._in_air: tuple[float, float] | None = None
+        self._flew_t = -math.inf  # when it was last seen to sink as it would in the air, s
         self._level = self.stands = False
         self._level_down: float | None = None  # local z of the feet when it was levelled, m
         self._tilt = 0.0  # largest since commit, rad
@@ -165,12 +182,12 @@ class Touchdown:
         self._disarm_t = -math.inf
 
     def descent(self, tilt: float) -> float:
-        """Return the downward speed to order against the pad's, m/s; called from commit on.
+        """Return the sink rate to order, relative to the pad, m/s; called from commit on.
 
-        A vehicle that leans against wind touches with one edge first. From then on it stands too
-        upright to hold against the wind and too lightly not to slide, until all feet are down and
-        the thrust is gone: the more it leans, the quicker that must be. So it stays when the pad
-        has levelled it.
+        A vehicle that leans against wind touches with one edge first. From then on, until all feet
+        are down and the thrust is gone, it stands too upright to hold against the wind, and too
+        lightly not to slide: the more it leans, the quicker the descent must be. The largest tilt
+        since commit counts, as the pad levels the vehicle.
 
         Args:
             tilt: of the airframe from level, rad.
@@ -191,13 +208,13 @@ class Touchdown:
 
         Args:
             now: s.
-            sighting_age: s since the exposure of the last accepted sighting.
-            clearance: the least that the lowest foot may be over the pad as last known, m.
+            sighting_age: time since the exposure of the last accepted sighting, s.
+            clearance: lower bound of the lowest foot's height over the pad as last known, m.
             landed: what the autopilot's land detector says.
-            highest_m: with no more clearance a slow sinking is believed to be contact; one that
-                lasts, up to WRONG_BUILD_M.
+            highest_m: greatest clearance at which a low sink rate counts as contact after
+                CONTACT_S; up to WRONG_BUILD_M it counts if it lasts longer.
         """
-        # What sinks as ordered is in the air, whatever is said of it.
+        # A vehicle that sinks as ordered is in the air, whatever the land detector says.
         says_so = landed is Landed.ON_GROUND and self.may_touch
         is_slow = now - self._slow_since >= CONTACT_S and clearance <= highest_m
         held_up_s = SAID_HELD_UP_S if says_so else HELD_UP_S
@@ -205,7 +222,7 @@ class Touchdown:
         if is_slow or is_held_up or (says_so and clearance <= MAX_CONTACT_HEIGHT_M):
             self._contact_t = now
             return Event.CONTACT
-        # A contact that begins only now would be noticed too late.
+        # A contact that began only now would be noticed later than MAX_BLIND_S.
         begins_late = sighting_age > MAX_BLIND_S - CONTACT_S and not self.may_touch
         lost = begins_late or sighting_age > MAX_BLIND_S
         return Event.SIGHT_LOST if lost else None
@@ -213,35 +230,40 @@ class Touchdown:
     def watch(
         self, t: float, sinking: tuple[float, float], heave: float = 0.0, unsure: float = 0.0
     ) -> None:
-        """Take a measurement; called from commit to contact for each, and before `step`.
+        """Take a measured velocity; called for each from commit to contact, before `step`.
 
         Args:
-            t: of the measurement, s.
-            sinking: downward, measured and of the last set-point, m/s.
-            heave: of the pad, downward, m/s.
-            unsure: it may sink by so much more and touch, m/s; 0 where no foot can be down.
+            t: time of the measurement, s.
+            sinking: sink rate measured and sink rate of the last set-point, m/s.
+            heave: the pad's vertical velocity, downward positive, m/s.
+            unsure: uncertainty of heave, m/s: a vehicle that has touched may seem to sink by so
+                much more; 0 where no foot can be down.
         """
         sink_rate, ordered = sinking
-        in_air = self._fly_on(t, sink_rate, ordered) - heave
+        in_air = self._sink_rate_in_air(t, sink_rate, ordered) - heave
         self._ordered = [(at, o) for at, o in self._ordered if at > t - ANSWER_S]
         self._ordered.append((t, ordered - heave))
         answered = min(o for _, o in self._ordered)
-        share = min(CONTACT_SINK_SHARE * answered + unsure, MAX_CONTACT_SINK_SHARE * answered)
+        slow_mps = min(CONTACT_SINK_SHARE * answered + unsure, MAX_CONTACT_SINK_SHARE * answered)
         if t < self._watch_from:
             answers = in_air > ANSWERED_SHARE * self._descent_mps
-            share = CONTACT_SINK_SHARE * in_air if answers else -math.inf
-        self._note_slow(t, is_slow=sink_rate - heave < share)
+            slow_mps = CONTACT_SINK_SHARE * in_air if answers else -math.inf
+        self._note_slow(t, is_slow=sink_rate - heave < slow_mps)
 
     def _note_slow(self, t: float, *, is_slow: bool) -> None:
         self._slow_since = min(self._slow_since, t) if is_slow else math.inf
 
-    def _fly_on(self, t: float, sink_rate: float, ordered: float) -> float:
-        """Return how fast it would sink in the air at t by what was ordered since commit, m/s."""
-        at, sinks = self._in_air or (t, sink_rate)
+    def _sink_rate_in_air(self, t: float, sink_rate: float, ordered: float) -> float:
+        """Return the sink rate that the vehicle would have in the air at time t (s), m/s.
+
+        It begins with the measured sink_rate at commit, and follows what was ordered (m/s) since
+        with the autopilot's delay and acceleration. Called in order of time.
+        """
+        at, in_air = self._in_air or (t, sink_rate)
         most = self._acceleration * (t - at)
-        sinks += clamp(min(1.0, (t - at) / self._lag_s) * (ordered - sinks), -most, most)
-        self._in_air = t, sinks
-        return sinks
+        in_air += clamp(min(1.0, (t - at) / self._lag_s) * (ordered - in_air), -most, most)
+        self._in_air = t, in_air
+        return in_air
 
     @property
     def has_touched(self) -> bool:
@@ -249,23 +271,23 @@ class Touchdown:
         return self._contact_t is not None
 
     def touch(self, t: float) -> None:
-        """Take it that the vehicle has touched at t (s), unless contact was noticed before."""
+        """Note contact at t (s), unless it was noted before."""
         if self._contact_t is None:
             self._contact_t = t
 
     def press(self, t: float) -> None:
-        """Take it that the vehicle touches at t (s): it is pressed down before it is levelled."""
+        """Note contact at t (s) anew: the vehicle is pressed down before it is levelled again."""
         self._contact_t = t
         self._lies_since = self._flat_since = self._still_since = math.inf
         self._level = self.stands = False
         self._level_down = None
 
     def lifts(self, feet_down: float, climb_mps: float) -> bool:
-        """Tell whether what is level on a pad that does not heave rises from it.
+        """Tell whether a levelled vehicle rises from its pad; not to be trusted if that heaves.
 
         Args:
             feet_down: local z of the feet, m; called at every control step while it is level.
-            climb_mps: measured.
+            climb_mps: measured climb rate, m/s.
         """
         if self._level_down is None:
             self._level_down = feet_down
@@ -273,35 +295,35 @@ class Touchdown:
         return lifted and not self.turned_over
 
     def settle(self, t: float) -> None:
-        """Take it that the vehicle has stood on the pad since t (s), and is to stand level."""
+        """Note that the vehicle has stood on the pad since t (s), and is to stand level."""
         self.touch(t)
         self._level = self.stands = True
 
     def turn_over(self, t: float) -> None:
-        """Take it that the vehicle turns over on the ground at t (s): no thrust does any good."""
+        """Note that the vehicle turns over on the ground at t (s): thrust only does harm now."""
         self.settle(t)
         self.turned_over = True
 
     @property
     def is_level(self) -> bool:
-        """Whether the vehicle was to stand level without thrust when that was looked at last."""
+        """Whether the vehicle was to stand level without thrust when that was last decided."""
         return self._level
 
     def has_settled(self, now: float) -> bool:
-        """Tell whether it was pressed down for so long that it stands, for all that is known."""
+        """Tell whether it has been pressed down for so long that it counts as standing."""
         return self._contact_t is not None and now - self._contact_t > LEVEL_AT_LATEST_S
 
     @property
     def may_touch(self) -> bool:
-        """Whether the sinking is so slow that the feet may touch; called until contact."""
+        """Whether the sink rate is so low that a foot may be down; for use until contact."""
         return self._slow_since < math.inf
 
     def thrust_back_s(self, now: float, ordered: float) -> float:
-        """Return how long after it is told to climb the vehicle on the pad stays there, s.
+        """Return how long a vehicle on the pad stays there once it is told to climb, s.
 
         Args:
-            now: when it is told, s.
-            ordered: what it was to sink at before, m/s.
+            now: time at which it is told to climb, s.
+            ordered: sink rate of the set-point before, m/s.
         """
         pressed_s = max(0.0, now - self._slow_since)
         turns_s = 2.0 * max(0.0, ordered) / self._acceleration
@@ -319,12 +341,12 @@ class Touchdown:
         return touched and landed is Landed.ON_GROUND
 
     def leans_more(self, tilt: float) -> bool:
-        """Tell whether it leans (rad) by more than it needs to in the air here."""
+        """Tell whether a tilt (rad) exceeds the largest since commit by TIPS."""
         return tilt > self._tilt + TIPS
 
     @property
     def leaned(self) -> bool:
-        """Whether it leaned before the touch: what carries it then drags it across the pad."""
+        """Whether it leaned before the touch: the wind that it leaned against drags it now."""
         return self._tilt > STEERS
 
     def level_due(
@@ -339,61 +361,90 @@ class Touchdown:
     ) -> bool:
         """Tell whether to stand level without thrust rather than to go with the pad.
 
-        ArduCopter's land detector does not trust in a landing while more than 15 degrees of tilt
-        are asked for, as a velocity kept in wind does. It waits until the vehicle stands still, or
-        slides lying flat: levelled on one edge, with thrust left, it would be blown away. Once
-        level it stays so, but never while it sinks: what sinks is in the air, whatever was taken
-        for contact, and needs its thrust.
+        ArduCopter's land detector does not accept a landing while more than 15 degrees of tilt are
+        asked for, as they are to keep a velocity in wind. Levelled on one edge and with thrust left
+        the vehicle would be blown away: it is first to stand still, or to slide lying flat. Once
+        level it stays so, except while it sinks: then it is in the air, whatever was taken for
+        contact, and needs its thrust.
 
         Args:
             now: s; called at every control step from contact on.
             motion: of vehicle and pad.
-            ordered: what it is to sink at by the last set-point, m/s.
+            ordered: sink rate of the last set-point, m/s.
             landed: what the autopilot's land detector says.
-            tips: thrust tips it over, or drags it off.
-            released: landerd may not fly on, and what stands is pressed down no longer.
+            tips: thrust tips the vehicle over, or drags it off.
+            released: landerd may not fly on, and a vehicle that stands is no longer pressed down.
         """
         if self.turned_over:
             return True
-        sink_rate = motion.sink_rate
-        # A deck that may be sinking as fast carries it down; on one that rises it does not sink.
-        by_deck = clamp(motion.heave + 2.0 * motion.sigma_heave, 0.0, FASTEST_HEAVE_MPS)
-        self._note_slow(now, is_slow=sink_rate - by_deck < CONTACT_SINK_SHARE * self._descent_mps)
-        held_up_by = self._fly_on(now, sink_rate, ordered) - sink_rate
-        # Told to climb, what has touched is held down, if by anything.
-        told_up = ordered <= 0.0
-        is_pressed = released or told_up or held_up_by > PRESSED_DOWN_SHARE * self._descent_mps
+        is_pressed = self._is_pressed(now, motion, ordered) or released
         if not is_pressed:
-            self._flew_t = now  # for all that is known
+            self._flew_t = now  # as far as is known
         self._note_still(now, motion, is_pressed=is_pressed)
-        since = max(self._contact_t, self._flew_t) if self._contact_t is not None else math.inf
-        waited = now - since
-        still_s = now - self._still_since
-        tips_over = tips and waited > LEVEL_TIPPING_S
-        slides = motion.slip < SLIDES_MPS + motion.slip_error and (self.leaned or released)
-        slides = slides and waited > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
-        slides = slides or (self._is_dragged(now, motion) and waited > DRAGGED_AFTER_S)
         confirmed = self._confirmed(now, landed)
-        stands = (waited > LEVEL_AFTER_S and still_s >= STILL_S) or tips_over
-        stands = stands or (released and confirmed)  # and not stopped there, nor pressed down
-        stays = stands and (released or still_s >= LEVEL_STILL_S)
-        late = waited > LEVEL_AT_LATEST_S or tips_over or slides or stays
-        may_level = released or (is_pressed and landed is not Landed.ON_GROUND)
-        due = self._level or (late and may_level)
-        self._level = due and now - self._slow_since >= CONTACT_S
+        tips_over = tips and self._pressed_s(now) > LEVEL_TIPPING_S
+        # A released vehicle that is said to be on the ground is neither stopped nor pressed down.
+        stands = self._stands_still(now) or tips_over or (released and confirmed)
+        is_time = (
+            tips_over
+            or (stands and (released or now - self._still_since >= LEVEL_STILL_S))
+            or self._slides_flat(now, motion, released=released)
+            or self._is_dragged(now, motion)
+            or self._pressed_s(now) > LEVEL_AT_LATEST_S
+        )
+        may_begin = released or (is_pressed and landed is not Landed.ON_GROUND)
+        is_due = self._level or (is_time and may_begin)
+        self._level = is_due and not self._sinks(now)
         if not self._level:
             self._level_down = None
         self.stands = stands or self._level or confirmed
         return self._level
 
+    def _is_pressed(self, now: float, motion: ContactMotion, ordered: float) -> bool:
+        """Tell whether something holds the vehicle up; called once at each control step.
+
+        A vehicle that is told to climb and has touched is held down, if by anything.
+        """
+        self._note_sinking(now, motion)
+        held_up_mps = self._sink_rate_in_air(now, motion.sink_rate, ordered) - motion.sink_rate
+        told_up = ordered <= 0.0
+        return told_up or held_up_mps > PRESSED_DOWN_SHARE * self._descent_mps
+
+    def _note_sinking(self, now: float, motion: ContactMotion) -> None:
+        """Note whether it sinks faster than the deck may be sinking, if that sinks at all."""
+        by_deck = clamp(motion.heave + 2.0 * motion.sigma_heave, 0.0, FASTEST_HEAVE_MPS)
+        sinks_mps = motion.sink_rate - by_deck
+        self._note_slow(now, is_slow=sinks_mps < CONTACT_SINK_SHARE * self._descent_mps)
+
+    def _sinks(self, now: float) -> bool:
+        """Tell whether it has sunk faster than its deck within CONTACT_S."""
+        return now - self._slow_since < CONTACT_S
+
+    def _pressed_s(self, now: float) -> float:
+        """Return how long ago it touched and was last in the air, s; -inf before contact."""
+        if self._contact_t is None:
+            return -math.inf
+        return now - max(self._contact_t, self._flew_t)
+
+    def _stands_still(self, now: float) -> bool:
+        """Tell whether it has neither turned, nor settled, nor slid for STILL_S."""
+        return self._pressed_s(now) > LEVEL_AFTER_S and now - self._still_since >= STILL_S
+
+    def _slides_flat(self, now: float, motion: ContactMotion, *, released: bool) -> bool:
+        """Tell whether it lies flat but slides, and will not stop while it has thrust."""
+        will_slide = self.leaned or released
+        lies_flat = self._pressed_s(now) > LEVEL_AFTER_S and now - self._flat_since >= STILL_S
+        return will_slide and lies_flat and motion.slip < SLIDES_MPS + motion.slip_error
+
     def _is_dragged(self, now: float, motion: ContactMotion) -> bool:
-        """Tell whether what it leaned against drags it across the plate on which it lies."""
+        """Tell whether the wind that it leaned against drags it across the plate it lies on."""
         across = motion.slip - motion.slip_error
         lies = now - self._lies_since >= DRAGGED_FLAT_S
+        lies = lies and self._pressed_s(now) > DRAGGED_AFTER_S
         return self.leaned and lies and DRAGGED_MPS < across < MOST_DRAGGED_MPS
 
     def _note_still(self, now: float, motion: ContactMotion, *, is_pressed: bool) -> None:
-        """Note since when it lies on the plate, turns no longer, and does not slide either."""
+        """Note since when it has lain on the plate, has not turned or settled, and not slid."""
         down = motion.feet_down, motion.pad_down
         lies = motion.lean < LIES_FLAT and is_pressed
         self._lies_since = min(self._lies_since, now) if lies else math.inf
@@ -407,17 +458,18 @@ class Touchdown:
             self._still_since = math.inf
 
     def _has_settled_by(self, down: tuple[float, float]) -> float:
-        """Return how far it has sunk since it lies flat, and not with the pad, m."""
+        """Return by how much more than the pad it has sunk since it lies flat, m."""
         feet, pad = (now - then for now, then in zip(down, self._flat_at, strict=True))
         return feet - max(0.0, pad)
 
     def without_data(self, now: float, landed: Landed, *, released: bool = False) -> bool:
         """Tell whether to stand level while nothing is known of how the vehicle moves.
 
-        What stood stands still; pressed down no longer, it would be given thrust for want of data.
+        A vehicle that stood counts as standing. When landerd may not fly on it is levelled: it is
+        no longer pressed down then, and would be given thrust for want of data.
 
         Args:
-            now: s; called at every control step from contact on without data.
+            now: s; called at every control step from contact on without fresh data.
             landed: what the autopilot's land detector says.
             released: landerd may not fly on.
         """
@@ -427,9 +479,9 @@ class Touchdown:
         return self._level
 
     def unconfirmed(self, now: float, landed: Landed) -> bool:
-        """Tell whether the land detector has been silent for too long, after contact or commit.
+        """Tell whether the land detector has been silent for too long after contact.
 
-        Velocities that are wrong may show no contact: commit is a second before it.
+        Without contact the time counts from commit, a second earlier: wrong velocities may hide it.
         """
         since = self._began if self._contact_t is None else self._contact_t
         return now - since > self._timeout_s and landed is not Landed.ON_GROUND
