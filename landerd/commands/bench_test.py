@@ -23,13 +23,9 @@ from landerd.calibration.marks import (
 from landerd.camera_model import CalibrationError, CameraModel
 from landerd.commands.shared import (
     InputError,
-    add_config,
-    add_json,
-    add_overlay,
+    add_bench,
     ask,
-    check_folder,
-    check_gimbal_alone,
-    check_not_read,
+    check_bench,
     load_with_saved,
     metres,
     print_json,
@@ -109,29 +105,19 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--height",
-        type=_height,
+        type=metres(0.2, 30.0),
         required=True,
         metavar="M",
         help="of the camera over the pad",
     )
     parser.add_argument(
         "--pictures",
-        type=lambda text: whole_number(text, 3),
+        type=whole_number(3),
         default=30,
         metavar="N",
         help="at each mark (30)",
     )
-    parser.add_argument(
-        "--without-autopilot",
-        action="store_true",
-        help="nobody is asked whether the vehicle is disarmed, and it stands level",
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE.csv", help="what every picture showed"
-    )
-    add_json(parser)
-    add_config(parser, required=True)
-    add_overlay(parser)
+    add_bench(parser, "FILE.csv", "what every picture showed")
 
 
 def _mark(text: str) -> tuple[float, float]:
@@ -144,21 +130,14 @@ def _mark(text: str) -> tuple[float, float]:
     return ahead, right
 
 
-def _height(text: str) -> float:
-    return metres(text, 0.2, 30.0)
-
-
 def run(args: argparse.Namespace) -> int:
     """Test; return 0, or 1 if landerd should not fly with it."""
     loaded, overlay = load_with_saved(args)
-    check_folder(args.output)
-    check_not_read(args.output, args.config)
+    check_bench(args, loaded)
     config = loaded.config
     is_simulated = config.camera.driver == "sim"
     if args.test == "gimbal" and config.gimbal.driver == "fixed":
         raise InputError("gimbal.driver: fixed does not turn; landerd bench-test pose is for it")
-    if args.without_autopilot:
-        check_gimbal_alone(loaded)
     marks = [Mark(ahead, right, args.height) for ahead, right in args.mark]
     with refusing(CalibrationError, PadError, SetUpError):
         bench = _Bench(loaded, overlay, args, is_simulated=is_simulated)

@@ -4,7 +4,6 @@ import argparse
 import asyncio
 import math
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,9 @@ from landerd.calibration.gimbal_motion import Delays, GimbalMotion
 from landerd.camera_model import CalibrationError
 from landerd.commands.shared import (
     InputError,
-    add_config,
-    add_json,
-    add_overlay,
+    add_bench,
     ask,
-    check_folder,
-    check_gimbal_alone,
-    check_not_read,
+    check_bench,
     load_with_saved,
     print_json,
     refusing,
@@ -64,15 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: the pad lies there, in one place"
     )
-    parser.add_argument(
-        "--without-autopilot",
-        action="store_true",
-        help="on a bench: nobody is asked whether the vehicle is disarmed, and it stands level",
-    )
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="the keys to set")
-    add_json(parser)
-    add_config(parser, required=True)
-    add_overlay(parser)
+    add_bench(parser, "FILE.yaml", "the keys to set")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -112,10 +99,7 @@ def _check(args: argparse.Namespace, loaded: Loaded) -> None:
     """Refuse what cannot be calibrated so. Raises InputError."""
     if args.yes and args.places > 1:
         raise InputError("--places needs somebody to move the pad: not with --yes")
-    check_folder(args.output)
-    check_not_read(args.output, args.config)
-    if args.without_autopilot:
-        check_gimbal_alone(loaded)
+    check_bench(args, loaded)
     with refusing(PadError):
         layout = load_pad(loaded.config.pad.layout)
     if not layout.has_heading:

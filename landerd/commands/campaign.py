@@ -48,7 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name", metavar="NAME", help=f"{names}, a scenario of landerd sim, or a FILE.yaml"
     )
     parser.add_argument(
-        "--runs", type=_count, metavar="N", help="seeds 1 to N; without: what the campaign says"
+        "--runs",
+        type=whole_number(1),
+        metavar="N",
+        help="seeds 1 to N; without: what the campaign says",
     )
     add_flying(parser)
     add_json(parser)
@@ -164,7 +167,3 @@ def _least(
         fly = partial(landing.fly_with, row, run.seed)
         found.append(shrink(row, run, fly, landing.overrides))
     return found
-
-
-def _count(text: str) -> int:
-    return whole_number(text, 1)

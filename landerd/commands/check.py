@@ -21,9 +21,8 @@ from landerd.camera_model import (
 )
 from landerd.commands.shared import (
     InputError,
-    add_config,
     add_json,
-    add_overlay,
+    add_vehicle,
     config_path,
     load_with_saved,
     print_json,
@@ -74,8 +73,7 @@ _MARKS = {"ok": "ok  ", "warn": "WARN", "fail": "FAIL"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_json(parser)
-    add_config(parser, required=True)
-    add_overlay(parser)
+    add_vehicle(parser)
     parser.add_argument(
         "--watch", action="store_true", help="again and again, until nothing stops a landing"
     )

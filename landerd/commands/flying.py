@@ -30,7 +30,7 @@ def add_flying(parser: argparse.ArgumentParser) -> None:
     """Add what says where flights are flown and kept: --jobs, --scheduler, --keep."""
     parser.add_argument(
         "--jobs",
-        type=_jobs,
+        type=whole_number(1),
         default=len(os.sched_getaffinity(0)),
         metavar="N",
         help="processes; without: one for every core",
@@ -46,10 +46,6 @@ def add_flying(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write every run down as it ends; runs that FILE holds are not flown again",
     )
-
-
-def _jobs(text: str) -> int:
-    return whole_number(text, 1)
 
 
 def executor(args: argparse.Namespace) -> Executor:

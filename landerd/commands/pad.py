@@ -69,6 +69,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="outlines of the black areas for a vinyl cutter, and nothing else; an .svg",
     )
+    _add_measured(parser)
+    _add_proposed(parser)
+    add_json(parser)
+
+
+def _add_measured(parser: argparse.ArgumentParser) -> None:
+    """Add what makes a pad file of a print that was measured."""
     parser.add_argument(
         "--measured",
         action="append",
@@ -79,6 +86,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "100 mm: all markers and places) or one marker's outer diameter or black edge, as "
         "whycon=994mm or apriltag-0=311mm; may be given again",
     )
+
+
+def _add_proposed(parser: argparse.ArgumentParser) -> None:
+    """Add what proposes a pad of a wanted size."""
     parser.add_argument(
         "--for",
         dest="side",
@@ -98,7 +109,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="with --for: its calibration (the thesis's camera, 640x480 of 77 degrees)",
     )
-    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hw.autopilots.tlog import TlogEncoder
 from landerd.camera_model import CalibrationError, CameraModel, left_out
-from landerd.commands.shared import add_config, add_overlay, load_with_saved, refusing
+from landerd.commands.shared import add_vehicle, load_with_saved, refusing
 from landerd.config.models import Config
 from landerd.devices import SetUpError, fitting_camera, make_devices
 from landerd.flightlog.contents import Head
@@ -76,8 +76,7 @@ class SensorNotes(Observer):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    add_config(parser, required=True)
-    add_overlay(parser)
+    add_vehicle(parser)
 
 
 def run(args: argparse.Namespace) -> int:

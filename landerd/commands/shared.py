@@ -5,7 +5,7 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,8 +88,9 @@ def add_config(parser: argparse.ArgumentParser, *, required: bool = False) -> No
     add_set(parser, "set one key of the configuration")
 
 
-def add_overlay(parser: argparse.ArgumentParser) -> None:
-    """Add what chooses the file of saved parameters: --overlay."""
+def add_vehicle(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses a vehicle's configuration: -c, which must be given, --set and --overlay."""
+    add_config(parser, required=True)
     parser.add_argument(
         "--overlay",
         type=Path,
@@ -309,40 +310,71 @@ def write_bytes(path: Path, data: bytes) -> None:
         raise InputError(f"{path}: cannot be written: {e.strerror}") from None
 
 
-def metres(text: str, least: float, most: float) -> float:
-    """Return a command line's length within limits, m.
+# ---- numbers of the command line ---------------------------------------------------------------
+
+
+def metres(least: float, most: float) -> Callable[[str], float]:
+    """Return the `type` of an argument that is a length within these limits, m."""
+
+    def parse(text: str) -> float:
+        try:
+            length = float(text)
+        except ValueError:
+            length = math.nan
+        if not least <= length <= most:
+            raise argparse.ArgumentTypeError(
+                f"found {text!r}, expected metres from {least:g} to {most:g}"
+            )
+        return length
+
+    return parse
+
+
+def whole_number(least: int) -> Callable[[str], int]:
+    """Return the `type` of an argument that is a whole number, and no less than this."""
+
+    def parse(text: str) -> int:
+        if not (text.isascii() and text.isdecimal() and int(text) >= least):
+            raise argparse.ArgumentTypeError(
+                f"found {text!r}, expected a whole number, {least} or more"
+            )
+        return int(text)
+
+    return parse
+
+
+# ---- on the bench ------------------------------------------------------------------------------
+
+
+def add_bench(parser: argparse.ArgumentParser, output: str, what: str) -> None:
+    """Add what the commands for a vehicle on a bench share.
+
+    Args:
+        parser: gets the arguments.
+        output: what -o is shown with, as FILE.csv.
+        what: what -o writes there.
+    """
+    parser.add_argument(
+        "--without-autopilot",
+        action="store_true",
+        help="on a bench: nobody is asked whether the vehicle is disarmed, and it stands level",
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar=output, help=what)
+    add_json(parser)
+    add_vehicle(parser)
+
+
+def check_bench(args: argparse.Namespace, loaded: "Loaded") -> None:
+    """Refuse arguments of `add_bench` that do not fit the configuration.
 
     Raises:
-        ArgumentTypeError: it is none, or outside.
+        InputError: -o cannot be written, or the gimbal speaks through an autopilot that is not
+            there.
     """
-    try:
-        length = float(text)
-    except ValueError:
-        length = math.nan
-    if not least <= length <= most:
-        raise argparse.ArgumentTypeError(
-            f"found {text!r}, expected metres from {least:g} to {most:g}"
-        )
-    return length
-
-
-def check_gimbal_alone(loaded: "Loaded") -> None:
-    """Refuse --without-autopilot where the gimbal speaks through it. Raises InputError."""
     from landerd.drivers import gimbal_speaks_over
 
+    check_folder(args.output)
+    check_not_read(args.output, args.config)
     driver = loaded.config.gimbal.driver
-    if gimbal_speaks_over(driver) == "autopilot":
+    if args.without_autopilot and gimbal_speaks_over(driver) == "autopilot":
         raise InputError(f"--without-autopilot: {driver} speaks through the autopilot")
-
-
-def whole_number(text: str, least: int) -> int:
-    """Return a command line's whole number.
-
-    Raises:
-        ArgumentTypeError: it is none, or less.
-    """
-    if not (text.isascii() and text.isdecimal() and int(text) >= least):
-        raise argparse.ArgumentTypeError(
-            f"found {text!r}, expected a whole number, {least} or more"
-        )
-    return int(text)

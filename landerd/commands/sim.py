@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"{names}; without one: stationary",
     )
     parser.add_argument(
-        "--seed", type=_seed, default=1, metavar="N", help="of everything random (1)"
+        "--seed", type=whole_number(0), default=1, metavar="N", help="of everything random (1)"
     )
     add_config(parser)
     parser.add_argument("--realtime", action="store_true", help="no faster than a real flight")
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--takeoff",
-        type=_height,
+        type=metres(2.0, 100.0),
         metavar="ALT",
         help="with --autopilot: arm it, take off to ALT metres, fly to the start, open the gate",
     )
@@ -270,11 +270,3 @@ def _happened(fault: dict[str, Any]) -> str:
         return f"{fault['fault']}: it never came to it"
     until = "the end" if fault["ended"] is None else f"{fault['ended']:.1f} s"
     return f"{fault['fault']} from {fault['began']:.1f} s to {until}, begun in {fault['phase']}"
-
-
-def _height(text: str) -> float:
-    return metres(text, 2.0, 100.0)
-
-
-def _seed(text: str) -> int:
-    return whole_number(text, 0)

@@ -66,7 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--search", choices=("cma-es", "grid"), default="cma-es", help="(cma-es)")
     parser.add_argument(
-        "--sets", type=_count, metavar="N", help="sets of values tried; without: as NAME says"
+        "--sets",
+        type=whole_number(4),
+        metavar="N",
+        help="sets of values tried; without: as NAME says",
     )
     add_flying(parser)
     add_json(parser)
@@ -245,7 +248,3 @@ def _finite(found: dict[str, Any]) -> dict[str, Any]:
 
 def _in_words(cost: Cost) -> str:
     return f"cost {cost.mean:.3f}, {100.0 * cost.failed:.0f} % failed"
-
-
-def _count(text: str) -> int:
-    return whole_number(text, 4)
