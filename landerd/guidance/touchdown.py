@@ -32,6 +32,9 @@ ANSWER_S = 0.4
 # now, once that exceeds this share of the gentle descent. A deck that came up met the feet 0.06 s
 # after commit; not noticing that, the vehicle climbed away.
 ANSWERED_SHARE = 0.5
+# Delay of the vehicle's answer beyond that of ArduPilot's shaper, s. Measured with a shaper's delay
+# of 0.2 s: a vehicle that hovered sinks at 0.6 of the order 0.4 s after it.
+LATE_S = 0.2
 # Longest time from the last sighting until contact is noticed, s; the rule allows 1.0.
 MAX_BLIND_S = 0.97
 # Greatest height of the lowest foot over the pad at which contact is believed, m (design rule 4):
@@ -54,9 +57,6 @@ CONFIRMED_S = 0.5
 EDGE_TO_EDGE_S = 0.1
 MAX_DESCENT_MPS = 0.6
 MAX_TILT = 1.0  # rad, the largest tilt that is counted: no multicopter flies with more
-# Delay of the vehicle's answer beyond that of ArduPilot's shaper, s. Measured with a shaper's delay
-# of 0.2 s: a vehicle that hovered sinks at 0.6 of the order 0.4 s after it.
-LATE_S = 0.2
 
 # ---- standing level without thrust -------------------------------------------------------------
 # Time after contact at which the vehicle is levelled, s: at the earliest, and at the latest; and
@@ -139,7 +139,7 @@ class ContactMotion:
 
 
 class Touchdown:
-    """Decides on contact, levelling and disarming, from measured motion and the land detector.
+    """Decides on contact, levelling and disarming, by measured motion and the land detector.
 
     Attributes:
         stands: the vehicle stands still on the pad, as far as is known.
@@ -403,7 +403,8 @@ class Touchdown:
     def _is_pressed(self, now: float, motion: ContactMotion, ordered: float) -> bool:
         """Tell whether something holds the vehicle up; called once at each control step.
 
-        A vehicle that is told to climb and has touched is held down, if by anything.
+        Told to climb, a vehicle that has touched counts as pressed down: if anything keeps it from
+        climbing, it is the pad.
         """
         self._note_sinking(now, motion)
         held_up_mps = self._sink_rate_in_air(now, motion.sink_rate, ordered) - motion.sink_rate
@@ -421,7 +422,7 @@ class Touchdown:
         return now - self._slow_since < CONTACT_S
 
     def _pressed_s(self, now: float) -> float:
-        """Return how long ago it touched and was last in the air, s; -inf before contact."""
+        """Return how long it has been held up, without a break, s; -inf before contact."""
         if self._contact_t is None:
             return -math.inf
         return now - max(self._contact_t, self._flew_t)
