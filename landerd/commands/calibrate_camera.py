@@ -24,6 +24,7 @@ from landerd.commands.shared import (
     InputError,
     add_json,
     check_folder,
+    number,
     print_json,
     refusing,
     tell,
@@ -236,10 +237,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _length(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = number(text)
     if not 0.0 < value < 10.0:
         raise argparse.ArgumentTypeError(f"found {text!r}, expected metres, as 0.025")
     return value

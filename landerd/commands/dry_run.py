@@ -29,6 +29,7 @@ from landerd.commands.shared import (
     check_not_read,
     check_output,
     load_config,
+    number,
     print_json,
     refusing,
 )
@@ -440,20 +441,14 @@ def _numbers(*lengths: int) -> Callable[[str], tuple[float, ...]]:
 
 
 def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = number(text)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"found {text!r}, expected seconds")
     return value
 
 
 def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
+    value = number(text)
     if not 0.0 < value <= 60.0:
         raise argparse.ArgumentTypeError(f"found {text!r}, expected a rate up to 60")
     return value

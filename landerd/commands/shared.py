@@ -313,14 +313,19 @@ def write_bytes(path: Path, data: bytes) -> None:
 # ---- numbers of the command line ---------------------------------------------------------------
 
 
+def number(text: str) -> float:
+    """Return a command line's number; NaN: it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def metres(least: float, most: float) -> Callable[[str], float]:
     """Return the `type` of an argument that is a length within these limits, m."""
 
     def parse(text: str) -> float:
-        try:
-            length = float(text)
-        except ValueError:
-            length = math.nan
+        length = number(text)
         if not least <= length <= most:
             raise argparse.ArgumentTypeError(
                 f"found {text!r}, expected metres from {least:g} to {most:g}"
