@@ -142,7 +142,7 @@ def test_what_cannot_be_used_is_one_line(
         (("--telemetry", tlog, "--video", str(tmp_path / "images")), "no images in this folder"),
         (("--telemetry", tlog, "--video", video), "give --gimbal YAW,PITCH"),
         (("--telemetry", tlog, "--from", "30"), "nothing between --from and --to"),
-        (("--telemetry", tlog, "--draw", "x.avi"), "expected a .mp4"),
+        (("--telemetry", tlog, "--draw", "x.avi"), "expected a .webm or .mp4"),
         (
             ("--telemetry", tlog, "--video", video, "--gimbal", "0,-50", "--offset", "100"),
             "no frame of it falls into the telemetry",
