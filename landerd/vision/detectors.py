@@ -1,7 +1,8 @@
-"""What of vision looks at pixels: finders and fits of single markers in one camera's images.
+"""The part of vision that looks at pixels: detects and fits single markers in a camera's images.
 
-Everything else of vision (where is looked how often, which markers are of one pad, its pose) asks
-only these, so that a simulator without pictures puts its own in their place.
+`Detectors` is the interface, `PixelDetectors` the implementation on real pictures. The rest of
+vision (where to look how often, which markers belong to one pad, its pose) calls only these, so
+that a simulator without pictures can substitute its own.
 """
 
 from collections.abc import Mapping
@@ -37,11 +38,11 @@ from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode, WhyCodeFinder
 from landerd.vision.whycon import find_rings, track_ring
 
-_KEPT_BYTES = 1 << 24  # 16 MiB: some twenty images of 1280x720
+_KEPT_BYTES = 1 << 24  # 16 MiB, the size of about 18 grey images of 1280x720
 
 
 class Detectors(Protocol):
-    """Finds one pad's markers in one camera's images; what is found where, `Search` decides."""
+    """Finds one pad's markers in one camera's images; `Search` decides what is looked for where."""
 
     def track_ring(
         self,
@@ -53,7 +54,7 @@ class Detectors(Protocol):
         *,
         vouched: bool = False,
     ) -> MarkerSighting | None:
-        """See `whycon.track_ring`; vouched: that the pad is there is known without its plate."""
+        """See `whycon.track_ring`; vouched: the pad is known to be there, with or without plate."""
         ...
 
     def find_rings(
@@ -69,13 +70,13 @@ class Detectors(Protocol):
         refuses: Refusal | None = None,
         vouched: bool = False,
     ) -> list[MarkerSighting]:
-        """See `whycon.find_rings`; vouched: as of `track_ring`."""
+        """See `whycon.find_rings`; vouched: as in `track_ring`."""
         ...
 
     def ring_on_plate(
         self, image: Image, ring: Ring, expected: F64, down: Vec3
     ) -> MarkerSighting | None:
-        """Return the ring on the level plate that is seen about where it is expected, (3,), m."""
+        """Return the ring that its level plate shows near an expected centre, (3,), m; or None."""
         ...
 
     def track_square(self, image: Image, square: Square, expected: Pose) -> Fit | EdgeFit | None:
@@ -144,17 +145,17 @@ class Detectors(Protocol):
 
 
 def keep_freed_memory() -> None:
-    """Let the C library keep what is freed, up to twice this, instead of returning it at once.
+    """Let the C library keep freed memory, up to twice `_KEPT_BYTES`, instead of returning it.
 
-    glibc raises its limits to what was once allocated and freed: mallopt(3), M_MMAP_THRESHOLD. Else
-    each search gets its arrays from the kernel anew, page by page: of an image full of texture that
-    was a fifth of its time.
+    glibc raises its limits once a block of that size was allocated and freed: mallopt(3),
+    M_MMAP_THRESHOLD. Without this each search gets its arrays from the kernel anew, page by page:
+    in an image full of texture that was a fifth of the time.
     """
     np.empty(_KEPT_BYTES, np.uint8)
 
 
 class PixelDetectors:
-    """The real ones."""
+    """Detectors that search real pictures."""
 
     def __init__(self, layout: PadLayout, camera: CameraModel) -> None:
         """Prepare finders and prints of a pad's markers."""
@@ -326,5 +327,5 @@ class PixelDetectors:
 
 
 def _known(position: F64, normal: F64, contrast: float) -> bool:
-    """Vouch for any ring that is where the pad is known to be."""
+    """Vouch for any ring: the pad is known to be where it was looked for."""
     return True

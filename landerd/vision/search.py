@@ -1,4 +1,10 @@
-"""Searches images for a pad's rings and squares, as `search_policy` decides."""
+"""The search of a frame for a pad's rings and squares.
+
+`search_policy` decides what is looked for and how often. This module knows where: markers are
+tracked, that is fitted, where they are expected, or else detected in a window there; rings are
+searched in the whole image; squares round the rings that were found. The pixels are left to
+`Detectors`. WhyCodes have a finder of their own (`whycode.py`).
+"""
 
 import math
 
@@ -22,25 +28,41 @@ from landerd.vision.search_policy import ExpectedRings, RingSearch, Seen, Square
 from landerd.vision.square import FoundSquare
 from landerd.vision.square_pose import shortest_side, square_points
 
-_RINGS_KEPT = 3  # of those found for one ring of the pad, the nearest: look-alikes may be nearer
-# Squares whose size in the image is known are searched at about this one, chosen for speed (it was
-# 40), and at least at that.
+# How many sightings are kept for one ring of the pad, the nearest: look-alikes may be nearer.
+_RINGS_KEPT = 3
+
+# ---- squares -----------------------------------------------------------------------------------
+# A window in which squares of known size are expected is scaled so that their side is about the
+# first of these, px, chosen for speed (it was 40); detected or tracked squares have at least the
+# second.
 _SEARCH_SIDE_PX, _MIN_SIDE_PX = 28.0, 14.0
-# Sigma over range of a square that tells the pose as well as all markers do: what disturbs it,
-# dirt or leaf shade, disturbs a ring less.
-_TELLING_SHARE = 0.005
-_SURE_SHARE = 0.06  # the same of a ring that needs no help of its plate
-# Of the image so enlarged. Of 139 tags of less than 8 px none was read, of 61 of 8 to 10 px 21.
+# Enlargement from which on squares are not looked for. Of 139 tags of less than 8 px none was read,
+# of 61 of 8 to 10 px 21.
 _MAX_SCALE = 3.5
-# Where that shows none, the light is made even, and the square a little larger. Of a tag with a
-# shadow's edge to 0.2 of the light across it, no other way showed any, this one all from 26 px on.
+# If that shows no square, the window is searched once more with its light evened over a surrounding
+# of the second of these, px, and scaled so that the side is about the first. Of tags with a
+# shadow's edge across them, to 0.2 of the light, no other way showed any, this one all from 26 px
+# on.
 _EVENED_SIDE_PX, _EVENED_PX = 40.0, 13
-_MAX_EVENED_SCALE = 1.4  # else it is too small for that
-_MIN_SLANT = 0.35  # cosine of the viewing angle below which the image is not enlarged further
-_SQUARE_MARGIN_PX = 4.0  # round the circle about a ring in which squares must lie
-_WINDOW_MARGIN, _WINDOW_SIGMAS = 0.2, 3.0  # round what is expected: of its size, and of its sigma
-_HEADINGS = 32  # under which a square may lie about a ring
-_ROUND_MARGIN = 0.05  # of it, round the circle that holds all squares beside a ring
+_MAX_EVENED_SCALE = 1.4  # enlargement from which on a square is too small for that
+# The least foreshortening by which the enlargement allows for an oblique view: the cosine of the
+# angle between line of sight and normal.
+_MIN_SLANT = 0.35
+# A square tells the pose as well as all markers do if its sigma over its range is less than this:
+# what disturbs a square (dirt, leaf shade) disturbs a ring less.
+_TELLING_SHARE = 0.005
+
+# ---- rings -------------------------------------------------------------------------------------
+# Sigma over range of a ring below which its plate's sides are not needed to tell its place.
+_SURE_SHARE = 0.06
+
+# ---- windows -----------------------------------------------------------------------------------
+# Margin of a window round what is expected: a share of its extent, plus sigmas of its place.
+_WINDOW_MARGIN, _WINDOW_SIGMAS = 0.2, 3.0
+# The window round a ring holds all the pad's squares whatever the heading; its margin is a share of
+# its extent, plus px.
+_ROUND_MARGIN, _SQUARE_MARGIN_PX = 0.05, 4.0
+_HEADINGS = 32  # at which a square beside a ring is tested for lying wholly in the picture
 
 FoundRing = tuple[Ring, MarkerSighting]
 
@@ -48,7 +70,8 @@ FoundRing = tuple[Ring, MarkerSighting]
 class Search:
     """Looks for the rings and squares of one pad in the images of one camera.
 
-    Remembers what `search_policy` wants remembered from frame to frame.
+    From frame to frame it remembers `search_policy.SearchState`, and for each ring how far the
+    search of the whole image has come (`RingWork`).
     """
 
     def __init__(
@@ -64,8 +87,10 @@ class Search:
         self._min_ring_px = min_ring_px
         self._detectors = detectors
         self._state = policy.SearchState()
-        self._saw_bare = self._vouched = False
-        self._round: dict[MarkerSighting, list[FoundSquare]] = {}  # squares decoded, by their ring
+        self._saw_bare = False  # a ring was refused in this image as it has no plate about it
+        self._vouched = False  # see `find`
+        # Squares decoded round each ring of this image.
+        self._round: dict[MarkerSighting, list[FoundSquare]] = {}
         self._ring_work = {r: RingWork(smallest_px=min_ring_px) for r in layout.rings}
 
     @property
@@ -83,17 +108,18 @@ class Search:
         ring_only_frames: int,
         vouched: bool = False,
     ) -> tuple[list[FoundRing], list[FoundSquare]]:
-        """Return what may be the pad's rings, of each the nearest few, and its squares.
+        """Return what may be the pad's rings (the nearest few for each), and its squares.
 
         Args:
             t: the image's time, s.
             image: grey image (height, width).
             expected: where the pad should be; None: anywhere.
             down: unit vector of gravity, camera frame.
-            ring_only_frames: how many in a row may do with a ring, as `search_policy` has it.
-            vouched: whether rings where the pad is expected are its own though they lack the white
-                round the pad's other markers. Elsewhere those are another's, and the search goes on
-                behind them.
+            ring_only_frames: for how many frames in a row a ring is enough
+                (`search_policy.ring_only_frames`).
+            vouched: whether a ring where the pad is expected is the pad's even if the plate with
+                the other markers is not seen about it. A ring without plate elsewhere is refused,
+                and the search goes on.
         """
         self._saw_bare, self._vouched = False, vouched
         self._round = {}
@@ -132,22 +158,26 @@ class Search:
         return rings, squares
 
     def _end_rings(self) -> None:
-        """Let the next search of the whole image for rings begin anew."""
+        """Let the next search of the whole image for rings start from its first part."""
         for work in self._ring_work.values():
             work.end()
 
     def _may_squares_wait(self, image: Image) -> bool:
-        """Tell whether squares in a whole image cost much and nothing speaks for a pad in it."""
+        """Tell whether the search of the whole image for squares is left for the next frame.
+
+        It is in a textured image, where it costs much, unless a ring was refused for lack of a
+        plate: that ring may be a pad's.
+        """
         has_squares = bool(self._layout.squares)
         return has_squares and not self._saw_bare and self._detectors.is_textured(image)
 
     def _rings_expected(
         self, image: Image, expected: Expected, down: Vec3 | None, which: ExpectedRings
     ) -> list[FoundRing]:
-        """Look for rings where they should be.
+        """Return the rings seen where they are expected; `which` tells which are looked for.
 
-        Just over the pad the ring fills the image and only the square tells the pose: looking for
-        the ring there would cost ten times what finding the square does.
+        Just over the pad a ring is cut by the image and only the square tells the pose: looking for
+        the ring there would cost ten times as much as finding the square. See `ExpectedRings`.
         """
         rings: list[FoundRing] = []
         for ring in self._layout.rings if which is not ExpectedRings.NONE else ():
@@ -163,7 +193,11 @@ class Search:
     def _ring_expected(
         self, image: Image, ring: Ring, points: F64, expected: Expected, down: Vec3 | None
     ) -> list[MarkerSighting]:
-        """Look for a ring where its outline (n, 3) should be: a fit there, detection, its plate."""
+        """Return what is seen of a ring where its outline (n, 3), camera frame, is expected.
+
+        By a fit that starts there, else by detection in a window round it. If its place is still
+        uncertain and gravity is known, by the four sides of the plate about it.
+        """
         found = self._ring_or_window(image, ring, points, expected, down)
         centre = expected.centre(ring)
         if down is None or centre is None or any(_is_sure(s) for s in found):
@@ -174,7 +208,7 @@ class Search:
     def _ring_or_window(
         self, image: Image, ring: Ring, points: F64, expected: Expected, down: Vec3 | None
     ) -> list[MarkerSighting]:
-        """Do the same by what is seen of the ring itself."""
+        """Return a ring as tracked or else as detected in a window; arguments as there."""
         for start in expected.starts(ring):
             centre = start.centre(ring)
             assert centre is not None
@@ -198,13 +232,15 @@ class Search:
         )
 
     def _refusal(self, image: Image, ring: Ring) -> Refusal:
+        """Return the test by which a search refuses rings that lack the pad's plate."""
+
         def is_bare(sighting: MarkerSighting) -> bool:
-            # They are looked for in any case, and take less time than the plate.
+            # Squares first: they are looked for in any case, and take less time than the plate.
             if self._squares_round(image, ring, sighting):
                 return False
             if not self._detectors.lacks_plate(image, ring, sighting):
                 return False
-            # On ground as bright as the plate the print of a square tells what white does not.
+            # On ground as bright as the plate its outline is not seen, but a square's print is.
             if self._detectors.squares_beside(image, ring, sighting):
                 return False
             self._saw_bare = True
@@ -213,6 +249,7 @@ class Search:
         return is_bare
 
     def _rings_anywhere(self, image: Image, down: Vec3 | None, how: RingSearch) -> list[FoundRing]:
+        """Return the rings seen in the whole image, or in the part of the search that is due."""
         thorough = how is RingSearch.THOROUGH
         rings: list[FoundRing] = []
         for ring in self._layout.rings:
@@ -229,15 +266,20 @@ class Search:
         return rings
 
     def _large_enough(self, rings: list[MarkerSighting]) -> list[MarkerSighting]:
+        """Return the first `_RINGS_KEPT` of the rings that are at least min_ring_px across."""
         large = [
             r for r in rings if np.ptp(np.array(r.outline_px), axis=0).max() >= self._min_ring_px
         ]
         return large[:_RINGS_KEPT]
 
     def _squares_expected(self, image: Image, expected: Expected) -> list[FoundSquare]:
-        """Look for squares where they should be: a fit that starts there, else the detector."""
+        """Return the squares seen where they are expected.
+
+        By a fit that starts there. If none so tracked tells the pose well enough, those that were
+        not tracked are looked for with the detector in a window.
+        """
         found = []
-        missed: dict[float, list[F64]] = {}  # outlines by size
+        missed: dict[float, list[F64]] = {}  # outlines (4, 3) of squares not tracked, by size, m
         for s in self._layout.squares:
             outline = _turned(square_points(s.size_m), s.heading_deg)
             points = expected.points(s.position_m, outline)
@@ -261,7 +303,10 @@ class Search:
     def _tracked(
         self, image: Image, square: Square, outline: F64, expected: Expected
     ) -> FoundSquare | None:
-        """Return a square, whose corners (4, 2) lie so on the pad, if it is where expected."""
+        """Return a square if a fit finds it where it is expected; None: it is not there.
+
+        `outline` are its corners about its centre in the pad's axes, (4, 2), m.
+        """
         for start in expected.starts(square):
             corners = start.points(square.position_m, outline)
             found = None if corners is None else self._fit_at(image, square, corners, start)
@@ -294,7 +339,10 @@ class Search:
     def _squares_elsewhere(
         self, image: Image, rings: list[FoundRing], where: SquareSearch
     ) -> list[FoundSquare]:
-        """Look for squares round the rings, of which the first with any is taken for the pad's."""
+        """Return the squares round the first ring that has any, or those in the whole image.
+
+        In the whole image only if `where` says so and no ring was found.
+        """
         for ring, sighting in rings:
             found = self._squares_round(image, ring, sighting)
             found = found or self._detectors.squares_beside(image, ring, sighting)
@@ -306,7 +354,7 @@ class Search:
     def _squares_round(
         self, image: Image, ring: Ring, sighting: MarkerSighting
     ) -> list[FoundSquare]:
-        """Decode squares round a ring, once in an image; nothing is known of the heading."""
+        """Return the squares decoded round a ring at any heading; decoded once in an image."""
         if sighting not in self._round:
             self._round[sighting] = self._decoded_round(image, ring, sighting)
         return self._round[sighting]
@@ -324,7 +372,7 @@ class Search:
                 for s in self._layout.squares
                 if s.size_m == size
             )
-            # Wherever it is about the ring, a square reaches so far.
+            # Outer ends of a square at each heading, and a circle that encloses it at all of them.
             ends = about.points((0.0, 0.0), circle(reach + 0.5 * size, _HEADINGS))
             points = about.points((0.0, 0.0), circle(reach + 0.75 * size))
             assert ends is not None
@@ -338,7 +386,7 @@ class Search:
     def _detected(
         self, image: Image, window: Window | None, size: float, position: F64, normal: F64
     ) -> list[FoundSquare]:
-        """Detect squares of one size (m) in a window, enlarged as their pose asks for."""
+        """Return the squares of one size (m) in a window, scaled for their pose (3,), (3,)."""
         if window is None:
             return []
         scale = self._search_scale(size, position, normal)
@@ -353,7 +401,7 @@ class Search:
         return [f for f in found if f.square.size_m == size]
 
     def _search_scale(self, size: float, position: F64, normal: F64) -> float:
-        """Return the enlargement under which a square of this size is wide enough to be read."""
+        """Return the enlargement at which a square of this size has `_SEARCH_SIDE_PX`."""
         distance = float(np.linalg.norm(position))
         slant = max(_MIN_SLANT, abs(float(position @ normal)) / distance)
         return min(_MAX_SCALE, _SEARCH_SIDE_PX * distance / (self._camera.focal * size * slant))
@@ -361,9 +409,9 @@ class Search:
     def _window(
         self, points: F64, expected: Expected, share: float = _WINDOW_MARGIN
     ) -> Window | None:
-        """Return the window that holds points (n, 3) and the margin; None: out of the image.
+        """Return the window round points (n, 3), camera frame; None: out of the image.
 
-        The margin is a share of their extent, and what is not sure of the place.
+        Its margin is a share of their extent plus the uncertainty of the place.
         """
         camera = self._camera
         nearest = float(points[:, 2].min())
@@ -384,7 +432,7 @@ class Search:
 
 
 def _is_sure(sighting: MarkerSighting) -> bool:
-    """Tell whether a ring's place is better known than its plate's sides would tell it."""
+    """Tell whether a ring's position is known better than its plate's sides would tell it."""
     pose = sighting.solutions[0]
     return float(np.trace(np.array(pose.covariance))) < _SURE_SHARE**2 * dot(
         pose.position, pose.position
@@ -392,9 +440,9 @@ def _is_sure(sighting: MarkerSighting) -> bool:
 
 
 def _telling_side_px(found: FoundSquare) -> float:
-    """Return the shortest side of a square in the image; 0 if its fit leaves much open.
+    """Return the shortest side of a square in the image, px; 0 if its pose is too uncertain.
 
-    What has made the edges tell more than the grey levels disturbs a ring less.
+    Also 0 if only its edges could be fitted: whatever spoilt its grey levels disturbs a ring less.
     """
     if isinstance(found.fit, EdgeFit):
         return 0.0

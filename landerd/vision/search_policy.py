@@ -1,21 +1,22 @@
-"""Which markers are looked for where in a frame, and how often: what `Search` decides by.
+"""Which markers are looked for where in a frame, and how often: the decisions behind `Search`.
 
-First where the pad is expected, each marker by a fit that starts there (tracking) and, if that
-fails, by detection in a window round it:
+First where the pad is expected: each marker by a fit that starts there (tracking) and, if that
+fails, by detection in a window round it.
 
-1. Only rings, in the 4 frames after one in which squares were looked for and a ring was seen, while
-   the estimate holds the heading: squares tell the heading, which changes slowly. In the first of
-   them while it knows the pad without its heading. If a ring is seen the frame is done.
-2. Squares, in all other frames and where step 1 saw nothing. Once one with sides over 40 px is
-   tracked, those that are not are left: it tells the pose as well as all markers do. One that dirt
-   or shade leaves less certain does not count so.
-3. Rings, after step 2: none beside a square with sides over 40 px, those wholly in the image beside
-   smaller squares, all beside none.
+1. Only rings, in the 4 frames after one in which squares were looked for and a ring was seen. Only
+   squares tell the heading, but it changes slowly. If the estimator knows the pad without its
+   heading, only in the first of these 4 frames; if it does not know the pad, in none. If a ring is
+   seen, the frame is done.
+2. Squares, in all other frames and if step 1 saw nothing. Once a square with sides over 40 px is
+   tracked, the detector does not look for those that are not: this one tells the pose as well as
+   all markers do. A square whose pose dirt or shade makes uncertain does not count as one.
+3. Rings, after step 2: none if a square with sides over 40 px was seen; those that are expected
+   wholly in the image if smaller squares were seen; all if no square was.
 
-Then elsewhere, by what was seen where the pad is expected. A frame in which that was nothing is
-called lost, also if the pad was not expected anywhere. Of lost frames in a row the first is
-searched thoroughly, and after it every fifth, or the first that is 0.15 s later: a camera of 10
-frames a second sees a pad that goes by in few of them.
+Then elsewhere, depending on what was seen where the pad is expected. A frame in which that was
+nothing is called lost; so is one in which the pad was not expected anywhere. Of lost frames in a
+row the first is searched thoroughly, and after it every fifth, or the first that is 0.15 s later:
+a camera of 10 frames a second sees a pad that goes by in only a few of them.
 
 | seen where expected        | rings in the whole image  | squares                               |
 |----------------------------|---------------------------|---------------------------------------|
@@ -23,33 +24,40 @@ frames a second sees a pad that goes by in few of them.
 | squares                    | not looked for            | not looked for                        |
 | only rings, by step 3      | not looked for            | round them                            |
 | nothing, thorough frame    | thresholds that show most;| round the rings found; if none, in    |
-|                            | shadow and motion in the  | the whole image, now or in the next   |
-|                            | model; the rest is left   |                                       |
-| nothing, squares left      | as below                  | round the rings found; if none, in    |
-|                            |                           | the whole image                       |
-| nothing, the search of the | the next part of it, or   | round the rings found                 |
-| frame before goes on       | one of before once more   |                                       |
+|                            | shadow and motion in the  | the whole image, in this frame or in  |
+|                            | model; other parts in the | the next                              |
+|                            | next frames               |                                       |
+| nothing, squares were left | the next part, if there   | round the rings found; if none, in    |
+| for this frame             | is one                    | the whole image                       |
+| nothing, the search of the | the next part, or one     | round the rings found                 |
+| frame before goes on       | that was cut short again  |                                       |
 | nothing, pad not expected  | the first threshold       | round the rings found                 |
 | nothing, pad expected      | not looked for            | not looked for                        |
 
-A thorough search of the whole image for rings takes three frames: what shows most, the other
-thresholds, and the plate's outline. In an image full of texture it takes five, one each for what
-shows most, for the other thresholds, for the plate's outline, for broken rings, and for far rings
-in the finest level, which is not looked at with the first threshold either. Where gravity is known
-two more look for what is on the whole like a level ring with the pad's plate about it, of every
-second size each. After an image with nothing in it, as clear sky, the next one is searched
-thoroughly. What a frame may cost is counted (`ring_work.py`): a search that comes to the end of it
-is cut short, and a later frame goes on with what was not tried, twice at most for each part. What
-was refused is followed to where it moves in the picture. To look for squares in the whole of an
-image full of texture costs as much as a part: those of a pad that has a ring are left for the next
-frame, unless a ring was refused because nothing was seen beside it.
+A thorough search of the whole image for rings is spread over several frames (`ring_work.Part`):
 
-Squares "round" a ring that cannot be read are looked for by their print (`square_beside.py`). A pad
-without rings that is not expected anywhere is looked for in every frame by its squares.
+- Three in most images: the thresholds that show most rings, the other thresholds, and the outline
+  of the pad's plate.
+- Five in an image full of texture: one each for the thresholds that show most, the other
+  thresholds, the plate's outline, broken rings, and far rings in the finest level, which the first
+  threshold of a quick search skips there too.
+- Two more where gravity is known: they correlate the image with a level ring and look for the pad's
+  plate about the likest places, each for every second size.
+
+An image with nothing in it, as of clear sky, ends the search: the next one is searched thoroughly.
+
+What a frame may cost is counted (`ring_work.py`). A search that reaches that limit is cut short,
+and a later frame goes on with what was not tried, at most twice for each part. Places that were
+refused are followed as they move in the picture. To look for squares in the whole of an image full
+of texture costs as much as a part: for a pad that has a ring this is left for the next frame,
+unless a ring was refused because no plate was seen about it.
+
+Squares "round" a ring that cannot be decoded are looked for by their print (`square_beside.py`). A
+pad without rings that is not expected anywhere is looked for by its squares in every frame.
 
 WhyCodes are not under this policy: `WhyCodeFinder` tracks those whose heading is known where they
-are expected, up to the first one over 60 px, and searches the whole image with all thresholds in
-every frame in which that shows none.
+are expected, until one over 60 px was found, and searches the whole image with all thresholds in
+every frame in which tracking shows none.
 """
 
 import math
@@ -57,12 +65,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-# They bound the time a frame takes; at 30 frames a second they leave six thorough searches, and six
-# looks at a square, a second.
-THOROUGH_EVERY, THOROUGH_AFTER_S = 5, 0.15  # lost frames, or so long after the last
-RING_ONLY_FRAMES = 4  # after one in which squares were looked for
+# The first two bound the time that frames take: at 30 frames a second they leave six thorough
+# searches, and six looks at a square, a second.
+THOROUGH_EVERY, THOROUGH_AFTER_S = 5, 0.15  # lost frames, or s after the last thorough search
+RING_ONLY_FRAMES = 4  # frames in a row in which a ring is enough, after one with squares
 OPEN_HEADING_FRAMES = 1  # the same while the pad is known without its heading
-LARGE_SQUARE_PX = 40.0  # 0.31 m seen from 3 m: `bench.vision_square` has it within 2 mm there
+# Side from which on one square tells the pose as well as all markers, px: 0.31 m seen from 3 m,
+# where `bench.vision_square` has its position within 2 mm.
+LARGE_SQUARE_PX = 40.0
 
 
 class ExpectedRings(Enum):
@@ -95,7 +105,7 @@ class Seen:
 
     rings: bool = False
     squares: bool = False
-    ring_only: bool = False  # step 1 was enough: squares were not looked for
+    ring_only: bool = False  # a ring was seen in step 1: squares were not looked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +114,8 @@ class Elsewhere:
 
     rings: RingSearch = RingSearch.NONE
     squares: SquareSearch = SquareSearch.NONE
-    # Where no rings are found, squares in the whole image are wanted, if need be in the next one.
+    # If no rings are found, squares are wanted in the whole image, if not in this one then in the
+    # next.
     squares_wait: bool = False
 
 
@@ -112,15 +123,15 @@ class Elsewhere:
 class SearchState:
     """What is remembered from frame to frame."""
 
-    ring_only_frames: int = 0  # that may follow
-    lost_frames: int = 0  # in a row, from the last that was searched thoroughly on
-    thorough_t: float = -math.inf  # its time, s
-    was_cut: bool = False  # the search of the whole image for rings
-    squares_wait: bool = False  # those in the whole image
+    ring_only_frames: int = 0  # frames to come in which a ring is enough
+    lost_frames: int = 0  # in a row, counted from the last that was searched thoroughly
+    thorough_t: float = -math.inf  # time of that one, s
+    was_cut: bool = False  # the search of the whole image for rings was not finished
+    squares_wait: bool = False  # the search of the whole image for squares was left for this frame
 
 
 def ring_only_frames(*, is_pad_known: bool, is_heading_known: bool) -> int:
-    """Return how many frames in a row may do with a ring, by what the estimate knows."""
+    """Return for how many frames in a row a ring is enough, given what the estimator knows."""
     if not is_pad_known:
         return 0
     return RING_ONLY_FRAMES if is_heading_known else OPEN_HEADING_FRAMES
@@ -131,18 +142,18 @@ def is_ring_enough(state: SearchState, most: int) -> bool:
 
     Args:
         state: before the frame.
-        most: `ring_only_frames`.
+        most: the value of `ring_only_frames`.
     """
     return state.ring_only_frames > RING_ONLY_FRAMES - most
 
 
 def is_square_enough(square_sides_px: Sequence[float]) -> bool:
-    """Tell whether one of squares with these shortest sides tells the pose as all markers do."""
+    """Tell whether one of the squares, by their shortest sides, is large enough for the pose."""
     return any(side > LARGE_SQUARE_PX for side in square_sides_px)
 
 
 def rings_beside(square_sides_px: Sequence[float]) -> ExpectedRings:
-    """Return which rings step 3 looks for beside squares with these shortest sides."""
+    """Return which rings step 3 looks for, given the shortest sides of the squares seen."""
     if is_square_enough(square_sides_px):
         return ExpectedRings.NONE
     return ExpectedRings.WHOLE if square_sides_px else ExpectedRings.ALL
@@ -151,14 +162,14 @@ def rings_beside(square_sides_px: Sequence[float]) -> ExpectedRings:
 def elsewhere(
     state: SearchState, t: float, seen: Seen, *, is_expected: bool, has_rings: bool
 ) -> Elsewhere:
-    """Return what is looked for after what was seen where the pad is expected.
+    """Return what is looked for elsewhere, given what was seen where the pad is expected.
 
     Args:
         state: before the frame.
         t: the frame's time, s.
         seen: where the pad is expected.
         is_expected: whether it is expected anywhere.
-        has_rings: whether the pad has any.
+        has_rings: whether the pad has any rings.
     """
     if seen.squares or seen.ring_only:
         return Elsewhere()
@@ -178,7 +189,7 @@ def elsewhere(
 
 
 def _is_thorough_due(state: SearchState, t: float) -> bool:
-    """Tell whether a lost frame in which squares do not wait is to be searched thoroughly."""
+    """Tell whether a lost frame for which no squares were left is to be searched thoroughly."""
     is_late = t - state.thorough_t >= THOROUGH_AFTER_S
     return state.lost_frames % THOROUGH_EVERY == 0 or is_late
 
@@ -197,8 +208,8 @@ def after(
         state: before this one.
         t: its time, s.
         seen: where the pad is expected.
-        was_cut: whether a search of the whole image for rings came to the end of its work first.
-        squares_wait: whether squares in the whole image are left for the next frame.
+        was_cut: whether the search of the whole image for rings goes on in the next frame.
+        squares_wait: whether the search of the whole image for squares is left for the next frame.
     """
     ring_only_frames = max(0, state.ring_only_frames - 1)
     if seen.rings and not seen.ring_only:

@@ -1,4 +1,15 @@
-"""Images in, sightings of the pad out."""
+"""The entry to sight: takes camera images, returns sightings of the pad.
+
+What happens to a frame, and which module does it:
+
+1. `expected` tells where the pad should be; `Search` finds the rings and squares there or
+   elsewhere, as often as `search_policy` allows; `WhyCodeFinder` finds the WhyCodes.
+2. Every marker found becomes a candidate: its pose or poses, corrected for a rolling shutter.
+3. As long as no marker with an id of the pad was read, rings may be look-alikes. Those without the
+   pad's plate about them, or with another pad's marker beside them, are dropped; the others get the
+   heading that the plate's outline shows.
+4. `choice` keeps the candidates that agree on one pad, and `pad_pose` solves for its pose.
+"""
 
 import math
 from collections import deque
@@ -43,30 +54,37 @@ from landerd.vision.square import FoundSquare
 from landerd.vision.square_pose import square_points
 from landerd.vision.whycode import FoundCode
 
-_SAME_VIEW_S = 0.15  # so soon after, a normal is that of the same solution (`SAME_SOLUTION_COS`)
-# A pad's plate counts as seen while such a share of the looks of so long, s, showed it: glare, leaf
-# shade and blur hide it. Of 19 pads on field days 1 look in 100 did not, in fine leaf shade 55, of
-# look-alikes that one look had let pass 20 to 90.
+# Age up to which the pad's last normal tells the right one of two mirrored poses, s: by then the
+# pad has not turned from one solution to the other (`SAME_SOLUTION_COS`).
+_SAME_VIEW_S = 0.15
+# A pad's plate counts as seen if more than this share of the looks in this time, s, showed it:
+# glare, leaf shade and blur hide it. On field days 1 look in 100 at 19 pads did not show it, in
+# fine leaf shade 55; at look-alikes that had passed one look, 20 to 90 in 100 did not.
 _PLATE_LOOKS_S, _LEAST_LOOKS = 1.0, 1.0 / 3.0
-# So long after another pad's id was read beside a ring, s: until the estimate has forgotten it.
+# How long a ring counts as another pad's after that pad's id was read beside it, s: until the
+# estimator has forgotten it.
 _OTHER_HELD_S = 2.5
-_AMBIGUOUS_CHI2 = 12.0  # a ring's mirrored pose that is worse by more has odds of 1 to 400
+# A ring's mirrored pose is ruled out if its chi-square is larger by more: odds of 1 to 400.
+_AMBIGUOUS_CHI2 = 12.0
 
 
 class Vision:
     """Finds the pad's markers in frames.
 
-    Pure: no clock, no chance, no files; the same frames and priors in the same order give the same
-    sightings. From frame to frame it keeps
+    Deterministic, without clock, random numbers or files: the same frames and priors in the same
+    order give the same sightings. From frame to frame it remembers
 
     - the last sighting of the pad, which tells where to look next, and how far its markers were
       from where they were expected;
-    - what `search_policy` counts: how long a ring is enough, how many frames in a row showed
-      nothing where the pad was expected;
+    - the counts of `search_policy`: for how many frames a ring is enough, and how many frames in a
+      row showed nothing where the pad was expected;
+    - how far the search of the whole image for rings has come (`RingWork`), and the camera's
+      response as fitted rings showed it (`CameraResponse`);
     - for each square and WhyCode the blur of its last fit, with which the next one starts, and its
-      print so blurred;
+      print blurred by as much;
     - how fast the pad moves in the image (`RollingShutter`);
-    - how the markers lie to one another, where that is not as the pad file says (`MarkerErrors`).
+    - how markers lie relative to one another where that differs from the pad file (`MarkerErrors`);
+    - whether the pad's plate was seen lately, and which other pad's id was read beside a ring.
     """
 
     def __init__(
@@ -84,13 +102,13 @@ class Vision:
             layout: the pad.
             camera: the lens.
             options: how images are searched.
-            meters: tell the brightness of every frame, too.
-            detectors: what looks at the pixels; None: the real ones.
+            meters: measure the brightness of every frame, too.
+            detectors: find markers in the pixels; None: `PixelDetectors`.
         """
         keep_freed_memory()
         self._layout = layout
         self._whole = camera
-        # Modelled sight has no pixels to leave out.
+        # A simulator's detectors see no pixels: there is no unused part to cut off.
         part = Window(0, 0, camera.width, camera.height) if detectors else used_part(camera)
         self._part, self._camera = part, camera.seeing(part)
         self._options = options
@@ -101,16 +119,18 @@ class Vision:
         self._shutter = RollingShutter(camera, options.readout_s)
         self._last: SeenPad | None = None
         self._drift: dict[Marker, F64] = {}  # see `Expected`
-        self._plate_looks: deque[tuple[float, bool]] = deque()  # when, and whether it was seen
-        self._other: tuple[float, int] | None = None  # when another pad's id was read beside a ring
-        self._was_read = False  # a marker with an id of the pad that is known
-        self._found: list[Measurement] = []  # of the last frame, each marker once
+        # Looks for the pad's plate about rings: time, s, and whether it was seen.
+        self._plate_looks: deque[tuple[float, bool]] = deque()
+        # Another pad's id that was last read beside a ring: time, s, and number.
+        self._other: tuple[float, int] | None = None
+        self._was_read = False  # a marker with an id was read of the pad that is tracked
+        self._found: list[Measurement] = []  # of the last frame, at most one of each marker
 
     def process(self, frame: Frame, prior: Prior | None = None) -> Sightings:
-        """Return all that a frame shows of the pad.
+        """Return the pad's markers in a frame, and the pad's pose from them.
 
-        Without `prior.pad` the search starts where the pad was last seen, and over the whole
-        image if it was not or is not found there.
+        Without `prior.pad` the search starts where the pad was last seen. It covers the whole image
+        if the pad was not seen lately or is not found there.
 
         Raises:
             ValueError: the image is not an 8-bit grey image of the camera's size.
@@ -153,7 +173,8 @@ class Vision:
         where = None if expected is None else expected.position
         chosen, poses = choose(candidates, self._layout, self._camera, self._errors, prior, where)
         own = [c.sighting for c in chosen]
-        # As each was seen, whatever may have bent the picture.
+        # `chosen` may have information reduced for a bent picture; `candidates` still have it as
+        # each was measured. Those of the pad come first.
         candidates.sort(key=lambda c: c.sighting not in own)
         self._found = _once(_placed(candidates)) if poses else []
         others = [c for c in candidates[len(own) :] if c.sighting.id is not None]
@@ -171,15 +192,15 @@ class Vision:
 
     @property
     def was_cut(self) -> bool:
-        """Whether the search of the last frame goes on in the next: it would have cost too much."""
+        """Whether the last frame's search was cut short by its cost and goes on in the next."""
         return self._search.was_cut
 
     def disagreement(self) -> Disagreement | None:
-        """Return how the markers of the last frame contradict each other, None if they do not."""
+        """Return how the markers of the last frame contradict each other; None: they do not."""
         return disagreement(self._found, self._errors, self._layout)
 
     def _last_normal(self, t: float) -> Vec3 | None:
-        """Return the pad's normal as just seen, None if that is too long ago."""
+        """Return the pad's normal as last seen; None: that is more than `_SAME_VIEW_S` ago."""
         if self._last is None or not 0.0 < t - self._last.t < _SAME_VIEW_S:
             return None
         return self._last.pose.normal
@@ -191,16 +212,17 @@ class Vision:
         return Candidate(ring, sighting, measured)
 
     def _is_unread(self, prior: Prior) -> bool:
-        """Tell whether no marker has told a heading yet, which look-alikes of rings do not have.
+        """Tell whether no marker has shown the pad's heading yet, so that rings may be look-alikes.
 
-        What the plate tells is none of a marker's.
+        A heading that came from the plate's outline does not count.
         """
         return not self._was_read or prior.pad is None or prior.pad.north is None
 
     def _is_vouched(self, t: float, prior: Prior) -> bool:
-        """Tell whether a ring where the pad is expected is its own, with or without a plate.
+        """Tell whether a ring where the pad is expected is the pad's even if it shows no plate.
 
-        It is while the pad is known of which another marker was read, or the plate seen.
+        It is if a marker with an id of that pad was read, or the pad is known and its plate was
+        seen lately.
         """
         looks = self._plate_looks
         while looks and not t - looks[0][0] < _PLATE_LOOKS_S:
@@ -211,9 +233,10 @@ class Vision:
     def _with_plate(
         self, t: float, image: Image, candidates: list[Candidate], vouched: Expected | None
     ) -> list[Candidate]:
-        """Return the candidates without rings that lack the pad's plate about them.
+        """Return the candidates except rings that lack the pad's plate about them.
 
-        But those where a pad is `vouched` for: where it is expected then.
+        A ring without it is kept where the pad is `vouched` for: `vouched` is where the pad is
+        expected if `_is_vouched`, else None.
         """
         kept = []
         for c in candidates:
@@ -231,9 +254,10 @@ class Vision:
     def _of_no_other(
         self, t: float, image: Image, candidates: list[Candidate], expected: Expected | None
     ) -> tuple[list[Candidate], int | None]:
-        """Return the candidates without rings of another pad, and the id that tells it.
+        """Return the candidates except rings of another pad, and the id that shows they are.
 
-        It is not read beside them in every frame.
+        The id is not readable in every frame: a ring at the expected place counts as the other
+        pad's for `_OTHER_HELD_S` after it was read.
         """
         kept, other_id = [], None
         for c in candidates:
@@ -252,7 +276,13 @@ class Vision:
         return kept, other_id
 
     def _turned_by_plate(self, image: Image, c: Candidate, known: F64 | None) -> Candidate:
-        """Return a ring with the pad's north, where its plate shows it; `known`: about there."""
+        """Return a ring with the pad's north added if its plate shows it.
+
+        Args:
+            image: grey image (height, width).
+            c: the ring; other markers are returned as they are.
+            known: the pad's north as expected, (3,), camera frame; None: not known.
+        """
         if not isinstance(c.marker, Ring):
             return c
         plate = self._detectors.plate_north(image, c.marker, c.sighting, known)
@@ -294,7 +324,16 @@ class Vision:
         prior: Prior,
         stage: str = GREY,
     ) -> Candidate | None:
-        """Return a marker that tells its id and heading; None if its pose is too uncertain."""
+        """Return the candidate for a marker with id and heading; None: its pose is too uncertain.
+
+        Args:
+            t: of the exposure, s.
+            marker: the marker that was read.
+            poses: of its centre, camera frame.
+            outline: its outline about its centre, (n, 2), m.
+            prior: gravity.
+            stage: how it was fitted, as the sighting reports it.
+        """
         place, heading = np.array([*marker.position_m, 0.0]), math.radians(marker.heading_deg)
         origins = (p.t - turned_about_normal(p.R, -heading) @ place for p in poses)
         poses = [
@@ -311,7 +350,7 @@ class Vision:
         return Candidate(marker, sighting, Measurement(number, place, heading, tuple(poses)))
 
     def _in_whole(self, sighting: MarkerSighting) -> MarkerSighting:
-        """Return a sighting with its outline where it is in the whole image."""
+        """Return a sighting with its outline in pixels of the whole image, not of the used part."""
         x0, y0, _, _ = self._part
         if x0 == y0 == 0:
             return sighting
@@ -319,14 +358,15 @@ class Vision:
         return replace(sighting, outline_px=outline)
 
     def _is_certain(self, s: PoseSolution) -> bool:
+        """Tell whether sigma of the position is at most max_sigma_m in every direction."""
         (a, _, _), (_, b, _), (_, _, c) = s.covariance
         most = self._options.max_sigma_m**2
-        # The sum of all variances is no less than the greatest, and nearly always enough.
+        # The largest eigenvalue is at most the trace, which nearly always settles it.
         return a + b + c <= most or bool(np.linalg.eigvalsh(np.array(s.covariance))[-1] <= most)
 
 
 def _drift(seen: list[Candidate], expected: Expected | None) -> dict[Marker, F64]:
-    """Return how far each marker was from where it was expected, (3,) m."""
+    """Return the offset of each marker from where it was expected, (3,), m, camera frame."""
     drift: dict[Marker, F64] = {}
     for c in seen:
         centre = None if expected is None else expected.centre(c.marker)
@@ -336,12 +376,16 @@ def _drift(seen: list[Candidate], expected: Expected | None) -> dict[Marker, F64
 
 
 def _placed(candidates: list[Candidate]) -> list[Measurement]:
-    """Return what tells the place of a marker; that of a square beside a ring is the ring's."""
+    """Return the measurements that are independent of each other.
+
+    The pose of a square that was found by its print beside a ring (stage BESIDE) is left out: its
+    position is the ring's.
+    """
     return [c.measurement for c in candidates if c.sighting.stage != BESIDE]
 
 
 def _once(measured: list[Measurement]) -> list[Measurement]:
-    """Return the first measurement of each marker: those of the pad come first."""
+    """Return the first measurement of each marker; the caller has put those of the pad first."""
     first: dict[int, Measurement] = {}
     for m in measured:
         first.setdefault(m.marker, m)
@@ -365,18 +409,18 @@ def _checked(image: Image, camera: CameraModel) -> Image:
 
 
 def _is_at(expected: Expected | None, ring: Ring, sighting: MarkerSighting) -> bool:
-    """Tell whether a ring is within its own radius of where it is expected."""
+    """Tell whether a ring is within its own radius of where it is expected, across the sight."""
     centre = None if expected is None else expected.centre(ring)
     if centre is None:
         return False
     at = np.array(sighting.solutions[0].position)
-    # Across the line of sight: the range of a small ring errs by more.
+    # Moved to the expected depth first: the range of a small ring errs by more than its radius.
     off = at * (centre[2] / at[2]) - centre
     return bool(np.linalg.norm(off) < ring.radius_m)
 
 
 def _unambiguous_normal(rings: list[FoundRing]) -> Vec3 | None:
-    """Return the normal of the only ring if its image tells it from the mirrored one."""
+    """Return the normal of the only ring if its mirrored pose is ruled out; else None."""
     if len(rings) != 1:
         return None
     best, *others = rings[0][1].solutions
