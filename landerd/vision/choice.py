@@ -1,12 +1,14 @@
-"""Which of the markers found belong to one pad.
+"""Which of the candidates found in a frame belong to one pad.
 
 An image may hold look-alikes, a marker twice, or one ring that could be either of two that differ
-only in size. Those are taken that agree on one pose of the pad.
+only in size. From each of a few seeds a consensus is grown: candidates are added as long as one
+pose of the pad (`pad_pose`) explains all of them within what their covariances allow. The best
+consensus is the pad.
 
-What bends a picture (rows that wobble, motion in a curve, interlaced fields) moves each marker's
-outline by pixels of which its own fit knows nothing: a small tag's tilt by tens of degrees, a large
-ring's hardly. Where a marker that was decoded and a ring beside it contradict each other, the
-picture is taken to be bent by as much as explains that.
+A distorted picture (rows that wobble, motion in a curve, interlaced fields) moves the outline of a
+marker by pixels that its own fit knows nothing about. That turns a small tag by tens of degrees, a
+large ring hardly. If a decoded marker and a ring beside it contradict each other, the picture is
+therefore taken to be bent, by as little as explains the contradiction.
 """
 
 from dataclasses import dataclass, replace
@@ -22,19 +24,24 @@ from landerd.vision.pad_pose import Measurement, pad_poses
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 from landerd.vision.square_pose import corner_information
 
-_MAX_SEEDS = 6  # candidates from which a consensus is grown: bounds the time among look-alikes
-_MAX_CHI2_PER_MARKER = 30.0  # that one more may add: its six errors add more once in 25,000 times
-# By how much a picture may be bent, 1 sigma of each corner of a marker, px; and what one more
-# marker may add then: the least bend is sought under which its six errors are as large as stated.
+# Candidates from which a consensus is grown: bounds the time among look-alikes.
+_MAX_SEEDS = 6
+# Largest increase of chi-square by one more marker: its six errors exceed it once in 25,000 times.
+_MAX_CHI2_PER_MARKER = 30.0
+# Bends of a picture that are tried in turn: 1 sigma of each corner of a marker, px. And the largest
+# increase of chi-square by one more marker then: it is smaller, so that the least bend is found
+# under which the marker's six errors are as large as stated.
 _BENDS_PX, _MAX_CHI2_BENT = (0.25, 0.5, 1.0, 2.0), 12.0
-_ALWAYS_FOUND_PX = 16.0  # rings so wide and wholly in the image are found 99 times of 100
-# Two outlines are of one thing if their middles are nearer and their sizes more alike than this.
-_SAME_MIDDLE, _SAME_SIZE = 0.2, 1.3  # of the smaller one's size
+# Rings at least this wide, px, and wholly in the image are found 99 times of 100.
+_ALWAYS_FOUND_PX = 16.0
+# Two outlines are of the same thing if their centres are nearer than the first, a share of the
+# smaller one's size, and their sizes differ by less than the second, a factor.
+_SAME_MIDDLE, _SAME_SIZE = 0.2, 1.3
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A marker of the pad, if what was found is that marker."""
+    """Something found in the image that may be a marker of the pad."""
 
     marker: Ring | WhyCode | Square
     sighting: MarkerSighting
@@ -52,12 +59,13 @@ def choose(
     """Return the candidates that agree on one pad, and the pad's poses, best first.
 
     Args:
-        candidates: all that were found; the same marker or outline may be there twice.
+        candidates: all that were found; the same marker or outline may occur twice.
         layout: the pad.
         camera: the lens.
         errors: how the markers may differ from the pad file.
         prior: gravity, and the pad's north where the markers leave it open.
-        expected: landing point where it should be, (3,); of several pads the nearest is taken.
+        expected: the landing point where it should be, (3,), camera frame, m; None: unknown. Of
+            several pads that are seen equally well the nearest to it is taken.
     """
     if _no_two_alike(candidates):
         poses = _poses(candidates, errors, prior)
@@ -87,7 +95,7 @@ def _bent_consensus(
     errors: MarkerErrors,
     prior: Prior,
 ) -> tuple[list[Candidate], list[PoseSolution]] | None:
-    """Return what agrees with a seed in a picture that is bent, as little as may be."""
+    """Return the consensus with a seed in the least bent picture that has one; None: none has."""
     for px in _BENDS_PX:
         bend = px / camera.focal
         start, *others = (_bent(c, bend) for c in (seed, *candidates))
@@ -98,11 +106,15 @@ def _bent_consensus(
 
 
 def _bent(candidate: Candidate, bend: float) -> Candidate:
-    """Return a candidate whose corners may each be off by a bend besides, on z = 1, 1 sigma."""
+    """Return a candidate with larger covariances, as a bent picture has.
+
+    `bend` is the additional error of each of its corners, 1 sigma, on the plane z = 1.
+    """
     size = size_m(candidate.marker)
     poses = []
     for pose in candidate.measurement.poses:
-        # The inverse of the sum of both covariances, where a ring's heading has none.
+        # The inverse of the sum of both covariances, written so that it holds for a ring, too,
+        # whose information of the heading is zero.
         known = pose.information
         both = known + corner_information(pose, size, bend)
         poses.append(replace(pose, information=known - known @ solved(both, known)))
@@ -116,7 +128,10 @@ def _consensus(
     prior: Prior,
     most: float = _MAX_CHI2_PER_MARKER,
 ) -> tuple[list[Candidate], list[PoseSolution]]:
-    """Add to a seed what agrees with it: adds less than `most` to chi-square a marker."""
+    """Return a seed with the candidates that agree with it, and the poses of the pad they make up.
+
+    One agrees if chi-square stays below `most` for each marker but the first.
+    """
     group, poses = [seed], _poses([seed], errors, prior)
     for other in sorted(candidates, key=_uncertainty):
         if not _no_two_alike([*group, other]):
@@ -137,7 +152,7 @@ def _agree(poses: list[PoseSolution], markers: int, most: float = _MAX_CHI2_PER_
 
 
 def _no_two_alike(candidates: list[Candidate]) -> bool:
-    """Tell whether no marker and no outline is there twice."""
+    """Tell whether no marker and no outline occurs twice."""
     for i, a in enumerate(candidates):
         for b in candidates[:i]:
             if a.marker == b.marker or _same_outline(a.sighting, b.sighting):
@@ -153,7 +168,7 @@ def _same_outline(a: MarkerSighting, b: MarkerSighting) -> bool:
 
 
 def _uncertainty(candidate: Candidate) -> float:
-    """Return a key that puts what is decoded first, then the larger in the image."""
+    """Return a sort key: decoded candidates come first, then those larger in the image."""
     undecoded = 0.0 if candidate.sighting.id is not None else 1e9
     return undecoded - float(np.ptp(np.array(candidate.sighting.outline_px), axis=0).max())
 
@@ -161,7 +176,7 @@ def _uncertainty(candidate: Candidate) -> float:
 def _count_missing(
     group: list[Candidate], pad: PoseSolution, layout: PadLayout, camera: CameraModel
 ) -> int:
-    """Count the rings that should be seen with a pad at this pose, but are not in the group."""
+    """Count the rings that a pad at this pose would surely show but that the group lacks."""
     missing = 0
     normal = np.array(pad.normal)
     for ring in layout.rings:

@@ -1,7 +1,10 @@
-"""Round markers about one centre, which look alike but for their size: which one an outline is.
+"""Tells round markers about one centre apart, which look alike but for their size.
 
-A ring's outline may be that of another ring about the same centre, or of a WhyCode that cannot be
-read yet, nearer or farther away. It is where the pad's ring shows at that other distance.
+What was found as a ring may be another ring about the same centre, or a WhyCode that cannot be read
+yet, at another distance. If so, the true position is the one found times the ratio of both radii
+(other marker's over ring's), and the pad's ring is seen there, too. So each sighting is checked by
+looking for the ring there: one that is found is reported besides, and `choice` decides between
+rings.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,16 +18,19 @@ from landerd.pad import PadLayout, Ring, WhyCode
 from landerd.vision.arrays import Image
 from landerd.vision.pose import MIN_DEPTH_M, circle, rotation_from
 
-# Where white around a ring is looked at, in outer radii: the nearest that blur leaves white.
+# Radius of the circle on which white around a ring is looked at, in outer radii: the smallest one
+# that blur leaves white.
 _AROUND = 1.12
-_POINTS = 32
-_LEAST_SHARE = 0.85  # of the points that must be dark in the stroke and white around it
+_POINTS = 32  # on each circle
+# Share of the points that must be dark in the stroke, and share that must be white around it.
+_LEAST_SHARE = 0.85
 
-Track = Callable[[F64, F64], MarkerSighting | None]  # of a ring at a position, with a normal
+# Fits the ring at an expected position (3,), m, and normal (3,); None: it is not there.
+Track = Callable[[F64, F64], MarkerSighting | None]
 
 
 class Concentric:
-    """Sorts out what was found of one ring of a pad."""
+    """Decides which of a pad's concentric markers the sightings of one of its rings are."""
 
     def __init__(self, layout: PadLayout, ring: Ring, camera: CameraModel) -> None:
         """Note which markers lie about the ring's centre."""
@@ -35,15 +41,16 @@ class Concentric:
     def sorted_out(
         self, image: Image, found: Sequence[MarkerSighting], track: Track
     ) -> list[MarkerSighting]:
-        """Return what was found but other markers, and where the ring is if that is one of them.
+        """Return the sightings without those that are WhyCodes, and with rings at other distances.
 
-        Of several rings `choice` takes those that agree with each other. A WhyCode that was not
-        read is none of them, and left out here.
+        Whether a sighting is this ring or another plain one is left open: `choice` takes those that
+        agree with each other. A WhyCode that was not read is not reported as such, so `choice`
+        could not tell: it is dropped here.
 
         Args:
             image: grey image (height, width).
-            found: that may be the ring.
-            track: fits the ring at a position (3,), m, with a normal, and tells whether it is one.
+            found: sightings that may be the ring.
+            track: see `Track`.
         """
         kept = []
         for sighting in found:
@@ -51,7 +58,7 @@ class Concentric:
             position, normal = np.array(best.position), np.array(best.normal)
             is_code, elsewhere = False, []
             for marker in self._others:
-                # Where the ring is if the outline is this marker's.
+                # Where the ring would be if the outline were this marker's.
                 at = position * (marker.radius_m / self._ring.radius_m)
                 if (ring := track(at, normal)) is not None:
                     elsewhere.append(ring)
@@ -62,12 +69,12 @@ class Concentric:
         return kept
 
     def _level(self, image: Image, position: F64, normal: F64) -> float:
-        """Return the grey level between a ring's black and the white around it."""
+        """Return the grey level half-way between a ring's black and the white around it."""
         black, white = self._seen(image, position, normal)
         return 0.5 * (float(np.median(black)) + float(np.median(white)))
 
     def _shows(self, image: Image, position: F64, normal: F64, level: float) -> bool:
-        """Tell whether the ring's stroke is dark at a position, with white around it."""
+        """Tell whether a ring at a position would have a dark stroke with white around it."""
         if position[2] < self._ring.radius_m + MIN_DEPTH_M:
             return False
         black, white = self._seen(image, position, normal)
@@ -75,13 +82,13 @@ class Concentric:
         return share > _LEAST_SHARE
 
     def _seen(self, image: Image, position: F64, normal: F64) -> tuple[F64, F64]:
-        """Return the grey levels (n,) of the ring's stroke and around it, where it would be."""
+        """Return grey levels (n,) in the stroke and around it of a ring that would be there."""
         stroke = 0.5 * (1.0 + self._ring.inner_ratio)
         radii = self._ring.radius_m * np.repeat([stroke, _AROUND], _POINTS)
         on_ring = radii[:, None] * np.tile(circle(1.0, _POINTS), (2, 1))
         points = position + on_ring @ rotation_from(normal)[:, :2].T
         px = self._camera.pixels(points).astype(np.float32)
-        # Beyond the image nothing is dark, nor white.
+        # Beyond the image: NaN, which is neither dark nor white.
         levels = cv2.remap(
             image.astype(np.float32),
             px[None, :, 0],

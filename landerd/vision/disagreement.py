@@ -1,8 +1,9 @@
-"""Which error of which marker explains best that the markers of a pad contradict each other.
+"""Which error of which marker explains best that a pad's markers contradict each other.
 
-Each marker in turn is allowed to be larger, elsewhere, tilted or turned at will; what lowers the
-joint chi-square most is the likeliest error, if it lowers it by more than the pad file's stated
-uncertainties let expect.
+For the camera check before a flight and for `landerd detect`. Each marker in turn is allowed to
+have any size, place, tilt or heading. The error that lowers the joint chi-square (`pad_pose`) most
+is the likeliest one. It is reported if it lowers chi-square by more than the uncertainties stated
+in the pad file let expect.
 """
 
 import math
@@ -15,27 +16,30 @@ from landerd.pad import Marker, PadLayout, Ring
 from landerd.vision.marker_errors import ERRORS, SCALE, MarkerErrors
 from landerd.vision.pad_pose import Joint, Measurement, in_order, joint_poses
 
-_FREE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3]) ** 2  # variances of what may be anything
-# Numbers of a marker's errors that go together: a bent plate tilts and lifts a marker.
+# Variances of a marker's errors while they may be anything: m^2, rad^2 and a share squared.
+_FREE = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3]) ** 2
+# Which of a marker's errors have one cause: a bent plate tilts and lifts a marker.
 _CAUSES = {"size": (SCALE,), "place": (0, 1), "tilt": (2, 3, 4), "heading": (5,)}
-_LEAST_GAIN = 4.0  # reduction of chi-square: within 2 sigma is what the pad file says itself
-_ALIKE = 1.0  # gains that differ by less blame the marker that is farther from the landing point
+# Least reduction of chi-square: up to 2 sigma the pad file itself allows.
+_LEAST_GAIN = 4.0
+# If scores differ by less than this, the marker farther from the landing point is blamed.
+_ALIKE = 1.0
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """An error of a marker that would explain what a picture shows."""
+    """An error of a marker that would explain the contradiction in a picture."""
 
     marker: Marker
     what: str  # "size", "place", "tilt" or "heading"
-    by: float  # share, m, rad or rad
-    text: str  # in words
+    by: float  # its size: a share, m, rad or rad
+    text: str  # the same in words
 
 
 def disagreement(
     measured: list[Measurement], errors: MarkerErrors, layout: PadLayout
 ) -> Disagreement | None:
-    """Return what fits best where markers of one picture contradict each other; None: they agree.
+    """Return the likeliest error if the markers of one picture contradict each other; else None.
 
     Args:
         measured: the markers seen, each once.
@@ -63,7 +67,7 @@ def disagreement(
             gain = agreed.pose.cost - freed.pose.cost
             own = freed.errors[ERRORS * i : ERRORS * (i + 1)]
             if gain > _LEAST_GAIN:
-                # Akaike's criterion: each number that is free must gain 2.
+                # Akaike's criterion: each free parameter must lower chi-square by 2.
                 score = gain - 2.0 * len(numbers)
                 found.append((score, float(np.linalg.norm(m.place)), m.marker, what, own))
     if not found:

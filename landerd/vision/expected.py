@@ -1,17 +1,18 @@
-"""Where the pad should be in a frame, before it is searched.
+"""Where the pad is expected in a frame, before the frame is searched.
 
-|             | the estimate predicts it | else it was seen in the last 0.5 s                    |
-|-------------|--------------------------|-------------------------------------------------------|
-| position    | as predicted             | as seen                                               |
-| how surely  | its sigma, and 4 px      | 2 m/s of distance and 1 rad/s of image motion since   |
-| normal      | as predicted, else along | as seen                                               |
-|             | gravity, else as seen,   |                                                       |
-|             | else along the sight     |                                                       |
-| north       | as predicted, else as    | as seen                                               |
-|             | seen                     |                                                       |
+|             | the estimator predicts it | else it was seen in the last 0.5 s                   |
+|-------------|---------------------------|------------------------------------------------------|
+| position    | as predicted              | as seen                                              |
+| uncertainty | its sigma, and 4 px       | 2 m/s of distance and 1 rad/s of image motion since  |
+| normal      | as predicted, else along  | as seen                                              |
+|             | gravity, else as seen,    |                                                      |
+|             | else along the line of    |                                                      |
+|             | sight                     |                                                      |
+| north       | as predicted, else as     | as seen                                              |
+|             | seen                      |                                                      |
 
-A pad that was not seen often enough to be believed in (`Prior.maybe`) is predicted like any other.
-Otherwise it is not expected anywhere.
+A pad that was not seen often enough to be flown to yet (`Prior.maybe`) is predicted like any other.
+In all other cases the pad is not expected anywhere, and the whole image is searched.
 """
 
 from collections.abc import Mapping
@@ -26,10 +27,10 @@ from landerd.messages import PadPrior, PoseSolution, Prior
 from landerd.pad import Marker
 from landerd.vision.pose import rotation_from
 
-_MAX_SIGHTING_AGE_S = 0.5  # a sighting older than this says nothing about the frame
-_MAX_IMAGE_RATE = 1.0  # rad/s: how fast a pad may cross the image between frames
-_MAX_RANGE_RATE_MPS = 2.0  # and how fast its distance may change
-_PRIOR_MARGIN_PX = 4.0  # how far off a prediction is besides its sigma
+_MAX_SIGHTING_AGE_S = 0.5  # older sightings tell nothing about where the pad is now
+_MAX_IMAGE_RATE = 1.0  # rad/s: how fast a pad may move across the image
+_MAX_RANGE_RATE_MPS = 2.0  # how fast its distance may change
+_PRIOR_MARGIN_PX = 4.0  # error of a prediction in the image in addition to its sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,25 +49,32 @@ class Expected:
     normal: F64  # unit, (3,)
     north: F64 | None  # unit, (3,); None: the heading is not known
     sigma_m: float
-    margin_px: float  # of image motion that sigma_m does not tell
-    # From where markers should have been to where the last frame that showed them had them, m,
-    # (3,): what turns the camera from its prediction is much the same in the next frame.
+    margin_px: float  # error in the image in addition to sigma_m
+    # For each marker the offset of where the last frame showed it from where it was expected, m,
+    # (3,): an error of the camera's predicted attitude is much the same in the next frame.
     drift: Mapping[Marker, F64] = field(default_factory=dict)
 
     def starts(self, marker: Marker) -> "list[Expected]":
-        """Return from where a marker's fit may start, the likelier first."""
+        """Return expectations to start a marker's fit from, the likelier first."""
         drift = self.drift.get(marker)
         return [self] if drift is None else [replace(self, position=self.position + drift), self]
 
     def centre(self, marker: Marker) -> F64 | None:
-        """Return where a marker's centre (3,) should be; None: its heading is not known."""
+        """Return where a marker's centre (3,) should be; None: that needs the unknown heading."""
         if marker.position_m == (0.0, 0.0):
             return self.position
         points = self.points(marker.position_m, np.zeros((1, 2)))
         return None if points is None else np.asarray(points[0])
 
     def points(self, place: tuple[float, float], outline: F64) -> F64 | None:
-        """Return a marker's outline (n, 2) about its centre as points (n, 3); None: no heading."""
+        """Return where a marker's outline should be, points (n, 3), camera frame, m.
+
+        None: the pad's heading is unknown, and the marker lies beside the landing point.
+
+        Args:
+            place: the marker's centre in the pad frame, m.
+            outline: about the centre, (n, 2), pad's axes, m.
+        """
         is_centred = place == (0.0, 0.0)
         if self.north is None and not is_centred:
             return None
@@ -75,19 +83,19 @@ class Expected:
 
     @cached_property
     def _axes(self) -> F64:
-        """North and east, (3, 2); any, if the heading is not known."""
+        """North and east, (3, 2), camera frame; any two axes if the heading is not known."""
         axes: F64 = rotation_from(self.normal, self.north)[:, :2]
         return axes
 
 
 def expected_pad(t: float, prior: Prior, last: SeenPad | None, focal: float) -> Expected | None:
-    """Return where the pad should be in the frame of time t; None: anywhere.
+    """Return where the pad should be in the frame of time t; None: it may be anywhere.
 
     Args:
         t: of the frame's exposure, s.
-        prior: what the estimate knows.
+        prior: what the estimator predicts.
         last: the pad as last seen.
-        focal: length of the camera, px.
+        focal: focal length of the camera, px.
     """
     if last is not None and not 0.0 <= t - last.t <= _MAX_SIGHTING_AGE_S:
         last = None

@@ -1,10 +1,13 @@
-"""Pose of the landing point from all markers seen, by one joint least squares.
+"""Pose of the landing point from all markers seen, by joint least squares.
 
-Each marker gives a pose and its information matrix, twice where the image is ambiguous. A pose of
-the pad, and the errors of its markers, imply a pose of each marker; the joint solution minimises
-the sum of their Mahalanobis distances to what was measured, and that of the errors to what is known
-of them (`MarkerErrors`). So a marker beside the landing point, whose arm may be bent, counts the
-less the farther off it is, and the joint covariance knows of it.
+Each marker gives a pose and its information matrix, two of them where the image is ambiguous. A
+pose of the pad together with the errors of its markers (displaced, tilted, too large) implies a
+pose of each marker. The joint solution minimises the squared Mahalanobis distances of these poses
+to the measured ones, plus that of the errors to what is known of them (`MarkerErrors`). A marker
+beside the landing point, on a plate that may be bent, therefore counts less the farther away it is,
+and the joint covariance includes that.
+
+`choice` asks this module whether candidates agree; `vision` reports the resulting poses.
 """
 
 import math
@@ -30,35 +33,42 @@ from landerd.vision.pose import (
 )
 
 _MAX_STEPS = 5
-_CONVERGED = 1e-4  # reduction of chi-square by a step: a hundredth of a sigma
-# 1/rad^2, of a heading that nobody knows: a ring 0.2 m beside the landing point tells nothing of
-# that. Less would put a ring metres off that is known to lie 2 mm beside its place.
+# Iteration ends when a step reduces chi-square by less than this: a hundredth of a sigma.
+_CONVERGED = 1e-4
+# Information of the heading that is always added, 1/rad^2: a single ring 0.2 m beside the landing
+# point, say, tells nothing of the heading. With less, a ring that is known to lie within 2 mm of
+# its place would be put metres off it.
 _MIN_YAW_INFORMATION = 1.0 / 5.0**2
-_PRIOR_NORTH_SIGMA = math.radians(5.0)
-# A solution is dropped whose chi-square is above the best one's by more: of the pad; and of a ring
-# by itself, which the other markers cannot make up for.
+_PRIOR_NORTH_SIGMA = math.radians(5.0)  # of the estimator's heading, where it stands in
+# A solution is dropped if its chi-square exceeds the best one's by more than this: one of the pad;
+# and one of a single ring, which the other markers could not make up for.
 _MAX_CHI2_ABOVE_BEST, MAX_RING_CHI2_ABOVE_BEST = 50.0, 200.0
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """A marker's place on the pad and the poses its image allows, best first."""
+    """A marker's place on the pad, and the poses that its image allows, best first."""
 
-    marker: int  # its place among the pad's markers
-    place: F64  # centre in the pad frame, (3,)
-    heading: float | None  # of its north in the pad frame, rad; None: a plain ring
+    marker: int  # its index in the pad's list of markers
+    place: F64  # its centre in the pad frame, m, (3,)
+    heading: float | None  # of its north in the pad frame, rad; None: a plain ring has none
     poses: tuple[Pose, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A pose of the pad with the errors of the k markers seen: small errors are (dt, w, 7 k)."""
+    """A pose of the pad together with the errors of the k markers seen.
 
-    pose: Pose  # its information is not that of the joint
-    errors: F64  # (7 k,)
-    information: F64  # (6 + 7 k, 6 + 7 k), of the picture and of what was known
-    seen: F64  # that of the picture alone
-    # Of each marker what the errors that all share pull the joint pose by: over P, (6 + 7 k, n).
+    The unknowns are the 6 + 7 k numbers (dt, w, errors): the pose's small error, then each
+    marker's errors.
+    """
+
+    pose: Pose  # its own information is not used
+    errors: F64  # of the markers, (7 k,)
+    information: F64  # (6 + 7 k, 6 + 7 k), from the picture and from what was known before
+    seen: F64  # that from the picture alone
+    # For each marker the gradients (6 + 7 k, n) of n independent errors that all markers share (a
+    # rolling shutter's motion): times the joint covariance they are shifts of the solution.
     pulls: tuple[F64, ...]
 
 
@@ -68,9 +78,14 @@ def ring_measurement(
     solutions: tuple[PoseSolution, ...],
     shared: tuple[F64, ...] = (),
 ) -> Measurement:
-    """Return what a ring's sighting says: position and normal, no heading.
+    """Return the measurement of a plain ring: position and normal, no heading.
 
-    `shared` are the solutions' errors that other markers share, none if empty; see `Pose`.
+    Args:
+        marker: index of the ring among the pad's markers.
+        place: its centre in the pad frame, m.
+        solutions: of its sighting.
+        shared: for each solution, the errors that it shares with other markers (`Pose.shared`);
+            empty: there are none.
     """
     poses = []
     best = min(s.cost for s in solutions)
@@ -88,12 +103,12 @@ def ring_measurement(
 
 
 def with_north(ring: Measurement, north: F64, sigma: float) -> Measurement:
-    """Return what a ring's sighting says together with where the pad's north is.
+    """Return a ring's measurement with the pad's north added, as its plate shows it.
 
     Args:
         ring: position and normal.
-        north: unit vector (3,), camera frame, with
-        sigma: rad.
+        north: unit vector (3,), camera frame.
+        sigma: of north, rad.
     """
     poses = []
     for p in ring.poses:
@@ -112,8 +127,8 @@ def pad_poses(
     Args:
         measured: the markers seen.
         errors: how they may differ from the pad file.
-        north: the pad's north as the estimate has it, camera frame; used only where the markers
-            leave the heading open.
+        north: the pad's north according to the estimator, camera frame; used only where the
+            markers leave the heading open.
         down: unit vector of gravity, camera frame; puts the more level solution first.
     """
     if not measured:
@@ -133,9 +148,9 @@ def pad_poses(
 
 
 def in_order(measured: list[Measurement]) -> list[Measurement]:
-    """Return the markers with their poses in the pad's axes, that which knows its tilt best first.
+    """Return the markers with poses in the pad's axes, the one with the most certain tilt first.
 
-    A joint pose is sought from its solutions: the others then choose.
+    Each of its solutions is a start for the joint pose; of the others the nearest one is used.
     """
     turned = [_to_pad_axes(m) for m in measured]
     return sorted(turned, key=lambda m: -_tilt_information(m.poses[0]))
@@ -148,9 +163,9 @@ def joint_poses(
 
     Args:
         measured: k markers, `in_order`.
-        mean: of their errors, (7 k,), and
-        known: its information, (7 k, 7 k).
-        north: the pad's as the estimate has it, camera frame.
+        mean: of their errors as known before, (7 k,).
+        known: information of that mean, (7 k, 7 k).
+        north: the pad's north according to the estimator, camera frame.
     """
     joint: list[Joint] = []
     for first in measured[0].poses:
@@ -161,11 +176,11 @@ def joint_poses(
 
 
 def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: PoseSolution) -> None:
-    """Remember what a frame says of how its markers lie to one another.
+    """Learn from a frame how its markers lie relative to one another.
 
     Args:
         measured: the markers seen that belong to the pad.
-        errors: what is known of them; changed.
+        errors: what is known of their errors; updated.
         t: of the exposure, s.
         pad: its pose in the frame.
     """
@@ -186,19 +201,20 @@ def learn(measured: list[Measurement], errors: MarkerErrors, t: float, pad: Pose
 
 
 def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSolution | None:
-    """Return a pose as vision reports it, with what is systematic of its uncertainty.
+    """Return a pose as vision reports it, with the systematic part of its covariance.
 
-    The joint covariance is P (H + L) P, H the information of the picture and L that of what was
-    known before: P L P is alike in all frames. Besides, all markers may be too large together,
-    which moves the pad along the sight, and the lens too long, which moves it along the lens's
-    axis.
+    The joint covariance P is P (H + L) P, with H the information from the picture and L that from
+    what was known before. P L P is the same error in every frame: systematic. Two more such errors
+    are added: all markers may be too large, which moves the pad along the line of sight, and the
+    focal length too long, which moves it along the optical axis.
     """
     pose = joint.pose
     try:
         P = inverse(joint.information)
     except np.linalg.LinAlgError:
         return None
-    # Errors that the markers share count once, not as independent ones of each.
+    # Each marker's information contains the errors that all share as if they were independent:
+    # replaced here by their common effect.
     alike = np.zeros((6, 6))
     if joint.pulls[0].size:
         parts = [P[:6] @ pull for pull in joint.pulls]
@@ -219,12 +235,12 @@ def _solution(joint: Joint, errors: MarkerErrors, has_north: bool) -> PoseSoluti
 
 
 def with_gravity(pose: Pose, down: Vec3 | None) -> Pose:
-    """Return the pose with the chi-square of its normal's angle to gravity added to its cost."""
+    """Return the pose with its cost increased by the chi-square of its normal against gravity."""
     return Pose(pose.R, pose.t, pose.information, pose.cost + gravity_cost(pose.normal, down))
 
 
 def _to_pad_axes(m: Measurement) -> Measurement:
-    """Return a measurement whose poses are turned from the marker's axes to the pad's."""
+    """Return a measurement with poses in the pad's axes instead of the marker's."""
     if m.heading is None:
         return m
     heading = m.heading
@@ -233,19 +249,21 @@ def _to_pad_axes(m: Measurement) -> Measurement:
 
 
 def _tilt_information(pose: Pose) -> float:
+    """Return the information about the two directions of the normal, summed, 1/rad^2."""
     n = pose.normal
     turn = pose.information[3:, 3:]
     return float(np.trace(turn) - n @ turn @ n)
 
 
 def _has_north(measured: list[Measurement]) -> bool:
-    """Tell whether the markers seen leave no heading open: a square, or two places."""
+    """Tell whether the markers tell the heading: one has its own, or they lie at two places."""
     if any(m.heading is not None for m in measured):
         return True
     return any(np.abs(m.place - measured[0].place).max() > 1e-6 for m in measured)
 
 
 def _same(a: Pose, b: Pose) -> bool:
+    """Tell whether two poses are the same minimum."""
     step = a.R.T @ b.R
     near = np.linalg.norm(a.t - b.t) < 1e-4 * np.linalg.norm(a.t)
     return bool(near and np.trace(step) > 3.0 - 1e-5)
@@ -254,18 +272,19 @@ def _same(a: Pose, b: Pose) -> bool:
 def _joint(
     measured: list[Measurement], first: Pose, prior_north: F64 | None, mean: F64, known: F64
 ) -> Joint | None:
-    """Minimise the joint cost from one solution of the first marker; None if it fails.
+    """Return the minimum of the joint cost near one solution of the first marker; None: it fails.
 
     Args:
         measured: k markers.
         first: a solution of the first one.
-        prior_north: the pad's, camera frame.
-        mean: of the markers' errors as known before, (7 k,), and
-        known: its information, (7 k, 7 k).
+        prior_north: the pad's north according to the estimator, camera frame.
+        mean: of the markers' errors as known before, (7 k,).
+        known: information of that mean, (7 k, 7 k).
     """
     errors = mean
-    # Of the first marker no other solution: with its errors as they are known it starts where that
-    # shows it. From elsewhere a mirrored one seemed nearer, of a bent pad low under the camera.
+    # The first marker keeps this one solution, and the pad starts where this solution and the
+    # marker's known errors put it. From another start, of a bent pad low under the camera, the
+    # mirrored solution seemed nearer.
     measured = [replace(measured[0], poses=(first,)), *measured[1:]]
     R = _start_rotation(measured, first, prior_north) @ cv2.Rodrigues(errors[TILT])[0].T
     t = first.t * (1.0 + errors[SCALE]) - R @ (measured[0].place + errors[:3])
@@ -296,9 +315,10 @@ def _joint(
 def _normal_equations(
     measured: list[Measurement], pose: Pose, errors: F64
 ) -> tuple[F64, F64, float, tuple[F64, ...]]:
-    """Return information, gradient and cost of k markers at a pose of the pad and their errors.
+    """Return the Gauss-Newton terms at a pose of the pad and errors (7 k,) of its k markers.
 
-    And by what the errors that all share pull at each; see `Joint`.
+    Returns:
+        information (6 + 7 k, 6 + 7 k), gradient (6 + 7 k,), cost, and `Joint.pulls`.
     """
     pulls = []
     size = 6 + ERRORS * len(measured)
@@ -323,16 +343,22 @@ def _normal_equations(
 
 
 def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 | None) -> F64:
-    """Return a rotation of the pad about the first marker's normal to start from."""
+    """Return the rotation (3, 3) to start from: the first marker's normal, and a heading about it.
+
+    The heading is a decoded marker's, else that of the line between two markers, else the
+    estimator's, else arbitrary.
+    """
     for m in measured:
         if m.heading is not None:
-            # A mirrored one's north may be tens of degrees off: no step leads back from there.
+            # Of its solutions the one with the most similar normal: the north of the mirrored one
+            # may be tens of degrees off, too far for the steps to converge.
             alike = max(m.poses, key=lambda pose: float(pose.normal @ first.normal))
             return rotation_from(first.normal, alike.R[:, 0])
     for m in measured[1:]:
         arm = m.place - measured[0].place
         if np.abs(arm).max() > 1e-6:
-            # The pad's north is the direction between the two markers turned back by its bearing.
+            # The pad's north is the direction from one marker to the other turned back by the
+            # bearing that it has on the pad.
             along = rotation_from(first.normal, m.poses[0].t - first.t)
             bearing = math.atan2(arm[1], arm[0])
             R: F64 = along @ np.array(
@@ -347,13 +373,18 @@ def _start_rotation(measured: list[Measurement], first: Pose, prior_north: F64 |
 
 
 def _nearest(m: Measurement, pose: Pose, e: F64) -> tuple[F64, Pose, F64]:
-    """Return the marker's solution nearest to a pad's pose and its errors (7,).
+    """Return a marker's solution nearest to what a pose of the pad and the marker's errors imply.
 
-    A marker that is larger than its file says looks so much nearer.
+    A marker that is larger than the pad file says looks nearer by the same factor.
+
+    Args:
+        m: the marker.
+        pose: of the pad.
+        e: the marker's errors, (7,).
 
     Returns:
-        the residual (6,), the solution, and the derivative of the marker's pose by that of the pad
-        and by the marker's errors (6, 6 + 7).
+        the residual (6,), the solution, and the derivative (6, 6 + 7) of the marker's pose by that
+        of the pad and by the marker's errors.
     """
     size = 1.0 + float(e[SCALE])
     arm = pose.R @ (m.place + e[:3])
