@@ -1,4 +1,8 @@
-"""The part of an image that is searched for rings, at the sizes at which it is."""
+"""The pyramid in which an image is searched for rings: the searched part at several sizes.
+
+`ring_segment` finds rings of 10 to 100 px: each level shows the rings of an octave of sizes. A
+level comes with the camera that would see it, so that fits work on any of them.
+"""
 
 import math
 from dataclasses import dataclass
@@ -10,34 +14,36 @@ import numpy as np
 from landerd.camera_model import CameraModel, Window
 from landerd.vision.arrays import U8
 
-_COARSEST_PX = 100.0  # side of the smallest level: a ring that fills it is what segmentation can do
-_SEARCH_DIAMETER_PX = 28.0  # rings whose size in the image is known are searched at about this
-_SMALLEST_SIDE_PX = 8
-# Levels but the coarsest are searched for rings of up to the first of these, and the finest of the
-# second: the next coarser one shows them well, and the finest takes three quarters of the time.
+# Longer side of the coarsest level, px: segmentation finds rings up to those that fill it.
+_COARSEST_PX = 100.0
+_SEARCH_DIAMETER_PX = 28.0  # size of the rings in the only level, if their size is known
+_SMALLEST_SIDE_PX = 8  # of a level
+# Diameter of the largest rings that are looked for in a level, px: in the finest one the second, in
+# the others but the coarsest the first. The next coarser level shows larger ones well, and the
+# finest one takes three quarters of the time.
 _LARGEST_PX, SMALL_PX = 40.0, 24.0
-# Side of a surrounding, in the image halved, and the least step in it that may be a marker's: rings
-# of less than 12 grey levels are refused, and squares that differ by less than 14 are not detected.
-# The faintest of 1500 pictures of pads, in all kinds of light, has 22; clear sky has 0 to 8.
+# An image is blank if within no square of this side, px of the image halved, grey levels differ by
+# this much. Rings of less than 12 grey levels are refused, and squares of less than 14 are not
+# detected. The faintest of 1500 pictures of pads, in all kinds of light, has 22; clear sky 0 to 8.
 _STEP_PX, _LEAST_STEP = 7, 10
-_STRIP_PX = 64  # rows of that image that are looked at at once
+_STRIP_PX = 64  # rows of the halved image that are looked at together
 
 
 @dataclass(frozen=True)
 class Level:
-    """The searched part of an image at another size, and the camera that would see just that."""
+    """The searched part of an image at one size, and the camera that would see just that."""
 
-    finer: "U8 | Level"  # what it is made of: the part at its own size, or the next finer level
+    finer: "U8 | Level"  # what it is reduced from: the part at its own size, or a finer level
     camera: CameraModel
-    corner: tuple[int, int]  # of the part: column and row, px of the image
+    corner: tuple[int, int]  # of the part in the image: column and row, px
     reduction: float  # pixels of the image along one of the level
-    # Diameter in the level of the rings to look for, of oblique ones the geometric mean of both:
-    # larger ones are in another.
+    # Diameter of the largest rings to look for here, px of the level; for oblique rings that is the
+    # geometric mean of both diameters.
     largest_px: float
 
     @cached_property
     def image(self) -> U8:
-        """What is searched, worked out when asked for: a ring that is near needs one level only."""
+        """The grey image, made on demand: a ring that is near needs the coarsest level only."""
         if isinstance(self.finer, Level):
             finer, k = self.finer.image, self.reduction / self.finer.reduction
         else:
@@ -53,12 +59,12 @@ class Level:
 def levels(
     image: U8, camera: CameraModel, window: Window | None, expected_px: float | None
 ) -> list[Level]:
-    """Return the part to search, coarse levels first: rings are looked for at 10 to 100 px.
+    """Return the levels of the part to search, the coarsest first.
 
     Args:
         image: grey image (height, width).
         camera: that took it.
-        window: the part to search; None for all.
+        window: the part to search; None: all of it.
         expected_px: diameter of the ring, if it is known: then there is one level only.
     """
     h, w = image.shape
@@ -66,7 +72,7 @@ def levels(
     crop = image[part.y0 : part.y1, part.x0 : part.x1]
     size = max(crop.shape)
     if expected_px is not None:
-        # Far rings are looked for in an enlarged window: their holes are few pixels.
+        # Small rings are looked for in an enlarged window: their holes are few pixels wide.
         halvings = [max(-1, round(math.log2(max(expected_px, 1.0) / _SEARCH_DIAMETER_PX)))]
     else:
         coarsest = max(0, math.ceil(math.log2(max(size, 1) / _COARSEST_PX)))
@@ -84,14 +90,14 @@ def levels(
 
 
 def is_blank(image: U8) -> bool:
-    """Tell whether an image (height, width) shows nothing that could be a marker, as clear sky.
+    """Tell whether an image (height, width) shows nothing that could be a marker, like clear sky.
 
-    It takes a thirtieth of what a search takes there.
+    On such an image this takes a thirtieth of the time of a search.
     """
     h, w = image.shape
     half = cv2.resize(image, (max(1, w // 2), max(1, h // 2)), interpolation=cv2.INTER_AREA)
     near, reach = np.ones((_STEP_PX, _STEP_PX), np.uint8), _STEP_PX // 2
-    for top in range(0, len(half), _STRIP_PX):  # mostly the first one tells
+    for top in range(0, len(half), _STRIP_PX):  # mostly the first strip settles it
         strip = half[max(0, top - reach) : top + _STRIP_PX + reach]
         if cv2.minMaxLoc(cv2.morphologyEx(strip, cv2.MORPH_GRADIENT, near))[1] >= _LEAST_STEP:
             return False

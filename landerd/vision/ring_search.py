@@ -1,4 +1,18 @@
-"""The search of one image for a pad's ring: what is clear first, what is hidden last."""
+"""The search of one image for a pad's ring: clear candidates first, hidden ones last.
+
+`whycon.find_rings` calls the methods of `RingSearch` in the order that `RingWork.part` gives; each
+spends some of the work that an image may cost (`ring_work`). A candidate is an outline that
+`ring_segment` found. It is tried:
+
+1. By a full fit to grey levels, from its outline or a rough fit (`ring_fit_stages`), and what
+   follows from that (`ring_selection`). Clear candidates are tried as they are found, the others
+   after all levels have been searched.
+2. If it is dark in white, but the fit leaves too much unexplained, it is doubtful: behind a camera
+   response, by its edges (`ring_explained`), and with a shadow or motion in the model.
+
+Rings without a candidate are looked for by an arc at the image's edge (`ring_cut`), the plate's
+outline (`plate_search`), or correlation with a level ring (`ring_match`).
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -61,39 +75,53 @@ from landerd.vision.ring_work import (
     RingWork,
 )
 
-Refusal = Callable[[MarkerSighting], bool]  # tells that a ring is another's
+Refusal = Callable[[MarkerSighting], bool]  # tells that a ring is not the pad's
+# Finds the outlines in some looks of which a ring has this ratio: `ring_candidates` or
+# `hole_candidates`.
 _Find = Callable[[Sequence[Look], float], list[list[Candidate]]]
 
-# Share of the spokes from which an outline is fitted before all levels are searched: plain rings
-# gave 1.0, and 0.1 of the outlines in a photograph of the ground.
+# ---- candidates --------------------------------------------------------------------------------
+# A candidate is clear from this share of spokes on that are bright, dark and bright: it is fitted
+# before all levels are searched. Plain rings gave 1.0; a photograph of the ground has 0.1 clear
+# outlines on average.
 _CLEAR_SHARE = 0.9
-# Up to such a reduction a clear outline is within a pixel or so of the image's, where the full fit
-# may start: a rough one takes half as long again. 1200 pictures showed as many rings as with it.
+# Least diameter of a clear outline in its level, px, except in the finest one: a smaller ring shows
+# better in the next finer level.
+_CLEAR_PX = 9.0
+# Up to this reduction of its level a clear outline is within about a pixel of the image's, so that
+# the full fit may start from it: a rough fit first takes half as long again. 1200 pictures showed
+# as many rings as with it.
 _EXACT_REDUCTION = 4.0
-# Of the smallest ring wanted: what is smaller is not fitted. Of 254 rings of 10 to 16 px in all
-# kinds of light all had an outline of 0.91 and more of what the fit has in the end.
+# Outlines smaller than this share of the smallest ring wanted are not fitted. Of 254 rings of 10 to
+# 16 px in all kinds of light all had an outline of at least 0.91 of the final fit's.
 _SMALLEST_SHARE = 0.85
-_CLEAR_PX = 9.0  # least diameter of it, but in the finest level: another shows it better
-# Share from which shadow and motion are tried at once, not in the next image: four of ten of the
-# doubtful ones in photographs of the ground, and rings but those with a shadow's edge across them.
-_HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7  # at once, and in the next image
-_EDGE_SHARE = 0.5  # from which edges are looked at
-# Of a level's pixels, those at which dark and bright meet: of 250 tiles of photographs below it
-# nine in ten have less than 0.03 of them in the finest level, the fullest of all have 0.19.
+
+# ---- doubtful ones -----------------------------------------------------------------------------
+# Share of spokes from which on shadow and motion are tried: in the same image, and in the image
+# that continues a search. The first holds for four in ten of the doubtful outlines in photographs
+# of the ground, and for rings except those with a shadow's edge across them.
+_HARD_SHARE, _CONTINUED_HARD_SHARE = 0.9, 0.7
+_EDGE_SHARE = 0.5  # share of spokes from which on a response or edges are tried
+
+# ---- the image ---------------------------------------------------------------------------------
+# A level is full of texture if at more than this share of its pixels dark and bright meet. Of 250
+# tiles of photographs that are below it nine in ten have less than 0.03 in the finest level; the
+# fullest of all have 0.19.
 _MAX_EDGE_SHARE = 0.05
-_OFF_PLATE = 0.12  # of the range: what a fit may be off the place that its plate's outline tells
-_MOST_MATCHED = 2  # places that are looked at for a ring that is like one on the whole
-_MOST_CUT = 2  # rings that the image's edge may cut
+# Largest distance of a fit from the place that its plate's outline tells, a share of the range.
+_OFF_PLATE = 0.12
+_MOST_MATCHED = 2  # places tried that correlate best with a level ring
+_MOST_CUT = 2  # arcs tried of rings that the image's edge may cut
 
 
 @dataclass(frozen=True)
 class Beside:
-    """What lies beside a ring: whether it speaks against it, or for it where its edges do not."""
+    """What the surroundings of a ring tell about it; None: that is not asked."""
 
-    refuses: Refusal | None = None
-    vouches: Vouches | None = None
-    plate: PlateSearch | None = None  # tells where to look for a ring that shows nothing round
-    on_plate: PlateRing | None = None  # finds one on level ground that only its plate shows
+    refuses: Refusal | None = None  # a ring is not the pad's
+    vouches: Vouches | None = None  # a ring is the pad's, although its edges alone do not show it
+    plate: PlateSearch | None = None  # where a ring lies, by the outline of its plate
+    on_plate: PlateRing | None = None  # the ring itself on level ground, by the plate's sides
 
 
 @dataclass(frozen=True)
@@ -107,16 +135,20 @@ class _Try:
 
 @dataclass(frozen=True)
 class _Doubtful:
-    """Fits that may be those of a ring behind a response, in shadow or motion."""
+    """A candidate that may be a ring behind a camera response, in shadow or in motion."""
 
     place: Place
-    share: float  # of the candidate's spokes
-    fits: list[RingFit]
-    is_linear: bool = False  # no response explains it
+    share: float  # of the candidate's spokes that are bright, dark and bright
+    fits: list[RingFit]  # plain ones, best first
+    is_linear: bool = False  # a response was tried and does not explain it
 
 
 class RingSearch:
-    """The search of one image: what was found, what is left to try and what was doubtful."""
+    """The search of one image: what was found, what is left to try, and what is doubtful.
+
+    Attributes:
+        found: the rings found so far.
+    """
 
     def __init__(
         self,
@@ -132,36 +164,38 @@ class RingSearch:
         self._work, self._response = work, response
         self._refuses, self._vouches, self._plate = beside.refuses, beside.vouches, beside.plate
         self._on_plate = beside.on_plate
-        self._later: list[_Try] = []
+        self._later: list[_Try] = []  # candidates that are not clear
         self._doubtful: list[_Doubtful] = []
-        self._level_found: Level | None = None
-        self._darks: dict[tuple[float, Segmentation], U8] = {}  # of levels, by their reduction
-        self._has_tried_hidden = False
+        self._level_found: Level | None = None  # in which a ring was found
+        # What is dark in a level, by the level's reduction and the segmentation.
+        self._darks: dict[tuple[float, Segmentation], U8] = {}
+        self._has_tried_hidden = False  # `_clearly_hidden` is tried once in an image
         self.found: list[MarkerSighting] = []
 
     @property
     def is_level_known(self) -> bool:
-        """Whether it can look for rings on level ground that only their plates show."""
+        """Whether gravity is known, so that `find_matched` can look for a level ring."""
         return self._on_plate is not None and self._down is not None
 
     def nearest_first(self) -> list[MarkerSighting]:
-        """Return what was found."""
+        """Return the rings found, the nearest first."""
         return sorted(self.found, key=lambda s: s.solutions[0].position[2])
 
     def find_clear(self, looks: Sequence[tuple[Level, Segmentation]]) -> bool:
-        """Fit what is clearly bright, dark and bright in the first of some looks that shows any.
+        """Fit the clear candidates, look by look, until one shows a ring; tell whether one did.
 
-        The rest is left for later.
+        Candidates that are not clear are kept for `find_doubtful`.
         """
         return self._find_clear_by(looks, ring_candidates)
 
     def find_holes(self, looks: Sequence[tuple[Level, Segmentation]]) -> bool:
-        """Do the same with what may be the hole of a ring whose outer edge is broken."""
+        """Do the same with outlines of holes, for rings whose outer edge is broken."""
         return self._find_clear_by(looks, hole_candidates)
 
     def _find_clear_by(self, looks: Sequence[tuple[Level, Segmentation]], find: _Find) -> bool:
         ratio = self._ring.inner_ratio
-        looks = [(v, s) for v, s in looks if cv2.hasNonZero(self._dark(v, s))]  # not in the sky
+        # Of a level with nothing dark in it, as of the sky, nothing is worked out.
+        looks = [(v, s) for v, s in looks if cv2.hasNonZero(self._dark(v, s))]
         least_px = _SMALLEST_SHARE * self._work.smallest_px
         of_looks = find(
             [
@@ -176,16 +210,16 @@ class RingSearch:
         )
 
     def _dark(self, level: Level, segment: Segmentation) -> U8:
-        """Return what is dark in a level, worked out once."""
+        """Return what is dark in a level, 255 there and else 0; segmented once."""
         key = level.reduction, segment
         if key not in self._darks:
             self._darks[key] = segment(level.image)
         return self._darks[key]
 
     def is_textured(self, level: Level, segment: Segmentation) -> bool:
-        """Tell whether a level is so full of what is dark that to label the next finer is dear.
+        """Tell whether a level is so full of texture that labelling the next finer one takes long.
 
-        What is counted is the same on any machine.
+        Edges are counted instead of time, so that the answer is the same on any machine.
         """
         dark = self._dark(level, segment)
         edges = cv2.countNonZero(cv2.bitwise_xor(dark[:, 1:], dark[:, :-1]))
@@ -204,9 +238,9 @@ class RingSearch:
         return bool(self.found)
 
     def find_cut(self, level: Level, segment: Segmentation) -> bool:
-        """Fit the edges of what is dark and the edge of a level of the whole image cuts.
+        """Fit edges to dark arcs that end at the image's edge; tell whether one is the ring.
 
-        Once in a search: it goes on in the next image with what else there is.
+        Done in the first image that gets a part of the search, not where that part is continued.
         """
         if self._work.is_continued:
             return False
@@ -220,9 +254,9 @@ class RingSearch:
         return False
 
     def find_on_plate(self, levels: Sequence[Level]) -> bool:
-        """Fit edges where the outline of the pad's plate tells that the ring is.
+        """Fit edges, else grey levels, where the outline of the pad's plate shows the ring to be.
 
-        Once in a search, as `find_cut`.
+        Done once, as `find_cut`.
         """
         if self._plate is None or self._work.is_continued:
             return False
@@ -231,7 +265,7 @@ class RingSearch:
             return False
         other = mirrored(*pose, self._ring.radius_m)
         starts = [pose] if other is None else [pose, other]
-        # Where there is more than the ring on it, the plate itself vouches.
+        # If the plate carries other markers beside the ring, its outline has vouched already.
         vouches = None if self._vouches is None else lambda *_: True
         fits = edge_fits(self._image, self._camera, self._ring, starts, vouches)
         if not fits and self._work.affords(FULL_COST):
@@ -241,9 +275,9 @@ class RingSearch:
         return bool(fits) and self._report(fits)
 
     def find_matched(self, sizes: Sequence[float]) -> bool:
-        """Fit edges, or else the pad's plate, to what is likest a level ring of some sizes, px.
+        """Fit edges, else the plate's sides, where the image correlates best with a level ring.
 
-        Once in a search, as `find_cut`.
+        Done once, as `find_cut`. `sizes` are the longer diameters that are tried, px.
         """
         if self._on_plate is None or self._down is None or self._work.is_continued:
             return False
@@ -263,7 +297,11 @@ class RingSearch:
         return False
 
     def find_doubtful(self) -> None:
-        """Fit what was left, the likeliest first, until a level shows a ring or work is over."""
+        """Fit the candidates left for later, the likeliest first, until the work is spent.
+
+        Once a level has shown a ring, only that level's candidates are fitted. Places that were
+        refused in another level come last.
+        """
         later = sorted(self._later, key=lambda t: (-t.candidate.share, -t.candidate.score))
         again = []
         for one in later:
@@ -278,7 +316,7 @@ class RingSearch:
                 return
 
     def find_hard(self) -> None:
-        """Fit the best doubtful with a response and to edges, then with shadow and motion."""
+        """Fit doubtful ones behind a response and by their edges, then with shadow and motion."""
         unclear = self._find_toned()
         if not self.found:
             self._find_shaded_or_moving(has_edges=unclear is not None)
@@ -290,7 +328,12 @@ class RingSearch:
                 self._work.refuse(one.place)
 
     def _find_toned(self) -> Explained | None:
-        """Take the first ring that a tone curve hides; return what edges alone may vouch for."""
+        """Take the first doubtful one that a response, or edges moved by a tone curve, explain.
+
+        Returns:
+            if none is: the first that has a ring's edges without such a shift, which shadow or
+            motion may explain better.
+        """
         unclear = None
         best_first = sorted(self._doubtful, key=lambda d: d.fits[0].noise / d.fits[0].contrast)
         for one in filter(_may_be_toned, best_first):
@@ -309,13 +352,13 @@ class RingSearch:
         return unclear
 
     def _behind_response(self, fit: RingFit) -> list[RingFit]:
-        """Return the fits behind a response, where that is worth its cost; empty: none."""
+        """Return the fits behind a response; empty: it explains nothing, or work is short."""
         if not may_be_behind(fit) or not self._work.affords(RESPONSE_COST):
             return []
         return fits_behind_response(self._image, self._camera, self._ring, fit)
 
     def _report(self, fits: list[RingFit], level: Level | None = None) -> bool:
-        """Take a ring, seen in a level, for found unless it is another's; tell whether it was."""
+        """Add a ring to those found unless it is refused as not the pad's; tell whether it was."""
         sighting = ring_sighting(fits, self._ring, self._camera, self._down)
         if self._refuses is not None and self._refuses(sighting):
             return False
@@ -325,9 +368,10 @@ class RingSearch:
         return True
 
     def _find_shaded_or_moving(self, *, has_edges: bool) -> None:
-        """Fit the best doubtful one with shadow and motion, now or in a later image.
+        """Fit the best doubtful one with shadow and motion, in this image or in a later one.
 
-        In texture at once only if there is one with a ring's edges, whatever it costs.
+        In texture it is left for a later one, unless a doubtful one has a ring's edges
+        (`has_edges`): then it is done whatever it costs.
         """
         waits = self._work.is_spread and not self._work.is_continued
         hard = [] if waits and not has_edges else self._hard_now()
@@ -344,21 +388,24 @@ class RingSearch:
             self._work.cut()
 
     def _hard_now(self) -> list[_Doubtful]:
-        """Return the doubtful ones that may be tried with shadow and motion in this image."""
+        """Return the doubtful ones that are worth a fit with shadow and motion in this image."""
         least = _CONTINUED_HARD_SHARE if self._work.is_continued else _HARD_SHARE
         return [d for d in self._doubtful if d.share >= least and is_poor(d.fits[0])]
 
     def _is_known(self, place: Place) -> bool:
-        """Tell whether a place was tried and showed no ring by a plain fit."""
+        """Tell whether a plain fit at this place was tried and showed no ring."""
         return self._work.is_refused(place) or any(d.place.is_same(place) for d in self._doubtful)
 
     def _try_of_level(self, one: _Try) -> bool:
-        """Fit a candidate if none was found in another level; False: there is no work left."""
+        """Fit a candidate unless a ring was found in another level; False: no work is left."""
         is_wanted = self._level_found is None or self._level_found is one.level
         return self._try(one) if is_wanted else True
 
     def _reserve(self) -> int:
-        """Return what is kept to explain the best of what was doubtful, if that is still left."""
+        """Return the cost to keep in reserve for explaining the best doubtful one.
+
+        Including shadow and motion if that much is left, else without; 0 if not even that is left.
+        """
         toned = [
             d for d in self._doubtful if _may_be_toned(d) and not self._work.is_unexplained(d.place)
         ]
@@ -367,7 +414,10 @@ class RingSearch:
         return next((c for c in (hard_cost, cost) if self._work.has(c)), 0)
 
     def _try(self, one: _Try) -> bool:
-        """Fit a candidate; False: there is no work left for it."""
+        """Fit a candidate; False: no work is left for it.
+
+        It is then reported, kept as doubtful, or its place refused.
+        """
         if one.candidate.is_bloomed:
             return self._try_edges(one)
         reserve = self._reserve()
@@ -404,13 +454,13 @@ class RingSearch:
         return True
 
     def _reported(self, one: _Try, fits: list[RingFit]) -> bool:
-        """Report what is the ring of a candidate, if it is one; always True."""
+        """Report the fits of a candidate, or refuse its place if there are none; always True."""
         if not fits or not self._report(fits, one.level):
             self._work.refuse(one.place)
         return True
 
     def _try_edges(self, one: _Try) -> bool:
-        """Fit nothing but the edges of a candidate; False: there is no work left for it."""
+        """Fit a candidate's edges only; False: no work is left for it."""
         if not self._work.affords(EDGE_COST):
             return False
         rays = one.level.camera.rays(one.candidate.outline.points())
@@ -419,7 +469,11 @@ class RingSearch:
         return self._reported(one, fits)
 
     def _clearly_hidden(self, place: Place, fits: list[RingFit]) -> list[RingFit]:
-        """Return the fits of the first that is clearly bright, dark and bright; empty: no ring."""
+        """Return the fits of a clear but poorly fitted candidate behind a response or by edges.
+
+        Only for the first such candidate of an image. Which of both is tried depends on what
+        explained the last rings (`CameraResponse`); empty: it does not explain this one.
+        """
         self._has_tried_hidden = True
         if not self._response.pictures_by_edges:
             return self._behind_response(fits[0])
@@ -432,7 +486,7 @@ class RingSearch:
 
 
 def _place(level: Level, candidate: Candidate) -> Place:
-    """Return where in the whole image a candidate of a level is."""
+    """Return the place of a level's candidate in the whole image."""
     outline = candidate.outline
     k = level.reduction
     (a, b), (c, d) = outline.axes.tolist()
@@ -441,17 +495,17 @@ def _place(level: Level, candidate: Candidate) -> Place:
 
 
 def _may_be_toned(one: _Doubtful) -> bool:
-    """Tell whether a response or edges may explain what a plain fit does not."""
+    """Tell whether a response or edges may explain what the plain fit does not."""
     return one.share >= _EDGE_SHARE and may_have_edges(one.fits[0], one.share)
 
 
 def _is_near(position: F64, plate: F64) -> bool:
-    """Tell whether a ring is where its plate's outline tells, (3,) both, m."""
+    """Tell whether a ring is near the place that its plate's outline tells, (3,) each, m."""
     return float(np.linalg.norm(position - plate)) < _OFF_PLATE * float(np.linalg.norm(plate))
 
 
 def _covers(sighting: MarkerSighting, camera: CameraModel, position: F64) -> bool:
-    """Tell whether a centre lies inside a ring already found."""
+    """Tell whether a ring's centre (3,), camera frame, m, lies inside a ring already found."""
     polygon = np.array(sighting.outline_px, dtype=np.float32)
     x, y = camera.pixels(position[None])[0]
     return cv2.pointPolygonTest(polygon, (float(x), float(y)), False) >= 0

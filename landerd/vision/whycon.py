@@ -1,4 +1,15 @@
-"""WhyCon rings: search in an image or a part of it, and pose with both cone solutions."""
+"""WhyCon rings: detection in an image or a window, tracking, and pose with both cone solutions.
+
+The marker is that of Krajnik et al., "A practical multirobot localization system", JIRS 2014: a
+black ring on white. Its outline, an ellipse in the image, has two poses, of which a fit to the
+pixels tells the true one if it can.
+
+This module puts the stages of a ring in order; each has its own module. A search makes a pyramid
+(`pyramid`), marks what is dark and picks outlines like a ring's (`ring_segment`), and fits the
+likely ones (`ring_search`), spread over frames as `ring_work` counts. A fit goes from rough to full
+to a full one with shadow or motion (`ring_fit_stages`), else to the edges alone (`ring_explained`);
+`ring_selection` decides whether it is of the ring.
+"""
 
 import math
 from collections.abc import Iterator
@@ -28,16 +39,17 @@ from landerd.vision.ring_selection import explained_fits, remember
 from landerd.vision.ring_sighting import ring_sighting
 from landerd.vision.ring_work import Part, RingWork
 
-# How a search looks for what is dark, in the coarsest level and in the others: of 100 pictures in
-# each of the conditions of `bench.vision_conditions` and 336 of the field world this way shows all
-# but 2 % of what local means and the extremes beside a pixel show together. A thorough search has
-# means as well: for the largest rings, and in a later picture for those in dirt and motion and for
-# small ones in blur.
+# Segmentation of dark strokes in the coarsest level and in the others. In 100 pictures in each of
+# the conditions of `bench.vision_conditions` and 336 of the field world it shows all but 2 % of the
+# rings that it and thresholds by local means show together.
 _LARGE, _OTHERS = dark_between(LARGE_STROKE_PX), dark_between(STROKE_PX)
+# Thresholds by local means, which a thorough search uses too: for the largest rings, and in a later
+# picture for rings in dirt and motion.
 _WIDE, _LOW = dark_by_mean(0.86), dark_by_mean(0.55)
-_MATCHED = [SMALLEST_PX * STEP**k for k in range(SIZES)]  # larger diameters, px
-# What a search leaves for an image each where the first is full of texture: to label what is dark
-# takes the most time there. Squares are looked for in the next one, beside what takes the least.
+_MATCHED = [SMALLEST_PX * STEP**k for k in range(SIZES)]  # longer diameters of level rings, px
+# Parts of a search that are left for later images, one each, if the first is full of texture:
+# labelling what is dark takes the most time there. Squares are looked for in the next image, beside
+# the part that takes the least.
 _IN_TEXTURE = (Part.OTHERS, Part.PLATE, Part.BROKEN, Part.FINEST)
 
 
@@ -63,13 +75,14 @@ def find_rings(
         window: pixels to search; None for all.
         down: unit vector of gravity, camera frame; where the image cannot tell the two poses of a
             ring apart, the pose that lies more level is put first.
-        expected_diameter_px: the ring's larger diameter, if it is known within a factor of two.
-        thorough: try a second threshold, and shadow and motion, where the first look finds nothing.
-        work: what remembers where the search of the image before was cut short, and leaves parts
-            of it for the next ones; None: nothing does, and all is looked for at once.
-        response: what remembers the camera's; None: nothing does.
-        beside: tells that a ring is another's, the search then goes on, or that the pad's plate is
-            about one whose edges alone do not tell it, or known to be, and where it lies.
+        expected_diameter_px: the ring's longer diameter, if it is known within a factor of two.
+        thorough: also try other thresholds, and shadow and motion, if the first finds nothing.
+        work: keeps from image to image how far the search has come; None: all parts of the search
+            are done in this image.
+        response: keeps the camera's response from image to image; None: it is taken to be linear
+            at first.
+        beside: what the ring's surroundings tell: that it is not the pad's, whereupon the search
+            goes on; that it is, although its edges alone do not show it; and where it lies.
     """
     work = work or RingWork(parts=False)
     work.begin()
@@ -77,7 +90,7 @@ def find_rings(
     search = RingSearch(image, ring, camera, down, work, response, beside or Beside())
     parts = levels(image, camera, window, expected_diameter_px)
     is_whole = thorough and window is None
-    for small in parts[1:2]:  # of a small window there is none
+    for small in parts[1:2]:  # a small window has none
         work.follow(small.image, small.reduction)
     if any(_ways(search, parts, work, thorough=thorough, is_whole=is_whole)):
         return search.nearest_first()
@@ -90,7 +103,10 @@ def find_rings(
 def _ways(
     search: RingSearch, parts: list[Level], work: RingWork, *, thorough: bool, is_whole: bool
 ) -> Iterator[bool]:
-    """Look in the ways of the part that an image gets; yield of each whether it shows a ring."""
+    """Search in each way of the part that is due; yield whether it showed a ring.
+
+    The caller stops at the first that does.
+    """
     part = work.part
     if part in (Part.WHOLE, Part.MOST):
         yield any(search.find_clear(looks) for looks in _looks(parts, thorough=thorough))
@@ -116,8 +132,11 @@ def _ways(
 
 
 def _ways_in_whole(search: RingSearch, parts: list[Level], work: RingWork) -> Iterator[bool]:
-    """Do the same for a ring that the image's edge cuts, or that its plate shows."""
-    # In texture beside what takes the least.
+    """Do the same with the ways that need the whole image.
+
+    Those are for rings that the image's edge cuts, or that only their plate shows.
+    """
+    # In texture together with the part that takes the least.
     if work.part in (Part.WHOLE, Part.REST, Part.BROKEN):
         yield any(search.find_cut(level, _WIDE) for level in _coarse(parts))
     if work.part in (Part.WHOLE, Part.PLATE):
@@ -129,11 +148,14 @@ def _ways_in_whole(search: RingSearch, parts: list[Level], work: RingWork) -> It
 
 
 def _looks(parts: list[Level], *, thorough: bool) -> Iterator[list[tuple[Level, Segmentation]]]:
-    """Yield what is looked at at once, the cheapest first: no more than shows a ring is."""
+    """Yield levels with segmentations that are looked at together, the cheapest first.
+
+    The caller stops at the first that shows a ring.
+    """
     coarse = _coarse(parts)
     for level in [*parts[:1], *coarse[:1]]:
         yield [_look(level)]
-    # Both ways in the coarsest level take less time than one in the next but one.
+    # Both means in the coarsest level take less time than one segmentation two levels finer.
     largest = [(level, way) for way in (_WIDE, _LOW) for level in parts[:1]] if thorough else []
     yield [*largest, *(_look(level) for level in coarse[1:])]
 
@@ -144,7 +166,7 @@ def _coarse(parts: list[Level]) -> list[Level]:
 
 
 def _finest(parts: list[Level]) -> list[tuple[Level, Segmentation]]:
-    """Return what is looked at of the level at the image's own size, if there are others."""
+    """Return the level at the image's own size with its segmentation, unless it is the only one."""
     return [_look(level) for level in parts[1:] if level.largest_px <= SMALL_PX]
 
 
@@ -163,10 +185,10 @@ def track_ring(
     response: CameraResponse | None = None,
     vouches: Vouches | None = None,
 ) -> MarkerSighting | None:
-    """Return the ring that is where it was expected, to a few pixels; None if it is not there.
+    """Return the ring that is within a few pixels of where it is expected; None: it is not there.
 
-    A quarter of the cost of a search. With gravity known, of the two poses only those are fitted
-    in which a pad could lie.
+    Takes a quarter of the time of a search. If gravity is known, the mirrored pose is fitted only
+    if a pad could lie that way.
 
     Args:
         image: grey image (height, width) of the camera's size.
@@ -175,8 +197,10 @@ def track_ring(
         position: of the ring's centre, camera frame, m, (3,).
         normal: into the pad, unit vector, camera frame, (3,).
         down: unit vector of gravity, camera frame.
-        response: what remembers the camera's; None: nothing does.
-        vouches: for a ring whose edges alone do not tell it; None: nothing does.
+        response: keeps the camera's response from image to image; None: it is taken to be linear
+            at first.
+        vouches: tells that a ring is the pad's although its edges alone do not show it; None: no
+            such ring is taken.
     """
     response = response or CameraResponse()
     expected = (position, normal)
@@ -203,7 +227,10 @@ def _by_grey(
     response: CameraResponse,
     vouches: Vouches | None,
 ) -> list[RingFit]:
-    """Return the fits near expected poses, best first; empty if they are no ring's."""
+    """Return the fits to grey levels near expected poses, best first; empty: they are no ring's.
+
+    Or the fits to edges, if the image's edge cuts the ring and moved the fit off its pixels.
+    """
     fits = tracked_fits(image, camera, ring, starts, response.response)
     if not fits:
         return []
