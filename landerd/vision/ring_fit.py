@@ -1,9 +1,12 @@
 """Fit of a ring's pose to the grey levels near its two edges.
 
-Gauss-Newton on centre, normal, blur, motion, levels and light gradient of a `RingModel`, with
-robust weights against what the model leaves out (occlusion, the plate's edge).
+Gauss-Newton on centre, normal, blur, levels and light gradient of a `RingModel`, and on motion or
+the camera's response where asked for, with robust weights against what the model leaves out
+(occlusion, the plate's edge). `ring_fit_stages` says which pixels and starts a fit gets,
+`ring_checks` what it must show to be a ring's.
 
-Several starts are fitted side by side: arrays have one row for each.
+Several starts are fitted side by side: arrays have one row for each. "Noise" is the robust sigma of
+the residuals.
 """
 
 import math
@@ -42,25 +45,32 @@ from landerd.vision.ring_pose import CirclePose
 from landerd.vision.ring_response import RESPONSE_SIGMAS, bounded_response
 
 # Where nothing else is said, the numbers were set by trial on the images of `bench.vision_ring`.
-_MAX_BLUR_PX = 12.0
-_MAX_MOTION_PX = 30.0  # of the path, along x and y each
-# Reductions of chi-square by a step; a step of one sigma reduces it by 1.
-_SUPERSAMPLED_BELOW = 30.0  # then small rings are worth subpixels
-_CONVERGED = 1.0  # then another step is not worth it
-_RIVAL_NOISE = 1.5  # times the least noise of all starts: above, this one will not become the best
-_MIN_COS = 0.15  # of the tilt: flatter views than 81 degrees are not fitted
+_MAX_BLUR_PX = 12.0  # sigma
+_MAX_MOTION_PX = 30.0  # components of the path along x and y
+# Reductions of chi-square by a step (a step of one sigma reduces it by 1). Below the first, small
+# rings are supersampled; below the second, another step is not worth its time.
+_SUPERSAMPLED_BELOW = 30.0
+_CONVERGED = 1.0
+# A start whose noise is more than this times the least of all starts is not fitted further: it will
+# not become the best.
+_RIVAL_NOISE = 1.5
+_MIN_COS = 0.15  # of the angle between normal and line of sight: up to 81 degrees are fitted
 _MIN_NOISE = 0.5  # grey levels: rounding alone leaves 0.29
 _ROBUST_SIGMAS = 3.0  # residuals beyond it count less (Geman and McClure's weights)
-# Of a fit with these weights to normal noise, its variance over what information and residuals say,
-# both so weighted: E[psi^2] / E[psi']^2 over E[w r^2] / E[w]^2, psi = w r (Huber, "Robust
-# Statistics", 1981, section 6.3).
+# Variance of a fit with these weights to normal noise, over what weighted information and residuals
+# say: E[psi^2] / E[psi']^2 over E[w r^2] / E[w]^2, psi = w r (Huber, "Robust Statistics", 1981,
+# section 6.3).
 _ROBUST_VARIANCE = 1.27
-_PAPER_SIGMA = 0.06  # of the difference between the white inside and around, over white
-_LEAST_WHITE = 10.0  # grey levels: darker paper is not taken to be more even
+# Sigma of the difference between the white inside and around, as a share of white; and the least
+# white that it is taken of, grey levels.
+_PAPER_SIGMA = 0.06
+_LEAST_WHITE = 10.0
 _TILT_STEP = 0.2  # rad: steps of the tilt are damped as if it were known to this
-_DEPTH_STEP, _ASIDE_STEP = 0.25, 0.3  # longest steps: of the depth, in depths; aside, in radii
-_MIN_RANGE_M = 0.02  # depth at which a step towards the lens ends
-_EXPLAINED, _EXPLAINED_SHARE = 8.0, 0.1  # a residual below: grey levels, or of the contrast
+_DEPTH_STEP, _ASIDE_STEP = 0.25, 0.3  # longest steps: a share of the depth; aside, in radii
+_MIN_RANGE_M = 0.02  # least depth that a step may lead to
+# A pixel is explained if its residual is below the first, grey levels, or below this share of the
+# contrast.
+_EXPLAINED, _EXPLAINED_SHARE = 8.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -77,18 +87,18 @@ class RingFit:
     noise: float  # robust sigma of the residuals, grey levels
     cost: float  # robust sum of squared residuals over noise^2
     inliers: float  # share of pixels that the model explains to a tenth of the contrast
-    # Covariance of position (3, 3), m^2, and sigma of tilt, rad: worked out when asked for, as of
-    # most fits nobody does.
+    # Returns the covariance of the position (3, 3), m^2, and sigma of the tilt, rad: computed on
+    # demand, as most fits' are never asked for.
     uncertainty: Callable[[], tuple[F64, float]]
-    ratio: float  # inner over outer diameter as the pixels have it
+    ratio: float  # inner over outer diameter as the pixels tell it
     sigma_ratio: float
-    response_chi2: float = 0.0  # by which it differs from a linear camera's
+    response_chi2: float = 0.0  # chi-square of `response` against a linear camera's
     residual: F32 | None = None  # (n,), grey levels
-    response: F64 | None = None  # the camera's, as `ring_response` has it; None: not fitted
-    # `ring_residuals.coherent_residual`, worked out when asked for: a clear ring's nobody asks.
+    response: F64 | None = None  # the camera's, see `ring_response`; None: not fitted
+    # `ring_residuals.coherent_residual`, computed on demand: a clear ring's is not asked for.
     coherence: Callable[[], float] = lambda: math.inf
     stage: str = GREY  # fitted to grey levels; EDGES: to the places of the edges alone
-    inflation: float = 1.0  # of the covariance, by what is alike from pixel to pixel
+    inflation: float = 1.0  # factor on the covariance, for errors that pixels have in common
 
     @property
     def contrast(self) -> float:
@@ -102,7 +112,7 @@ class RingFit:
 
     @cached_property
     def coherent(self) -> float:
-        """Sigma of what residuals of neighbours have in common, over the contrast."""
+        """Sigma of what neighbouring pixels' residuals have in common, over the contrast."""
         return self.coherence()
 
     @cached_property
@@ -117,7 +127,7 @@ class RingFit:
 
 @dataclass
 class _Estimate:
-    """Where the fits of all starts stand."""
+    """The present parameters of the fits from all starts."""
 
     t: F64  # (starts, 3), m
     normal: F64  # (starts, 3)
@@ -131,8 +141,8 @@ class _Prior:
     """What is known besides the pixels, as matrices (rows, rows) in units of 1/noise^2."""
 
     information: F64
-    zero_mean: F64  # its part that draws the parameters to zero
-    damping: F64  # a limit to steps, no prior
+    zero_mean: F64  # the part of it that draws parameters towards zero
+    damping: F64  # limits steps; it is no knowledge
 
 
 @dataclass(frozen=True)
@@ -167,10 +177,10 @@ def fit_ring(
         starts: poses to start from.
         ring: its true size and ratio.
         blur_px: sigma to start from.
-        steps: at most.
-        motion_px: a first path (2,) of the image during exposure for every start; None: the image
-            stood still.
-        response: a first one (3,) of the camera's; None: it is linear.
+        steps: largest number of steps.
+        motion_px: path (2,) of the image during exposure to start from, one for each start; None:
+            the image stands still.
+        response: the camera's response (3,) to start from; None: it is linear and not fitted.
     """
     model = RingModel(pixels, starts[0][0], ring, motion_px, has_response=response is not None)
     black, white = _levels(pixels.grey)
@@ -189,7 +199,7 @@ def _descended(
 ) -> _NormalEquations | None:
     """Move an estimate until it is fitted; return the equations of the last step; None: it failed.
 
-    Quality and covariance are taken from them: the last step changed little.
+    Quality and covariance come from these equations, as the last step changes little.
     """
     equations = None
     is_near, last_reduction = False, np.zeros(len(estimate.t))
@@ -208,7 +218,7 @@ def _descended(
 
 
 def _levels(grey: F32) -> tuple[float, float]:
-    """Return the limits of the darkest and the brightest eighth: about black and white."""
+    """Return the limits of the darkest and brightest eighth of levels: about black and white."""
     n = len(grey)
     eighth = n // 8
     ordered = np.partition(grey, (eighth, n - 1 - eighth))
@@ -230,14 +240,15 @@ def _first_estimate(
 
 @lru_cache
 def _prior(rows: int, white: float, is_moving: bool, has_response: bool) -> _Prior:
-    """Return what is known of all rings.
+    """Return what is known of all rings, by the number of parameters and the white's grey level.
 
-    Paper is equally white inside and around: far away little is seen of the surroundings. Motion is
-    below 30 px. Tilts span about a radian; near frontal view they are hardly seen.
+    Paper is equally white inside and around, which helps as far rings show little of their
+    surroundings. Motion is below 30 px. Tilts span about a radian, which helps near frontal view,
+    where they are hardly seen.
     """
     zero_mean = np.zeros((rows, rows))
     zero_mean[HEIGHTS, HEIGHTS] = 1.0 / (_PAPER_SIGMA * white) ** 2
-    held = np.full(rows, 1e-4)  # so that no parameter is ever free
+    held = np.full(rows, 1e-4)  # so that the matrix is never singular
     held[TILT] += 1.0
     held[BLUR] += 1e-3
     held[-2:] += 1.0
@@ -274,7 +285,7 @@ def _normal_equations(
 
 
 def _middle(residual: F32, is_told: Mask | None) -> F32:
-    """Return the median of the sizes of residuals (starts, n) that tell anything, (starts,)."""
+    """Return the median absolute residual (starts,) of the pixels (starts, n) that count."""
     size = np.abs(residual)
     n = size.shape[1]
     if is_told is None:
@@ -287,7 +298,11 @@ def _middle(residual: F32, is_told: Mask | None) -> F32:
 
 
 def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _NormalEquations) -> F64:
-    """Move the estimate, the ratio held; return by how much chi-square should fall, (starts,)."""
+    """Move the estimate by a step that holds the ratio.
+
+    Returns:
+        by how much chi-square should fall, (starts,).
+    """
     A, b = equations.H + equations.variance[:, None] * prior.damping, equations.b
     step = np.array([_solved(a, c) for a, c in zip(A[:, 1:, 1:], b[:, 1:], strict=True)])
     reduction: F64 = (step * b[:, 1:]).sum(axis=1) / equations.variance[:, 0]
@@ -303,12 +318,12 @@ def _step(model: RingModel, prior: _Prior, estimate: _Estimate, equations: _Norm
 
 
 def _solved(A: F64, b: F64) -> F64:
-    """Return the solution (n,) of A x = b; zero if A is singular. Four times as fast as numpy's."""
+    """Return the solution (n,) of A x = b; zero if A is singular. A quarter of numpy's time."""
     return np.asarray(cv2.solve(A, b[:, None])[1], dtype=np.float64)[:, 0]
 
 
 def _move(estimate: _Estimate, axes: F32, step: F64, radius: float) -> None:
-    """Move poses by steps (starts, 5 or more) on the planes' axes, wild ones shortened."""
+    """Move poses by steps (starts, 5 or more) on the planes' axes; too long ones are shortened."""
     # In plain floats: numpy takes several times as long on single vectors.
     centres, normals = [], []
     starts = (values.tolist() for values in (estimate.t, estimate.normal, axes, step))
@@ -330,17 +345,19 @@ def _is_open(reduction: F64, last_reduction: F64, noise: F32, steps_before: int)
     is_open: Mask = (reduction > _CONVERGED) & (
         (noise < _RIVAL_NOISE * noise.min()) | (steps_before < 2)
     )
-    # Reductions fall ever faster near the end, so the next one is foreseen. Where two poses vie,
-    # the last one itself must be small: their costs are compared.
+    # Near the end reductions fall ever faster, so the next one can be predicted from the last two.
+    # As long as two poses compete, the last reduction itself must be small: their costs are
+    # compared.
     if np.count_nonzero(is_open) == 1:
         is_open &= reduction * reduction > _CONVERGED * last_reduction
     return is_open
 
 
 def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquations) -> list[RingFit]:
-    """Return the fits, best first, but for those of flat views and those that no pixel tells of.
+    """Return the fits, best first, without those of too oblique views or without information.
 
-    None does where all are of one grey level, as below the cut of a broken picture, or clipped.
+    Pixels hold none if all have one grey level, as below the cut of a broken picture, or are
+    clipped.
     """
     noise, u = equations.noise, equations.squares
     robust = _ROBUST_SIGMAS * _ROBUST_SIGMAS * model.pixels.weight * u / (1.0 + u)
@@ -357,7 +374,7 @@ def _ring_fits(model: RingModel, estimate: _Estimate, equations: _NormalEquation
 def _ring_fit(
     model: RingModel, estimate: _Estimate, equations: _NormalEquations, k: int, cost: float
 ) -> RingFit:
-    """Return the fit from one start, with its quality."""
+    """Return the fit from start k, with its quality."""
     t, parameters, radius = estimate.t[k], estimate.parameters[k], model.ring.radius_m
     inside, outer, inner = parameters[INSIDE : HEIGHTS.stop].tolist()
     black, outside = inside + inner, inside + inner + outer
@@ -404,7 +421,7 @@ def _ring_fit(
 
 
 def _inliers(pixels: Pixels, residual: F32, contrast: float) -> float:
-    """Return the share of pixels, by weight, that are explained to a tenth of the contrast."""
+    """Return the share of pixels, by weight, whose residual is below a tenth of the contrast."""
     unexplained = np.abs(residual) * np.sqrt(pixels.weight)
     explained = unexplained < max(_EXPLAINED, _EXPLAINED_SHARE * contrast)
     return float(pixels.weight[explained].sum()) / float(pixels.weight.sum())

@@ -1,4 +1,9 @@
-"""The stages of a ring's fit, from a rough one to those with shadow or motion in the model."""
+"""The stages of a ring's fit: rough, full, behind a response, tracked, and with shadow or motion.
+
+Each stage chooses the pixels, the starts (both poses of the ellipse) and the effort for
+`ring_fit.fit_ring`. `ring_search` and `whycon.track_ring` decide which stage comes next, by the
+checks of `ring_checks`.
+"""
 
 import math
 from collections.abc import Sequence
@@ -26,10 +31,10 @@ from landerd.vision.ring_segment import Candidate
 
 @dataclass(frozen=True)
 class _Effort:
-    """What a fit may cost: about so many pixels, so many steps at most."""
+    """What a fit may cost."""
 
-    pixels: int
-    steps: int
+    pixels: int  # about
+    steps: int  # at most
 
 
 _ROUGH = _Effort(180, 3)  # in a reduced image, to be fitted again
@@ -37,26 +42,28 @@ _FULL = _Effort(560, 8)
 _RESPONSE = _Effort(560, 6)
 _SHADED = _Effort(700, 8)
 _MOVING = _Effort(560, 6)
-# With three steps 53 of 60 rings were found from priors a pixel off, with four all.
+# With three steps 53 of 60 rings were found from poses a pixel off, with four all.
 _TRACKED = _Effort(200, 4)
 
-# How far from an edge pixels are taken, px.
+# Half width of the band about an edge in which pixels are taken, px.
 _ROUGH_BAND_PX = 3.0
-_FULL_BAND_PX, _BAND_BLURS = 2.0, 2.0  # the wider of this and so many blurs
-_SHADED_BAND_PX = 3.5  # wide enough to hold pixels that are white and nothing else
-_MOVING_BAND_PX, _BAND_PATHS = 2.0, 0.6  # this and such a share of the motion's path
-TRACKED_BAND_PX = 4.0  # so far edges may be from where they are expected
+_FULL_BAND_PX, _BAND_BLURS = 2.0, 2.0  # the larger of the first and the second times the blur
+_SHADED_BAND_PX = 3.5  # wide enough to contain pixels that are purely white
+_MOVING_BAND_PX, _BAND_PATHS = 2.0, 0.6  # the sum of the first and the second times the path
+TRACKED_BAND_PX = 4.0  # how far edges may be from where they are expected
 
-# What is started from where nothing is known.
-_BLUR_PX, _MOVING_BLUR_PX = 1.0, 0.7
-_PATH_PX, _PATH_BLURS = 3.0, 2.5  # of a motion: the longer of this and so many blurs
+# What a fit starts from where nothing is known.
+_BLUR_PX, _MOVING_BLUR_PX = 1.0, 0.7  # sigma
+_PATH_PX, _PATH_BLURS = 3.0, 2.5  # path of a motion: the longer of the first and so many blurs
 _PATH_DIRECTIONS = 4
 
 MAX_TILT_COS = math.cos(math.radians(25.0))  # pads that lean more are not landed on
-_ALIKE_PIXELS = 4.0  # whose residuals behind a response have their coherent part in common
-_SHADOW_ROUNDS = 2  # the better the pose, the better the shadow's edge
-# Of rings that are cut: so far off, px, the pixels of the first pose are of another place. Two
-# of 35 were 1 and 3 per cent of the range off, with a tenth of that as their sigma.
+# Number of pixels that have the coherent part of their residuals in common, behind a response.
+_ALIKE_PIXELS = 4.0
+_SHADOW_ROUNDS = 2  # the better the pose, the better the shadow's edge is found
+# A ring that the image's edge cuts is fitted again, at most so many times, if it moved by more than
+# this, px: the pixels were chosen for another pose. Without that two of 35 were 1 and 3 per cent of
+# the range off, with a tenth of that as their sigma.
 _REFIT_PX, _MOST_REFITS = 1.0, 3
 
 
@@ -75,12 +82,12 @@ def start_at_outline(level: Level, candidate: Candidate, ring: Ring) -> Start | 
 
 
 def start_at_pose(pose: CirclePose) -> Start:
-    """Return what begins at a pose told by something else."""
+    """Return a start at a pose that is known from something else."""
     return Start(pose, _BLUR_PX)
 
 
 def start_by_rough_fit(level: Level, candidate: Candidate, ring: Ring) -> Start | None:
-    """Return the better pose of a candidate in a reduced image; None if it is no ring."""
+    """Return a start by a rough fit to a candidate in its level; None: it is no ring."""
     poses = poses_through(level.camera.rays(candidate.outline.points()), ring.radius_m)
     if poses is None:
         return None
@@ -108,7 +115,7 @@ def full_fits(
 ) -> list[RingFit]:
     """Return both poses fitted to the image, the better first; empty if the fits fail.
 
-    `response` is a first one of the camera's; None: it is linear.
+    `response` is the camera's response to start from; None: it is linear.
     """
     start, blur = at.pose, at.blur_px
     band = max(_FULL_BAND_PX, _BAND_BLURS * blur)
@@ -133,8 +140,8 @@ def is_off_cut(
 ) -> bool:
     """Tell whether a ring that the image's edge cuts was fitted to pixels of another place.
 
-    Those of the pose `start`, more than `most_px` from where it is now: of a whole ring most of
-    them still serve, of one that is cut few do.
+    The pixels were chosen for the pose `start`, and the fit moved by more than `most_px` from it:
+    most pixels still serve for a whole ring, few do for one that is cut.
     """
     pose = fit.position, fit.normal
     is_off = moved_px(camera, ring, start, pose) > most_px
@@ -142,16 +149,20 @@ def is_off_cut(
 
 
 def response_fits(image: U8, camera: CameraModel, ring: Ring, plain: RingFit) -> list[RingFit]:
-    """Return the fits behind a response, from a plain one, best first; empty if they fail."""
+    """Return the fits behind a camera's response, started from a plain fit, best first.
+
+    Empty if they fail.
+    """
     starts = _with_mirror((plain.position, plain.normal), ring)
     band = max(_FULL_BAND_PX, _BAND_BLURS * plain.blur_px)
     return _fits(image, camera, ring, starts, band, _RESPONSE, plain.blur_px, LINEAR_RESPONSE)
 
 
 def expected_poses(ring: Ring, expected: CirclePose, down: Vec3 | None) -> list[CirclePose]:
-    """Return an expected pose and, if a pad could lie so, the other one of the same ellipse.
+    """Return an expected pose and, if a pad could lie that way, its mirrored one.
 
-    Where gravity is known (unit vector, camera frame) pads do not lean much.
+    `down` is the unit vector of gravity, camera frame: pads do not lean much. None: unknown, both
+    poses are returned.
     """
     other = mirrored(*expected, ring.radius_m)
     if other is None or not (down is None or float(other[1] @ np.array(down)) > MAX_TILT_COS):
@@ -168,17 +179,17 @@ def tracked_fits(
 ) -> list[RingFit]:
     """Return the fits near `expected_poses`, the better first; empty if they fail.
 
-    `response` is a first one of the camera's; None: it is linear.
+    `response` is the camera's response to start from; None: it is linear.
     """
     fits = _fits(image, camera, ring, starts, TRACKED_BAND_PX, _TRACKED, _BLUR_PX, response)
-    if fits and fits[0].blur_px > TRACKED_BAND_PX:  # out of focus: wider than what was looked at
+    if fits and fits[0].blur_px > TRACKED_BAND_PX:  # out of focus: blurred beyond the band
         poses, blur = [(f.position, f.normal) for f in fits], fits[0].blur_px
         fits = _fits(image, camera, ring, poses, _BAND_BLURS * blur, _TRACKED, blur, response)
     return fits
 
 
 def hard_fits(image: U8, camera: CameraModel, ring: Ring, plain: list[RingFit]) -> list[RingFit]:
-    """Return the best of plain fits and those with a shadow's edge or motion in the model."""
+    """Return the best fits of the plain ones and those with a shadow's edge or with motion."""
     shaded = _shaded_fits(image, camera, ring, plain[0])
     moving = _moving_fits(image, camera, ring, plain[0])
     return min(
@@ -188,7 +199,7 @@ def hard_fits(image: U8, camera: CameraModel, ring: Ring, plain: list[RingFit]) 
 
 
 def _shaded_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> list[RingFit]:
-    """Return the fits with a shadow's edge undone; empty if there is none."""
+    """Return the fits to pixels from which a shadow's edge is removed; empty if there is none."""
     fits = [fit]
     for _ in range(_SHADOW_ROUNDS):
         pose = (fits[0].position, fits[0].normal)
@@ -227,7 +238,7 @@ def _moving_fits(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> li
 
 
 def _with_mirror(pose: CirclePose, ring: Ring) -> list[CirclePose]:
-    """Return a pose and the other one that shows the same ellipse; empty if there is none."""
+    """Return a pose and the mirrored one, which has the same ellipse; empty if there is none."""
     other = mirrored(*pose, ring.radius_m)
     return [] if other is None else [pose, other]
 
@@ -242,7 +253,7 @@ def _fits(
     blur_px: float,
     response: F64 | None = None,
 ) -> list[RingFit]:
-    """Return the fits from starts to the pixels near the first; empty if there is none."""
+    """Return the fits from some starts to the pixels near the first start; empty if all fail."""
     if not starts:
         return []
     pixels = pixels_near(image, camera, starts[0], ring, band_px, effort.pixels, supersample=True)
@@ -256,7 +267,7 @@ def _fits(
 
 
 def _judged(fit: RingFit) -> RingFit:
-    """Return a fit that errs as its coherent residual says behind a response."""
+    """Return a fit behind a response with its covariance inflated by its coherent residual."""
     if fit.response is None:
         return fit
     noises = fit.coherent * fit.contrast / fit.noise

@@ -1,8 +1,12 @@
-"""Where in an image a dark ring could be: threshold, components, shape, spokes.
+"""Where in an image a dark ring could be: the candidates that `ring_search` fits.
 
-Every test here is invariant under affine maps of the image, because an oblique ring is as much a
-ring as one seen from above; those of the largest rings under perspective too, as near the pad the
-hole lies far off the middle of its ring. All components are tested at once, cheap tests first: a
+Four steps: a threshold tells what is dark, connected components are labelled (`ring_components`),
+their second moments tell which have the shape of a ring, and grey levels along spokes tell which
+are bright, dark and bright from the centre outwards.
+
+Every test is invariant under affine maps of the image, so that oblique rings pass as well as those
+seen from above. Tests of the largest rings are invariant under perspective, too: near the pad the
+hole lies far from the centre of its ring. All components are tested at once, cheap tests first: a
 search of grass or gravel meets thousands.
 """
 
@@ -19,76 +23,92 @@ from landerd.vision.ring_components import Components, Mosaic
 
 Segmentation = Callable[[U8], U8]  # image (height, width) in, 255 where it is dark out
 
-# A pixel is dark by what is beside it. Closing fills strokes that are darker than both sides and
-# leaves a shadow's edge where it is: below a share of the way from the least level nearby to what
-# is closed lies the stroke, whatever the ground beyond the ring's white margin and wherever a
-# shadow ends on the ring.
-STROKE_PX = 13  # the widest that is closed, and more: a ring of 40 px has one of 12 px
-LARGE_STROKE_PX = 21  # in the coarsest level; there a local mean shows the largest
-# Side of the surrounding with the least level. Where ground that is darker than a small ring's
-# blurred stroke lies in it, beyond the plate's margin, the stroke does not show: of 1160 looks at
-# rings of 12 to 60 px on 100 field days two pictures each show 893 with 7, 924 with 5, 896 with 3.
+# ---- thresholds --------------------------------------------------------------------------------
+# `dark_between`: a morphological closing fills strokes that are darker than both sides and leaves a
+# shadow's edge where it is. A pixel is dark if its level is below a share of the way from the
+# lowest level nearby to the closed level. That shows a stroke whatever the ground beyond the ring's
+# white margin, and wherever a shadow ends on the ring.
+STROKE_PX = 13  # side of the closing: fills the stroke of a ring of 40 px, 12 px wide
+LARGE_STROKE_PX = 21  # the same in the coarsest level; a local mean shows the largest rings there
+# Side of the surrounding whose lowest level counts, px. If it reaches ground beyond the plate's
+# margin that is darker than a small ring's blurred stroke, the stroke does not show: of 1160 looks
+# at rings of 12 to 60 px on 100 field days two pictures each show 893 with 7, 924 with 5, 896 with
+# 3.
 _NEAR_PX = 5
-_NEAR_SHARE = 0.4  # of the way from it to the closed level; 0.5 loses leaf shade and legs
-_NEAR_STEP = 19  # grey levels between the two; up to that, nothing is dark
-# In deep shadow white itself is no brighter, and noise less: such a share of it, and grey levels.
+_NEAR_SHARE = 0.4  # share of the way from lowest to closed level; 0.5 loses leaf shade and legs
+_NEAR_STEP = 19  # least difference of these two levels: below it, nothing is dark
+# In deep shadow white is darker than that step, and noise smaller: there the least difference is
+# this share of the closed level, but no less than the second, grey levels.
 _NEAR_STEP_SHARE, _LEAST_NEAR_STEP = 0.6, 8
-_LOCAL_MEAN_PX = 25  # side of the local mean: wider than the dark stroke of a ring of 85 px
-_SMALL_MEAN_PX, _SMALL_STEP = 9, 3  # side of the mean about strokes of few px, and grey levels
-_MAX_COMPONENTS = 400  # whose spokes are looked at, largest first
-_MAX_OUTLINES = 8  # returned
+# `dark_by_mean`: side of the local mean, px: wider than the dark stroke of a ring of 85 px.
+_LOCAL_MEAN_PX = 25
+# `dark_in_small`: side of the mean about strokes of few px, and by how many grey levels they are
+# darker.
+_SMALL_MEAN_PX, _SMALL_STEP = 9, 3
 
-# Of a component. Where nothing else is said, the limits were set by trial when the segmentation was
-# written, on the images of `bench.vision_ring`. What true rings give was measured afterwards, on
-# 400 of its images of 1.5 to 25 m at 0 to 60 degrees, at every level of the pyramid that shows them
-# at 8 to 110 px, with both thresholds: 2100 components.
-_MIN_WIDTH_PX = 4.5  # of a ring's shorter axis: below, its hole is no pixel any more
+# ---- components --------------------------------------------------------------------------------
+# Where nothing else is said, limits were set by trial when the segmentation was written, on the
+# images of `bench.vision_ring`. What true rings give was measured afterwards, on 400 of its images
+# of 1.5 to 25 m at 0 to 60 degrees, at every level of the pyramid that shows them at 8 to 110 px,
+# with both thresholds: 2100 components.
+_MAX_COMPONENTS = 400  # whose spokes are looked at, largest first
+_MAX_OUTLINES = 8  # that are returned for each image
+_MIN_WIDTH_PX = 4.5  # of a ring's shorter axis: a narrower one's hole is less than a pixel
 _MAX_ASPECT = 4.2  # longer over shorter axis: a ring at 76 degrees; true ones gave at most 2.8
-_MAX_EXTENT = 0.9  # longer axis over the image's: what fills a level is no ring in it
-# Area over root of the second moments' determinant, over a ring's; true ones gave at most 1.09, but
-# 2 % gave less than 0.7 with the lower threshold: larger than the local mean, or below 15 px.
+_MAX_EXTENT = 0.9  # longer axis over the image's longer side: a ring that fills a level is cut
+# Compactness: area over the root of the second moments' determinant, over the same of a ring. True
+# rings gave at most 1.09; 2 % gave less than 0.7 with the lower threshold, those larger than the
+# local mean or below 15 px.
 _MIN_COMPACTNESS, _MAX_COMPACTNESS = 0.7, 1.3
-# Of what may be a hole: compactness over a disc's, and its shorter axis.
+# The same for what may be a hole, over that of a disc; and the hole's shorter axis, px.
 _MIN_DISC_COMPACTNESS, _MAX_DISC_COMPACTNESS = 0.85, 1.15
 _MIN_HOLE_PX = 3.0
-_MIN_HOLE_SHARE, _MIN_HOLE_SCORE = 0.7, 2.2  # a pebble in a dark rim gave 1.8
-# Clipped white spreads into the black from both sides and leaves a thinner stroke about the same
-# middle line: of such rings this is the least, a ratio of 0.85, and the grey level of the white.
+# Least share of spokes and least score (`Candidate`) of a hole; a pebble in a dark rim scored 1.8.
+_MIN_HOLE_SHARE, _MIN_HOLE_SCORE = 0.7, 2.2
+# Clipped white spreads into the black from both sides and leaves a thinner stroke along the same
+# circle. Least compactness of such rings, which is a ratio of 0.85; and the grey level from which
+# on white counts as clipped.
 _MIN_BLOOMED_COMPACTNESS, _CLIPPED = 0.16, 240.0
-# Area from which a component's hole is looked for. Of 106 rings at 0.9 to 1.5 m and 45 to 70
-# degrees 103 are found with it, 45 without.
+# Area from which on a component's hole is looked for, px, to allow for perspective. Of 106 rings at
+# 0.9 to 1.5 m and 45 to 70 degrees 103 are found with it, 45 without.
 _HOLED_AREA_PX = 200.0
 
-# Grey levels are compared along spokes, at three scales of the outline: inside the hole (in its own
-# radii), in the middle of the stroke, and around, three quarters across the thesis's margin.
+# ---- spokes ------------------------------------------------------------------------------------
+# Grey levels are compared along spokes at three scales of the outline: inside the hole (in radii of
+# the hole), in the middle of the stroke, and around, three quarters across the thesis's margin.
 _HOLE_SCALE, _AROUND_SCALE = 0.4, 1.18
 _SPOKES = 16
 _MIN_SPOKES = 10  # that must be in the image
-_DARK_QUANTILE, _BRIGHT_QUANTILE = 0.8, 0.2  # so that a fifth of a stroke may be hidden
-_MIN_STEP = 8.0  # grey levels, 2.7 sigma of those images' noise; true rings gave at least 38
-_STEP_SHARE = 0.3  # of the step of all spokes that each must show
-_SPREAD_FLOOR = 10.0  # grey levels, added to the stroke's spread: below that is noise
-# Share of the spokes that are bright, dark and bright. 280 true rings, from the plain to those in
-# leaf shade, gave 1.0, but with a shadow's edge across them 0.56 to 0.94; of the 35 components a
-# photograph of the ground has on average, 8 have half of them and 0.1 nine tenths.
+# Quantiles of the stroke's levels whose difference is its spread: a fifth of it may be hidden.
+_DARK_QUANTILE, _BRIGHT_QUANTILE = 0.8, 0.2
+# Least step from black to white on a spoke, grey levels: 2.7 sigma of those images' noise; true
+# rings gave at least 38. And the share of the step of all spokes that each must show.
+_MIN_STEP = 8.0
+_STEP_SHARE = 0.3
+_SPREAD_FLOOR = 10.0  # grey levels, added to the stroke's spread: less is noise
+# Least share of the spokes that are bright, dark and bright. 280 true rings, from the plain to
+# those in leaf shade, gave 1.0, with a shadow's edge across them 0.56 to 0.94. Of the 35 components
+# that a photograph of the ground has on average, 8 reach 0.5 and 0.1 reach 0.9.
 _MIN_SHARE = 0.5
-# Or else the step over the stroke's spread tells: of 800 rings in all kinds of light all but two,
-# behind strong motion or shadow, kept one of both; of textures' outlines eight tenths keep neither.
+# Besides, a candidate needs this share, or else this score. Of 800 rings in all kinds of light all
+# but two, behind strong motion or shadow, had one of both; eight tenths of textures' outlines have
+# neither.
 _CLEAR_SHARE, _MIN_SCORE = 0.85, 0.95
-# Ink is even: from one spoke to the next the stroke's level changes by little of the step, but
-# where something lies across it: a fifth of the spokes are left out. Of 700 pictures of rings in
-# all kinds of light none gave more than 0.11, but small rings in blur and noise do: of the 1160
-# looks 934 show theirs, with 0.15 924. Of what else keeps all these limits, in photographs of the
-# ground, four fifths give more than 0.15.
+# Roughness: how much the stroke's level changes from spoke to spoke, rms, over the step to white.
+# Ink is even except where something lies across it, so the largest changes are left out: a fifth.
+# Of 700 pictures of rings in all kinds of light none gave more than 0.11, but small rings in blur
+# and noise do: of the 1160 looks 934 show theirs with this limit, 924 with 0.15. Of other things
+# that pass all limits above, in photographs of the ground, four fifths give more than 0.15.
 _SMOOTH_QUANTILE, _MAX_ROUGHNESS = 0.8, 0.18
-# What is rougher may be a ring of which glare has left a part: the outline is not where its moments
-# tell, but where its hull does. So many are looked at again, the likeliest, and must then be so.
+# A rougher one may be a ring of which glare has left only a part: its hull tells the outline, its
+# moments do not. How many such are looked at again at a time, the likeliest first; up to which
+# roughness; and what share and roughness they must have by their hull.
 _MOST_BROKEN, _BROKEN_ROUGHNESS = 4, 0.35
 _MENDED_SHARE, _MENDED_ROUGHNESS = 0.7, 0.22
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, _SPOKES, endpoint=False)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
-_BEFORE = np.arange(-1, _SPOKES - 1)  # of each spoke the one before
+_BEFORE = np.arange(-1, _SPOKES - 1)  # index of each spoke's predecessor
 
 
 @dataclass(frozen=True)
@@ -106,19 +126,19 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An outline that could be a ring's, and what speaks for it."""
+    """An outline that could be a ring's, and the evidence for it."""
 
     outline: Ellipse
     share: float  # of its spokes that are bright, dark and bright
-    score: float  # by how much hole and surroundings are brighter than the stroke, over its spread
-    # The white is clipped and has spread; the outline is that of the print.
+    score: float  # step from the stroke to hole and surroundings, over the stroke's spread
+    # White is clipped and has spread into the black; the outline is that of the print.
     is_bloomed: bool = False
 
 
 def dark_between(stroke_px: int) -> Segmentation:
-    """Return what finds strokes of up to such a width that are darker than both sides."""
+    """Return the segmentation that finds strokes narrower than this, darker than both sides."""
     stroke, near = (np.ones((side, side), np.uint8) for side in (stroke_px, _NEAR_PX))
-    # Of each grey level beside.
+    # Least difference for each closed level.
     most = np.clip(_NEAR_STEP_SHARE * np.arange(256), _LEAST_NEAR_STEP, _NEAR_STEP).astype(np.uint8)
 
     def segment(image: U8) -> U8:
@@ -134,9 +154,9 @@ def dark_between(stroke_px: int) -> Segmentation:
 
 
 def dark_by_mean(share: float) -> Segmentation:
-    """Return what finds the pixels below a share of the local mean.
+    """Return the segmentation that finds the pixels below a share of the local mean.
 
-    A low one parts a ring from dark surroundings and from a shadow, a high one sees weak contrast.
+    A low share separates a ring from dark surroundings and shadow, a high one shows weak contrast.
     """
 
     def segment(image: U8) -> U8:
@@ -149,7 +169,7 @@ def dark_by_mean(share: float) -> Segmentation:
 
 
 def dark_in_small(image: U8) -> U8:
-    """Find the pixels that are darker than what is about them, as blurred strokes of few px are.
+    """Find pixels that are slightly darker than their surroundings, as blurred narrow strokes are.
 
     Of 1160 looks at rings on 100 field days six pictures each show 956 without it, 974 with it.
     """
@@ -161,20 +181,20 @@ def dark_in_small(image: U8) -> U8:
 
 @dataclass(frozen=True)
 class Look:
-    """One way to look at an image."""
+    """An image with one segmentation of it, and the sizes of rings wanted there."""
 
     image: U8  # grey, (height, width)
     dark: U8  # (height, width), 255 where it is dark, else 0
-    # Diameter of the largest ring wanted; infinity: those just over the pad, too.
+    # Diameter of the largest ring wanted; infinity: no limit, as just over the pad.
     largest_px: float = math.inf
-    smallest_px: float = 0.0  # the longer one of the smallest ring wanted
+    smallest_px: float = 0.0  # longer diameter of the smallest ring wanted
 
 
 def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Candidate]]:
-    """Return for each look what looks like a dark ring of 6 to about 120 px, the likeliest first.
+    """Return for each look the outlines like a dark ring's of 6 to about 120 px, likeliest first.
 
     Args:
-        looks: all at once take less time than one by one.
+        looks: together they take less time than one by one.
         inner_ratio: the ring's inner over outer diameter.
     """
     if not looks:
@@ -191,10 +211,10 @@ def ring_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Cand
 
 
 def hole_candidates(looks: Sequence[Look], inner_ratio: float) -> list[list[Candidate]]:
-    """Return for each look what looks like the hole of a dark ring, the likeliest first.
+    """Return for each look the outlines of rings by what looks like their holes, likeliest first.
 
-    Dirt, a leg or a shadow that crosses the outer edge joins a ring to what is dark about it, so
-    that it is no component of its own any more: its hole is still closed.
+    Dirt, a leg or a shadow that crosses the outer edge joins a ring to dark surroundings, so that
+    it is no component of its own any more. Its hole still is one.
 
     Args:
         looks: as in `ring_candidates`.
@@ -224,10 +244,16 @@ def _sizes_px(looks: Sequence[Look]) -> F64:
 def _likeliest(
     mosaic: Mosaic, c: Components, aside: F64, axes: F64, ratio: F64, inner_ratio: float
 ) -> list[list[Candidate]]:
-    """Return for each image which outlines spokes speak for.
+    """Return for each image the outlines that pass the tests by spokes, the likeliest first.
 
-    Components and `aside` are as `_in_perspective` has them; of the outlines `axes` (n, 2, 2) and
-    ratio (n,), which is not `inner_ratio` where clipped white has spread.
+    Args:
+        mosaic: the images.
+        c: components, as `_in_perspective` returns them.
+        aside: as `_in_perspective` returns it.
+        axes: of the outlines, (n, 2, 2).
+        ratio: inner over outer diameter, (n,): larger than `inner_ratio` where clipped white has
+            spread.
+        inner_ratio: that of the print.
     """
     found: list[list[Candidate]] = [[] for _ in mosaic.heights]
     if not len(c.area):
@@ -258,9 +284,9 @@ def _candidate(centre: F64, axes: F64, share: float, score: float, bloomed: bool
 
 
 def _mended(mosaic: Mosaic, c: Components, ratio: float) -> list[tuple[int, Candidate]]:
-    """Return which components are what is left of rings, and in which images.
+    """Return image number and candidate for each component that is what is left of a ring.
 
-    Their outlines are those of their hulls.
+    The outline is that of the component's hull.
     """
     edges = {i: edge for i in range(len(c.area)) if (edge := mosaic.outer_edge(c, i))}
     if not edges:
@@ -277,7 +303,7 @@ def _mended(mosaic: Mosaic, c: Components, ratio: float) -> list[tuple[int, Cand
 
 
 def _disc_like(c: Components, sizes_px: F64) -> Components:
-    """Return the components with the shape of a disc of its look's sizes, largest first."""
+    """Return the components shaped like a disc of the sizes wanted in their look, largest first."""
     compactness = _compactness(c, 0.0)
     good = (
         (compactness > _MIN_DISC_COMPACTNESS)
@@ -288,7 +314,7 @@ def _disc_like(c: Components, sizes_px: F64) -> Components:
 
 
 def _is_sized(c: Components, k: float, sizes_px: F64, least_px: float) -> Mask:
-    """Tell which rings of a ratio are of their look's sizes, and no narrower than some px."""
+    """Tell which rings of ratio k have the sizes wanted in their look, and a least width, px."""
     smallest_px, largest_px = sizes_px
     longer, shorter = _diameters(c, k)
     sized: Mask = (
@@ -301,7 +327,7 @@ def _is_sized(c: Components, k: float, sizes_px: F64, least_px: float) -> Mask:
 
 
 def _diameters(c: Components, k: float) -> tuple[F64, F64]:
-    """Return longer and shorter axes of rings of a ratio with such second moments, (n,), px."""
+    """Return longer and shorter axes (n,), px, of rings of ratio k with these second moments."""
     middle, off = 0.5 * (c.xx + c.yy), np.hypot(0.5 * (c.xx - c.yy), c.xy)
     scale = 16.0 / (1.0 + k * k)
     longer: F64 = np.sqrt(scale * (middle + off))
@@ -316,11 +342,11 @@ def _largest(c: Components, good: Mask) -> Components:
 
 
 def _ring_like(mosaic: Mosaic, c: Components, k: float, sizes_px: F64) -> Components:
-    """Return the components with the shape of a ring of its look's sizes, largest first.
+    """Return the components shaped like a ring of the sizes wanted in their look, largest first.
 
-    The second moments of a ring with semi-axes A are A A^T (1 + k^2) / 4, its area is
-    pi det A (1 - k^2): area over root of the moments' determinant tells a ring of any obliqueness
-    from discs and bars.
+    The second moments of a ring of ratio k with semi-axes A are A A^T (1 + k^2) / 4, its area is
+    pi det A (1 - k^2). Area over the root of the moments' determinant therefore distinguishes a
+    ring, however oblique, from discs and bars.
     """
     compactness = _compactness(c, k)
     rows, columns = np.rint(c.y).astype(np.intp), np.rint(c.x).astype(np.intp)
@@ -341,13 +367,13 @@ def _root(c: Components) -> F64:
 
 
 def _compactness(c: Components, k: float) -> F64:
-    """Return the areas over the roots of the moments' determinants, over those of a ring."""
+    """Return the areas over the roots of the moments' determinants, relative to a ring's."""
     compactness: F64 = c.area / (_root(c) * 4.0 * math.pi * (1.0 - k * k) / (1.0 + k * k))
     return compactness
 
 
 def _ratios(c: Components, k: float) -> F64:
-    """Return the ratios of inner to outer diameter: the print's, or what clipped white leaves."""
+    """Return the ratios of inner to outer diameter: the print's, or that which bloom has left."""
     q = np.minimum(c.area / (_root(c) * 4.0 * math.pi), 1.0)
     ratio: F64 = np.where(_compactness(c, k) > _MIN_COMPACTNESS, k, np.sqrt((1.0 - q) / (1.0 + q)))
     return ratio
@@ -364,12 +390,13 @@ def _axes(c: Components, k: F64) -> F64:
 
 
 def _in_perspective(mosaic: Mosaic, c: Components, k: F64, holed_px: F64) -> tuple[Components, F64]:
-    """Return components about the point that ever smaller circles shrink to, and `aside` (n, 2).
+    """Return components about the image of their circle's centre, and `aside` (n, 2), px.
 
-    Perspective moves the image of a circle aside by the square of its radius: that of scale s (the
-    outline: 1) has its middle at point + s^2 aside. A hole's and a ring's middles, k^2 and 1 + k^2
-    of `aside` from the point, tell both. For what has an area below `holed_px` or no hole that is
-    large enough, `aside` is 0.
+    Perspective moves the centre of a circle's image away from the image of its centre, in
+    proportion to the square of its radius: of the circle at scale s (the outline: 1) to
+    point + s^2 aside. The centroids of hole and ring, k^2 and 1 + k^2 times `aside` from the point,
+    determine both. For components with an area below `holed_px` (images,), px, or without a hole
+    that is large enough, `aside` is 0.
     """
     aside = np.zeros((len(c.area), 2))
     for i in np.flatnonzero(c.area >= holed_px[c.part]):
@@ -378,7 +405,7 @@ def _in_perspective(mosaic: Mosaic, c: Components, k: F64, holed_px: F64) -> tup
             aside[i] = (c.x[i], c.y[i]) - hole
     dx, dy = aside.T
     q = k * k
-    # The moments are those about the ring's middle, and of two ellipses that are not concentric.
+    # The moments are about the ring's centroid, and of two ellipses that are not concentric.
     moments = (c.xx + q * dx * dx, c.yy + q * dy * dy, c.xy + q * dx * dy)
     return Components(c.part, c.area, c.x - (1.0 + q) * dx, c.y - (1.0 + q) * dy, *moments), aside
 
@@ -386,10 +413,10 @@ def _in_perspective(mosaic: Mosaic, c: Components, k: F64, holed_px: F64) -> tup
 def _spokes(
     mosaic: Mosaic, c: Components, aside: F64, axes: F64, k: F64
 ) -> tuple[F64, F64, F64, F64]:
-    """Return share, score, white and roughness of rings with such outlines, arrays (n,).
+    """Return share, score, white and roughness of rings with these outlines, arrays (n,).
 
-    Components and `aside` are as `_in_perspective` has them. Share and score are as `Candidate` has
-    them, white is the lesser grey level of hole and surroundings, roughness by how much the
+    Components and `aside` are as `_in_perspective` returns them. Share and score are those of
+    `Candidate`; white is the lower grey level of hole and surroundings; roughness is how much the
     stroke's level changes from spoke to spoke, over the step to white.
     """
     centre = np.stack([c.x, c.y], axis=1)
@@ -413,7 +440,7 @@ def _spokes(
 
 
 def _judged(levels: F64, inside: Mask) -> tuple[F64, F64, F64, F64]:
-    """Return share, score, white and roughness of grey levels (n, 3, spokes), NaN: not in it."""
+    """Return share, score, white and roughness for levels (n, 3, spokes), NaN outside the image."""
     hole, stroke, around = levels.transpose(1, 0, 2)
     count = inside.sum(axis=1)
     ordered = np.sort(levels, axis=2)  # NaN last
@@ -432,7 +459,7 @@ def _judged(levels: F64, inside: Mask) -> tuple[F64, F64, F64, F64]:
 
 
 def _roughness(stroke: F64) -> F64:
-    """Return by how much levels (n, spokes) differ from spoke to spoke, rms, but for the most."""
+    """Return the rms change of levels (n, spokes) from spoke to spoke without the largest ones."""
     change = np.sort((stroke - stroke[:, _BEFORE]) ** 2, axis=1)  # NaN last
     used = np.arange(_SPOKES) < _SMOOTH_QUANTILE * (~np.isnan(change)).sum(axis=1)[:, None]
     total = np.where(used, change, 0.0).sum(axis=1)
