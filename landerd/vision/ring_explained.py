@@ -1,9 +1,17 @@
-"""Rings whose grey levels the model does not explain: geometry vouches for them.
+"""Rings whose grey levels the model does not explain: told by where their edges are.
 
-A tone curve, clipped white, sharpening, shadow, leaves, legs, dirt and glare leave residuals that
-no camera's noise does, but the edges stay where they are, or most of them. Where they do, it is a
-ring; its pose is that of the grey levels if both agree within what each may err, else that of the
-edges with their larger covariance.
+A tone curve, clipped white, sharpening, shadow, leaves, legs, dirt and glare leave larger residuals
+than a camera's noise, but all or most edges stay in place. If a fit to the edges (`ring_edges`)
+shows a ring, its pose is that of the fit to grey levels if both agree within their errors, else
+that of the edges with their larger covariance. `ring_selection` and `ring_search` turn to this
+module when a plain fit fails; tracking does so if the last rings needed it.
+
+If the edges show nearly a ring, other evidence decides (`Vouches`): the pad's plate is seen about
+it, or the pad is known to be there.
+
+A ray, here, is a direction from the ring's centre along which `ring_edges` looks for an outer and
+an inner edge. Shift is how far a tone curve has moved both edges into the black (negative: into the
+white).
 """
 
 import math
@@ -27,126 +35,151 @@ from landerd.vision.ring_fit import RingFit
 from landerd.vision.ring_pixels import plane_axes
 from landerd.vision.ring_pose import CirclePose, mirrored
 
-# What edges must show to be a ring's: shares of the rays with an outer and with an inner edge, of
-# the stroke that is dark, of hole and surroundings that are bright, of what is seen at all. Each is
-# spoilt by something else, so their product counts. Small ones have fewer pixels, and texture shows
-# more that are alike: of 700 photographs of the ground the likest had 0.7 below 5 px, 0.62 below
-# 6.5, 0.43 below 12 and 0.23 above; nine of ten rings of the field world had 0.93 there, 0.57 and
-# 0.6.
-_MIN_RADIUS_PX = 4.0  # the shorter one
-MIN_COS = 0.3  # of the tilt: flatter ones are narrow bands of few pixels
-_MAX_RIDGE = 0.2  # of the contrast, within the stroke
-_MIN_PRODUCT, _PRODUCT_PX = 0.27, 2.7  # this, and this over the shorter radius
-# Times that, if something vouches for it. The pad's whole plate about it: in leaf shade as fine as
-# the stroke 51 of the 65 rings below the limit have it; of 884 tiles of photographs no fit does.
-# That the pad is known to be there: at 1610 places in photographs there was none.
+# ---- what edges must show to be a ring's -------------------------------------------------------
+# Five shares: of the rays with an outer edge, of those with an inner edge, of the stroke that is
+# dark, of hole and surroundings that are bright, and of the rays that are in the image. Each is
+# spoilt by something else, so their product counts. Its limit is the first of these plus the second
+# over the shorter radius, px: small rings have fewer pixels, and texture shows more that is like
+# them. Of 700 photographs of the ground the likest outline had 0.7 below 5 px, 0.62 below 6.5, 0.43
+# below 12 and 0.23 above; nine of ten rings of the field world had 0.93 there, 0.57 and 0.6.
+_MIN_PRODUCT, _PRODUCT_PX = 0.27, 2.7
+_MIN_RADIUS_PX = 4.0  # shorter radius
+MIN_COS = 0.3  # of the angle between normal and sight: flatter rings are bands of few pixels
+_MAX_RIDGE = 0.2  # height of a brighter circle within the stroke, over the contrast
+_MIN_EITHER = 0.5  # least share of the rays with an outer edge, and of those with an inner edge
+_MIN_SHARE = 0.6  # least share that is dark, and that is bright
+_MIN_VISIBLE = 0.35  # least share in the image: just over the pad a ring is cut
+_MIN_CONTRAST = 12.0  # grey levels
+# Contrast at the hole over that around the ring, or the reverse, below which something must vouch
+# for it: of 1300 rings on 19 field days 99 in 100 have 0.71 and more, wheels taken for rings 0.4 to
+# 0.6. Rings with a shorter radius above the second, px, are told by their ratio.
+_EVEN_CONTRAST, _EVEN_PX = 0.65, 20.0
+# A ring that is expected there and is as large as just over the pad: its shorter radius exceeds the
+# first, px. Then a smaller share of it need be visible, if its edges are in place and tell the
+# shift apart from the range. Limits of the share visible, of the product of the other four, and of
+# sigma of the shift, px. Of 190 rings under all kinds of shade these two were 0.47 and more, 0.4
+# and less; fits from starts 0.1 m away that were centimetres off had 0.55 at most or 0.56 at least.
+_NEAR_PX, _MIN_NEAR_VISIBLE, _MIN_NEAR_PRODUCT, _MAX_NEAR_SIGMA_PX = 40.0, 0.2, 0.45, 0.45
+# A fit is given up, the mirrored pose untried, if the shares of both edges add up to less than
+# this.
+_HOPELESS_SUPPORT = 0.9
+# Both poses of a small ring show about the same edges. One whose shorter radius is below the first,
+# px, is given up below the second share of the limit: of 800 such that edges showed to be rings in
+# the end, none had less than 0.75 of the limit under the first pose; of 21 textures 20 did, and
+# half of them had 0.39.
+_ALIKE_PX, _HOPELESS_SHARE = 20.0, 0.6
+
+# ---- what they must show if something vouches --------------------------------------------------
+# Factor on the limit of the product if something vouches for the ring. The pad's whole plate about
+# it: in leaf shade as fine as the stroke 51 of the 65 rings below the limit have that; of 884 tiles
+# of photographs no fit does. The pad known to be there: at 1610 places in photographs there was
+# none.
 _VOUCHED = 0.7
-# Times that of what is likest a level ring in the picture: a hard shadow across leaves 0.6. But of
-# one edge about as much as of the other, as shadows do: the loop of a letter is round within only.
-# Dirt in the hole hides the inner edge of what is a ring all the same.
+# The same for the place that correlates best with a level ring: a hard shadow across it leaves 0.6.
+# But the share of one edge must be at least the second times that of the other, as in shadows: the
+# loop of a letter is round only inside. (Dirt in the hole may hide the inner edge of a ring.)
 _MATCHED, _EVEN = 0.6, 0.7
-# Of the covariance then: of 53 such rings in leaf shade 62 in 100 lay inside 99 % without it.
+# Factor on the covariance then: without it, of 53 such rings in leaf shade only 62 in 100 lay
+# within the region of 99 %.
 _VOUCHED_INFLATION = 4.0
-# What grey levels must show to be a ring's of which the edges tell too little, small or shaded as
-# it is: shares of the contrast and of the pixels, the lesser contrast over the greater, by how much
-# of it the ratio is off, and its sigma; of larger ones (px) the edges tell enough. Of 4300 looks at
-# rings on 205 field days 100 were of rings that nothing else showed, within 8 % of the range, and
-# two of others'.
+# What the fit to grey levels of a ring must show whose edges show too little, small or shaded as it
+# is: largest noise over contrast, least share of inliers, least ratio of the contrasts at hole and
+# surroundings; largest error of the ratio relative to it, its largest sigma, and the radius, px,
+# up to which this counts: larger rings' edges show enough. Of 4300 looks at rings on 205 field days
+# 100 were of rings that nothing else showed, within 8 % of the range, and two of other rings.
 _GREY_NOISE, _GREY_INLIERS, _GREY_EVEN = 0.25, 0.35, 0.7
 _GREY_RATIO, _GREY_RATIO_SIGMA, _GREY_PX = 0.22, 0.032, 20.0
-# What residuals of neighbours have in common, of the contrast: squares with a hole leave 0.13 to
-# 0.38 of it; so do half of those hundred rings.
+# Largest coherent residual (`ring_residuals`) then, over the contrast: squares with a hole leave
+# 0.13 to 0.38; so do half of those hundred rings.
 _GREY_COHERENT = 0.12
-# Contrast at the hole over that around the ring, or the reverse, below which something has to vouch
-# for it: of 1300 rings on 19 field days 99 in 100 have 0.71 and more, wheels taken for rings 0.4 to
-# 0.6. Of larger ones, px, the ratio tells.
-_EVEN_CONTRAST, _EVEN_PX = 0.65, 20.0
-_MIN_EITHER = 0.5  # of the rays, of outer and of inner edge
-_MIN_SHARE = 0.6  # dark and bright
-_MIN_VISIBLE = 0.35  # just over the pad a ring is cut by the image's edge
-# Where a ring is expected and as large as just over the pad: less of it is enough, if its edges are
-# in place and tell their shift from the range. The shares' product but for what is seen, and sigma
-# of the shift, px: of 190 rings under all kinds of shade 0.47 and more, 0.4 and less; of fits that
-# were centimetres off, from starts 0.1 m away, 0.55 at most or 0.56 at least.
-_NEAR_PX, _MIN_NEAR_VISIBLE, _MIN_NEAR_PRODUCT, _MAX_NEAR_SIGMA_PX = 40.0, 0.2, 0.45, 0.45
-_HOPELESS_SUPPORT = 0.9  # of both edges' shares together
-# Both poses of a small ring show about the same edges: of 800 below this size, px, which edges
-# vouched for in the end, none showed less than 0.75 of the limit under the first pose, of 21
-# textures 20 did, and half of them 0.39.
-_ALIKE_PX, _HOPELESS_SHARE = 20.0, 0.6
-_MIN_CONTRAST = 12.0  # grey levels
-# How far a tone curve moves edges: px, of the blur, and what the print may be off, of the radius.
-# Gamma 2.4 moves the edge of a blurred black on white by 0.7 sigma. White twice over full scale
-# leaves but the darkest part of each edge, which looks sharp however wide the blur was: a share of
-# the radius.
-_MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (2.0, 1.0)
-# White grows behind any of these curves; it shrinks by what print (ink spreads too) and fit are
-# off, and behind the toe of an S-shaped one: where white is far below full scale, grey follows
-# light's square.
-_PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06
-_MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
-# Of small ones a shift as large as that of another ratio's edges says nothing: of the radius.
-_SMALL_PX, _MIN_SMALL_SHIFT = 6.5, -0.015
-# Grey level of the white: 255, of video of limited range 235; tone mapping compresses it.
-_CLIPPED = 230.0
-# A shift by more of the radius than this is as well that of a ring whose ratio is a fifth off, but
-# where white is near full scale or the blur explains it: below this white no gamma to 2.4 and no
-# S-curve over it moves the edges of ink of 3 % and more by more than 0.51 of their blur. Beyond
-# that something has to vouch for the ring.
-_RATIO_KEPT, _KEPT_BLURS, _KEPT_WHITE = (-0.025, 0.06), 0.6, 225.0
-# Edges that another ratio, so far off, explains with so many times less noise, and with less of a
-# shift, are another ring's: of 515 rings in all kinds of light none; white six times over full
-# scale reaches 1.25, tilted rings of another ratio 1.5 to 3.5.
-_ANOTHER_RATIO, _ANOTHER_NOISE = 0.2, 1.5
-_CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001  # of edges that stand still: px, of the radius
-_SHARP_PX = 1.15  # of edges that stand still: blur of the broadest quarter
 
-# Where noise is more than this share of the contrast, edges that are not seen are looked for once
-# more where all about the ring, by a share of its size, is smoother, sigma in px.
+# ---- how far a tone curve may move edges -------------------------------------------------------
+# Largest shift: the first in px, plus the second times the blur, plus a share of the radius
+# (_PRINT_SHARE; clipped: _MAX_BLOOM). Gamma 2.4 moves the edge of a blurred black on white by 0.7
+# sigma. White twice over full scale leaves only the darkest part of each edge, which looks sharp
+# however wide the blur was: hence the share of the radius.
+_MAX_SHIFT_PX, _MAX_CLIPPED_SHIFT_PX = (0.15, 0.75), (2.0, 1.0)
+_PRINT_SHARE, _MAX_BLOOM = 0.009, 0.06  # the first is the error of a print
+# Least shift, in px and in blurs. White grows behind any of these curves. It shrinks by the errors
+# of print (ink spreads, too) and fit, and behind the toe of an S-shaped curve: where white is far
+# below full scale, grey levels follow the square of the light.
+_MIN_SHIFT_PX, _MIN_SHIFT_BLURS, _MIN_CLIPPED_SHIFT_BLURS = -0.1, 0.6, 0.15
+# Least shift of rings with a shorter radius below the first, px, as a share of the radius: a larger
+# one could be that of another ratio's edges.
+_SMALL_PX, _MIN_SMALL_SHIFT = 6.5, -0.015
+# Grey level from which on white counts as clipped: full scale is 255, in video of limited range
+# 235, and tone mapping compresses it.
+_CLIPPED = 230.0
+# A shift outside these shares of the radius could as well be that of a ring whose ratio is a fifth
+# off; something must vouch for the ring then. Not so if white is near full scale or the blur
+# explains the shift: below this white no gamma to 2.4 and no S-curve over it moves the edges of ink
+# of 3 % and more by more than 0.51 of their blur.
+_RATIO_KEPT, _KEPT_BLURS, _KEPT_WHITE = (-0.025, 0.06), 0.6, 225.0
+# Edges are of another ring if a ratio that is off by more than the first, relative to the true one,
+# explains them with a noise smaller by more than the second, a factor, and with less shift. None of
+# 515 rings in all kinds of light were; white six times over full scale reaches a factor of 1.25,
+# tilted rings of another ratio 1.5 to 3.5.
+_ANOTHER_RATIO, _ANOTHER_NOISE = 0.2, 1.5
+# Edges are taken to stand still if their noise is below the sum of these (px, and a share of the
+# radius), and the blur of the broadest quarter of them below the third, px.
+_CLEAR_NOISE_PX, _CLEAR_NOISE_SHARE = 0.15, 0.001
+_SHARP_PX = 1.15
+
+# ---- noisy pictures ----------------------------------------------------------------------------
+# If the picture's noise exceeds this share of the contrast and no ring is seen, edges are looked
+# for again in a picture that is smoothed, with this sigma, px, about the ring: in its bounding box
+# and a margin, a share of its size.
 _NOISY, _SMOOTH_MARGIN, _SMOOTH_PX = 0.15, 0.5, 0.8
 _NOISE_MASK = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32)
 
-# Errors of edges that are common to all of them, or to one side, px; and of their shift.
+# ---- errors of edges that their scatter does not show ------------------------------------------
+# Common to all edges, and different from side to side, px; and as a share of the shift.
 _EDGE_BIAS_PX, _LATERAL_BIAS_PX, _SHIFT_BIAS = 0.02, 0.01, 0.1
-# Light that changes across an edge moves it, and the opposite one the same way: px, at light that
-# changes by its whole about the ring. Of 47 rings in soft shadow the edges' errors were twice what
-# their scatter told, 0.06 px aside and 0.05 px of the radius.
+# Light that changes across an edge moves it, and the opposite one the same way: by this, px, if
+# light changes by as much as its own level about the ring. Of 47 rings in soft shadow the edges'
+# errors were twice what their scatter showed, 0.06 px aside and 0.05 px of the radius.
 _UNEVEN_BIAS_PX = 0.05
-# Of the edges' noise: what shade does to a whole side, no average undoes. It and the shift count
-# more where less of the ring is seen.
+# Share of the edges' noise: averaging does not remove what shade does to a whole side. This and the
+# shift count more if less of the ring is visible.
 _NOISE_BIAS = 0.3
-# Motion spreads edges on two sides, and makes them broad: of 32 rings in motion over 0.4 of their
-# diameter they scattered by 0.3 to 0.7 px, and the radius was off by as much. Of their noise, where
-# their blur, px, is more than the first, and in full from the second on; and aside.
+# Motion displaces the edges on two sides, and broadens them: of 32 rings that moved by 0.4 of their
+# diameter edges scattered by 0.3 to 0.7 px, and the radius was off by as much. The error is the
+# edges' noise in full where their blur exceeds the second, px, none below the first; aside it is
+# this share of that.
 _SPREAD_PX, _SPREAD_ASIDE = (1.0, 1.5), 0.25
-# Out of focus, black and white of a stroke mix, and the range is over: of 46 rings with a blur of a
-# fifth to half of the stroke by 0.5 to 7 per cent. Of the radius, for each stroke of blur beyond a
-# share of it. Edges themselves show no more blur than a fifth of the stroke, nor than 2.6 px: the
-# fit to grey levels tells it, to a limit; where there is none, so much is taken for it.
+# Out of focus, black and white of a stroke mix, and the range comes out too long: by 0.5 to 7 per
+# cent for 46 rings with a blur of a fifth to half of the stroke. The error is _BLUR_BIAS of the
+# radius times the blur, in strokes, beyond _BLURRED_SHARE; aside it is _BLUR_ASIDE of that.
 _BLURRED_SHARE, _BLUR_BIAS, _BLUR_ASIDE = 0.17, 0.18, 0.2
-_TOLD_SHARE, _TOLD_PX, _TOLD_WIDE_PX = 0.155, 1.3, 1.8  # blur of edges up to which they tell it
+# Edges themselves show no more blur than a fifth of the stroke, nor than 2.6 px. Up to these limits
+# (strokes, px) their blur is believed. Above, the fit to grey levels tells it, at most
+# _MOST_SHARE strokes; without such a fit _UNTOLD_SHARE is assumed.
+_TOLD_SHARE, _TOLD_PX, _TOLD_WIDE_PX = 0.155, 1.3, 1.8
 _UNTOLD_SHARE, _MOST_SHARE = 0.4, 0.5
-# Of grey levels and edges. Both see the same pixels: behind legs, dirt and glare, which take some
-# of them away, 97 of 100 differ by less than this. In leaf shade and soft shadow, where all are
-# wrong, two thirds differ by more, and the edges are two to ten times as exact.
+
+# ---- whether grey levels and edges agree -------------------------------------------------------
+# Largest chi-square of their difference. Both use the same pixels: behind legs, dirt and glare,
+# which take away some of them, 97 of 100 differ by less. In leaf shade and soft shadow, where all
+# grey levels are wrong, two thirds differ by more, and the edges are two to ten times as exact.
 _AGREE_CHI2 = 3.0
-_AGREE_SHIFT_PX, _AGREE_SIGMAS = 0.04, 3.0
-_AGREE_RATIO = 0.003
-_AGREE_COS = math.cos(math.radians(8.0))  # of the normals
+_AGREE_SHIFT_PX, _AGREE_SIGMAS = 0.04, 3.0  # largest shift of the edges: px, plus sigmas
+_AGREE_RATIO = 0.003  # largest error of the ratio relative to it, plus sigmas
+_AGREE_COS = math.cos(math.radians(8.0))  # of the angle between both normals
 
 
 # Tells whether a ring with this centre (3,), m, and normal (3,), both in the camera frame, and this
-# contrast, grey levels, is the pad's although its edges alone do not tell: its plate is seen about
-# it, or the pad is known to be there.
+# contrast, grey levels, is the pad's although its edges alone do not show it: the pad's plate is
+# seen about it, or the pad is known to be there.
 Vouches = Callable[[F64, F64, float], bool]
 
 
 @dataclass(frozen=True)
 class Explained:
-    """The fits of a ring that its edges vouch for."""
+    """The fits of a ring that its edges show to be one."""
 
     fits: list[RingFit]  # best first
-    is_toned: bool  # a tone curve has moved sharp edges: motion or shadow explain no better
+    # A tone curve has moved edges that are sharp: motion or shadow would explain them no better.
+    is_toned: bool
 
 
 def explained(
@@ -156,15 +189,15 @@ def explained(
     fits: list[RingFit],
     vouches: Vouches | None = None,
 ) -> Explained | None:
-    """Return the fits of a ring whose grey levels `fits` do not explain; None if it is none.
+    """Return the fits of a ring whose grey levels `fits` do not explain; None: it is none.
 
     Args:
         image: grey image (height, width).
         camera: the lens.
         ring: its true size and ratio.
-        fits: to grey levels, best first, at least one; if there is but one, the mirrored pose is
-            known to be none.
-        vouches: for a ring whose edges alone do not tell it; None: nothing does.
+        fits: to grey levels, best first, at least one; if there is only one, the mirrored pose is
+            known to be wrong.
+        vouches: see `Vouches`; None: nothing vouches.
     """
     found = _explained(image, camera, ring, fits, vouches)
     smooth = _smoothed(image, camera, ring, fits[0]) if found is None else None
@@ -178,9 +211,9 @@ def explained(
 def vouched_grey(
     camera: CameraModel, ring: Ring, fits: list[RingFit], vouches: Vouches | None
 ) -> list[RingFit]:
-    """Return the fits to grey levels of a ring whose edges tell too little.
+    """Return the fits to grey levels of a small ring whose edges show too little.
 
-    If something vouches for it; empty: nothing does, or it is no ring.
+    Empty: nothing vouches for it, or its grey levels are no ring's either.
     """
     best = fits[0]
     inside, outside = best.inside - best.black, best.outside - best.black
@@ -203,10 +236,10 @@ def vouched_grey(
 
 
 def _smoothed(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> U8 | None:
-    """Return the image with a smoother ring; None: its pixels are not so noisy that edges are lost.
+    """Return the image smoothed about a ring; None: it is not so noisy that edges are lost.
 
-    Noise as Immerkaer, "Fast noise variance estimation", CVIU 1996: a mask that edges all but
-    cancel.
+    Noise is measured as in Immerkaer, "Fast noise variance estimation", CVIU 1996: with a mask
+    that hardly responds to edges.
     """
     px = camera.pixels(points_on(ring, (fit.position, fit.normal)))
     if not np.isfinite(px).all():
@@ -256,7 +289,7 @@ def _explained(
         and _is_shifted(edges)
     )
     if _agree(edges, best, ring, camera):
-        # What is left over of the grey levels is as alike from place to place as that of the edges.
+        # Residuals of the grey levels are as correlated along the ring as those of the edges.
         wider = [replace(f, inflation=inflation * edges.dependence * f.inflation) for f in fits]
         return Explained(wider, toned)
     told = [_ring_fit(e, ring, camera, noise, inflation, best.blur_px) for e in found]
@@ -264,9 +297,9 @@ def _explained(
 
 
 def _is_hopeless(e: RingEdgeFit) -> bool:
-    """Tell whether edges are of no ring, not under the mirrored pose either.
+    """Tell whether edges are no ring's, so that the mirrored pose need not be tried either.
 
-    Under the wrong one of two poses half of a large ring's edges are in place, in texture few.
+    Under the wrong one of two poses half of a large ring's edges are in place; in texture few are.
     """
     is_small = _shorter_px(e) < _ALIKE_PX
     return sum(e.support) < _HOPELESS_SUPPORT or (is_small and _share(e) < _HOPELESS_SHARE)
@@ -293,7 +326,7 @@ def edge_fits(
 def matched_fits(
     image: U8, camera: CameraModel, ring: Ring, start: CirclePose, vouches: Vouches | None
 ) -> list[RingFit]:
-    """Return the fit to edges about what is likest a level ring; empty if it is none."""
+    """Return the fit to edges at a place that correlates with a level ring; empty: it is none."""
     e = edge_fit(image, camera, ring, start)
     if e is None:
         return []
@@ -307,7 +340,7 @@ def matched_fits(
 def _best_first(fits: list[RingEdgeFit]) -> tuple[list[RingEdgeFit], float]:
     """Return fits in order of their cost, and the least noise of their edges, px.
 
-    As many edges are independent for one as for the other: the fewer it was for any.
+    Their costs are compared with one number of independent edges, the smallest of them.
     """
     noise = min(e.noise_px for e in fits)
     dependence = max(e.dependence for e in fits)
@@ -321,17 +354,17 @@ def _is_shifted(e: RingEdgeFit) -> bool:
 
 
 def is_toned(fit: RingFit, ring: Ring) -> bool:
-    """Tell whether both edges are shifted, as a tone curve shifts them: then the range is wrong."""
+    """Tell whether the ratio is off as if a tone curve shifted both edges: the range errs then."""
     off = abs(fit.ratio - ring.inner_ratio)
     return off > _AGREE_SIGMAS * fit.sigma_ratio + _AGREE_RATIO * ring.inner_ratio
 
 
 def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -> bool:
-    """Tell whether the edges show what motion or a response would not make.
+    """Tell whether the edges show that it is no ring, whatever motion or a response explain.
 
-    That are brighter rings within the stroke, or fewer edges in place than those of a ring that
-    something vouches for: of 900 rings in all kinds of light none had fewer than 0.76 of the limit,
-    small squares with a hole 0.6.
+    That is a brighter circle within the stroke, or a product of shares below `_VOUCHED` times its
+    limit: of 900 rings in all kinds of light none had less than 0.76 of the limit, small squares
+    with a hole 0.6.
     """
     e = edge_fit(image, camera, ring, (fit.position, fit.normal))
     if e is None:
@@ -340,7 +373,7 @@ def edges_contradict(image: U8, camera: CameraModel, ring: Ring, fit: RingFit) -
 
 
 def is_ring_by_edges(e: RingEdgeFit, share: float = 1.0) -> bool:
-    """Tell whether edges are those of a ring, black between white; or to a share of that."""
+    """Tell whether edges are those of a ring, or reach this share of the limits for one."""
     return (
         _has_edges(e, share)
         and e.visible > _MIN_VISIBLE
@@ -350,9 +383,10 @@ def is_ring_by_edges(e: RingEdgeFit, share: float = 1.0) -> bool:
 
 
 def _is_dim_within(e: RingEdgeFit) -> bool:
-    """Tell whether the hole is not of the same white: of none around, wherever a shadow lies.
+    """Tell whether even the brightest of the hole is too dark to be of the white around.
 
-    Nor where it is clean: dirt may cover most of it.
+    Neither of the white around on the whole, nor of its darkest part, where a shadow may lie. The
+    brightest part of the hole counts, as dirt may cover the rest.
     """
     _, black, outside = e.levels
     return is_dim_within(e.clean, black, outside) and is_dim_within(e.clean, black, e.shaded)
@@ -361,10 +395,10 @@ def _is_dim_within(e: RingEdgeFit) -> bool:
 def _told(
     e: RingEdgeFit, ring: Ring, vouches: Vouches | None, least: float = _VOUCHED
 ) -> float | None:
-    """Return by how much the covariance of a ring's edges is inflated; None: they are none.
+    """Return the factor on the covariance of a ring told by its edges; None: they show none.
 
-    They may be nearly a ring's, or one's of another ratio, where the pad's plate is seen about it
-    or the pad is known to be.
+    If something vouches, edges need reach only the share `least` of the limits, and may look like
+    those of a ring of another ratio.
     """
     is_ring = is_ring_by_edges(e)
     is_even = _shorter_px(e) > _EVEN_PX or min(e.contrast) > _EVEN_CONTRAST * max(e.contrast)
@@ -378,7 +412,7 @@ def _told(
 
 
 def _keeps_ratio(e: RingEdgeFit) -> bool:
-    """Tell whether shifted edges are rather a ring's of this ratio than of another."""
+    """Tell whether shifted edges are more likely a ring's of this ratio than of another."""
     least, most = _RATIO_KEPT
     share = e.shift_px / _shorter_px(e)
     is_white = min(e.levels[0], e.levels[2]) > _KEPT_WHITE
@@ -386,7 +420,7 @@ def _keeps_ratio(e: RingEdgeFit) -> bool:
 
 
 def _has_another_ratio(e: RingEdgeFit, ring: Ring) -> bool:
-    """Tell whether edges are rather those of another ring: less shifted, with less left over."""
+    """Tell whether another ratio explains the edges better: with less shift and less noise."""
     freed = e.freed()
     is_off = abs(freed.ratio / ring.inner_ratio - 1.0) > _ANOTHER_RATIO
     is_plainer = abs(freed.shift_px) < abs(e.shift_px)
@@ -394,7 +428,7 @@ def _has_another_ratio(e: RingEdgeFit, ring: Ring) -> bool:
 
 
 def _is_expected_ring(e: RingEdgeFit) -> bool:
-    """Tell the same of edges where a ring is expected, which shadows lie across."""
+    """Tell whether edges are those of a large ring where one is expected, shadows across it."""
     outer, inner = e.depth
     return (
         _has_edges(e)
@@ -407,9 +441,9 @@ def _is_expected_ring(e: RingEdgeFit) -> bool:
 
 
 def _has_edges(e: RingEdgeFit, share: float = 1.0) -> bool:
-    """Tell whether there are edges all around, black on one side, white on the other.
+    """Tell whether there are edges all around, black on one side and white on the other.
 
-    Of black and white to a share of what is asked: dirt may cover some of it.
+    `share` is a factor on the shares of dark and bright that are required: dirt may cover some.
     """
     return (
         _shorter_px(e) > _MIN_RADIUS_PX
@@ -423,7 +457,7 @@ def _has_edges(e: RingEdgeFit, share: float = 1.0) -> bool:
 
 
 def _share(e: RingEdgeFit) -> float:
-    """Return how much of the limit the shares of a ring reach together."""
+    """Return the product of all five shares over its limit."""
     return e.visible * _edges_in_place(e) / (_MIN_PRODUCT + _PRODUCT_PX / _shorter_px(e))
 
 
@@ -440,7 +474,7 @@ def _is_clipped(e: RingEdgeFit) -> bool:
 
 
 def _min_shift_px(e: RingEdgeFit) -> float:
-    """Return how far the toe of a tone curve may have moved the edges into the white: below 0."""
+    """Return the least shift, px: negative, as the toe of a tone curve moves edges to the white."""
     if e.radius_px * e.cos_tilt < _SMALL_PX:
         return _MIN_SMALL_SHIFT * e.radius_px
     blurs = _MIN_CLIPPED_SHIFT_BLURS if _is_clipped(e) else _MIN_SHIFT_BLURS
@@ -448,14 +482,14 @@ def _min_shift_px(e: RingEdgeFit) -> float:
 
 
 def _max_shift_px(e: RingEdgeFit) -> float:
-    """Return how far a tone curve, and an inexact print, may have moved the edges."""
+    """Return the largest shift by a tone curve and an inexact print, px."""
     fixed, blurs = _MAX_CLIPPED_SHIFT_PX if _is_clipped(e) else _MAX_SHIFT_PX
     share = _MAX_BLOOM if _is_clipped(e) else _PRINT_SHARE
     return fixed + blurs * e.blur_px + share * e.radius_px
 
 
 def _agree(e: RingEdgeFit, fit: RingFit, ring: Ring, camera: CameraModel) -> bool:
-    """Tell whether a fit to grey levels is where the edges are."""
+    """Tell whether a fit to grey levels agrees with edges that no tone curve has moved."""
     is_blurred = _blur_share(e, ring, fit.blur_px) > _BLURRED_SHARE
     if is_toned(fit, ring) or (_is_shifted(e) and not is_blurred):
         return False
@@ -512,7 +546,7 @@ def _ring_fit(
     inflation: float,
     blur_px: float | None = None,
 ) -> RingFit:
-    """Return a fit to edges as one to grey levels would say it."""
+    """Return a fit to edges in the form of one to grey levels."""
     inside, black, outside = e.levels
     covariance = _covariance(e, ring, camera, blur_px)
     sigma_tilt = math.sqrt(max(0.0, float(np.trace(e.covariance[3:, 3:])) / 2.0))
